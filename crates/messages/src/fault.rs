@@ -1,0 +1,181 @@
+//! Modes and faults, and the one table that says what each fault does.
+
+/// Where the robot stands; the data-free twin of the state machine in `safety`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum Mode {
+    /// No authority; the robot holds its posture.
+    Disengaged = 0,
+    /// Blending from the robot's posture to the target's.
+    Engaging = 1,
+    /// Following the target.
+    Engaged = 2,
+    /// Stopping, or stopped and able to resume.
+    Holding = 3,
+    /// Stopped until reset.
+    Faulted = 4,
+}
+
+impl Mode {
+    /// Every mode.
+    pub const ALL: [Self; 5] = [Self::Disengaged, Self::Engaging, Self::Engaged, Self::Holding, Self::Faulted];
+
+    /// The mode with this number.
+    pub const fn from_u32(value: u32) -> Option<Self> {
+        if value < 5 { Some(Self::ALL[value as usize]) } else { None }
+    }
+
+    /// Name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Disengaged => "Disengaged",
+            Self::Engaging => "Engaging",
+            Self::Engaged => "Engaged",
+            Self::Holding => "Holding",
+            Self::Faulted => "Faulted",
+        }
+    }
+}
+
+/// What a fault does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Response {
+    /// Cannot engage.
+    Inhibit,
+    /// Controlled stop, keep posture (stop category 2); may resume by re-aligning while the enable is held.
+    Hold,
+    /// As `Hold`, and authority is withdrawn: a new enable edge is needed.
+    Release,
+    /// Controlled stop, latched until reset (stop category 1).
+    Stop,
+}
+
+/// A row of the fault table.
+#[derive(Clone, Copy, Debug)]
+pub struct FaultRow {
+    /// The fault.
+    pub fault: Fault,
+    /// Name in reports.
+    pub name: &'static str,
+    /// What it does.
+    pub response: Response,
+    /// Consecutive ticks before it acts.
+    pub debounce_ticks: u32,
+    /// What happened, in one sentence.
+    pub meaning: &'static str,
+}
+
+macro_rules! faults {
+    ($($(#[$meta:meta])* $name:ident: $response:ident, $debounce:literal, $meaning:literal;)*) => {
+        /// Everything that can go wrong at run time.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[repr(u32)]
+        pub enum Fault { $(#[doc = $meaning] $name,)* }
+
+        /// Number of faults.
+        pub(crate) const FAULT_COUNT: usize = [$(Fault::$name),*].len();
+
+        /// The one table of responses.
+        pub const FAULTS: [FaultRow; FAULT_COUNT] = [$(FaultRow {
+            fault: Fault::$name,
+            name: stringify!($name),
+            response: Response::$response,
+            debounce_ticks: $debounce,
+            meaning: $meaning,
+        },)*];
+    };
+}
+
+faults! {
+    NotRealtime: Inhibit, 1, "The process has no real-time rights and the configuration does not allow to engage without.";
+    ConfigMismatch: Inhibit, 1, "Two processes run with different configurations.";
+    StartOutsideLimits: Inhibit, 1, "A measured joint is outside its limits.";
+    StartInCollision: Inhibit, 1, "The measured posture is closer to self-collision than allowed.";
+    NoRobotState: Inhibit, 1, "No robot state has arrived yet, or the driver has not taken up the command stream.";
+    NoTarget: Inhibit, 1, "No fresh target has arrived yet.";
+    InputStale: Hold, 1, "No valid skeleton arrived for too long.";
+    InputImplausible: Hold, 3, "The target carries values that no network may produce.";
+    TargetStale: Hold, 1, "No target arrived for too long.";
+    CollisionNear: Hold, 15, "The measured posture is closer to self-collision than allowed.";
+    StateLate: Hold, 1, "The robot state is late.";
+    OperatorSilent: Release, 1, "The enable heartbeat stopped or its client went away.";
+    WriterRestarted: Release, 1, "A process upstream restarted.";
+    HoldTimeout: Release, 1, "Holding lasted too long.";
+    EmergencyStop: Stop, 1, "An operator pressed the emergency stop.";
+    StateStale: Stop, 1, "The robot state stopped arriving.";
+    TrackingError: Stop, 1, "The robot does not follow its command.";
+    DeadlineMissed: Stop, 1, "Control missed too many deadlines in a row.";
+    DriverFault: Stop, 1, "The driver latched a fault.";
+    GateDenied: Stop, 3, "The last gate refused commands of whole-body control.";
+}
+
+impl Fault {
+    /// Index in `FAULTS`.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The row of the table.
+    pub const fn row(self) -> &'static FaultRow {
+        &FAULTS[self as usize]
+    }
+
+    /// The fault with this index.
+    pub const fn from_u32(value: u32) -> Option<Self> {
+        if (value as usize) < FAULT_COUNT { Some(FAULTS[value as usize].fault) } else { None }
+    }
+}
+
+/// A set of faults, one bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Faults(pub u64);
+
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+
+    /// This set and `fault`.
+    pub const fn with(self, fault: Fault) -> Self {
+        Self(self.0 | 1 << fault as u32)
+    }
+
+    /// Adds `fault` if `present`.
+    pub const fn set(&mut self, fault: Fault, present: bool) {
+        if present {
+            self.0 |= 1 << fault as u32;
+        } else {
+            self.0 &= !(1 << fault as u32);
+        }
+    }
+
+    /// Whether `fault` is in the set.
+    pub const fn has(self, fault: Fault) -> bool {
+        self.0 & (1 << fault as u32) != 0
+    }
+
+    /// Both sets.
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Whether the set is empty.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The faults of the set with this response.
+    pub fn of(self, response: Response) -> Self {
+        let mut out = Self::NONE;
+        for row in &FAULTS {
+            if row.response == response && self.has(row.fault) {
+                out = out.with(row.fault);
+            }
+        }
+        out
+    }
+
+    /// The faults of the set in table order.
+    pub fn iter(self) -> impl Iterator<Item = Fault> {
+        FAULTS.iter().map(|row| row.fault).filter(move |&fault| self.has(fault))
+    }
+}

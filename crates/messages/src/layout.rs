@@ -1,0 +1,161 @@
+//! Layouts that check themselves: a hash over names, types, offsets and sizes travels in the shared-memory type name,
+//! because the transport accepts two types whose fields of equal size merely changed places.
+
+/// One field of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Field name.
+    pub name: &'static str,
+    /// Type as written in the source.
+    pub ty: &'static str,
+    /// Offset in bytes.
+    pub offset: usize,
+    /// Size in bytes.
+    pub size: usize,
+}
+
+/// A type with a fixed memory layout and a hash of it.
+pub trait Layout: Copy {
+    /// FNV-1a hash of the whole layout, nested types included.
+    const HASH: u64;
+    /// The value whose every number is zero.
+    const ZERO: Self;
+}
+
+/// A message: a layout with a name, a version and a list of fields.
+pub trait Message: Layout + Send + Sync + 'static {
+    /// Type name without namespace.
+    const NAME: &'static str;
+    /// Layout version.
+    const VERSION: u32;
+    /// Fields in memory order.
+    const FIELDS: &'static [Field];
+    /// `teleop.<name>.v<version>.<hash>`: the name under which the transport knows the type.
+    const TYPE_NAME: TypeName = TypeName::new(Self::NAME, Self::VERSION, Self::HASH);
+}
+
+/// A string built at compile time.
+#[derive(Clone, Copy, Debug)]
+pub struct TypeName {
+    bytes: [u8; 96],
+    len: usize,
+}
+
+impl TypeName {
+    const fn new(name: &str, version: u32, hash: u64) -> Self {
+        let mut out = Self { bytes: [0; 96], len: 0 };
+        out = out.push("teleop.").push(name).push(".v").push_digits(version as u64, 10, 1).push(".");
+        out.push_digits(hash, 16, 16)
+    }
+
+    const fn push(mut self, text: &str) -> Self {
+        let text = text.as_bytes();
+        let mut i = 0;
+        while i < text.len() {
+            self.bytes[self.len] = text[i];
+            self.len += 1;
+            i += 1;
+        }
+        self
+    }
+
+    const fn push_digits(mut self, value: u64, base: u64, width: usize) -> Self {
+        let mut digits = width;
+        let mut rest = value;
+        let mut needed = 0;
+        while rest > 0 {
+            rest /= base;
+            needed += 1;
+        }
+        if needed > digits {
+            digits = needed;
+        }
+        let mut rest = value;
+        let mut i = digits;
+        while i > 0 {
+            i -= 1;
+            self.bytes[self.len + i] = b"0123456789abcdef"[(rest % base) as usize];
+            rest /= base;
+        }
+        self.len += digits;
+        self
+    }
+
+    /// The name as text.
+    pub const fn as_str(&self) -> &str {
+        match core::str::from_utf8(self.bytes.split_at(self.len).0) {
+            Ok(text) => text,
+            Err(_) => "teleop.invalid",
+        }
+    }
+}
+
+/// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
+pub(crate) const fn fnv(mut hash: u64, bytes: &[u8]) -> u64 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        i += 1;
+    }
+    hash
+}
+
+pub(crate) const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+
+macro_rules! primitive {
+    ($($t:ty),*) => {$(
+        impl Layout for $t {
+            const HASH: u64 = fnv(FNV_BASIS, stringify!($t).as_bytes());
+            const ZERO: Self = 0 as $t;
+        }
+    )*};
+}
+primitive!(u32, u64, i64, f32, f64);
+
+impl<T: Layout, const N: usize> Layout for [T; N] {
+    const HASH: u64 = fnv(fnv(T::HASH, b"array"), &(N as u64).to_le_bytes());
+    const ZERO: Self = [T::ZERO; N];
+}
+
+/// Declares a message: the struct, its layout hash, its field table, and the proof that it holds no padding.
+macro_rules! message {
+    ($(#[$meta:meta])* pub struct $name:ident v $version:literal size $size:literal {
+        $($(#[$fmeta:meta])* pub $field:ident: $ty:ty,)*
+    }) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name { $($(#[$fmeta])* pub $field: $ty,)* }
+
+        impl $crate::Layout for $name {
+            const HASH: u64 = {
+                let mut hash = $crate::layout::fnv($crate::layout::FNV_BASIS, stringify!($name).as_bytes());
+                $(
+                    hash = $crate::layout::fnv(hash, stringify!($field).as_bytes());
+                    hash = $crate::layout::fnv(hash, &(core::mem::offset_of!($name, $field) as u64).to_le_bytes());
+                    hash = $crate::layout::fnv(hash, &<$ty as $crate::Layout>::HASH.to_le_bytes());
+                )*
+                hash
+            };
+            const ZERO: Self = Self { $($field: <$ty as $crate::Layout>::ZERO,)* };
+        }
+
+        impl $crate::Message for $name {
+            const NAME: &'static str = stringify!($name);
+            const VERSION: u32 = $version;
+            const FIELDS: &'static [$crate::Field] = &[$($crate::Field {
+                name: stringify!($field),
+                ty: stringify!($ty),
+                offset: core::mem::offset_of!($name, $field),
+                size: core::mem::size_of::<$ty>(),
+            },)*];
+        }
+
+        const _: () = {
+            let filled = 0 $(+ core::mem::size_of::<$ty>())*;
+            assert!(filled == core::mem::size_of::<$name>(), "a message holds no padding");
+            assert!($size == core::mem::size_of::<$name>(), "the size of a message is part of its contract");
+        };
+    };
+}
+pub(crate) use message;

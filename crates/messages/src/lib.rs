@@ -1,0 +1,30 @@
+//! The vocabulary of teleopd: every message, service, mode and fault. Never allocates, never does IO, never reads a
+//! clock, and depends on nothing.
+//!
+//! All messages are `repr(C)`, `Copy`, made of explicit widths, without `bool`, `Option`, `usize` or implicit padding.
+//! Validity is a bit, never NaN. Units are SI (rad, m, s) unless the name says otherwise; quaternions are stored
+//! x, y, z, w; frames are right-handed with x forward, y left, z up (ROS REP-103).
+#![no_std]
+
+mod command;
+mod fault;
+mod joints;
+mod layout;
+mod operator;
+mod service;
+mod skeleton;
+mod status;
+mod time;
+
+pub use command::{JointCommand, JointTarget, RobotState, StopPlan, command_flag, state_flag, target_flag};
+pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
+pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
+pub use layout::{Field, Layout, Message, TypeName};
+pub use operator::{OPERATOR_VERSION, OperatorRequest};
+pub use service::{Domain, SERVICES, Service, ServiceRow};
+pub use skeleton::{
+    HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Skeleton, Smpl,
+    calibration_flag, raw_flag, skeleton_flag,
+};
+pub use status::{Status, TRANSITIONS_KEPT, Transition};
+pub use time::{Header, Stamp, TICK_HZ, TICK_S, deadline, tick_at};

@@ -1,0 +1,27 @@
+//! What an operator's client sends over the control socket, and nothing else: the reply is a `Status`.
+
+use crate::layout::message;
+
+/// Version of the socket protocol.
+pub const OPERATOR_VERSION: u32 = 1;
+
+message! {
+    /// One heartbeat of an operator's client. The counters count edges since the client connected, so that none is
+    /// lost or doubled when a datagram is; the level is what the operator holds now.
+    pub struct OperatorRequest v 1 size 32 {
+        /// `OPERATOR_VERSION`.
+        pub version: u32,
+        /// 1 while the operator holds the enable; 0 otherwise.
+        pub enable_level: u32,
+        /// Enable edges.
+        pub enable_count: u32,
+        /// Release edges.
+        pub release_count: u32,
+        /// Reset edges.
+        pub reset_count: u32,
+        /// Emergency stop edges, accepted from any connection.
+        pub estop_count: u32,
+        /// Heartbeats sent.
+        pub sequence: u64,
+    }
+}

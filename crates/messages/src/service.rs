@@ -1,0 +1,76 @@
+//! The one table of services: name, writer, rate, and when silence becomes a fault.
+
+/// Which shared-memory domain a service lives in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Domain {
+    /// Clients publish here; only `ingest` reads.
+    Input,
+    /// Only teleopd's own processes open it.
+    Core,
+}
+
+/// The services.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Service {
+    /// `RawSkeleton`, written by any client.
+    RawSkeleton = 0,
+    /// `Skeleton`, written by `ingest`.
+    Skeleton = 1,
+    /// `JointTarget`, written by `retarget`.
+    JointTarget = 2,
+    /// `JointCommand`, written by `control`.
+    JointCommand = 3,
+    /// `RobotState`, written by the driver.
+    RobotState = 4,
+    /// `Status`, written by `control`.
+    Status = 5,
+}
+
+/// A row of the service table.
+#[derive(Clone, Copy, Debug)]
+pub struct ServiceRow {
+    /// The service.
+    pub service: Service,
+    /// Name on the bus; the number at its end is the layout version.
+    pub name: &'static str,
+    /// Domain.
+    pub domain: Domain,
+    /// Who writes it.
+    pub writer: &'static str,
+    /// Publishers that may exist at once.
+    pub writers_max: usize,
+    /// Nominal (or highest) rate.
+    pub rate_hz: u32,
+    /// Silence after which readers raise a fault; zero where silence is no fault.
+    pub stale_after_ms: u32,
+}
+
+const fn row(
+    service: Service,
+    name: &'static str,
+    domain: Domain,
+    writer: &'static str,
+    writers_max: usize,
+    rate_hz: u32,
+    stale_after_ms: u32,
+) -> ServiceRow {
+    ServiceRow { service, name, domain, writer, writers_max, rate_hz, stale_after_ms }
+}
+
+/// The one table of services.
+pub const SERVICES: [ServiceRow; 6] = [
+    row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
+    row(Service::Skeleton, "teleop/skeleton/1", Domain::Core, "ingest", 1, 240, 100),
+    row(Service::JointTarget, "teleop/joint_target/1", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::JointCommand, "teleop/joint_command/1", Domain::Core, "control", 1, 1500, 10),
+    row(Service::RobotState, "teleop/robot_state/1", Domain::Core, "driver", 1, 1500, 5),
+    row(Service::Status, "teleop/status/1", Domain::Core, "control", 1, 50, 500),
+];
+
+impl Service {
+    /// The row of the table.
+    pub const fn row(self) -> &'static ServiceRow {
+        &SERVICES[self as usize]
+    }
+}

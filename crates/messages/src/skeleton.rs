@@ -1,0 +1,149 @@
+//! The human side of the bus: what clients publish and what `ingest` makes of it.
+
+use crate::layout::message;
+use crate::time::{Header, Stamp};
+
+/// The most joints that a client's frame can carry.
+pub const RAW_JOINTS_MAX: usize = 96;
+/// Joints of the canonical SMPL-22 layout.
+pub const SMPL_JOINTS: usize = 22;
+/// The four limbs that are retargeted.
+pub const LIMBS: usize = 4;
+
+/// Index of a limb in every array of limbs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Limb {
+    /// Left shoulder to left elbow.
+    LeftUpper = 0,
+    /// Left elbow to left wrist.
+    LeftFore = 1,
+    /// Right shoulder to right elbow.
+    RightUpper = 2,
+    /// Right elbow to right wrist.
+    RightFore = 3,
+}
+
+/// Joints of the SMPL-22 layout, by index.
+#[allow(missing_docs)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Smpl {
+    Pelvis = 0,
+    LeftHip = 1,
+    RightHip = 2,
+    Spine1 = 3,
+    LeftKnee = 4,
+    RightKnee = 5,
+    Spine2 = 6,
+    LeftAnkle = 7,
+    RightAnkle = 8,
+    Spine3 = 9,
+    LeftFoot = 10,
+    RightFoot = 11,
+    Neck = 12,
+    LeftCollar = 13,
+    RightCollar = 14,
+    Head = 15,
+    LeftShoulder = 16,
+    RightShoulder = 17,
+    LeftElbow = 18,
+    RightElbow = 19,
+    LeftWrist = 20,
+    RightWrist = 21,
+}
+
+/// The layouts of `RawSkeleton` that `ingest` understands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum SkeletonLayout {
+    /// SMPL-22 with positions and global rotations, in metres, z up, x forward.
+    Smpl22 = 1,
+}
+
+/// Bits of `RawSkeleton::flags`.
+pub mod raw_flag {
+    /// The image was mirrored: left and right are swapped.
+    pub const MIRRORED: u32 = 1;
+    /// `rotations` are filled.
+    pub const ROTATIONS: u32 = 2;
+}
+
+/// Bits of `HingeCalibration::flags`.
+pub mod calibration_flag {
+    /// Bits 0 to 3: the hinge of limb i is valid.
+    pub const LIMB: [u32; super::LIMBS] = [1, 2, 4, 8];
+    /// All four hinges are valid.
+    pub const ALL: u32 = 15;
+}
+
+/// Bits of `Skeleton::flags`.
+pub mod skeleton_flag {
+    /// Bits 0 to 3: limb i is valid.
+    pub const LIMB: [u32; super::LIMBS] = [1, 2, 4, 8];
+    /// All four limbs are valid.
+    pub const ALL: u32 = 15;
+    /// The limb frames rest on a calibration (else on the momentary elbow plane).
+    pub const CALIBRATED: u32 = 16;
+}
+
+message! {
+    /// Elbow hinge axes of one operator, unit vectors in the local frames of the joints that carry them.
+    pub struct HingeCalibration v 1 size 56 {
+        /// For each limb: the elbow's flexion axis in the frame of the joint that twists it (upper arms: the shoulder
+        /// joint's rotation; forearms: the wrist joint's rotation, because the hand carries the forearm's twist).
+        pub hinge: [[f32; 3]; LIMBS],
+        /// Bits of `calibration_flag`.
+        pub flags: u32,
+        /// Frames that the estimate rests on.
+        pub samples: u32,
+    }
+}
+
+message! {
+    /// A client's frame of a person, in any supported layout.
+    pub struct RawSkeleton v 1 size 3576 {
+        /// `origin` is the time of capture.
+        pub header: Header,
+        /// Drawn by the client at its start: an old recording of the bus is not a new session.
+        pub session_nonce: u64,
+        /// A `SkeletonLayout`.
+        pub layout: u32,
+        /// Which person, as the client counts them.
+        pub operator_id: u32,
+        /// Bits of `raw_flag`.
+        pub flags: u32,
+        /// How many joints are filled.
+        pub joint_count: u32,
+        /// Global positions, m.
+        pub positions: [[f32; 3]; RAW_JOINTS_MAX],
+        /// Global rotations, x y z w.
+        pub rotations: [[f32; 4]; RAW_JOINTS_MAX],
+        /// 0 to 1.
+        pub confidence: [f32; RAW_JOINTS_MAX],
+        /// Zero; reserved for per-joint validity bits.
+        pub joint_flags: [u32; RAW_JOINTS_MAX],
+        /// Hinge axes, if the client has them.
+        pub calibration: HingeCalibration,
+    }
+}
+
+message! {
+    /// A validated person: SMPL-22 positions and the four calibrated limb rotations.
+    pub struct Skeleton v 1 size 392 {
+        /// `origin` as the client gave it.
+        pub header: Header,
+        /// When `ingest` received the frame.
+        pub received: Stamp,
+        /// As the client gave it.
+        pub session_nonce: u64,
+        /// As the client gave it.
+        pub operator_id: u32,
+        /// Bits of `skeleton_flag`.
+        pub flags: u32,
+        /// Limb rotations relative to the chest, as differences from the T-pose, x y z w; indexed by `Limb`.
+        pub limbs: [[f32; 4]; LIMBS],
+        /// SMPL-22 positions, m, in the world of the client (z up).
+        pub positions: [[f32; 3]; SMPL_JOINTS],
+    }
+}

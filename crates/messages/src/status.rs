@@ -1,0 +1,88 @@
+//! What `control` says of itself, 50 times a second.
+
+use crate::fault::FAULT_COUNT;
+use crate::layout::message;
+use crate::time::{Header, Stamp};
+
+/// How many of the last mode transitions a `Status` carries.
+pub const TRANSITIONS_KEPT: usize = 16;
+
+message! {
+    /// One mode transition.
+    pub struct Transition v 1 size 24 {
+        /// Tick of the transition.
+        pub k: u64,
+        /// `Mode` before.
+        pub from: u32,
+        /// `Mode` after.
+        pub to: u32,
+        /// `Fault` index that caused it, or `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`, `CLEARED`.
+        pub why: u32,
+        /// Zero.
+        pub reserved: u32,
+    }
+}
+
+#[allow(missing_docs)]
+impl Transition {
+    pub const ENABLED: u32 = 1000;
+    pub const RELEASED: u32 = 1001;
+    pub const ALIGNED: u32 = 1002;
+    pub const AT_REST: u32 = 1003;
+    pub const RESET: u32 = 1004;
+    pub const CLEARED: u32 = 1005;
+}
+
+message! {
+    /// State of the control process.
+    pub struct Status v 1 size 648 {
+        /// Writer is `control`.
+        pub header: Header,
+        /// Tick of this status.
+        pub k: u64,
+        /// Control ticks since start.
+        pub ticks: u64,
+        /// Deadlines missed since start.
+        pub missed_deadlines: u64,
+        /// Active faults, as bits of `Faults`.
+        pub faults: u64,
+        /// Latched faults, as bits of `Faults`.
+        pub latched: u64,
+        /// Stamp of the last target.
+        pub target_stamp: Stamp,
+        /// Stamp of the last robot state.
+        pub state_stamp: Stamp,
+        /// Age of the human's frame at this tick, ns.
+        pub input_age_ns: u64,
+        /// Smallest clearance of the checked pairs at the command, m.
+        pub clearance_command_m: f64,
+        /// Smallest clearance of the checked pairs at the measured posture, m.
+        pub clearance_measured_m: f64,
+        /// Largest |command - measured| over the joints, rad or m.
+        pub tracking_error: f64,
+        /// Mean limb error of the target, rad.
+        pub limb_error_target_rad: f64,
+        /// Mean limb error of the measured posture, rad.
+        pub limb_error_measured_rad: f64,
+        /// Speed scale in force, 0 to 1.
+        pub speed_scale: f64,
+        /// Capsules of the nearest pair, as indices of the robot file.
+        pub nearest_pair: [u32; 2],
+        /// A `Mode`.
+        pub mode: u32,
+        /// Transitions since start; the last `TRANSITIONS_KEPT` are below.
+        pub transition_count: u32,
+        /// Transition n is at index n % `TRANSITIONS_KEPT`.
+        pub transitions: [Transition; TRANSITIONS_KEPT],
+        /// How often each fault was raised, indexed by `Fault`.
+        pub fault_counts: [u32; FAULT_COUNT],
+        /// Commands that the gate denied.
+        pub gate_denials: u32,
+        /// Ticks on which no new motion could be certified.
+        pub fallbacks: u32,
+        /// Operator connections.
+        pub operators: u32,
+        /// 1 while real-time scheduling is in force.
+        pub realtime: u32,
+    }
+}
