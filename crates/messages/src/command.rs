@@ -46,8 +46,8 @@ message! {
         pub valid_mask: u32,
         /// Bits of `target_flag`.
         pub flags: u32,
-        /// Zero.
-        pub reserved: u64,
+        /// Session of that skeleton: another session is another authority.
+        pub session_nonce: u64,
     }
 }
 
