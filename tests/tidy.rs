@@ -1,0 +1,251 @@
+//! Rules of the house that are tests: direction of dependencies, bans in the pure crates, lengths, and tables that
+//! must name each other.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Crates that never do IO, never read a clock and never block.
+const PURE: [&str; 8] = ["messages", "robot", "skeleton", "retarget", "wbc", "safety", "driver", "sim"];
+
+/// What a pure crate must not reach, however indirectly.
+const NOT_FROM_PURE: [&str; 6] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix"];
+
+/// For each package of the workspace: the packages of the workspace it may name as a dependency.
+const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
+    ("messages", &[]),
+    ("robot", &["messages"]),
+    ("driver", &["messages"]),
+    ("skeleton", &["messages"]),
+    ("retarget", &["messages", "robot"]),
+    ("wbc", &["messages", "robot"]),
+    ("safety", &["messages", "robot"]),
+    ("sim", &["messages", "robot", "driver"]),
+    ("rt", &["messages"]),
+    ("bus", &["messages"]),
+    ("operator", &["messages"]),
+    ("motion", &["messages", "skeleton"]),
+    (
+        "pipeline",
+        &["messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus"],
+    ),
+    ("replay", &["*"]),
+    ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
+    ("collision", &["robot"]),
+];
+
+/// Text that has no place in a pure crate's sources, with what it would bring in.
+const BANNED_IN_PURE: [(&str, &str); 12] = [
+    ("std::time", "a clock"),
+    ("Instant", "a clock"),
+    ("SystemTime", "a clock"),
+    ("std::thread", "threads"),
+    ("thread::sleep", "sleep"),
+    ("std::env", "the environment"),
+    ("std::fs", "files"),
+    ("std::net", "the network"),
+    ("std::process", "processes"),
+    ("std::io", "IO"),
+    ("Mutex", "locks"),
+    ("println!", "output"),
+];
+
+/// Where `unsafe` may stand: system calls, shared memory, the matrix product's pointers, and allocators that count.
+const UNSAFE_MAY_STAND_IN: [&str; 4] = ["crates/rt/", "crates/bus/", "tools/train/src/gemm.rs", "/tests/allocations.rs"];
+
+const FILE_LINES_MAX: usize = 500;
+const FUNCTION_LINES_MAX: usize = 70;
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn rust_files() -> Vec<(String, String)> {
+    let listed = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output();
+    let names: Vec<String> = match listed {
+        Ok(output) if output.status.success() => {
+            String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect()
+        }
+        _ => {
+            let mut found = Vec::new();
+            for folder in ["crates", "tests", "tools"] {
+                walk(&root().join(folder), &mut found);
+            }
+            found.iter().map(|path| path.strip_prefix(root()).unwrap().display().to_string()).collect()
+        }
+    };
+    assert!(names.len() > 30, "the tree has more sources than {}", names.len());
+    names.into_iter().filter_map(|name| std::fs::read_to_string(root().join(&name)).ok().map(|text| (name, text))).collect()
+}
+
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            walk(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// The resolved graph of normal dependencies: package name -> names.
+fn graph() -> BTreeMap<String, BTreeSet<String>> {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--format-version", "1", "--locked"])
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("metadata is JSON");
+    let mut names = BTreeMap::new();
+    for package in metadata["packages"].as_array().expect("packages") {
+        names.insert(package["id"].as_str().unwrap().to_owned(), package["name"].as_str().unwrap().to_owned());
+    }
+    let mut graph: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for node in metadata["resolve"]["nodes"].as_array().expect("nodes") {
+        let entry = graph.entry(names[node["id"].as_str().unwrap()].clone()).or_default();
+        for dependency in node["deps"].as_array().expect("deps") {
+            let normal = dependency["dep_kinds"].as_array().unwrap().iter().any(|kind| {
+                kind["kind"].is_null() && kind["target"].as_str().is_none_or(|target| !target.contains("windows"))
+            });
+            if normal {
+                entry.insert(names[dependency["pkg"].as_str().unwrap()].clone());
+            }
+        }
+    }
+    graph
+}
+
+#[test]
+fn dependencies_only_point_down() {
+    let graph = graph();
+    let rules: BTreeMap<_, _> = MAY_DEPEND_ON.into_iter().collect();
+    let ours: BTreeSet<&str> = rules.keys().copied().chain(["teleopd"]).collect();
+    for (package, allowed) in &rules {
+        let edges = graph.get(*package).unwrap_or_else(|| panic!("no package {package}: mend the table"));
+        for edge in edges.iter().filter(|edge| ours.contains(edge.as_str())) {
+            assert!(
+                allowed.contains(&edge.as_str()) || (allowed.contains(&"*") && edge != "teleopd"),
+                "{package} must not depend on {edge}"
+            );
+        }
+    }
+}
+
+#[test]
+fn pure_crates_reach_no_shell() {
+    let graph = graph();
+    for package in PURE {
+        let mut reached = BTreeSet::new();
+        let mut open = vec![package.to_owned()];
+        while let Some(name) = open.pop() {
+            for next in graph.get(&name).into_iter().flatten() {
+                if reached.insert(next.clone()) {
+                    open.push(next.clone());
+                }
+            }
+        }
+        for banned in NOT_FROM_PURE {
+            assert!(!reached.contains(banned), "{package} reaches {banned}");
+        }
+    }
+}
+
+#[test]
+fn pure_crates_say_what_they_never_do_and_keep_to_it() {
+    for package in PURE {
+        let lib = std::fs::read_to_string(root().join(format!("crates/{package}/src/lib.rs"))).expect("lib.rs");
+        let opening: String = lib.lines().take_while(|line| line.starts_with("//!")).collect();
+        assert!(opening.to_lowercase().contains("never"), "{package}: the first doc says what the crate never does");
+    }
+    for (name, text) in rust_files() {
+        let pure = PURE.iter().any(|package| name.starts_with(&format!("crates/{package}/src/")));
+        if !pure {
+            continue;
+        }
+        for (number, line) in text.lines().enumerate() {
+            let code = line.split("//").next().unwrap_or("");
+            for (banned, brings) in BANNED_IN_PURE {
+                assert!(!code.contains(banned), "{name}:{}: {banned} brings {brings} into a pure crate", number + 1);
+            }
+        }
+    }
+}
+
+#[test]
+fn files_and_functions_stay_short() {
+    let mut long = Vec::new();
+    for (name, text) in rust_files() {
+        let lines: Vec<&str> = text.lines().collect();
+        if lines.len() > FILE_LINES_MAX {
+            long.push(format!("{name}: {} lines", lines.len()));
+        }
+        let mut open: Option<(usize, usize, String)> = None;
+        for (number, line) in lines.iter().enumerate() {
+            let indent = line.len() - line.trim_start().len();
+            match &open {
+                None => {
+                    let head = line.trim_start();
+                    let is_function = ["fn ", "pub fn ", "pub(crate) fn ", "pub(super) fn ", "const fn ", "pub const fn "]
+                        .iter()
+                        .any(|start| head.starts_with(start));
+                    if is_function && !line.trim_end().ends_with('}') && !line.trim_end().ends_with(';') {
+                        open = Some((number, indent, head.to_owned()));
+                    }
+                }
+                Some((start, depth, head)) => {
+                    if indent == *depth && line.trim_start().starts_with('}') {
+                        if number - start + 1 > FUNCTION_LINES_MAX {
+                            long.push(format!("{name}:{}: {} lines: {head}", start + 1, number - start + 1));
+                        }
+                        open = None;
+                    }
+                }
+            }
+        }
+    }
+    assert!(long.is_empty(), "over {FILE_LINES_MAX} lines a file or {FUNCTION_LINES_MAX} a function:\n{}", long.join("\n"));
+}
+
+#[test]
+fn unsafe_stands_only_where_it_may() {
+    for (name, text) in rust_files() {
+        let allowed = UNSAFE_MAY_STAND_IN.iter().any(|place| name.contains(place)) || name == "tests/tidy.rs";
+        for (number, line) in text.lines().enumerate() {
+            let code = line.split("//").next().unwrap_or("");
+            let found = code.contains("unsafe ") || code.contains("allow(unsafe_code)");
+            assert!(allowed || !found, "{name}:{}: unsafe outside rt and bus", number + 1);
+        }
+    }
+}
+
+#[test]
+fn parry_is_named_in_one_file_of_robot() {
+    let naming: Vec<_> = rust_files()
+        .into_iter()
+        .filter(|(name, text)| {
+            name.starts_with("crates/") && name.contains("/src/") && text.contains(concat!("parry3d", "_f64"))
+        })
+        .map(|(name, _)| name)
+        .collect();
+    assert!(naming.len() <= 1 && naming.iter().all(|name| name.starts_with("crates/robot/")), "parry in {naming:?}");
+}
+
+#[test]
+fn every_fault_has_a_row_in_the_safety_document() {
+    let text = std::fs::read_to_string(root().join("SAFETY.md")).expect("SAFETY.md");
+    for row in &messages::FAULTS {
+        let named = text.lines().any(|line| line.starts_with('|') && line.contains(&format!("`{}`", row.name)));
+        assert!(named, "SAFETY.md has no row for {}", row.name);
+    }
+}
+
+#[test]
+fn readme_gives_the_test_command() {
+    let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    assert!(text.contains("cargo test --release --workspace"));
+    assert!(text.contains("cargo run --release -- demo"));
+}
