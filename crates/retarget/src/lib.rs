@@ -1,1 +1,19 @@
-//! Under construction.
+//! Human limbs to joint positions through a shared latent space. Never does IO, never reads a clock, and its tick never
+//! allocates, locks or panics.
+//!
+//! Glossary: a *limb* is an upper arm or a forearm; its *rotation* is the difference from the T-pose in the torso frame.
+//! *S_GR* is the metric of the paper: sum over limbs of 1 - <q_h, q_r>^2. A right arm is mirrored to a left arm on the
+//! way in; its joint values need no mirroring back.
+
+mod arm;
+mod closed_form;
+mod oracle;
+mod refine;
+
+pub use arm::{
+    ARM_Q, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
+    rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
+};
+pub use closed_form::closed_form;
+pub use oracle::{Optimum, oracle};
+pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};

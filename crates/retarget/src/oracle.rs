@@ -1,0 +1,74 @@
+//! The best that the arm can do: S_GR minimised from many starts. For evaluation; allocates nothing, but takes its time.
+
+use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
+use crate::closed_form::branch;
+use crate::refine::{Refined, refine};
+
+/// Steps per start: Levenberg-Marquardt converges in 5 to 15 here, the rest is for starts at the edge of a basin.
+const STEPS: u32 = 40;
+
+/// The reachable optimum of one posture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Optimum {
+    /// Joint positions within the limits, rad.
+    pub q: ArmQ,
+    /// S_GR there.
+    pub s_gr: f64,
+}
+
+/// Minimises S_GR of one arm within its limits from both branches of the closed form, the middle of the limits,
+/// `previous`, and `random_starts` pseudo-random postures (drawn from `seed`). Of optima that are equally good to
+/// 1e-9 the one nearest to `previous` is returned, so that a sequence does not wander where joints are degenerate.
+pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ, random_starts: u32, seed: u64) -> Optimum {
+    let first = [
+        branch(arm, human, previous, 1.0),
+        branch(arm, human, previous, -1.0),
+        arm.clamp(previous),
+        arm.mid(),
+    ];
+    let mut draw = SplitMix(seed);
+    let random = (0..random_starts)
+        .map(|_| std::array::from_fn(|j| arm.q_min[j] + draw.next_unit() * (arm.q_max[j] - arm.q_min[j])));
+    let mut best: Option<Refined> = None;
+    for start in first.into_iter().chain(random) {
+        let end = refine(arm, human, &start, &start, 0.0, STEPS);
+        let better = best.is_none_or(|best| {
+            let equal = (end.s_gr - best.s_gr).abs() <= 1e-9;
+            if equal {
+                distance(&end.q, previous) < distance(&best.q, previous)
+            } else {
+                end.s_gr < best.s_gr
+            }
+        });
+        if better {
+            best = Some(end);
+        }
+    }
+    best.map_or(
+        Optimum {
+            q: arm.mid(),
+            s_gr: 2.0,
+        },
+        |best| Optimum {
+            q: best.q,
+            s_gr: best.s_gr,
+        },
+    )
+}
+
+fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
+    (0..ARM_Q).map(|j| (a[j] - b[j]) * (a[j] - b[j])).sum()
+}
+
+/// SplitMix64 (Steele, Lea, Flood 2014): enough for starts, and the same on every machine.
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next_unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}

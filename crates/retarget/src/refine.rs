@@ -1,0 +1,173 @@
+//! Levenberg-Marquardt on the limb residual, RETARGETING section 5.6: few steps, fixed size, never worse.
+
+use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs, RESIDUALS};
+
+/// Weight of |q - prior|^2 beside S_GR, 1/rad^2 (RETARGETING section 5.6: it keeps noise near the gimbal from turning
+/// into joint motion).
+pub const PRIOR_WEIGHT: f64 = 2e-3;
+/// No step is longer than this in any joint, rad (RETARGETING section 5.6).
+pub const STEP_MAX_RAD: f64 = 1.0;
+/// Damping at the first step. With the prior the normal matrix never falls below 2e-3, so the first step may be
+/// nearly Gauss-Newton.
+const DAMPING_START: f64 = 1e-4;
+/// Damping never falls below this: without a prior the matrix is singular at the gimbal.
+const DAMPING_MIN: f64 = 1e-9;
+/// Factors on acceptance and on refusal (Marquardt 1963).
+const DAMPING_DOWN: f64 = 0.1;
+const DAMPING_UP: f64 = 10.0;
+/// A joint this close to its limit counts as standing at it, rad.
+const AT_LIMIT_RAD: f64 = 1e-9;
+
+/// Where a refinement ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refined {
+    /// Joint positions within the limits, rad.
+    pub q: ArmQ,
+    /// S_GR there.
+    pub s_gr: f64,
+    /// Objective there: S_GR + weight |q - prior|^2.
+    pub objective: f64,
+    /// Steps that were accepted.
+    pub accepted: u32,
+}
+
+/// At most `steps` Levenberg-Marquardt steps from `start` (clamped into the limits) on
+/// S_GR(q, human) + prior_weight |q - prior|^2 within the limits. The objective never rises. Allocation-free.
+pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_weight: f64, steps: u32) -> Refined {
+    let q = arm.clamp(start);
+    let mut best = evaluate(arm, human, q, prior, prior_weight);
+    let mut damping = DAMPING_START;
+    let mut normal = None;
+    for _ in 0..steps {
+        let (h, g) = *normal.get_or_insert_with(|| normal_equations(arm, human, &best.q, prior, prior_weight));
+        let Some(step) = box_step(arm, &best.q, &h, &g, damping) else {
+            break;
+        };
+        let candidate = evaluate(arm, human, step, prior, prior_weight);
+        if candidate.objective < best.objective {
+            best = Refined {
+                accepted: best.accepted + 1,
+                ..candidate
+            };
+            normal = None;
+            damping = (damping * DAMPING_DOWN).max(DAMPING_MIN);
+        } else {
+            damping *= DAMPING_UP;
+        }
+    }
+    best
+}
+
+fn evaluate(arm: &ArmModel, human: &Limbs, q: ArmQ, prior: &ArmQ, prior_weight: f64) -> Refined {
+    let s_gr = arm.s_gr(&q, human);
+    let distance: f64 = (0..ARM_Q).map(|j| (q[j] - prior[j]) * (q[j] - prior[j])).sum();
+    Refined {
+        q,
+        s_gr,
+        objective: s_gr + prior_weight * distance,
+        accepted: 0,
+    }
+}
+
+type Matrix = [[f64; ARM_Q]; ARM_Q];
+
+/// H = J^T J + weight I and g = J^T r + weight (q - prior): half the Gauss-Newton Hessian and half the gradient.
+#[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
+fn normal_equations(arm: &ArmModel, human: &Limbs, q: &ArmQ, prior: &ArmQ, prior_weight: f64) -> (Matrix, ArmQ) {
+    let at = arm.linearize(q, human);
+    let dot = |a: &[f64; RESIDUALS], b: &[f64; RESIDUALS]| (0..RESIDUALS).map(|i| a[i] * b[i]).sum::<f64>();
+    let mut h = [[0.0; ARM_Q]; ARM_Q];
+    let mut g = [0.0; ARM_Q];
+    for i in 0..ARM_Q {
+        for j in 0..=i {
+            h[i][j] = dot(&at.jacobian[i], &at.jacobian[j]);
+            h[j][i] = h[i][j];
+        }
+        h[i][i] += prior_weight;
+        g[i] = dot(&at.jacobian[i], &at.residual) + prior_weight * (q[i] - prior[i]);
+    }
+    (h, g)
+}
+
+/// The posture after one damped step within the limits. Joints that stand at a limit and are pushed against it, and
+/// joints that the step would carry over one, are fixed there and the others solved again (at most once per joint).
+/// None if the matrix is not positive definite, or not finite.
+fn box_step(arm: &ArmModel, q: &ArmQ, h: &Matrix, g: &ArmQ, damping: f64) -> Option<ArmQ> {
+    let mut fixed: [Option<f64>; ARM_Q] = std::array::from_fn(|j| {
+        let below = q[j] <= arm.q_min[j] + AT_LIMIT_RAD && g[j] > 0.0;
+        let above = q[j] >= arm.q_max[j] - AT_LIMIT_RAD && g[j] < 0.0;
+        (below || above).then_some(0.0)
+    });
+    let mut step = [0.0; ARM_Q];
+    for _ in 0..=ARM_Q {
+        step = solve(h, g, damping, &fixed)?;
+        let longest = step.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+        if longest > STEP_MAX_RAD {
+            step = step.map(|d| d * (STEP_MAX_RAD / longest));
+        }
+        let mut over = false;
+        for j in 0..ARM_Q {
+            let to = (q[j] + step[j]).max(arm.q_min[j]).min(arm.q_max[j]);
+            if fixed[j].is_none() && to != q[j] + step[j] {
+                fixed[j] = Some(to - q[j]);
+                over = true;
+            }
+        }
+        if !over {
+            break;
+        }
+    }
+    let next = arm.clamp(&std::array::from_fn(|j| q[j] + step[j]));
+    next.iter().all(|x| x.is_finite()).then_some(next)
+}
+
+/// Minimises d^T (H + damping I) d / 2 + g^T d with the fixed components of d given: Cholesky with the fixed rows
+/// replaced by the identity.
+#[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
+fn solve(h: &Matrix, g: &ArmQ, damping: f64, fixed: &[Option<f64>; ARM_Q]) -> Option<ArmQ> {
+    let mut l = *h;
+    let mut x: ArmQ = std::array::from_fn(|j| -g[j]);
+    for j in 0..ARM_Q {
+        l[j][j] += damping;
+    }
+    for (j, value) in fixed.iter().enumerate() {
+        let Some(value) = *value else { continue };
+        for i in 0..ARM_Q {
+            if fixed[i].is_none() {
+                x[i] -= h[i][j] * value;
+            }
+            l[i][j] = 0.0;
+            l[j][i] = 0.0;
+        }
+        l[j][j] = 1.0;
+        x[j] = value;
+    }
+    for j in 0..ARM_Q {
+        for k in 0..j {
+            l[j][j] -= l[j][k] * l[j][k];
+        }
+        if l[j][j].is_nan() || l[j][j] <= 0.0 {
+            return None;
+        }
+        l[j][j] = l[j][j].sqrt();
+        for i in j + 1..ARM_Q {
+            for k in 0..j {
+                l[i][j] -= l[i][k] * l[j][k];
+            }
+            l[i][j] /= l[j][j];
+        }
+    }
+    for i in 0..ARM_Q {
+        for k in 0..i {
+            x[i] -= l[i][k] * x[k];
+        }
+        x[i] /= l[i][i];
+    }
+    for i in (0..ARM_Q).rev() {
+        for k in i + 1..ARM_Q {
+            x[i] -= l[k][i] * x[k];
+        }
+        x[i] /= l[i][i];
+    }
+    Some(x)
+}
