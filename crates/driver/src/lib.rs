@@ -1,1 +1,39 @@
-//! Under construction.
+//! The port to the robot and the command dead-man. Never does IO, never reads a clock, never allocates, and knows no
+//! robot: a driver process gives it the time and the commands, and hands what it executes to a [`Driver`].
+//!
+//! # Words
+//!
+//! - **Index**: a tick of the grid that all processes share (`messages::deadline`). The executed state always belongs to
+//!   one index, and that index only grows.
+//! - **Identity**: the index `c` of the last accepted command and the number `n` of ticks of its stop plan played
+//!   since. The executed state is that of index `c + n`. An identity names a state: no two states of one driver share it.
+//! - **Chain**: a run of commands in which every command continues the one before by one tick. It is named by its
+//!   writer's incarnation and its seed: the identity (`seed_k`, `seed_played`) from whose state its first command, of index
+//!   `seed_k + seed_played + 1`, continues.
+//!
+//! # Rules
+//!
+//! A command is executed when it arrives, if it continues from the executed state:
+//!
+//! (a) it belongs to the chain of the last accepted command, of which no plan tick has been played, and lies ahead; or
+//! (b) it belongs to a new chain whose seed is the executed identity or lies ahead on the plan being played: the plan is
+//!     played up to the seed, then the command is taken.
+//!
+//! A command ahead by more than one index is taken under both rules: the chain is contiguous, the driver merely overslept,
+//! and `(k - k') T` defines the time between. When an index is due and no command for it is there, one tick of the plan is
+//! played instead. So what is executed is continuous whatever the two processes' timing, which `tests/model.rs` shows.
+//!
+//! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
+#![no_std]
+
+mod acceptance;
+mod chain;
+mod follower;
+mod plan;
+mod port;
+
+pub use acceptance::{PLAN_MAX_S, REST_TOLERANCE, Refusal};
+pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
+pub use follower::{Accepted, Config, Input, Output, SILENCE_TICKS, State, Step, StepKind, tick, tick_each};
+pub use plan::Motion;
+pub use port::{Driver, Measured, Setpoint};

@@ -1,0 +1,324 @@
+//! The command follower: executes commands that continue, plays the plan when there is none, and latches on silence.
+
+use crate::acceptance::{self, Refusal, Rule};
+use crate::chain::Chain;
+use crate::plan::Motion;
+use crate::port::{Measured, Setpoint};
+use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, state_flag};
+
+/// Indices without an acceptable command after which the fault latches: 10 ms (FAULTS 58) at 1500 Hz. Universal Robots and
+/// Franka wait for 20 ms.
+pub const SILENCE_TICKS: u64 = 15;
+
+/// What the follower must know beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Indices without an acceptable command after which the fault latches.
+    pub silence_ticks: u64,
+    /// Largest joint speeds, rad/s or m/s: a command farther away than they allow does not continue anything.
+    pub v_max: [f64; JOINTS],
+}
+
+impl Config {
+    /// The follower of a robot with these largest joint speeds.
+    pub const fn new(v_max: [f64; JOINTS]) -> Self {
+        Self {
+            silence_ticks: SILENCE_TICKS,
+            v_max,
+        }
+    }
+}
+
+/// Everything remembered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// What is executed, at index `executed_k + plan_ticks_played`.
+    pub motion: Motion,
+    /// Index of the last accepted command; at first the index at which holding began.
+    pub executed_k: u64,
+    /// Plan ticks played since.
+    pub plan_ticks_played: u64,
+    /// Chain of the last accepted command.
+    pub chain: Option<Chain>,
+    /// Nothing but the plan is executed until a reset edge at rest.
+    pub latched: bool,
+    /// Refused commands, by reason.
+    pub refused: [u64; Refusal::COUNT],
+    /// Accepted commands.
+    pub accepted: u64,
+    /// `Mode` of the last accepted command, as its number.
+    pub mode: u32,
+    /// Ticks without an acceptable command since the last one; `None` until one was accepted (again, after a reset).
+    silent: Option<u64>,
+    /// `origin` of the last accepted command.
+    origin: Stamp,
+    /// Incarnation and reset count of the last command listened to.
+    reset: Option<(u32, u32)>,
+    /// Incarnation and sequence of the last command looked at, so that a sample read twice is judged once.
+    seen: Option<(u32, u64)>,
+}
+
+impl State {
+    /// Holds the measured posture `q` from index `k` on; `None` if a number of it is not finite. A driver that starts
+    /// must do so at least 3 indices after another one ended, so that no identity is given twice.
+    pub fn hold(k: u64, q: &[f64; JOINTS]) -> Option<Self> {
+        q.iter().all(|q| q.is_finite()).then_some(Self {
+            motion: Motion::rest(*q),
+            executed_k: k,
+            plan_ticks_played: 0,
+            chain: None,
+            latched: false,
+            refused: [0; Refusal::COUNT],
+            accepted: 0,
+            mode: 0,
+            silent: None,
+            origin: Stamp::NONE,
+            reset: None,
+            seen: None,
+        })
+    }
+
+    /// The index whose state is executed.
+    pub const fn index(&self) -> u64 {
+        self.executed_k.saturating_add(self.plan_ticks_played)
+    }
+
+    /// What is executed, as the robot takes it.
+    pub const fn setpoint(&self) -> Setpoint {
+        Setpoint {
+            k: self.index(),
+            q: self.motion.q,
+            v: self.motion.v,
+            a: self.motion.a,
+        }
+    }
+
+    /// The message to publish: `header` as its writer fills it, except for the origin, which is that of the executed
+    /// command.
+    pub fn echo(&self, header: Header, measured: &Measured) -> RobotState {
+        let chain = self.chain.unwrap_or(Chain {
+            incarnation: 0,
+            seed_k: 0,
+            seed_played: 0,
+        });
+        let mut flags = 0;
+        if self.latched {
+            flags |= state_flag::DRIVER_FAULT;
+        }
+        if self.accepted > 0 {
+            flags |= state_flag::COMMANDED;
+        }
+        RobotState {
+            header: Header {
+                origin: self.origin,
+                ..header
+            },
+            executed_k: self.executed_k,
+            plan_ticks_played: self.plan_ticks_played,
+            seed_k: chain.seed_k,
+            seed_played: chain.seed_played,
+            command_incarnation: chain.incarnation,
+            reset_count: self.reset.map_or(0, |(_, count)| count),
+            q_measured: measured.q,
+            dq_measured: measured.dq,
+            q: self.motion.q,
+            v: self.motion.v,
+            a: self.motion.a,
+            plan: self.motion.plan,
+            commands_refused: self.refused.iter().sum(),
+            flags,
+            ..RobotState::ZERO
+        }
+    }
+}
+
+/// What a tick is given.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// The index that is due: the last one whose deadline plus grace is not after now. A driver that overslept finds it
+    /// several ahead; one that was woken by a command finds it unchanged.
+    pub due_k: u64,
+    /// The newest command; one that was given before is ignored.
+    pub command: Option<&'a JointCommand>,
+    /// The robot did not take a setpoint, or its drives report a fault: latches at once.
+    pub port_fault: bool,
+}
+
+/// A command that was accepted in this tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Accepted {
+    /// Its index.
+    pub k: u64,
+    /// Now less its origin, ns, if it is the first executed command of that origin (skeleton_to_command).
+    pub origin_age_ns: Option<u64>,
+    /// Now less the publication of the target behind it, ns, if there is one (target_to_command).
+    pub target_age_ns: Option<u64>,
+}
+
+/// What a tick results in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// What is executed now; to be handed to the robot if `advanced` is not zero.
+    pub executed: Setpoint,
+    /// Indices by which it is newer than before.
+    pub advanced: u64,
+    /// The command that was accepted in this tick.
+    pub accepted: Option<Accepted>,
+    /// Why the command of this tick was refused.
+    pub refused: Option<Refusal>,
+    /// `DriverFault` while latched.
+    pub faults: Faults,
+}
+
+/// How a step came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepKind {
+    /// One tick of the plan.
+    Plan,
+    /// A command was taken.
+    Command,
+    /// So many indices at rest, as one step.
+    Rest,
+}
+
+/// One step of the execution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// How it came about.
+    pub kind: StepKind,
+    /// The state after it.
+    pub setpoint: Setpoint,
+}
+
+/// Advances the execution to `input.due_k`, or to the command's index if that continues and is ahead of it.
+pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
+    tick_each(config, state, now, input, |_| {})
+}
+
+/// As [`tick`], and shows every single step of the execution, of which there are several when the driver overslept or a
+/// new chain begins further on the plan.
+pub fn tick_each(
+    config: &Config,
+    state: &mut State,
+    now: Stamp,
+    input: Input<'_>,
+    mut each: impl FnMut(&Step),
+) -> Output {
+    let index_before = state.index();
+    state.latched |= input.port_fault;
+    let mut accepted = None;
+    let mut refused = None;
+    if let Some(command) = state.look_at(input.command) {
+        match state.listen(config, now, input.due_k, command) {
+            Ok(rule) => accepted = Some(state.take(now, command, rule, &mut each)),
+            Err(reason) => {
+                state.refused[reason as usize] += 1;
+                refused = Some(reason);
+            }
+        }
+    }
+    state.play(input.due_k.saturating_sub(state.index()), &mut each);
+    let advanced = state.index() - index_before;
+    state.mind_silence(config, accepted.is_some(), advanced);
+    let faults = if state.latched {
+        Faults::NONE.with(Fault::DriverFault)
+    } else {
+        Faults::NONE
+    };
+    Output {
+        executed: state.setpoint(),
+        advanced,
+        accepted,
+        refused,
+        faults,
+    }
+}
+
+impl State {
+    /// The command, if it was not looked at before.
+    fn look_at<'a>(&mut self, command: Option<&'a JointCommand>) -> Option<&'a JointCommand> {
+        let command = command?;
+        let name = Some((command.header.incarnation, command.header.sequence));
+        if self.seen == name {
+            return None;
+        }
+        self.seen = name;
+        Some(command)
+    }
+
+    /// Judges a new command, after letting its reset count act.
+    fn listen(&mut self, config: &Config, now: Stamp, due_k: u64, command: &JointCommand) -> Result<Rule, Refusal> {
+        acceptance::plausible(now, due_k, command)?;
+        let incarnation = command.header.incarnation;
+        // The first count of a new writer is no edge: a restart resets nothing.
+        let edge = self
+            .reset
+            .is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
+        self.reset = Some((incarnation, command.reset_count));
+        if edge && self.latched && self.motion.at_rest() {
+            self.latched = false;
+            self.silent = None;
+        }
+        acceptance::judge(config, self, command)
+    }
+
+    /// Executes an acceptable command.
+    fn take(&mut self, now: Stamp, command: &JointCommand, rule: Rule, each: &mut impl FnMut(&Step)) -> Accepted {
+        if let Rule::New { play_ticks } = rule {
+            self.play(play_ticks, each);
+        }
+        self.motion = acceptance::motion_of(command);
+        self.executed_k = command.k;
+        self.plan_ticks_played = 0;
+        self.chain = Some(Chain::of(command));
+        self.accepted += 1;
+        self.mode = command.mode;
+        let origin = command.header.origin;
+        let first_of_origin = origin != Stamp::NONE && origin != self.origin;
+        self.origin = origin;
+        each(&Step {
+            kind: StepKind::Command,
+            setpoint: self.setpoint(),
+        });
+        Accepted {
+            k: command.k,
+            origin_age_ns: first_of_origin.then(|| now.since(origin)),
+            target_age_ns: (command.target_stamp != Stamp::NONE).then(|| now.since(command.target_stamp)),
+        }
+    }
+
+    /// Plays `ticks` ticks of the plan; those at rest count as one step.
+    fn play(&mut self, ticks: u64, each: &mut impl FnMut(&Step)) {
+        let mut left = ticks;
+        while left > 0 {
+            let at_rest = self.motion.at_rest();
+            let (played, kind) = if at_rest {
+                (left, StepKind::Rest)
+            } else {
+                (1, StepKind::Plan)
+            };
+            if !at_rest {
+                self.motion.play_tick();
+            }
+            self.plan_ticks_played = self.plan_ticks_played.saturating_add(played);
+            left -= played;
+            each(&Step {
+                kind,
+                setpoint: self.setpoint(),
+            });
+        }
+    }
+
+    /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: the
+    /// driver's own oversleep is not charged to `control`.
+    fn mind_silence(&mut self, config: &Config, accepted: bool, advanced: u64) {
+        if accepted {
+            self.silent = Some(0);
+        } else if advanced > 0
+            && let Some(ticks) = &mut self.silent
+        {
+            *ticks = ticks.saturating_add(1);
+            self.latched |= *ticks >= config.silence_ticks;
+        }
+    }
+}

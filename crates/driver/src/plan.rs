@@ -1,0 +1,126 @@
+//! A state of motion and the stop plan from it, with arithmetic of the driver's own: what the robot does when `control` is
+//! dead must not rest on the code of `control`.
+
+use messages::{JOINTS, Layout, StopPlan, TICK_S};
+
+/// The motion of all joints at one instant, and the stop that follows if nothing else does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Joint positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Joint velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Joint accelerations, rad/s^2 or m/s^2.
+    pub a: [f64; JOINTS],
+    /// What is left of the stop from (q, v, a).
+    pub plan: StopPlan,
+}
+
+impl Motion {
+    /// At rest at `q`, with nothing left to play.
+    pub const fn rest(q: [f64; JOINTS]) -> Self {
+        Self {
+            q,
+            v: [0.0; JOINTS],
+            a: [0.0; JOINTS],
+            plan: StopPlan::ZERO,
+        }
+    }
+
+    /// Whether every joint stands still and nothing is left to play: exact, because the end of a plan sets exact zeros.
+    pub fn at_rest(&self) -> bool {
+        let still = |x: &[f64; JOINTS]| x.iter().all(|&x| x == 0.0);
+        still(&self.v) && still(&self.a) && self.plan.duration_s.iter().all(|d| d.iter().all(|&d| d == 0.0))
+    }
+
+    /// Plays `ticks` ticks of the plan. Once at rest, playing on changes nothing, so the work is bounded by the plan's
+    /// duration and not by `ticks`.
+    pub fn play(&mut self, ticks: u64) {
+        for _ in 0..ticks {
+            if self.at_rest() {
+                return;
+            }
+            self.play_tick();
+        }
+    }
+
+    /// Plays one tick of the plan.
+    pub(crate) fn play_tick(&mut self) {
+        for j in 0..JOINTS {
+            self.play_joint(j, TICK_S);
+        }
+    }
+
+    /// Advances joint `j` by `rest_s` seconds: in each phase, with constant jerk J,
+    /// q += v t + a t^2 / 2 + J t^3 / 6, v += a t + J t^2 / 2, a += J t.
+    fn play_joint(&mut self, j: usize, mut rest_s: f64) {
+        let (mut q, mut v, mut a) = (self.q[j], self.v[j], self.a[j]);
+        for phase in 0..3 {
+            let t = rest_s.min(self.plan.duration_s[j][phase]);
+            if t > 0.0 {
+                let jerk = self.plan.jerk[j][phase];
+                q += t * (v + t * (a / 2.0 + t * jerk / 6.0));
+                v += t * (a + t * jerk / 2.0);
+                a += t * jerk;
+                self.plan.duration_s[j][phase] -= t;
+                rest_s -= t;
+            }
+        }
+        if self.plan.duration_s[j] == [0.0; 3] {
+            // The plan ends at rest by contract; what remains here is rounding, and it must not drift for hours.
+            (v, a) = (0.0, 0.0);
+            self.plan.jerk[j] = [0.0; 3];
+        }
+        (self.q[j], self.v[j], self.a[j]) = (q, v, a);
+    }
+
+    /// The largest |v| or |a| left at the end of the plan, in SI units: zero but for rounding if the plan is a stop.
+    pub(crate) fn residue_at_end(&self) -> f64 {
+        let mut worst = 0.0_f64;
+        for j in 0..JOINTS {
+            let (mut v, mut a) = (self.v[j], self.a[j]);
+            for phase in 0..3 {
+                let (t, jerk) = (self.plan.duration_s[j][phase], self.plan.jerk[j][phase]);
+                v += t * (a + t * jerk / 2.0);
+                a += t * jerk;
+            }
+            worst = worst.max(v.abs()).max(a.abs());
+        }
+        worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stop from v = 1 rad/s, a = 0: 0.1 s of jerk -100, 0.1 s of +100 (a returns to 0, v to 0), q moves 0.1 rad.
+    fn moving() -> Motion {
+        let mut motion = Motion::rest([0.0; JOINTS]);
+        motion.v[3] = 1.0;
+        motion.plan.jerk[3] = [-100.0, 100.0, 0.0];
+        motion.plan.duration_s[3] = [0.1, 0.1, 0.0];
+        motion
+    }
+
+    #[test]
+    fn a_plan_ends_at_rest_at_its_closed_form_end() {
+        let mut motion = moving();
+        assert!(motion.residue_at_end() < 1e-12);
+        motion.play(299);
+        assert!(!motion.at_rest(), "0.2 s are 300 ticks");
+        motion.play(2);
+        assert!(motion.at_rest());
+        assert!((motion.q[3] - 0.1).abs() < 1e-12, "{}", motion.q[3]);
+        let end = motion;
+        motion.play(u64::MAX);
+        assert_eq!(motion, end);
+    }
+
+    #[test]
+    fn a_plan_that_does_not_stop_shows_its_residue() {
+        let mut motion = moving();
+        motion.plan.duration_s[3][1] = 0.09;
+        assert!(motion.residue_at_end() > 0.5);
+    }
+}
