@@ -7,13 +7,20 @@
 
 mod arm;
 mod closed_form;
+mod network;
 mod oracle;
 mod refine;
+mod weights;
 
 pub use arm::{
     ARM_Q, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
     rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
 };
 pub use closed_form::closed_form;
+pub use network::{Dense, HIDDEN_MAX, LATENT, Latent, Layers, Network, OVERREACH, WIDTH_MAX, interpolate_latent};
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
+pub use weights::{
+    ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,
+    write_weights,
+};

@@ -1,0 +1,293 @@
+//! The three networks of the shared latent space at batch one or two: f32, allocation-free, the same result on every
+//! machine (sums run in one fixed order, no fused multiply-add unless the level says so).
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
+
+/// Dimension of the shared latent space, one arm (RETARGETING section 1).
+pub const LATENT: usize = 8;
+/// Widest hidden layer that the fixed buffers take: four times the paper's 128.
+pub const WIDTH_MAX: usize = 512;
+/// Most hidden layers: above twice the paper's 6.
+pub const HIDDEN_MAX: usize = 16;
+/// Range of the decoder beyond the limits, so that the limits are reached at finite activations (RETARGETING section 5.2).
+pub const OVERREACH: f64 = 1.02;
+
+/// A point of the shared latent space.
+pub type Latent = [f32; LATENT];
+
+/// The point at `s` on the straight line from `a` (0) to `b` (1).
+pub fn interpolate_latent(a: &Latent, b: &Latent, s: f64) -> Latent {
+    let s = s as f32;
+    std::array::from_fn(|i| a[i] + (b[i] - a[i]) * s)
+}
+
+/// One fully connected layer as training writes it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Dense {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// `[outputs][inputs]`, row-major.
+    pub weight: Vec<f32>,
+    /// `[outputs]`.
+    pub bias: Vec<f32>,
+}
+
+/// All layers of the three networks, from input to output.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layers {
+    /// Q_h: 12 features to the latent.
+    pub human: Vec<Dense>,
+    /// Q_r: five normalised joint positions to the latent.
+    pub robot: Vec<Dense>,
+    /// D_r: latent to five joint activations.
+    pub decoder: Vec<Dense>,
+}
+
+/// 16 numbers on one cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Line([f32; 16]);
+
+const LINE: usize = 16;
+
+/// A layer inside the arena: bias lines, then panels of up to 8 lines, each k-major.
+#[derive(Clone, Copy, Debug)]
+struct Layer {
+    inputs: usize,
+    lines: usize,
+    at: usize,
+    hidden: bool,
+}
+
+/// The networks, ready to run: one arena of cache lines, weights in the order in which they are read.
+#[derive(Clone, Debug)]
+pub struct Network {
+    arena: Vec<Line>,
+    human: Vec<Layer>,
+    robot: Vec<Layer>,
+    decoder: Vec<Layer>,
+    mid: ArmQ,
+    half: ArmQ,
+    q_min: ArmQ,
+    q_max: ArmQ,
+}
+
+impl Network {
+    /// Packs checked layers for `arm`. Shapes are the caller's duty (`Weights` checks them).
+    ///
+    /// # Panics
+    /// If layers do not fit together or are wider than `WIDTH_MAX`: a bug of the caller.
+    pub fn new(layers: &Layers, arm: &ArmModel) -> Self {
+        let mut arena = Vec::new();
+        let human = pack(&layers.human, FEATURES, LATENT, &mut arena);
+        let robot = pack(&layers.robot, ARM_Q, LATENT, &mut arena);
+        let decoder = pack(&layers.decoder, LATENT, ARM_Q, &mut arena);
+        Self {
+            arena,
+            human,
+            robot,
+            decoder,
+            mid: arm.mid(),
+            half: arm.half(),
+            q_min: arm.q_min,
+            q_max: arm.q_max,
+        }
+    }
+
+    /// Q_h: features of `N` arms to their latents.
+    pub fn encode_human<const N: usize>(&self, features: &[[f32; FEATURES]; N]) -> [Latent; N] {
+        self.run(&self.human, features)
+    }
+
+    /// Q_r: postures of `N` arms, rad, to their latents; the network sees (q - mid) / half.
+    pub fn encode_robot<const N: usize>(&self, q: &[ArmQ; N]) -> [Latent; N] {
+        let input: [[f32; ARM_Q]; N] =
+            std::array::from_fn(|n| std::array::from_fn(|j| ((q[n][j] - self.mid[j]) / self.half[j]) as f32));
+        self.run(&self.robot, &input)
+    }
+
+    /// D_r: latents of `N` arms to postures within the limits, rad: mid + 1.02 half tanh(y), clamped.
+    /// Not finite if the latent or the weights are not.
+    pub fn decode<const N: usize>(&self, latents: &[Latent; N]) -> [ArmQ; N] {
+        let y: [[f32; ARM_Q]; N] = self.run(&self.decoder, latents);
+        std::array::from_fn(|n| {
+            std::array::from_fn(|j| {
+                let q = self.mid[j] + OVERREACH * self.half[j] * f64::from(tanh(y[n][j]));
+                // Not `clamp`: a NaN has to pass, so that the tick sees it.
+                if q < self.q_min[j] {
+                    self.q_min[j]
+                } else if q > self.q_max[j] {
+                    self.q_max[j]
+                } else {
+                    q
+                }
+            })
+        })
+    }
+
+    fn run<const I: usize, const O: usize, const N: usize>(
+        &self,
+        layers: &[Layer],
+        input: &[[f32; I]; N],
+    ) -> [[f32; O]; N] {
+        let mut from = [[0.0; WIDTH_MAX]; N];
+        let mut to = [[0.0; WIDTH_MAX]; N];
+        for n in 0..N {
+            from[n][..I].copy_from_slice(&input[n]);
+        }
+        for layer in layers {
+            layer_forward(&self.arena[layer.at..], layer, &from, &mut to);
+            std::mem::swap(&mut from, &mut to);
+        }
+        std::array::from_fn(|n| std::array::from_fn(|i| from[n][i]))
+    }
+}
+
+/// Lines of the panel that begins at `line` of a layer of `lines`: 8 accumulators, fewer at its end.
+fn panel_lines(lines: usize, line: usize) -> usize {
+    match lines - line {
+        0..2 => 1,
+        2..4 => 2,
+        4..8 => 4,
+        _ => 8,
+    }
+}
+
+fn pack(layers: &[Dense], inputs: usize, outputs: usize, arena: &mut Vec<Line>) -> Vec<Layer> {
+    let mut width = inputs;
+    let mut packed = Vec::new();
+    for (i, dense) in layers.iter().enumerate() {
+        assert!(
+            dense.inputs == width && dense.outputs <= WIDTH_MAX,
+            "layers fit together"
+        );
+        assert!(
+            dense.weight.len() == dense.inputs * dense.outputs && dense.bias.len() == dense.outputs,
+            "layer is full"
+        );
+        width = dense.outputs;
+        let lines = dense.outputs.div_ceil(LINE);
+        let at = arena.len();
+        let line_of = |line: usize, value: &dyn Fn(usize) -> f32| {
+            Line(std::array::from_fn(|l| {
+                if line * LINE + l < dense.outputs {
+                    value(line * LINE + l)
+                } else {
+                    0.0
+                }
+            }))
+        };
+        arena.extend((0..lines).map(|line| line_of(line, &|o| dense.bias[o])));
+        let mut line = 0;
+        while line < lines {
+            let panel = panel_lines(lines, line);
+            for k in 0..dense.inputs {
+                arena.extend((line..line + panel).map(|l| line_of(l, &|o| dense.weight[o * dense.inputs + k])));
+            }
+            line += panel;
+        }
+        packed.push(Layer {
+            inputs: dense.inputs,
+            lines,
+            at,
+            hidden: i + 1 < layers.len(),
+        });
+    }
+    assert!(width == outputs, "layers fit together");
+    packed
+}
+
+#[inline(always)]
+fn layer_forward<const N: usize>(
+    arena: &[Line],
+    layer: &Layer,
+    from: &[[f32; WIDTH_MAX]; N],
+    to: &mut [[f32; WIDTH_MAX]; N],
+) {
+    let (bias, mut weights) = arena.split_at(layer.lines);
+    let input = from.each_ref().map(|row| &row[..layer.inputs]);
+    let mut line = 0;
+    while line < layer.lines {
+        let panel = panel_lines(layer.lines, line);
+        let (here, rest) = weights.split_at(panel * layer.inputs);
+        let bias = &bias[line..line + panel];
+        let at = line * LINE;
+        match panel {
+            8 => panel_forward::<8, N>(here, bias, input, to, at, layer.hidden),
+            4 => panel_forward::<4, N>(here, bias, input, to, at, layer.hidden),
+            2 => panel_forward::<2, N>(here, bias, input, to, at, layer.hidden),
+            _ => panel_forward::<1, N>(here, bias, input, to, at, layer.hidden),
+        }
+        weights = rest;
+        line += panel;
+    }
+}
+
+#[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
+fn panel_forward<const G: usize, const N: usize>(
+    weights: &[Line],
+    bias: &[Line],
+    input: [&[f32]; N],
+    to: &mut [[f32; WIDTH_MAX]; N],
+    at: usize,
+    hidden: bool,
+) {
+    let (rows, _) = weights.as_chunks::<G>();
+    let mut sum: [[[f32; LINE]; G]; N] = std::array::from_fn(|_| std::array::from_fn(|g| bias[g].0));
+    let input = input.map(|row| &row[..rows.len()]);
+    for (k, row) in rows.iter().enumerate() {
+        for n in 0..N {
+            let x = input[n][k];
+            for g in 0..G {
+                for l in 0..LINE {
+                    sum[n][g][l] += x * row[g].0[l];
+                }
+            }
+        }
+    }
+    for n in 0..N {
+        for g in 0..G {
+            let line = if hidden { sum[n][g].map(silu) } else { sum[n][g] };
+            to[n][at + g * LINE..at + (g + 1) * LINE].copy_from_slice(&line);
+        }
+    }
+}
+
+/// x / (1 + exp(-x)).
+#[inline(always)]
+fn silu(x: f32) -> f32 {
+    x / (1.0 + exp(-x))
+}
+
+/// 1 - 2 / (1 + exp(2 x)); absolute error below 2e-7, which is what a joint position needs.
+#[inline(always)]
+fn tanh(x: f32) -> f32 {
+    1.0 - 2.0 / (1.0 + exp(2.0 * x))
+}
+
+/// exp without a branch, so that it vectorises: x = n ln 2 + r, 2^n by the exponent bits, exp(r) by the polynomial of
+/// Cephes `expf` (relative error 2e-7). Saturates at exp(+-87), passes NaN.
+#[inline(always)]
+#[expect(clippy::excessive_precision, reason = "coefficients as published")]
+fn exp(x: f32) -> f32 {
+    /// 1.5 * 2^23: adding it rounds to an integer and leaves that integer in the low mantissa bits.
+    const ROUND: f32 = 12_582_912.0;
+    let x = if x < -87.0 { -87.0 } else { x };
+    let x = if x > 87.0 { 87.0 } else { x };
+    let shifted = x * std::f32::consts::LOG2_E + ROUND;
+    let n = shifted - ROUND;
+    let r = x - n * 0.693_359_375 + n * 2.121_944_4e-4;
+    let p = 1.987_569_15e-4_f32;
+    let p = p * r + 1.398_199_95e-3;
+    let p = p * r + 8.333_451_907_3e-3;
+    let p = p * r + 4.166_579_589_4e-2;
+    let p = p * r + 1.666_666_545_9e-1;
+    let p = p * r + 5.000_000_120_1e-1;
+    let exp_r = p * r * r + r + 1.0;
+    exp_r * f32::from_bits(shifted.to_bits().wrapping_add(127) << 23)
+}
