@@ -1,1 +1,25 @@
-//! Under construction.
+//! The operating system under the real-time path: clock, tick grid, thread attributes, histograms, shutdown, service
+//! manager, allocation and page-fault counters. Nothing here is a fallback: what the system refuses is reported in
+//! words, and the caller decides.
+
+mod allocation;
+mod clock;
+mod error;
+mod grid;
+mod histogram;
+mod incarnation;
+mod notify;
+mod page_faults;
+mod realtime;
+mod shutdown;
+
+pub use allocation::{Allocations, CountingAllocator, count_allocations};
+pub use clock::{now, sleep_until};
+pub use error::RtError;
+pub use grid::{PeriodicLoop, Tick, TickGrid};
+pub use histogram::Histogram;
+pub use incarnation::incarnation;
+pub use notify::ServiceManager;
+pub use page_faults::PageFaults;
+pub use realtime::{Outcome, Policy, Realtime, RealtimeConfig, RealtimeReport};
+pub use shutdown::Shutdown;

@@ -1,0 +1,22 @@
+//! What can go wrong before a process is ready.
+
+/// Set-up errors of this crate; each text says what was asked and what the system answered.
+#[derive(Debug, thiserror::Error)]
+pub enum RtError {
+    /// A signal handler could not be installed.
+    #[error("signal {signal}: the handler could not be installed: {source}")]
+    Signal {
+        /// Signal number.
+        signal: i32,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// The service manager's socket is named but cannot be used.
+    #[error("NOTIFY_SOCKET = \"{socket}\": {source}; the service manager would never see READY=1")]
+    NotifySocket {
+        /// The value of NOTIFY_SOCKET.
+        socket: String,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,201 @@
+//! The shared tick grid: every index is either ticked once or counted as missed.
+
+use crate::clock::now;
+use crate::histogram::Histogram;
+use crate::shutdown::Shutdown;
+use messages::{Stamp, deadline, tick_at};
+
+/// A tick to be done now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tick {
+    /// Tick index on the grid that all processes share.
+    pub k: u64,
+    /// When the thread woke.
+    pub woke: Stamp,
+    /// Nanoseconds from the deadline that was waited for to `woke`.
+    pub late_ns: u64,
+    /// Indices skipped between the previous tick and this one.
+    pub missed: u64,
+}
+
+/// Bookkeeping of the grid, without a clock: catching up skips indices, it never issues two ticks for one wake-up.
+#[derive(Clone, Debug)]
+pub struct TickGrid {
+    first_k: u64,
+    next_k: u64,
+    ticks: u64,
+    missed: u64,
+}
+
+impl TickGrid {
+    /// Begins with index `first_k`.
+    pub fn starting_at(first_k: u64) -> Self {
+        Self {
+            first_k,
+            next_k: first_k,
+            ticks: 0,
+            missed: 0,
+        }
+    }
+
+    /// Begins with the first index whose deadline lies after `now`.
+    pub fn after(now: Stamp) -> Self {
+        Self::starting_at(tick_at(now) + 1)
+    }
+
+    /// The index that is waited for.
+    pub fn next_k(&self) -> u64 {
+        self.next_k
+    }
+
+    /// The deadline that is waited for.
+    pub fn next_deadline(&self) -> Stamp {
+        deadline(self.next_k)
+    }
+
+    /// Takes index `k`, for a stage that is woken by something other than its deadline; answers how many indices were
+    /// skipped, or nothing if `k` has already been taken or skipped.
+    pub fn take(&mut self, k: u64) -> Option<u64> {
+        let skipped = k.checked_sub(self.next_k)?;
+        self.missed += skipped;
+        self.ticks += 1;
+        self.next_k = k + 1;
+        Some(skipped)
+    }
+
+    /// Takes the newest index that is due at `woke`; nothing if none is.
+    pub fn wake(&mut self, woke: Stamp) -> Option<Tick> {
+        let waited_for = self.next_deadline();
+        let k = tick_at(woke);
+        let missed = self.take(k)?;
+        Some(Tick {
+            k,
+            woke,
+            late_ns: woke.since(waited_for),
+            missed,
+        })
+    }
+
+    /// Ticks issued.
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// Indices skipped.
+    pub fn missed(&self) -> u64 {
+        self.missed
+    }
+
+    /// Indices that have passed since the start: always `ticks + missed`.
+    pub fn elapsed(&self) -> u64 {
+        self.next_k - self.first_k
+    }
+}
+
+/// Sleeps from deadline to deadline and measures how late it wakes.
+#[derive(Clone, Debug)]
+pub struct PeriodicLoop {
+    grid: TickGrid,
+    lateness: Histogram,
+}
+
+impl PeriodicLoop {
+    /// Begins at the next deadline.
+    pub fn start() -> Self {
+        Self {
+            grid: TickGrid::after(now()),
+            lateness: Histogram::new(),
+        }
+    }
+
+    /// Waits for the next deadline; nothing once shutdown is requested.
+    #[allow(clippy::should_implement_trait)]
+    pub fn next(&mut self, shutdown: &Shutdown) -> Option<Tick> {
+        loop {
+            if !shutdown.sleep_until(self.grid.next_deadline()) {
+                return None;
+            }
+            if let Some(tick) = self.grid.wake(now()) {
+                self.lateness.record_ns(tick.late_ns);
+                return Some(tick);
+            }
+        }
+    }
+
+    /// The bookkeeping.
+    pub fn grid(&self) -> &TickGrid {
+        &self.grid
+    }
+
+    /// How late the wake-ups were.
+    pub fn lateness(&self) -> &Histogram {
+        &self.lateness
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn every_index_is_ticked_once_or_missed(
+            first in 0u64..1u64 << 40,
+            steps in prop::collection::vec(0u64..5_000_000, 1..200),
+        ) {
+            let mut grid = TickGrid::starting_at(first);
+            let (mut time, mut seen, mut missed) = (deadline(first), Vec::new(), 0);
+            for step in steps {
+                time = time.plus_ns(step);
+                if let Some(tick) = grid.wake(time) {
+                    prop_assert!(deadline(tick.k) <= time && time < deadline(tick.k + 1));
+                    prop_assert_eq!(tick.missed, tick.k - seen.last().map_or(first, |last| last + 1));
+                    missed += tick.missed;
+                    seen.push(tick.k);
+                }
+                prop_assert_eq!(grid.ticks() + grid.missed(), grid.elapsed());
+            }
+            prop_assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
+            prop_assert_eq!((grid.ticks(), grid.missed()), (seen.len() as u64, missed));
+            if let Some(last) = seen.last() {
+                prop_assert_eq!(grid.elapsed(), last - first + 1);
+            }
+        }
+    }
+
+    #[test]
+    fn an_index_is_taken_once() {
+        let mut grid = TickGrid::starting_at(10);
+        assert_eq!(grid.take(9), None);
+        assert_eq!(grid.take(10), Some(0));
+        assert_eq!(grid.take(10), None);
+        assert_eq!(grid.wake(deadline(10).plus_ns(5)), None);
+        assert_eq!(grid.take(14), Some(3));
+        assert_eq!(
+            (grid.ticks(), grid.missed(), grid.elapsed(), grid.next_k()),
+            (2, 3, 5, 15)
+        );
+    }
+
+    #[test]
+    fn lateness_is_measured_from_the_deadline_that_was_waited_for() {
+        let mut grid = TickGrid::starting_at(3);
+        let tick = grid.wake(deadline(7).plus_ns(11)).expect("index 7 is due");
+        assert_eq!((tick.k, tick.missed), (7, 4));
+        assert_eq!(tick.late_ns, deadline(7).plus_ns(11).since(deadline(3)));
+    }
+
+    #[test]
+    fn the_loop_follows_the_clock_and_ends_at_shutdown() {
+        let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start());
+        for _ in 0..20 {
+            let tick = periodic.next(&shutdown).expect("no shutdown yet");
+            assert!(tick.woke >= deadline(tick.k));
+        }
+        assert_eq!(periodic.grid().ticks(), 20);
+        assert_eq!(periodic.lateness().count(), 20);
+        shutdown.request();
+        assert_eq!(periodic.next(&shutdown), None);
+    }
+}

@@ -1,0 +1,124 @@
+//! Latencies, recorded without allocating and told in microseconds.
+
+use messages::Stamp;
+
+/// Longest duration that keeps its place, 10 s: longer ones count in the last bucket, and `max_us` stays exact.
+const LONGEST_NS: u64 = 10_000_000_000;
+/// Significant digits: 3 gives 0.1 % of resolution in 200 KB.
+const DIGITS: u8 = 3;
+
+/// A histogram of durations with a fixed range; `record_ns` never allocates.
+#[derive(Clone, Debug)]
+pub struct Histogram {
+    buckets: hdrhistogram::Histogram<u64>,
+    max_ns: u64,
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Histogram {
+    /// An empty histogram; allocates all that it will ever need.
+    pub fn new() -> Self {
+        let buckets =
+            hdrhistogram::Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("the constant bounds are valid");
+        Self { buckets, max_ns: 0 }
+    }
+
+    /// Counts one duration, in ns.
+    pub fn record_ns(&mut self, ns: u64) {
+        self.max_ns = self.max_ns.max(ns);
+        self.buckets.saturating_record(ns);
+    }
+
+    /// Counts the time from `from` to `to`; zero if `to` is earlier.
+    pub fn record_between(&mut self, from: Stamp, to: Stamp) {
+        self.record_ns(to.since(from));
+    }
+
+    /// Durations counted.
+    pub fn count(&self) -> u64 {
+        self.buckets.len()
+    }
+
+    /// The duration, in us, that `quantile` (0 to 1) of all do not exceed; zero while empty.
+    pub fn quantile_us(&self, quantile: f64) -> f64 {
+        self.buckets.value_at_quantile(quantile).min(self.max_ns) as f64 * 1e-3
+    }
+
+    /// Longest duration in us, exact.
+    pub fn max_us(&self) -> f64 {
+        self.max_ns as f64 * 1e-3
+    }
+
+    /// Forgets everything, keeps the memory.
+    pub fn reset(&mut self) {
+        self.buckets.reset();
+        self.max_ns = 0;
+    }
+
+    /// `{"count", "p50_us", "p99_us", "p99_9_us", "max_us"}`.
+    pub fn to_json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "count": self.count(),
+            "p50_us": self.quantile_us(0.5),
+            "p99_us": self.quantile_us(0.99),
+            "p99_9_us": self.quantile_us(0.999),
+            "max_us": self.max_us(),
+        })
+    }
+}
+
+impl std::fmt::Display for Histogram {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [p50, p99, p99_9] = [0.5, 0.99, 0.999].map(|quantile| self.quantile_us(quantile));
+        let (count, max) = (self.count(), self.max_us());
+        write!(
+            f,
+            "n {count}, p50 {p50:.1} us, p99 {p99:.1} us, p99.9 {p99_9:.1} us, max {max:.1} us"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_the_sorted_list_within_a_thousandth() {
+        let mut histogram = Histogram::new();
+        let values: Vec<u64> = (1..=10_000).map(|i| i * 137).collect();
+        values.iter().for_each(|&ns| histogram.record_ns(ns));
+        for quantile in [0.5, 0.9, 0.99, 0.999, 1.0] {
+            let exact = values[(quantile * values.len() as f64).ceil() as usize - 1] as f64 * 1e-3;
+            let told = histogram.quantile_us(quantile);
+            assert!(
+                (told - exact).abs() <= 1e-3 * exact,
+                "quantile {quantile}: {told} us, exact {exact} us"
+            );
+        }
+        assert_eq!(histogram.max_us(), 1_370.0);
+        let json = histogram.to_json();
+        assert_eq!(json["count"], 10_000);
+        assert!((json["p99_us"].as_f64().unwrap() - 1_356.3).abs() < 1.4);
+    }
+
+    #[test]
+    fn what_exceeds_the_range_is_counted_and_its_maximum_exact() {
+        let mut histogram = Histogram::new();
+        histogram.record_ns(0);
+        histogram.record_ns(u64::MAX);
+        assert_eq!(histogram.count(), 2);
+        assert_eq!(histogram.max_us(), u64::MAX as f64 * 1e-3);
+        histogram.record_between(Stamp(10), Stamp(5));
+        assert_eq!(histogram.count(), 3);
+        histogram.reset();
+        assert_eq!(
+            (histogram.count(), histogram.max_us(), histogram.quantile_us(0.5)),
+            (0, 0.0, 0.0)
+        );
+    }
+}

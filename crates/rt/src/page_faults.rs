@@ -1,0 +1,61 @@
+//! Page faults: after READY there should be none that wait for a disk.
+#![allow(unsafe_code)]
+
+/// Page faults so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PageFaults {
+    /// Faults that needed input or output.
+    pub major: u64,
+    /// Faults that were served from memory.
+    pub minor: u64,
+}
+
+impl PageFaults {
+    /// Of the whole process.
+    pub fn of_process() -> Self {
+        Self::of(libc::RUSAGE_SELF)
+    }
+
+    /// Of the calling thread.
+    pub fn of_thread() -> Self {
+        Self::of(libc::RUSAGE_THREAD)
+    }
+
+    /// The faults since `earlier`.
+    pub fn since(self, earlier: Self) -> Self {
+        Self {
+            major: self.major.saturating_sub(earlier.major),
+            minor: self.minor.saturating_sub(earlier.minor),
+        }
+    }
+
+    fn of(who: libc::c_int) -> Self {
+        let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
+        // SAFETY: `usage` is writable memory of the right size, and all-zero bits are a valid rusage.
+        let usage = unsafe {
+            let rc = libc::getrusage(who, usage.as_mut_ptr());
+            assert_eq!(rc, 0, "getrusage knows RUSAGE_SELF and RUSAGE_THREAD");
+            usage.assume_init()
+        };
+        Self {
+            major: usage.ru_majflt as u64,
+            minor: usage.ru_minflt as u64,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn touching_new_pages_is_counted() {
+        let before = PageFaults::of_thread();
+        // 64 MiB: far above what one allocation can find already mapped; even 2 MiB pages need 32 faults.
+        let pages = vec![1u8; 64 << 20];
+        std::hint::black_box(&pages);
+        let faults = PageFaults::of_thread().since(before);
+        assert!(faults.minor >= 16, "{faults:?}");
+        assert!(PageFaults::of_process().minor >= faults.minor);
+    }
+}

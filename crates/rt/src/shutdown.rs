@@ -1,0 +1,102 @@
+//! The wish to end, from a signal or from the program.
+
+use crate::clock::{now, sleep_once};
+use crate::error::RtError;
+use messages::Stamp;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Longest single sleep: a signal that another thread receives is seen within 20 ms.
+const SLICE_NS: u64 = 20_000_000;
+/// Stored where no signal asked for the end, but the program did.
+const BY_PROGRAM: usize = usize::MAX;
+
+/// A flag that SIGINT, SIGTERM or the program raise; clones share it.
+#[derive(Clone, Debug, Default)]
+pub struct Shutdown {
+    cause: Arc<AtomicUsize>,
+}
+
+impl Shutdown {
+    /// A flag that only the program raises.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A flag that SIGINT and SIGTERM raise instead of ending the process.
+    pub fn on_signals() -> Result<Self, RtError> {
+        let shutdown = Self::new();
+        for signal in [libc::SIGINT, libc::SIGTERM] {
+            signal_hook::flag::register_usize(signal, Arc::clone(&shutdown.cause), signal as usize)
+                .map_err(|source| RtError::Signal { signal, source })?;
+        }
+        Ok(shutdown)
+    }
+
+    /// Raises the flag.
+    pub fn request(&self) {
+        let _ = self
+            .cause
+            .compare_exchange(0, BY_PROGRAM, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// Whether the end is wished.
+    pub fn requested(&self) -> bool {
+        self.cause.load(Ordering::Relaxed) != 0
+    }
+
+    /// The signal that asked for it; a process that SIGINT ends exits with 128 + 2.
+    pub fn signal(&self) -> Option<i32> {
+        match self.cause.load(Ordering::Relaxed) {
+            0 | BY_PROGRAM => None,
+            signal => Some(signal as i32),
+        }
+    }
+
+    /// Sleeps until `deadline`; false if shutdown was requested before or during the sleep.
+    pub fn sleep_until(&self, deadline: Stamp) -> bool {
+        loop {
+            if self.requested() {
+                return false;
+            }
+            let slice_end = deadline.min(now().plus_ns(SLICE_NS));
+            if sleep_once(slice_end) && slice_end == deadline {
+                return true;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_ends_a_long_sleep() {
+        let shutdown = Shutdown::new();
+        let other = shutdown.clone();
+        let sleeper = std::thread::spawn(move || other.sleep_until(now().plus_ns(3_600_000_000_000)));
+        shutdown.request();
+        assert!(!sleeper.join().expect("the sleeper does not panic"));
+        assert!(shutdown.requested());
+        assert_eq!(shutdown.signal(), None);
+    }
+
+    #[test]
+    fn an_undisturbed_sleep_reaches_its_deadline() {
+        let deadline = now().plus_ns(SLICE_NS + SLICE_NS / 2);
+        assert!(Shutdown::new().sleep_until(deadline));
+        assert!(now() >= deadline);
+    }
+
+    #[test]
+    fn a_signal_raises_the_flag_and_is_remembered() {
+        let shutdown = Shutdown::on_signals().expect("handlers can be installed");
+        assert!(!shutdown.requested());
+        signal_hook::low_level::raise(libc::SIGTERM).expect("a process may signal itself");
+        assert!(shutdown.requested());
+        assert_eq!(shutdown.signal(), Some(libc::SIGTERM));
+        shutdown.request();
+        assert_eq!(shutdown.signal(), Some(libc::SIGTERM), "the first cause stays");
+    }
+}

@@ -1,0 +1,38 @@
+//! Recording and sleeping do not allocate, and the counter sees what does.
+
+use rt::{Histogram, PeriodicLoop, Shutdown, TickGrid, count_allocations};
+
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+#[test]
+fn the_counter_sees_a_deliberate_allocation_of_its_own_thread_only() {
+    let ((), count) = count_allocations(|| {
+        let mut list: Vec<u8> = Vec::with_capacity(100);
+        list.push(1);
+        std::hint::black_box(&list);
+    });
+    assert_eq!((count.allocated, count.freed, count.bytes), (1, 1, 100));
+    let other = std::thread::spawn(|| std::hint::black_box(vec![0u8; 1000]));
+    let ((), count) = count_allocations(|| std::hint::black_box(()));
+    assert_eq!(count, rt::Allocations::default());
+    other.join().expect("the other thread does not panic");
+}
+
+#[test]
+fn the_periodic_path_does_not_allocate() {
+    let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start());
+    let mut histogram = Histogram::new();
+    let mut grid = TickGrid::after(rt::now());
+    let ((), count) = count_allocations(|| {
+        for i in 0..10_000u64 {
+            histogram.record_ns(i.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            let _ = grid.wake(rt::now());
+        }
+        for _ in 0..20 {
+            assert!(periodic.next(&shutdown).is_some());
+        }
+        let _ = rt::PageFaults::of_thread();
+    });
+    assert_eq!(count, rt::Allocations::default());
+}
