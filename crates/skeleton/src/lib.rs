@@ -1,1 +1,17 @@
-//! Under construction.
+//! The human side: checks what clients send and turns a person into four limb rotations. Never does IO, never reads a
+//! clock, never allocates or panics in [`tick`], and knows no robot.
+//!
+//! Glossary: the *torso frame* is x forward, y left, z up of the chest; a *bone* is the unit vector from a joint to the
+//! next one outwards; the *hinge* of an arm is the axis about which its elbow flexes (right-hand rule, flexing moves
+//! the forearm to the front); a *limb frame* is the rotation that takes bone and hinge of the T-pose to those measured.
+mod geometry;
+mod hinge;
+mod limbs;
+mod plausible;
+mod tick;
+
+pub use geometry::{PARENT, slerp};
+pub use hinge::Calibrator;
+pub use limbs::{Hold, LimbFrames, TORSO_LEAN_RAD, limbs_from_positions_rotations, torso_rotation};
+pub use plausible::{Chirality, chirality};
+pub use tick::{Config, DROP_REASONS, DropReason, Input, Output, State, tick};
