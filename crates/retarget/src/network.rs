@@ -2,6 +2,7 @@
 //! machine (sums run in one fixed order, no fused multiply-add unless the level says so).
 
 use bytemuck::{Pod, Zeroable};
+use pulp::{Simd, WithSimd};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
 
@@ -66,6 +67,7 @@ struct Layer {
 /// The networks, ready to run: one arena of cache lines, weights in the order in which they are read.
 #[derive(Clone, Debug)]
 pub struct Network {
+    level: pulp::Arch,
     arena: Vec<Line>,
     human: Vec<Layer>,
     robot: Vec<Layer>,
@@ -87,6 +89,7 @@ impl Network {
         let robot = pack(&layers.robot, ARM_Q, LATENT, &mut arena);
         let decoder = pack(&layers.decoder, LATENT, ARM_Q, &mut arena);
         Self {
+            level: pulp::Arch::new(),
             arena,
             human,
             robot,
@@ -135,15 +138,40 @@ impl Network {
         input: &[[f32; I]; N],
     ) -> [[f32; O]; N] {
         let mut from = [[0.0; WIDTH_MAX]; N];
-        let mut to = [[0.0; WIDTH_MAX]; N];
         for n in 0..N {
             from[n][..I].copy_from_slice(&input[n]);
         }
-        for layer in layers {
-            layer_forward(&self.arena[layer.at..], layer, &from, &mut to);
+        let out = self.level.dispatch(Run {
+            arena: &self.arena,
+            layers,
+            from,
+        });
+        std::array::from_fn(|n| std::array::from_fn(|i| out[n][i]))
+    }
+}
+
+/// Activations of `N` arms, structure of arrays.
+type Rows<const N: usize> = [[f32; WIDTH_MAX]; N];
+
+/// One pass through all layers, to be compiled once for each level of the processor.
+struct Run<'a, const N: usize> {
+    arena: &'a [Line],
+    layers: &'a [Layer],
+    from: Rows<N>,
+}
+
+impl<const N: usize> WithSimd for Run<'_, N> {
+    type Output = Rows<N>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Rows<N> {
+        let mut from = self.from;
+        let mut to = [[0.0; WIDTH_MAX]; N];
+        for layer in self.layers {
+            layer_forward(simd, &self.arena[layer.at..], layer, &from, &mut to);
             std::mem::swap(&mut from, &mut to);
         }
-        std::array::from_fn(|n| std::array::from_fn(|i| from[n][i]))
+        from
     }
 }
 
@@ -201,60 +229,87 @@ fn pack(layers: &[Dense], inputs: usize, outputs: usize, arena: &mut Vec<Line>) 
     packed
 }
 
+/// to = act(W from + b): panel by panel, each as many accumulators as the level has registers for.
 #[inline(always)]
-fn layer_forward<const N: usize>(
-    arena: &[Line],
-    layer: &Layer,
-    from: &[[f32; WIDTH_MAX]; N],
-    to: &mut [[f32; WIDTH_MAX]; N],
-) {
+fn layer_forward<S: Simd, const N: usize>(simd: S, arena: &[Line], layer: &Layer, from: &Rows<N>, to: &mut Rows<N>) {
     let (bias, mut weights) = arena.split_at(layer.lines);
-    let input = from.each_ref().map(|row| &row[..layer.inputs]);
+    let per_line = LINE / S::F32_LANES;
     let mut line = 0;
     while line < layer.lines {
         let panel = panel_lines(layer.lines, line);
         let (here, rest) = weights.split_at(panel * layer.inputs);
-        let bias = &bias[line..line + panel];
-        let at = line * LINE;
-        match panel {
-            8 => panel_forward::<8, N>(here, bias, input, to, at, layer.hidden),
-            4 => panel_forward::<4, N>(here, bias, input, to, at, layer.hidden),
-            2 => panel_forward::<2, N>(here, bias, input, to, at, layer.hidden),
-            _ => panel_forward::<1, N>(here, bias, input, to, at, layer.hidden),
+        let here = S::as_simd_f32s(bytemuck::cast_slice(here)).0;
+        let bias = S::as_simd_f32s(bytemuck::cast_slice(&bias[line..line + panel])).0;
+        let stride = panel * per_line;
+        let mut column = 0;
+        while column < stride {
+            let at = line * LINE + column * S::F32_LANES;
+            let block = Block {
+                weights: here,
+                bias,
+                stride,
+                column,
+                inputs: layer.inputs,
+                at,
+            };
+            column += match stride - column {
+                8.. if S::F32_LANES == LINE => block.forward::<S, 8, N>(simd, from, to),
+                4.. => block.forward::<S, 4, N>(simd, from, to),
+                2.. => block.forward::<S, 2, N>(simd, from, to),
+                _ => block.forward::<S, 1, N>(simd, from, to),
+            };
         }
         weights = rest;
         line += panel;
     }
-}
-
-#[inline(always)]
-#[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
-fn panel_forward<const G: usize, const N: usize>(
-    weights: &[Line],
-    bias: &[Line],
-    input: [&[f32]; N],
-    to: &mut [[f32; WIDTH_MAX]; N],
-    at: usize,
-    hidden: bool,
-) {
-    let (rows, _) = weights.as_chunks::<G>();
-    let mut sum: [[[f32; LINE]; G]; N] = std::array::from_fn(|_| std::array::from_fn(|g| bias[g].0));
-    let input = input.map(|row| &row[..rows.len()]);
-    for (k, row) in rows.iter().enumerate() {
-        for n in 0..N {
-            let x = input[n][k];
-            for g in 0..G {
-                for l in 0..LINE {
-                    sum[n][g][l] += x * row[g].0[l];
-                }
+    if layer.hidden {
+        for row in to {
+            for x in &mut row[..layer.lines * LINE] {
+                *x = silu(*x);
             }
         }
     }
-    for n in 0..N {
-        for g in 0..G {
-            let line = if hidden { sum[n][g].map(silu) } else { sum[n][g] };
-            to[n][at + g * LINE..at + (g + 1) * LINE].copy_from_slice(&line);
+}
+
+/// Some columns of a panel: what is summed in registers at once.
+struct Block<'a, V> {
+    weights: &'a [V],
+    bias: &'a [V],
+    stride: usize,
+    column: usize,
+    inputs: usize,
+    at: usize,
+}
+
+impl<V: Copy + Pod> Block<'_, V> {
+    /// Sums `G` vectors of outputs for `N` arms over all inputs; returns `G`. A product is rounded before it is added,
+    /// on every level, so that all levels give the same bits.
+    #[inline(always)]
+    fn forward<S: Simd<f32s = V>, const G: usize, const N: usize>(
+        &self,
+        simd: S,
+        from: &Rows<N>,
+        to: &mut Rows<N>,
+    ) -> usize {
+        let mut sum = [[simd.splat_f32s(0.0); G]; N];
+        for row in &mut sum {
+            row.copy_from_slice(&self.bias[self.column..self.column + G]);
         }
+        let rows = self.weights.chunks_exact(self.stride).take(self.inputs);
+        for (k, row) in rows.enumerate() {
+            let row = &row[self.column..self.column + G];
+            for n in 0..N {
+                let x = simd.splat_f32s(from[n][k]);
+                for g in 0..G {
+                    sum[n][g] = simd.add_f32s(sum[n][g], simd.mul_f32s(x, row[g]));
+                }
+            }
+        }
+        for n in 0..N {
+            let out: &mut [f32] = &mut to[n][self.at..self.at + G * S::F32_LANES];
+            S::as_mut_simd_f32s(out).0.copy_from_slice(&sum[n]);
+        }
+        G
     }
 }
 
