@@ -45,18 +45,33 @@ impl Limbs {
 const SLERP_LINEAR: f64 = 1e-8;
 
 /// Rotation at `s` between `a` (0) and `b` (1) on the shorter arc; q and -q are the same rotation.
-/// Two rotations half a turn apart have no shorter arc: one of the two is taken, always the same.
 pub fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
-    let dot = a.coords.dot(&b.coords);
-    let (dot, sign) = if dot < 0.0 { (-dot, -1.0) } else { (dot, 1.0) };
+    slerp_signed(a, &align(b, a), s)
+}
+
+/// `q` or -q, whichever is nearer to `reference` on the sphere: the same rotation.
+pub(crate) fn align(q: &UnitQuaternion<f64>, reference: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    if q.coords.dot(&reference.coords) < 0.0 {
+        UnitQuaternion::new_unchecked(-q.into_inner())
+    } else {
+        *q
+    }
+}
+
+/// Slerp on the sphere with the signs as they are: continuous in all arguments while a and b are not opposite.
+pub(crate) fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
+    let dot = a.coords.dot(&b.coords).clamp(-1.0, 1.0);
+    if dot < SLERP_LINEAR - 1.0 {
+        return if s < 0.5 { *a } else { *b };
+    }
     let (wa, wb) = if dot > 1.0 - SLERP_LINEAR {
         (1.0 - s, s)
     } else {
-        let angle = dot.min(1.0).acos();
+        let angle = dot.acos();
         let sin = angle.sin();
         (((1.0 - s) * angle).sin() / sin, (s * angle).sin() / sin)
     };
-    UnitQuaternion::new_normalize(Quaternion::from(a.coords * wa + b.coords * (sign * wb)))
+    UnitQuaternion::new_normalize(Quaternion::from(a.coords * wa + b.coords * wb))
 }
 
 /// The arm of the robot as the retargeting sees it: five revolute joints, two limbs.

@@ -10,6 +10,8 @@ mod closed_form;
 mod network;
 mod oracle;
 mod refine;
+mod resample;
+mod tick;
 mod weights;
 
 pub use arm::{
@@ -20,6 +22,10 @@ pub use closed_form::closed_form;
 pub use network::{Dense, HIDDEN_MAX, LATENT, Latent, Layers, Network, OVERREACH, WIDTH_MAX, interpolate_latent};
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
+pub use resample::{Placed, Resample, STALE_NS, Sample, SourceClock, Track};
+pub use tick::{
+    ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
+};
 pub use weights::{
     ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,
     write_weights,

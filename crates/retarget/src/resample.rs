@@ -1,0 +1,325 @@
+//! Skeletons of 30 to 240 Hz, early, late or in bursts, become a continuous human at every tick.
+//!
+//! Glossary: *source time* is when a skeleton happened, on our monotonic clock, with the jitter of its delivery smoothed
+//! away. A *knot* is one skeleton of one arm at its source time. The *playhead* is the source time that is shown now:
+//! it follows now - delay, never runs backwards, never beyond the newest knot, and catches up by at most half again its
+//! speed. A *restart* (first skeleton, a new writer, silence) moves the playhead freely; a crossfade hides the move.
+
+use messages::{Service, Skeleton, Stamp};
+use serde::Deserialize;
+
+use crate::arm::{Limbs, align, slerp_signed};
+use crate::network::{Latent, interpolate_latent};
+
+/// How skeletons become a target at every tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Resample {
+    /// The newest skeleton at once: no delay, a step at every skeleton.
+    Latest,
+    /// Interpolated in the latent space (and slerp of the limbs) at now - delay.
+    Interpolate,
+    /// The last skeleton at now - delay: the delay of `Interpolate` and the steps of `Latest`, for comparison.
+    Hold,
+}
+
+/// Silence after which the input is stale and the next skeleton is a restart: the service table's, ns.
+pub const STALE_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
+/// Longest delay, ns: that of staleness, since a longer one would show a human who is gone.
+pub const DELAY_MAX_NS: u64 = STALE_NS;
+/// Knots kept per arm: 240 Hz over the longest delay are 24, and one on either side, rounded up.
+const KNOTS: usize = 32;
+/// Crossfade after a restart, ns: a quarter of a second is about how long people take to notice and react, and even
+/// half a turn stays below 20 rad/s; the limits of whole-body control act on top.
+const BLEND_NS: i64 = 250_000_000;
+/// Bounds of the playhead's speed: half and one and a half times real time, so that catching up after a late skeleton
+/// looks like a person who hurries, not like a jump.
+const SPEED: (f64, f64) = (0.5, 1.5);
+/// The playhead's error decays with this time constant, ns: slower than a period at 30 Hz, so that jitter is not followed.
+const CATCH_UP_NS: f64 = 50e6;
+/// Share of a skeleton's timing error that its source time takes up: 1/16 smooths over half a second at 30 Hz.
+const TIMING_GAIN: f64 = 1.0 / 16.0;
+/// Source time may be corrected by at most this share of a step, so that motion is at most a third faster.
+const TIMING_STEP_MAX: f64 = 0.25;
+/// Shortest step of source time, ns: a source of 1 kHz, four times the fastest allowed, for stamps that stand still.
+const STEP_MIN_NS: i64 = 1_000_000;
+
+/// Signed nanoseconds of a stamp; a stamp beyond 146 years is as good as that.
+fn ns(stamp: Stamp) -> i64 {
+    stamp.0.min(i64::MAX as u64 / 2) as i64
+}
+
+/// What identifies and dates one skeleton.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    incarnation: u32,
+    session_nonce: u64,
+    operator_id: u32,
+    sequence: u64,
+    received: i64,
+    origin: i64,
+    source: i64,
+}
+
+/// Maps skeletons to source time and moves the playhead.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SourceClock {
+    newest: Option<Arrival>,
+    period_ns: f64,
+    playhead: i64,
+    ticked: i64,
+    restarted: bool,
+}
+
+/// Where a new skeleton belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Placed {
+    /// Source time, ns; later than that of every skeleton since the last restart.
+    pub source: i64,
+    /// Nothing before it continues into it.
+    pub restart: bool,
+    /// What was shown last, ns of source time.
+    pub playhead: i64,
+}
+
+impl SourceClock {
+    /// Places a skeleton that was received at `received` in source time; none if it is one that was seen before or is
+    /// out of order.
+    pub fn place(&mut self, skeleton: &Skeleton, received: Stamp) -> Option<Placed> {
+        let mut arrival = Arrival {
+            incarnation: skeleton.header.incarnation,
+            session_nonce: skeleton.session_nonce,
+            operator_id: skeleton.operator_id,
+            sequence: skeleton.header.sequence,
+            received: ns(received),
+            origin: ns(skeleton.header.origin),
+            source: ns(received),
+        };
+        let same = self.newest.filter(|last| last.incarnation == arrival.incarnation);
+        if same.is_some_and(|last| arrival.sequence <= last.sequence) {
+            return None;
+        }
+        let continues = same.filter(|last| {
+            let person = last.session_nonce == arrival.session_nonce && last.operator_id == arrival.operator_id;
+            person && arrival.received - last.received <= STALE_NS as i64
+        });
+        if let Some(last) = continues {
+            arrival.source = self.source_after(&last, &arrival);
+        } else {
+            self.period_ns = 0.0;
+            self.restarted = true;
+        }
+        self.newest = Some(arrival);
+        Some(Placed {
+            source: arrival.source,
+            restart: continues.is_none(),
+        })
+    }
+
+    /// Source time of the next skeleton: one step after the last one, pulled toward its arrival. The step is that of the
+    /// client's stamps where they are plausible, else the mean period times the skeletons that the sequence counts.
+    fn source_after(&mut self, last: &Arrival, next: &Arrival) -> i64 {
+        let count = (next.sequence - last.sequence).clamp(1, KNOTS as u64) as f64;
+        let between = (next.received - last.received).max(0) as f64;
+        let period = between / count;
+        self.period_ns = if self.period_ns == 0.0 {
+            period
+        } else {
+            self.period_ns + (period - self.period_ns) / 8.0
+        };
+        let by_origin = next.origin - last.origin;
+        let plausible = last.origin > 0 && by_origin > 0 && by_origin <= STALE_NS as i64;
+        let mut step = if plausible {
+            by_origin as f64
+        } else {
+            count * self.period_ns
+        };
+        if (next.received as f64 - last.source as f64 - step).abs() > STALE_NS as f64 {
+            // The client's clock runs at another speed than ours: then the arrival is the better stamp.
+            step = count * self.period_ns;
+        }
+        let step = step.max(STEP_MIN_NS as f64);
+        let error = (next.received - last.source) as f64 - step;
+        let correction = (error * TIMING_GAIN).clamp(-TIMING_STEP_MAX * step, TIMING_STEP_MAX * step);
+        last.source + ((step + correction) as i64).max(STEP_MIN_NS)
+    }
+
+    /// Moves the playhead to `now` and returns it, ns of source time.
+    pub fn advance(&mut self, now: Stamp, delay_ns: u64) -> i64 {
+        let now = ns(now);
+        let target = now - delay_ns as i64;
+        let elapsed = (now - self.ticked).max(0);
+        if self.restarted {
+            self.playhead = target;
+            self.restarted = false;
+        } else {
+            let error = (target - self.playhead - elapsed) as f64;
+            let speed = (1.0 + error / CATCH_UP_NS).clamp(SPEED.0, SPEED.1);
+            self.playhead += (elapsed as f64 * speed) as i64;
+        }
+        self.ticked = now;
+        // Nothing is known of the human beyond the newest skeleton. A restart may begin before its first knot.
+        self.playhead = self.playhead.min(self.newest.map_or(i64::MAX, |newest| newest.source));
+        self.playhead
+    }
+}
+
+/// One arm of the human at one instant: the point of the latent space and the rotations that it stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Q_h of the limbs; zero where no network is used.
+    pub latent: Latent,
+    /// Limb rotations of a left (or mirrored right) arm.
+    pub limbs: Limbs,
+}
+
+impl Sample {
+    fn between(&self, other: &Self, s: f64) -> Self {
+        Self {
+            latent: interpolate_latent(&self.latent, &other.latent, s),
+            limbs: Limbs {
+                upper: slerp_signed(&self.limbs.upper, &other.limbs.upper, s),
+                fore: slerp_signed(&self.limbs.fore, &other.limbs.fore, s),
+            },
+        }
+    }
+
+    fn aligned_to(&self, other: &Self) -> Self {
+        let upper = align(&self.limbs.upper, &other.limbs.upper);
+        Self {
+            limbs: Limbs {
+                upper,
+                fore: align(&self.limbs.fore, &other.limbs.fore),
+            },
+            ..*self
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Knot {
+    source: i64,
+    sample: Sample,
+}
+
+/// What is faded out after a restart.
+#[derive(Clone, Copy, Debug)]
+struct Fade {
+    from: Sample,
+    begun: i64,
+}
+
+/// The knots of one arm and what it shows.
+#[derive(Clone, Debug)]
+pub struct Track {
+    knots: [Knot; KNOTS],
+    count: usize,
+    newest: usize,
+    shown: Option<Sample>,
+    fade: Option<Fade>,
+    received: Stamp,
+}
+
+impl Default for Track {
+    fn default() -> Self {
+        let knot = Knot {
+            source: 0,
+            sample: Sample {
+                latent: Latent::default(),
+                limbs: Limbs::identity(),
+            },
+        };
+        Self {
+            knots: [knot; KNOTS],
+            count: 0,
+            newest: 0,
+            shown: None,
+            fade: None,
+            received: Stamp::NONE,
+        }
+    }
+}
+
+impl Track {
+    /// Takes a new skeleton's arm, received at `received`. After a restart, or if this arm was not valid for too long,
+    /// what is shown fades into what comes.
+    pub fn push(&mut self, placed: Placed, sample: Sample, received: Stamp, now: Stamp) {
+        if placed.restart || self.count == 0 || received.since(self.received) > STALE_NS {
+            self.count = 0;
+            self.fade = self.shown.map(|from| Fade {
+                from: from.aligned_to(&sample),
+                begun: ns(now),
+            });
+        }
+        if self.count > 0 {
+            // The playhead may have passed the newest knot and be holding it, if this arm was not valid for some frames:
+            // then the way to the next knot begins where it holds.
+            let newest = &mut self.knots[self.newest];
+            newest.source = newest.source.max(placed.playhead.min(placed.source - STEP_MIN_NS));
+        }
+        // Signs follow the previous knot, so that the path on the sphere is one piece also where it passes half a turn.
+        let sample = if self.count > 0 {
+            sample.aligned_to(&self.knots[self.newest].sample)
+        } else {
+            sample
+        };
+        self.newest = (self.newest + 1) % KNOTS;
+        self.knots[self.newest] = Knot {
+            source: placed.source,
+            sample,
+        };
+        self.count = (self.count + 1).min(KNOTS);
+        self.received = received;
+    }
+
+    /// When the newest skeleton with this arm was received.
+    pub fn received(&self) -> Stamp {
+        self.received
+    }
+
+    /// Whether a skeleton with this arm arrived recently.
+    pub fn is_fresh(&self, now: Stamp) -> bool {
+        self.count > 0 && now.since(self.received) <= STALE_NS
+    }
+
+    /// The arm at source time `playhead`; none before its first skeleton.
+    pub fn show(&mut self, resample: Resample, playhead: i64, now: Stamp) -> Option<Sample> {
+        if self.count == 0 {
+            return None;
+        }
+        let mut sample = match resample {
+            Resample::Latest => self.knots[self.newest].sample,
+            Resample::Interpolate | Resample::Hold => self.at(playhead, resample == Resample::Interpolate),
+        };
+        if let Some(fade) = self.fade {
+            let s = (ns(now) - fade.begun) as f64 / BLEND_NS as f64;
+            if s < 1.0 {
+                let s = s.max(0.0);
+                sample = fade.from.between(&sample, s * s * (3.0 - 2.0 * s));
+            } else {
+                self.fade = None;
+            }
+        }
+        self.shown = Some(sample);
+        self.shown
+    }
+
+    /// The knots around `playhead`, interpolated or the earlier one; the nearest one outside of them.
+    fn at(&self, playhead: i64, interpolate: bool) -> Sample {
+        let mut later = self.knots[self.newest];
+        for age in 0..self.count {
+            let knot = self.knots[(self.newest + KNOTS - age) % KNOTS];
+            if knot.source <= playhead {
+                let span = later.source - knot.source;
+                if !interpolate || span <= 0 {
+                    return knot.sample;
+                }
+                return knot
+                    .sample
+                    .between(&later.sample, (playhead - knot.source) as f64 / span as f64);
+            }
+            later = knot;
+        }
+        later.sample
+    }
+}

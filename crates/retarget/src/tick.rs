@@ -1,0 +1,377 @@
+//! The stage: skeletons in, joint targets out, 1500 times a second.
+
+use messages::{
+    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, TICK_S, skeleton_flag,
+    target_flag,
+};
+use serde::Deserialize;
+
+use crate::arm::{
+    ARM_Q, ArmModel, ArmQ, Limbs, features, limb_error_deg, mirror, rotation_from_xyzw, xyzw_from_rotation,
+};
+use crate::closed_form::closed_form;
+use crate::network::{Latent, Network};
+use crate::refine::{PRIOR_WEIGHT, refine};
+use crate::resample::{DELAY_MAX_NS, Resample, Sample, SourceClock, Track};
+use crate::weights::{ArmIdentity, Weights};
+
+/// Both arms: left, right.
+pub const ARMS: usize = 2;
+/// Most refinement steps that a tick may take: about 0.3 us each (measured 2026-11-21), so that the tick stays bounded.
+pub const REFINE_STEPS_MAX: u32 = 16;
+/// Velocities are differences over at most this many ticks: beyond 10 ms a target is stale (service table).
+const VELOCITY_TICKS_MAX: u64 = 15;
+
+/// Where a posture comes from before it is refined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Through the shared latent space.
+    Network,
+    /// By geometry: the baseline.
+    ClosedForm,
+}
+
+/// What a user may choose.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// None: `Network` if there are weights, else `ClosedForm`.
+    pub method: Option<Method>,
+    /// Levenberg-Marquardt steps per arm and tick, 0 to `REFINE_STEPS_MAX`.
+    pub refine_steps: u32,
+    /// See `Resample`.
+    pub resample: Resample,
+    /// How far behind the input `Interpolate` and `Hold` run, ms, 0 to 100.
+    pub interpolation_delay_ms: f64,
+}
+
+impl Default for Options {
+    /// Two steps (RETARGETING section 5.6); 40 ms are one period at 30 Hz and 7 ms of jitter.
+    fn default() -> Self {
+        Self {
+            method: None,
+            refine_steps: 2,
+            resample: Resample::Interpolate,
+            interpolation_delay_ms: 40.0,
+        }
+    }
+}
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The network was asked for and there is none.
+    #[error("method is network, but no weights are given")]
+    NoWeights,
+    /// A number is out of its range.
+    #[error("{key} is {value}, allowed are {min} to {max}")]
+    Range {
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Smallest allowed value.
+        min: f64,
+        /// Largest allowed value.
+        max: f64,
+    },
+}
+
+/// What a tick needs to know of the robot.
+#[derive(Clone, Debug)]
+pub struct RobotArms {
+    /// Identity and model of the left arm; the right arm is its mirror.
+    pub identity: ArmIdentity,
+    /// Velocity limits of joints 1 to 5, rad/s.
+    pub velocity_max: ArmQ,
+    /// Home posture of all joints: what is shown for a joint that is not meant.
+    pub home: [f64; JOINTS],
+}
+
+/// Everything that does not change.
+#[derive(Clone, Debug)]
+pub struct Config {
+    arm: ArmModel,
+    velocity_max: ArmQ,
+    home: [f64; JOINTS],
+    network: Option<Network>,
+    refine_steps: u32,
+    resample: Resample,
+    delay_ns: u64,
+}
+
+impl Config {
+    /// Checks the options. The weights were checked against the robot when they were read.
+    pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
+        within(
+            "refine_steps",
+            f64::from(options.refine_steps),
+            f64::from(REFINE_STEPS_MAX),
+        )?;
+        within(
+            "interpolation_delay_ms",
+            options.interpolation_delay_ms,
+            DELAY_MAX_NS as f64 * 1e-6,
+        )?;
+        let network = match (options.method, weights) {
+            (Some(Method::ClosedForm), _) | (None, None) => None,
+            (Some(Method::Network), None) => return Err(ConfigError::NoWeights),
+            (Some(Method::Network) | None, Some(weights)) => Some(weights.network),
+        };
+        Ok(Self {
+            arm: robot.identity.arm.clone(),
+            velocity_max: robot.velocity_max,
+            home: robot.home,
+            network,
+            refine_steps: options.refine_steps,
+            resample: options.resample,
+            delay_ns: (options.interpolation_delay_ms * 1e6) as u64,
+        })
+    }
+
+    /// The method in force.
+    pub fn method(&self) -> Method {
+        if self.network.is_some() {
+            Method::Network
+        } else {
+            Method::ClosedForm
+        }
+    }
+
+    /// The arm model, left; the right arm is its mirror.
+    pub fn arm(&self) -> &ArmModel {
+        &self.arm
+    }
+}
+
+fn within(key: &'static str, value: f64, max: f64) -> Result<(), ConfigError> {
+    if (0.0..=max).contains(&value) {
+        Ok(())
+    } else {
+        Err(ConfigError::Range {
+            key,
+            value,
+            min: 0.0,
+            max,
+        })
+    }
+}
+
+/// The latest samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// Tick index.
+    pub k: u64,
+    /// The newest skeleton; the same one may be given again.
+    pub skeleton: Option<&'a Skeleton>,
+}
+
+/// What happened since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Skeletons taken.
+    pub skeletons: u64,
+    /// Arms whose limbs were marked valid and were no rotations.
+    pub limbs_refused: u64,
+    /// Results of the network that were not finite, and were dropped.
+    pub network_not_finite: u64,
+}
+
+/// Everything that is remembered. Fixed size, no heap.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    clock: SourceClock,
+    tracks: [Track; ARMS],
+    q: [Option<ArmQ>; ARMS],
+    dq: [ArmQ; ARMS],
+    k: u64,
+    received: Stamp,
+    origin: Stamp,
+    sequence: u64,
+    counters: Counters,
+}
+
+/// The target of one tick, and how it came about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// The message; of its header only `origin` is filled, the rest is the shell's.
+    pub target: JointTarget,
+    /// Whether a human stands behind each arm (left, right).
+    pub fresh: [bool; ARMS],
+    /// Points of the latent space (left, right); zero without a network.
+    pub latents: [Latent; ARMS],
+    /// Rotation angles between robot and human, indexed by `Limb`, rad; zero for an arm without a human.
+    pub limb_error_rad: [f64; LIMBS],
+    /// `InputStale` while no arm is fresh, `InputImplausible` in a tick that had to drop something.
+    pub faults: Faults,
+    /// Since the start.
+    pub counters: Counters,
+}
+
+/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
+    let before = state.counters;
+    if let Some(skeleton) = input.skeleton {
+        take(config, state, now, skeleton);
+    }
+    let playhead = state.clock.advance(now, config.delay_ns);
+    let [left, right] = &mut state.tracks;
+    let shown = [left, right].map(|track| track.show(config.resample, playhead, now));
+    let starts = start(config, state, &shown);
+    let ticks = input.k.saturating_sub(state.k);
+    for arm in 0..ARMS {
+        let (Some(sample), Some(start)) = (shown[arm], starts[arm]) else {
+            continue;
+        };
+        let q = refine(
+            &config.arm,
+            &sample.limbs,
+            &start,
+            &start,
+            PRIOR_WEIGHT,
+            config.refine_steps,
+        )
+        .q;
+        // A tick that is repeated keeps its velocity.
+        if ticks > 0 {
+            state.dq[arm] = velocity(config, state.q[arm], &q, ticks);
+        }
+        state.q[arm] = Some(q);
+    }
+    state.k = input.k;
+    let mut out = assemble(config, state, now, input.k, &shown);
+    let dropped = state.counters.limbs_refused + state.counters.network_not_finite
+        > before.limbs_refused + before.network_not_finite;
+    out.faults.set(Fault::InputImplausible, dropped);
+    out
+}
+
+/// Takes a skeleton that was not seen before: encodes its arms and hands them to their tracks.
+fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
+    let Some(placed) = state.clock.place(skeleton) else {
+        return;
+    };
+    state.counters.skeletons += 1;
+    let arms = [
+        human_arm(skeleton, 0, &mut state.counters),
+        human_arm(skeleton, 1, &mut state.counters),
+    ];
+    let latents = match &config.network {
+        // Both arms at once cost hardly more than one: the weights are read once.
+        Some(network) => network.encode_human(&arms.map(|limbs| features(&limbs.unwrap_or_else(Limbs::identity)))),
+        None => [Latent::default(); ARMS],
+    };
+    let mut used = false;
+    for arm in 0..ARMS {
+        let Some(limbs) = arms[arm] else { continue };
+        let latent = latents[arm];
+        if latent.iter().all(|x| x.is_finite()) {
+            state.tracks[arm].push(placed, Sample { latent, limbs }, received, now);
+            used = true;
+        } else {
+            state.counters.network_not_finite += 1;
+        }
+    }
+    if used {
+        state.received = received;
+        state.origin = skeleton.header.origin;
+        state.sequence = skeleton.header.sequence;
+    }
+}
+
+/// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.
+fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option<Limbs> {
+    let bits = skeleton_flag::LIMB[2 * arm] | skeleton_flag::LIMB[2 * arm + 1];
+    if skeleton.flags & bits != bits {
+        return None;
+    }
+    let rotation = |limb: [f32; 4]| {
+        let limb = limb.map(f64::from);
+        rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) })
+    };
+    let limbs = rotation(skeleton.limbs[2 * arm]).zip(rotation(skeleton.limbs[2 * arm + 1]));
+    if limbs.is_none() {
+        counters.limbs_refused += 1;
+    }
+    limbs.map(|(upper, fore)| Limbs { upper, fore })
+}
+
+/// The posture of each arm before refinement; what was shown before if the network's is not finite.
+fn start(config: &Config, state: &mut State, shown: &[Option<Sample>; ARMS]) -> [Option<ArmQ>; ARMS] {
+    let decoded = match &config.network {
+        Some(network) if shown.iter().any(Option::is_some) => {
+            Some(network.decode(&shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent))))
+        }
+        Some(_) | None => None,
+    };
+    std::array::from_fn(|arm| {
+        let sample = shown[arm]?;
+        let Some(decoded) = &decoded else {
+            return Some(closed_form(
+                &config.arm,
+                &sample.limbs,
+                &state.q[arm].unwrap_or_else(|| config.arm.mid()),
+            ));
+        };
+        if decoded[arm].iter().all(|x| x.is_finite()) {
+            return Some(decoded[arm]);
+        }
+        state.counters.network_not_finite += 1;
+        None
+    })
+}
+
+/// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s; zero where there is nothing to compare.
+fn velocity(config: &Config, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ {
+    let Some(before) = before.filter(|_| ticks <= VELOCITY_TICKS_MAX) else {
+        return [0.0; ARM_Q];
+    };
+    let dt = ticks as f64 * TICK_S;
+    std::array::from_fn(|j| {
+        ((q[j] - before[j]) / dt)
+            .max(-config.velocity_max[j])
+            .min(config.velocity_max[j])
+    })
+}
+
+fn assemble(config: &Config, state: &State, now: Stamp, k: u64, shown: &[Option<Sample>; ARMS]) -> Output {
+    let mut target = JointTarget {
+        k,
+        q: config.home,
+        ..JointTarget::ZERO
+    };
+    let mut limb_error_rad = [0.0; LIMBS];
+    for (arm, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
+        let (Some(sample), Some(q)) = (shown[arm], state.q[arm]) else {
+            continue;
+        };
+        for (j, joint) in joints.take(ARM_Q).enumerate() {
+            target.q[joint] = q[j];
+            target.dq[joint] = state.dq[arm][j];
+            target.valid_mask |= 1 << joint;
+        }
+        let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&limb));
+        let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
+        target.human_limbs[2 * arm..2 * arm + 2].copy_from_slice(&limbs);
+        let error = limb_error_deg(&config.arm.forward(&q), &sample.limbs);
+        limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));
+    }
+    let fresh = std::array::from_fn(|arm| state.tracks[arm].is_fresh(now) && state.q[arm].is_some());
+    let any = fresh.contains(&true);
+    target.header.origin = state.origin;
+    target.input_received = state.received;
+    target.input_sequence = state.sequence;
+    target.flags = if any { target_flag::INPUT_FRESH } else { 0 };
+    let latents = shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent));
+    let mut faults = Faults::NONE;
+    faults.set(Fault::InputStale, !any);
+    Output {
+        target,
+        fresh,
+        latents,
+        limb_error_rad,
+        faults,
+        counters: state.counters,
+    }
+}
