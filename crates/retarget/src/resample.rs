@@ -113,6 +113,7 @@ impl SourceClock {
         Some(Placed {
             source: arrival.source,
             restart: continues.is_none(),
+            playhead: self.playhead,
         })
     }
 

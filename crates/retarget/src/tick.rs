@@ -249,7 +249,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 
 /// Takes a skeleton that was not seen before: encodes its arms and hands them to their tracks.
 fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
-    let Some(placed) = state.clock.place(skeleton) else {
+    // A stamp of the future would stay fresh for too long.
+    let received = skeleton.received.min(now);
+    let Some(placed) = state.clock.place(skeleton, received) else {
         return;
     };
     state.counters.skeletons += 1;
