@@ -1,1 +1,24 @@
-//! Under construction.
+//! Messages between processes: one writer and any number of readers per service over iceoryx2, and slots with the same
+//! traits inside one process, faulty on request.
+//!
+//! A reader sees the newest message, never a queue; silence is the only sign of a dead writer. Ports are `!Send`: a
+//! port is created on the thread that uses it. Never fork after opening a domain: death is seen by a file lock, which
+//! a forked child would keep alive.
+
+mod domain;
+mod error;
+mod faulty;
+mod local;
+mod payload;
+mod port;
+mod reader;
+mod shared_memory;
+mod writer;
+
+pub use domain::{Domain, DomainConfig};
+pub use error::{BusError, PublishError};
+pub use faulty::{FaultCounts, FaultPlan, Faulty};
+pub use local::Channel;
+pub use port::{Latest, Publish};
+pub use reader::{PublisherId, Reader, Sample, Wake, WakingReader};
+pub use writer::Writer;

@@ -1,0 +1,148 @@
+//! What can go wrong, with the path, the service and the advice.
+
+use std::path::PathBuf;
+
+/// Set-up errors of the bus.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The root path cannot be used.
+    #[error("bus root path \"{}\": {reason}", path.display())]
+    Root {
+        /// The path.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The prefix cannot be used.
+    #[error("bus prefix \"{prefix}\": {reason}")]
+    Prefix {
+        /// The prefix.
+        prefix: String,
+        /// Why.
+        reason: String,
+    },
+    /// A node name that the transport cannot carry.
+    #[error("bus node name \"{name}\": {reason}")]
+    NodeName {
+        /// The name.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// The shared-memory filesystem is nearly full: writing to it would end the process with SIGBUS.
+    #[error(
+        "{}: {free_bytes} bytes are free, {needed_bytes} are needed; enlarge it (Docker: --shm-size) or remove what \
+         dead programs left there", path.display()
+    )]
+    SharedMemoryFull {
+        /// The filesystem.
+        path: PathBuf,
+        /// Bytes that are free.
+        free_bytes: u64,
+        /// Bytes that one domain may need.
+        needed_bytes: u64,
+    },
+    /// Opening the domain did not end in time.
+    #[error(
+        "bus at root \"{}\", prefix \"{prefix}\": no answer after {waited_ms} ms; stop every process of this instance, \
+         then remove the root and /dev/shm/{prefix}*", root.display()
+    )]
+    Hangs {
+        /// Root path.
+        root: PathBuf,
+        /// Prefix.
+        prefix: String,
+        /// How long was waited.
+        waited_ms: u64,
+    },
+    /// The domain was refused.
+    #[error(
+        "bus at root \"{}\", prefix \"{prefix}\": {cause}; does the root belong to the user that runs this process?",
+        root.display()
+    )]
+    Node {
+        /// Root path.
+        root: PathBuf,
+        /// Prefix.
+        prefix: String,
+        /// The transport's answer.
+        cause: String,
+    },
+    /// The message does not belong to the service.
+    #[error("service {service} carries {expected}, not {offered}")]
+    WrongMessage {
+        /// Service name.
+        service: &'static str,
+        /// Message of the service table.
+        expected: String,
+        /// Message that was offered.
+        offered: &'static str,
+    },
+    /// Another process uses another layout.
+    #[error(
+        "service {service} at root \"{}\": a running process uses another layout than {ours}; stop it, or use the same \
+         version of teleopd everywhere", root.display()
+    )]
+    IncompatibleTypes {
+        /// Service name.
+        service: &'static str,
+        /// Root path.
+        root: PathBuf,
+        /// Our type name, with version and layout hash.
+        ours: String,
+    },
+    /// Every writer's place is taken.
+    #[error(
+        "service {service} at root \"{}\": another {writer} is already running ({writers_max} writer(s) at most; a \
+         stopped process keeps its place)", root.display()
+    )]
+    WriterExists {
+        /// Service name.
+        service: &'static str,
+        /// Root path.
+        root: PathBuf,
+        /// Who writes this service.
+        writer: &'static str,
+        /// Places for writers.
+        writers_max: usize,
+    },
+    /// Every reader's place is taken.
+    #[error("service {service} at root \"{}\": all {readers_max} readers' places are taken", root.display())]
+    ReadersExhausted {
+        /// Service name.
+        service: &'static str,
+        /// Root path.
+        root: PathBuf,
+        /// Places for readers.
+        readers_max: usize,
+    },
+    /// The transport refused the service or one of its ports.
+    #[error("service {service} at root \"{}\": {cause} (after {attempts} attempts)", root.display())]
+    Service {
+        /// Service name.
+        service: &'static str,
+        /// Root path.
+        root: PathBuf,
+        /// The transport's answer.
+        cause: String,
+        /// How often it was tried.
+        attempts: u32,
+    },
+}
+
+/// Why a message did not go out. At run time: small, `Copy`, made without allocating.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PublishError {
+    /// No memory was left for the message.
+    #[error("no memory left for the message")]
+    NoMemory,
+    /// The connection to a reader could not be made.
+    #[error("a reader could not be connected")]
+    Connection,
+    /// A reader did not get the message.
+    #[error("a reader did not get the message")]
+    Delivery,
+    /// The event that wakes readers was not sent.
+    #[error("the wake-up could not be sent")]
+    Wake,
+}

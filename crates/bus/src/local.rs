@@ -1,0 +1,52 @@
+//! A latest-value slot inside one process.
+
+use crate::error::PublishError;
+use crate::port::{Latest, Publish};
+
+/// Holds the newest message until it is read. Both ends in one value, for stages that run in turn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Channel<M> {
+    newest: Option<M>,
+}
+
+impl<M> Default for Channel<M> {
+    fn default() -> Self {
+        Self { newest: None }
+    }
+}
+
+impl<M> Channel<M> {
+    /// An empty slot.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+impl<M: Copy> Publish<M> for Channel<M> {
+    fn publish(&mut self, message: &M) -> Result<(), PublishError> {
+        self.newest = Some(*message);
+        Ok(())
+    }
+}
+
+impl<M> Latest<M> for Channel<M> {
+    fn latest(&mut self) -> Option<M> {
+        self.newest.take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_message_is_read_once() {
+        let mut channel = Channel::new();
+        assert_eq!(channel.latest(), None);
+        channel.publish(&1).expect("it takes everything");
+        channel.publish(&2).expect("it takes everything");
+        let mut branch = channel;
+        assert_eq!((channel.latest(), channel.latest()), (Some(2), None));
+        assert_eq!(branch.latest(), Some(2), "a copy is a branch of its own");
+    }
+}

@@ -1,0 +1,189 @@
+//! The reading end of a service.
+#![allow(unsafe_code)]
+
+use crate::payload::Payload;
+use crate::port::Latest;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{FileDescriptorBased, ipc};
+use messages::Message;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::os::fd::BorrowedFd;
+use std::time::Duration;
+
+/// Which writer a message came from; unique per port, so a restarted writer is another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct PublisherId(pub u128);
+
+/// A message and its writer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<M> {
+    /// The message.
+    pub message: M,
+    /// Its writer.
+    pub publisher: PublisherId,
+}
+
+/// A reader that is polled: no system call, no allocation, no lock; each poll answers in about 1 us.
+#[derive(Debug)]
+pub struct Reader<M: Message> {
+    subscriber: Subscriber<ipc::Service, Payload<M>, ()>,
+    writers_max: usize,
+    failures: u64,
+}
+
+impl<M: Message> Reader<M> {
+    pub(crate) fn new(subscriber: Subscriber<ipc::Service, Payload<M>, ()>, writers_max: usize) -> Self {
+        Self {
+            subscriber,
+            writers_max,
+            failures: 0,
+        }
+    }
+
+    /// The newest message that has not been read yet.
+    pub fn latest(&mut self) -> Option<M> {
+        self.latest_sample().map(|sample| sample.message)
+    }
+
+    /// As `latest`, with the writer it came from. With several writers use `drain`.
+    pub fn latest_sample(&mut self) -> Option<Sample<M>> {
+        let mut newest = None;
+        // A writer that has gone is read before its successor, so the last one is the newest.
+        self.take(self.writers_max + 1, |sample| newest = Some(sample));
+        newest
+    }
+
+    /// Hands the unread newest message of each writer to `use_sample`, at most one per place for a writer; answers
+    /// how many. A writer that publishes during the call may be seen twice; what is left waits for the next call.
+    pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
+        self.take(self.writers_max, use_sample)
+    }
+
+    /// Polls that failed because a writer could not be connected; its messages are silence to this reader.
+    pub fn failures(&self) -> u64 {
+        self.failures
+    }
+
+    fn take(&mut self, most: usize, mut use_sample: impl FnMut(Sample<M>)) -> usize {
+        for taken in 0..most {
+            match self.subscriber.receive() {
+                Ok(Some(sample)) => {
+                    let publisher = PublisherId(sample.origin().value());
+                    use_sample(Sample {
+                        message: sample.payload().0,
+                        publisher,
+                    });
+                }
+                Ok(None) => return taken,
+                Err(_) => {
+                    self.failures += 1;
+                    return taken;
+                }
+            }
+        }
+        most
+    }
+}
+
+impl<M: Message> Latest<M> for Reader<M> {
+    fn latest(&mut self) -> Option<M> {
+        Reader::latest(self)
+    }
+}
+
+/// Why a wait ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wake {
+    /// A writer called `notify`. Its message may have been read already: `latest` decides.
+    Event,
+    /// The time is up.
+    Timeout,
+    /// A signal arrived: look at the shutdown flag.
+    Interrupted,
+}
+
+/// A reader that can also wait.
+#[derive(Debug)]
+pub struct WakingReader<M: Message> {
+    reader: Reader<M>,
+    listener: Listener<ipc::Service>,
+    failures: u64,
+}
+
+impl<M: Message> WakingReader<M> {
+    pub(crate) fn new(reader: Reader<M>, listener: Listener<ipc::Service>) -> Self {
+        Self {
+            reader,
+            listener,
+            failures: 0,
+        }
+    }
+
+    /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last wait
+    /// ends it at once.
+    ///
+    /// The transport's own timed wait is a socket timeout, which Linux counts in ticks of 1 to 10 ms; this one is a
+    /// high-resolution timer (ppoll), precise to the thread's timer slack.
+    pub fn wait(&mut self, timeout: Duration) -> Wake {
+        // First without waiting: a wake-up may be noted in shared memory without a datagram in the socket.
+        if self.collect() {
+            return Wake::Event;
+        }
+        // SAFETY: the descriptor belongs to the listener, which outlives the borrow and never closes it before.
+        let descriptor = unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) };
+        let timeout = Timespec {
+            tv_sec: timeout.as_secs() as i64,
+            tv_nsec: i64::from(timeout.subsec_nanos()),
+        };
+        match poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout)) {
+            Ok(0) => Wake::Timeout,
+            Ok(_) => {
+                self.collect();
+                Wake::Event
+            }
+            Err(rustix::io::Errno::INTR) => Wake::Interrupted,
+            Err(_) => {
+                self.failures += 1;
+                Wake::Interrupted
+            }
+        }
+    }
+
+    /// The newest message that has not been read yet.
+    pub fn latest(&mut self) -> Option<M> {
+        self.reader.latest()
+    }
+
+    /// As `Reader::latest_sample`.
+    pub fn latest_sample(&mut self) -> Option<Sample<M>> {
+        self.reader.latest_sample()
+    }
+
+    /// As `Reader::drain`.
+    pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
+        self.reader.drain(use_sample)
+    }
+
+    /// Polls and waits that failed.
+    pub fn failures(&self) -> u64 {
+        self.reader.failures() + self.failures
+    }
+
+    /// Takes all wake-ups that have been sent; whether there was one.
+    fn collect(&mut self) -> bool {
+        match self.listener.try_wait(|_| {}) {
+            Ok(count) => count > 0,
+            Err(_) => {
+                self.failures += 1;
+                false
+            }
+        }
+    }
+}
+
+impl<M: Message> Latest<M> for WakingReader<M> {
+    fn latest(&mut self) -> Option<M> {
+        WakingReader::latest(self)
+    }
+}

@@ -1,0 +1,48 @@
+//! Room in the shared-memory filesystem.
+
+use crate::error::BusError;
+use std::path::Path;
+
+/// Where POSIX shared memory lives on Linux (shm_overview(7)).
+const SHARED_MEMORY: &str = "/dev/shm";
+/// What one domain may need.
+const NEEDED_BYTES: u64 = 16 << 20;
+
+/// Refuses to start where a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
+pub(crate) fn check_room() -> Result<(), BusError> {
+    check_room_in(Path::new(SHARED_MEMORY), NEEDED_BYTES)
+}
+
+fn check_room_in(path: &Path, needed_bytes: u64) -> Result<(), BusError> {
+    let stat = rustix::fs::statvfs(path).map_err(|error| BusError::Root {
+        path: path.to_owned(),
+        reason: format!("no shared memory: {error}"),
+    })?;
+    let free_bytes = stat.f_bavail.saturating_mul(stat.f_frsize);
+    if free_bytes < needed_bytes {
+        return Err(BusError::SharedMemoryFull {
+            path: path.to_owned(),
+            free_bytes,
+            needed_bytes,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_or_missing_filesystem_is_named() {
+        check_room().expect("the test machine has room");
+        let error = check_room_in(Path::new(SHARED_MEMORY), u64::MAX).expect_err("no machine has that much");
+        let text = error.to_string();
+        assert!(
+            text.starts_with("/dev/shm: ") && text.contains("18446744073709551615 are needed"),
+            "{text}"
+        );
+        let error = check_room_in(Path::new("/nowhere/at/all"), 1).expect_err("it does not exist");
+        assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
+    }
+}
