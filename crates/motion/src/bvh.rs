@@ -1,0 +1,210 @@
+//! BVH: hierarchy and channels of any rig, forward kinematics, and the way to SMPL-22.
+
+use crate::canonical::{self, Canonical};
+use crate::error::BvhError;
+use crate::rig::{self, Mapping};
+use crate::scan::{Scan, excerpt};
+use crate::{Frame, Guesses, Motion};
+use messages::SMPL_JOINTS;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Joints and end sites that a rig may have; the largest production rigs have about 500.
+const JOINTS_MAX: usize = 2048;
+/// Depth of a rig; a spine, an arm and a finger make 20.
+const DEPTH_MAX: usize = 128;
+/// Largest length (units of the file) and largest angle (degrees) that is not damage: 10 km in millimetres, and
+/// 27,000 turns.
+const NUMBER_MAX: f64 = 1e7;
+/// Most frames: 100 hours at 240 Hz.
+const FRAMES_MAX: u64 = 100_000_000;
+
+/// Fewest numbers in a frame: a moving root and four limbs; less moves no person, and would let a small file claim many
+/// frames.
+const CHANNELS_MIN: usize = 18;
+
+/// What a number of a frame moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Channel {
+    Position(usize),
+    Rotation(usize),
+}
+
+/// A joint or an end site.
+#[derive(Clone, Debug)]
+pub(crate) struct Joint {
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+    pub(crate) offset: [f64; 3],
+    pub(crate) is_end: bool,
+    channels: Vec<Channel>,
+}
+
+/// Global pose of a joint in the file's frame and unit.
+#[derive(Clone, Copy)]
+pub(crate) struct Pose {
+    pub(crate) position: Vector3<f64>,
+    pub(crate) rotation: UnitQuaternion<f64>,
+}
+
+/// SMPL-22 in the file's frame and unit.
+pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
+
+/// Reads the text of a BVH file. Frame 0 becomes `first`, the others are the motion.
+///
+/// # Errors
+/// Line and cause of what is wrong; memory is bounded by a small multiple of the text's length.
+pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
+    let mut scan = Scan::new(text);
+    if text.trim_ascii().is_empty() {
+        return Err(BvhError::Empty);
+    }
+    let joints = parse_hierarchy(&mut scan)?;
+    let mapping = rig::map(&joints)?;
+    let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
+    let canonical = Canonical::guess(&frames)?;
+    let frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
+    canonical::check_chirality(&frames)?;
+    let mut warnings = mapping.warnings;
+    warnings.extend(canonical.warning.clone());
+    let guesses = Guesses {
+        scale_m_per_unit: canonical.scale,
+        unit: canonical.unit,
+        stature_m: canonical.stature_m,
+        up: canonical.up,
+        warnings,
+    };
+    let first = frames.first().copied();
+    let frames = frames.get(1..).unwrap_or_default().to_vec();
+    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first, has_rotations: true, guesses })
+}
+
+fn parse_hierarchy(scan: &mut Scan<'_>) -> Result<Vec<Joint>, BvhError> {
+    scan.expect("HIERARCHY")?;
+    let mut joints: Vec<Joint> = Vec::new();
+    let mut open: Vec<usize> = Vec::new();
+    scan.expect("ROOT")?;
+    open_joint(scan, &mut joints, &mut open, false)?;
+    while let Some(&current) = open.last() {
+        let word = scan.expect_word("JOINT, End Site or }")?;
+        match word.to_ascii_uppercase().as_slice() {
+            b"JOINT" => open_joint(scan, &mut joints, &mut open, false)?,
+            b"END" => open_joint(scan, &mut joints, &mut open, true)?,
+            b"OFFSET" => {
+                for axis in 0..3 {
+                    joints[current].offset[axis] = scan.number("OFFSET", NUMBER_MAX)?;
+                }
+            }
+            b"CHANNELS" => joints[current].channels = parse_channels(scan)?,
+            b"}" => {
+                open.pop();
+            }
+            _ => return Err(scan.unexpected(word, "JOINT, End Site, OFFSET, CHANNELS or }")),
+        }
+    }
+    Ok(joints)
+}
+
+fn open_joint(
+    scan: &mut Scan<'_>,
+    joints: &mut Vec<Joint>,
+    open: &mut Vec<usize>,
+    is_end: bool,
+) -> Result<(), BvhError> {
+    let line = scan.line();
+    let name = excerpt(scan.rest_of_line());
+    scan.expect("{")?;
+    for (what, value, bound) in [("joints", joints.len(), JOINTS_MAX), ("nested joints", open.len(), DEPTH_MAX)] {
+        if value >= bound {
+            return Err(BvhError::TooMany { line, what, value: value as u64 + 1, bound: bound as u64 });
+        }
+    }
+    let parent = open.last().copied();
+    open.push(joints.len());
+    joints.push(Joint { name, parent, offset: [0.0; 3], is_end, channels: Vec::new() });
+    Ok(())
+}
+
+fn parse_channels(scan: &mut Scan<'_>) -> Result<Vec<Channel>, BvhError> {
+    let count = scan.count("CHANNELS", 6)?;
+    let mut channels = Vec::with_capacity(count as usize);
+    for _ in 0..count {
+        let word = scan.expect_word("a channel")?;
+        let axis = match word.first().map(u8::to_ascii_uppercase) {
+            Some(b'X') => 0,
+            Some(b'Y') => 1,
+            Some(b'Z') => 2,
+            _ => return Err(scan.unexpected(word, "Xposition, Yrotation, ...")),
+        };
+        let kind = &word[1..];
+        if kind.eq_ignore_ascii_case(b"position") {
+            channels.push(Channel::Position(axis));
+        } else if kind.eq_ignore_ascii_case(b"rotation") {
+            channels.push(Channel::Rotation(axis));
+        } else {
+            return Err(scan.unexpected(word, "Xposition, Yrotation, ..."));
+        }
+    }
+    Ok(channels)
+}
+
+fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Result<(f64, Vec<RigFrame>), BvhError> {
+    scan.expect("MOTION")?;
+    scan.expect("Frames:")?;
+    let line = scan.line();
+    let frames = scan.count("Frames", FRAMES_MAX)?;
+    if frames < 2 {
+        return Err(BvhError::TooFewFrames { line, frames });
+    }
+    scan.expect("Frame")?;
+    scan.expect("Time:")?;
+    let time_line = scan.line();
+    let frame_time_s = scan.number("Frame Time", 10.0)?;
+    // 100 kHz: no camera is faster; zero and negative times fall here too.
+    if frame_time_s < 1e-5 {
+        return Err(BvhError::OutOfRange { line: time_line, what: "Frame Time", value: frame_time_s, bound: 10.0 });
+    }
+    let channels: usize = joints.iter().map(|joint| joint.channels.len()).sum();
+    let bytes = scan.rest();
+    // Each number needs a digit and a space, so the claim is checked before anything is reserved for it.
+    if channels < CHANNELS_MIN || frames.saturating_mul(channels as u64 * 2) > bytes as u64 + 1 {
+        return Err(BvhError::FrameCount { line, claimed: frames, channels, bytes });
+    }
+    let needed = mapping.needed(joints);
+    let identity = Pose { position: Vector3::zeros(), rotation: UnitQuaternion::identity() };
+    let mut poses = vec![identity; joints.len()];
+    let mut out = Vec::with_capacity(frames as usize);
+    for _ in 0..frames {
+        for (i, joint) in joints.iter().enumerate() {
+            let parent = joint.parent.map_or(identity, |p| poses[p]);
+            poses[i] = read_pose(scan, joint, parent, needed[i])?;
+        }
+        out.push(mapping.joints.map(|joint| poses[joint]));
+    }
+    let line = scan.line();
+    if scan.word().is_some() {
+        return Err(BvhError::Trailing { line, frames });
+    }
+    Ok((1.0 / frame_time_s, out))
+}
+
+/// Reads a joint's channels of one frame; computes its pose only if something needs it.
+fn read_pose(scan: &mut Scan<'_>, joint: &Joint, parent: Pose, needed: bool) -> Result<Pose, BvhError> {
+    let mut position = Vector3::from(joint.offset);
+    let mut local = UnitQuaternion::identity();
+    for &channel in &joint.channels {
+        let value = scan.number("a number of the frame", NUMBER_MAX)?;
+        match channel {
+            _ if !needed => {}
+            // A position channel replaces the offset's component: exporters write the whole translation.
+            Channel::Position(axis) => position[axis] = value,
+            Channel::Rotation(axis) => {
+                let axis = nalgebra::Unit::new_unchecked(Vector3::ith(axis, 1.0));
+                local *= UnitQuaternion::from_axis_angle(&axis, value.to_radians());
+            }
+        }
+    }
+    if !needed {
+        return Ok(parent);
+    }
+    Ok(Pose { position: parent.position + parent.rotation * position, rotation: parent.rotation * local })
+}

@@ -1,0 +1,76 @@
+//! From a motion to what a client publishes: hinge calibration, limb rotations, raw frames.
+
+use crate::{Frame, Motion};
+use messages::{
+    HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag,
+};
+use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
+
+/// Which frames the hinges are estimated from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CalibrationMode {
+    /// The whole clip: looks ahead, for figures only.
+    Clip,
+    /// The first 10 s of motion, or the whole clip if it is shorter: what a live operator can give.
+    First10s,
+    /// No hinges: the elbow's momentary plane.
+    None,
+}
+
+impl CalibrationMode {
+    /// Name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Clip => "clip",
+            Self::First10s => "first-10s",
+            Self::None => "none",
+        }
+    }
+}
+
+/// Estimates the hinges of a motion; none of them valid if the motion has no rotations or never flexes an elbow.
+pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
+    let frames = match mode {
+        CalibrationMode::Clip => motion.frames.len(),
+        CalibrationMode::First10s => (10.0 * motion.frame_rate_hz).round() as usize,
+        CalibrationMode::None => 0,
+    };
+    if !motion.has_rotations {
+        return HingeCalibration::ZERO;
+    }
+    let mut calibrator = Calibrator::new();
+    for frame in motion.frames.iter().take(frames) {
+        calibrator.add(&frame.positions, &frame.rotations);
+    }
+    calibrator.estimate()
+}
+
+/// The four limb rotations of every frame (torso frame, difference from the T-pose, x y z w, by `messages::Limb`), by the
+/// very code of the live stage; identity where a limb has no direction.
+pub fn limbs(motion: &Motion, calibration: &HingeCalibration) -> Vec<[[f32; 4]; LIMBS]> {
+    let mut hold = Hold::default();
+    let limbs = |frame: &Frame| {
+        let rotations = motion.has_rotations.then_some(&frame.rotations);
+        limbs_from_positions_rotations(&frame.positions, rotations, calibration, u32::MAX, &mut hold).rotations
+    };
+    motion.frames.iter().map(limbs).collect()
+}
+
+/// Frame `i` (modulo the length) as a client publishes it, with full confidence. Header, session nonce and operator id are
+/// left zero for the caller. A motion without frames gives joints at zero.
+pub fn raw_frame(motion: &Motion, i: usize, calibration: &HingeCalibration) -> RawSkeleton {
+    let mut raw = RawSkeleton::ZERO;
+    raw.layout = SkeletonLayout::Smpl22 as u32;
+    raw.joint_count = SMPL_JOINTS as u32;
+    raw.flags = if motion.has_rotations { raw_flag::ROTATIONS } else { 0 };
+    raw.rotations = [[0.0, 0.0, 0.0, 1.0]; RAW_JOINTS_MAX];
+    raw.calibration = *calibration;
+    if motion.frames.is_empty() {
+        return raw;
+    }
+    let frame = &motion.frames[i % motion.frames.len()];
+    raw.positions[..SMPL_JOINTS].copy_from_slice(&frame.positions);
+    raw.rotations[..SMPL_JOINTS].copy_from_slice(&frame.rotations);
+    raw.confidence[..SMPL_JOINTS].fill(1.0);
+    raw
+}

@@ -1,0 +1,131 @@
+//! From a file's unit and axes to metres, x forward, y left, z up: guessed, because BVH says neither.
+
+use crate::Frame;
+use crate::bvh::RigFrame;
+use crate::error::BvhError;
+use messages::{SMPL_JOINTS, Smpl};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use skeleton::chirality;
+
+/// Units that exporters use, m. The last one is CMU's own (the cgspeed release): 0.45 inch divided by 0.2025.
+const UNITS: [(&str, f64); 5] = [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254), ("CMU unit", 0.056_444)];
+/// Statures that a person may have, m (fault table); no two of the units fit into it at once.
+const STATURE_M: [f64; 2] = [1.2, 2.2];
+/// What a person of no plausible unit is scaled to, m.
+const STATURE_NOMINAL_M: f64 = 1.75;
+/// Hip to ankle 0.491 and pelvis to head joint 0.39 of the stature (Winter, Biomechanics, 4th ed., fig. 4.1, head joint
+/// at the skull's base).
+const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
+/// Frames looked at to guess the up-axis.
+const UP_SAMPLES: usize = 200;
+
+/// The way into the canonical frame.
+#[derive(Debug)]
+pub(crate) struct Canonical {
+    pub(crate) scale: f64,
+    pub(crate) unit: &'static str,
+    pub(crate) stature_m: f64,
+    pub(crate) up: &'static str,
+    pub(crate) warning: Option<String>,
+    rotation: UnitQuaternion<f64>,
+}
+
+impl Canonical {
+    pub(crate) fn guess(frames: &[RigFrame]) -> Result<Self, BvhError> {
+        let (scale, unit, stature_m) = guess_unit(frames)?;
+        let (axis, up, mut warning) = guess_up(frames);
+        let mut rotation = canonical_from_file(axis);
+        if up != "+Y" {
+            rotation = face_forward(frames, &rotation) * rotation;
+        }
+        if unit == "scaled to 1.75 m" {
+            warning = Some("no unit gives a plausible stature: the person was scaled to 1.75 m".to_owned());
+        }
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        Ok(Self { scale, unit, stature_m, up, warning, rotation })
+    }
+
+    pub(crate) fn apply(&self, frame: &RigFrame) -> Frame {
+        let mut out = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+        for (joint, pose) in frame.iter().enumerate() {
+            let p = self.rotation * pose.position * self.scale;
+            // Products of many rotations drift from unit length by rounding alone.
+            let q = UnitQuaternion::new_normalize((self.rotation * pose.rotation).into_inner());
+            out.positions[joint] = [p.x as f32, p.y as f32, p.z as f32];
+            out.rotations[joint] = [q.i as f32, q.j as f32, q.k as f32, q.w as f32];
+        }
+        out
+    }
+}
+
+/// Scale (m per unit), its name, and the stature (m), from the bones' lengths in the first frame.
+fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), BvhError> {
+    use Smpl::{Head, LeftAnkle, LeftHip, LeftKnee, Neck, Pelvis, RightAnkle, RightHip, RightKnee, Spine1, Spine2, Spine3};
+    let frame = frames.first().ok_or(BvhError::Empty)?;
+    let chain = |joints: &[Smpl]| -> f64 {
+        joints.windows(2).map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm()).sum()
+    };
+    let legs = (chain(&[LeftHip, LeftKnee, LeftAnkle]) + chain(&[RightHip, RightKnee, RightAnkle])) / 2.0;
+    let length = legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head]);
+    let stature = length / LEG_AND_SPINE_OF_STATURE;
+    if !stature.is_finite() || stature < 1e-6 {
+        return Err(BvhError::NoSize { length });
+    }
+    let plausible = |scale: f64| (STATURE_M[0]..=STATURE_M[1]).contains(&(stature * scale));
+    Ok(match UNITS.into_iter().find(|&(_, scale)| plausible(scale)) {
+        Some((unit, scale)) => (scale, unit, stature * scale),
+        None => (STATURE_NOMINAL_M / stature, "scaled to 1.75 m", STATURE_NOMINAL_M),
+    })
+}
+
+/// The file's axis nearest to the mean direction from the ankles to the head.
+fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>) {
+    let step = frames.len().div_ceil(UP_SAMPLES).max(1);
+    let mut sum = Vector3::zeros();
+    for frame in frames.iter().step_by(step) {
+        let at = |joint: Smpl| frame[joint as usize].position;
+        let up = at(Smpl::Head) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0;
+        sum += up.try_normalize(1e-9).unwrap_or_default();
+    }
+    let axis = sum.iamax();
+    let names = [["+X", "-X"], ["+Y", "-Y"], ["+Z", "-Z"]];
+    let negative = sum[axis] < 0.0;
+    // 45 degrees: beyond it another axis may be up, and most exporters use Y.
+    if sum[axis].abs() < 0.7 * sum.norm() || sum.norm() == 0.0 {
+        let warning = "the person does not stand upright on average: +Y is taken as up".to_owned();
+        return (Vector3::y(), "+Y", Some(warning));
+    }
+    let sign = if negative { -1.0 } else { 1.0 };
+    (Vector3::ith(axis, sign), names[axis][usize::from(negative)], None)
+}
+
+/// A rotation (determinant +1) that takes `up` to z; for +Y the usual one, +Z forward to x and +X to y (left).
+fn canonical_from_file(up: Vector3<f64>) -> Matrix3<f64> {
+    let left = if up.x == 0.0 { Vector3::x() } else { Vector3::y() };
+    let front = left.cross(&up);
+    Matrix3::from_rows(&[front.transpose(), left.transpose(), up.transpose()])
+}
+
+/// The quarter turn about z after which the person's first frame of motion faces +x best: Z-up exporters have no common
+/// forward axis.
+fn face_forward(frames: &[RigFrame], canonical: &Matrix3<f64>) -> Matrix3<f64> {
+    let Some(frame) = frames.get(1).or(frames.first()) else { return Matrix3::identity() };
+    let at = |joint: Smpl| canonical * frame[joint as usize].position;
+    let left = at(Smpl::LeftHip) - at(Smpl::RightHip);
+    let quarters = (left.x.atan2(left.y) / std::f64::consts::FRAC_PI_2).round();
+    *Rotation3::from_axis_angle(&Vector3::z_axis(), quarters * std::f64::consts::FRAC_PI_2).matrix()
+}
+
+/// Refuses a body whose left shoulder is not on the left, by sides and by which way feet and knees point.
+pub(crate) fn check_chirality(frames: &[Frame]) -> Result<(), BvhError> {
+    let (mut sides, mut front, mut count) = (0.0, 0.0, 0.0);
+    for evidence in frames.iter().filter_map(|frame| chirality(&frame.positions)) {
+        sides += evidence.sides;
+        front += evidence.front;
+        count += 1.0;
+    }
+    if count > 0.0 && (sides < 0.0 || front < 0.0) {
+        return Err(BvhError::Mirrored { sides: sides / count, front: front / count });
+    }
+    Ok(())
+}

@@ -1,0 +1,101 @@
+//! Mixing poses: upsampling of slow sources, and loops without a seam.
+
+use crate::{Frame, Motion, RATE_MIN_HZ, RATE_UPSAMPLED_HZ};
+use nalgebra::{UnitQuaternion, Vector3};
+use skeleton::{PARENT, slerp};
+
+/// A source below [`RATE_MIN_HZ`] resampled to [`RATE_UPSAMPLED_HZ`] (rotations by slerp, bones by direction and length,
+/// so that no limb shrinks between frames); any other is returned as it is.
+pub fn upsample(motion: &Motion) -> Motion {
+    let mut out = motion.clone();
+    let last = motion.frames.len().saturating_sub(1);
+    if motion.frame_rate_hz >= RATE_MIN_HZ || last == 0 {
+        return out;
+    }
+    let count = (last as f64 / motion.frame_rate_hz * RATE_UPSAMPLED_HZ).floor() as usize + 1;
+    let frame = |i: usize| {
+        let at = i as f64 * motion.frame_rate_hz / RATE_UPSAMPLED_HZ;
+        let before = (at.floor() as usize).min(last);
+        mix(&motion.frames[before], &motion.frames[(before + 1).min(last)], (at - before as f64) as f32)
+    };
+    out.frames = (0..count).map(frame).collect();
+    out.frame_rate_hz = RATE_UPSAMPLED_HZ;
+    out
+}
+
+/// A motion that can be repeated: its last `seconds` are crossfaded, in the hips' frame, into its first ones, which are cut
+/// from the beginning, so that the end runs into the new beginning without a step in pose or speed. A motion shorter than
+/// three times `seconds` is crossfaded over a third of its length.
+pub fn loop_blend(motion: &Motion, seconds: f64) -> Motion {
+    let mut out = motion.clone();
+    let n = ((seconds.max(0.0) * motion.frame_rate_hz) as usize).min(motion.frames.len() / 3);
+    if n == 0 {
+        return out;
+    }
+    let tail = motion.frames.len() - n;
+    out.frames = motion.frames[n..].to_vec();
+    for i in 0..n {
+        let t = (i + 1) as f32 / (n + 1) as f32;
+        // The minimum-jerk profile: no step in speed or acceleration at either end.
+        let weight = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
+        out.frames[tail - n + i] = mix(&motion.frames[tail + i], &motion.frames[i], weight);
+    }
+    out
+}
+
+/// From `a` (t = 0) to `b` (t = 1): the pelvis in a line, everything else in the hips' frame, bone by bone.
+pub(crate) fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
+    let (hips_a, hips_b) = (hips_rotation(a), hips_rotation(b));
+    let hips = slerp(hips_a, hips_b, t);
+    let [q_a, q_b, q] = [hips_a, hips_b, hips].map(quaternion);
+    let mut out = *a;
+    for (joint, &parent) in PARENT.iter().enumerate() {
+        let in_hips = |q: UnitQuaternion<f64>, frame: &Frame| store(q.inverse() * quaternion(frame.rotations[joint]));
+        let local = slerp(in_hips(q_a, a), in_hips(q_b, b), t);
+        out.rotations[joint] = store(q * quaternion(local));
+        if joint == parent {
+            let (from, to) = (Vector3::from(a.positions[joint]), Vector3::from(b.positions[joint]));
+            out.positions[joint] = from.lerp(&to, t).into();
+            continue;
+        }
+        let bone = |frame: &Frame| Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[parent]);
+        let (from, to) = (q_a.inverse() * bone(a).cast::<f64>(), q_b.inverse() * bone(b).cast::<f64>());
+        let bone = q * turn(from, to, f64::from(t));
+        out.positions[joint] = (Vector3::from(out.positions[parent]) + bone.cast::<f32>()).into();
+    }
+    out
+}
+
+/// From one bone to another along the arc, with the length between both.
+fn turn(from: Vector3<f64>, to: Vector3<f64>, t: f64) -> Vector3<f64> {
+    let length = from.norm() * (1.0 - t) + to.norm() * t;
+    let (Some(a), Some(b)) = (from.try_normalize(1e-6), to.try_normalize(1e-6)) else { return from.lerp(&to, t) };
+    let arc = UnitQuaternion::rotation_between(&a, &b).unwrap_or_else(|| {
+        // Opposite directions: any half turn will do.
+        let side = if a.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(a.cross(&side)), std::f64::consts::PI)
+    });
+    arc.powf(t) * a * length
+}
+
+/// The hips' heading and lean from the pelvis' positions: y to the left hip, z to the first spine joint.
+fn hips_rotation(frame: &Frame) -> [f32; 4] {
+    let at = |joint: usize| Vector3::from(frame.positions[joint]).cast::<f64>();
+    let y = at(1) - at(2);
+    let z = at(3) - (at(1) + at(2)) / 2.0;
+    let x = y.cross(&z);
+    if x.norm() < 1e-9 {
+        return [0.0, 0.0, 0.0, 1.0];
+    }
+    let m = nalgebra::Matrix3::from_columns(&[x.normalize(), y.normalize(), x.cross(&y).normalize()]);
+    store(UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(m)))
+}
+
+fn quaternion(q: [f32; 4]) -> UnitQuaternion<f64> {
+    let [x, y, z, w] = q.map(f64::from);
+    UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
+}
+
+fn store(q: UnitQuaternion<f64>) -> [f32; 4] {
+    [q.i as f32, q.j as f32, q.k as f32, q.w as f32]
+}

@@ -1,0 +1,224 @@
+//! Which joint of a rig is which of SMPL-22: one table of aliases, and the tree where names do not decide.
+
+use crate::bvh::Joint;
+use crate::error::BvhError;
+use messages::{SMPL_JOINTS, Smpl};
+
+/// Names of the SMPL-22 joints, for messages.
+pub(crate) const SMPL_NAMES: [&str; SMPL_JOINTS] = [
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
+    "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
+    "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+];
+
+/// Joints that have a side, as left and right SMPL index and their names without the side, best first. "shoulder", "foot"
+/// and "hand" are ambiguous and are decided by the tree.
+const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
+    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "femur", "hip"]),
+    (Smpl::LeftKnee, Smpl::RightKnee, &["leg", "lowerleg", "lowleg", "calf", "shin", "tibia", "knee"]),
+    (Smpl::LeftAnkle, Smpl::RightAnkle, &["ankle", "foot"]),
+    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "ball", "foot"]),
+    (Smpl::LeftCollar, Smpl::RightCollar, &["clavicle", "collar", "scapula", "shoulder"]),
+    (Smpl::LeftShoulder, Smpl::RightShoulder, &["upperarm", "uparm", "arm", "humerus", "armupper", "shoulder"]),
+    (Smpl::LeftElbow, Smpl::RightElbow, &["forearm", "lowerarm", "lowarm", "armlower", "radius", "elbow"]),
+    (Smpl::LeftWrist, Smpl::RightWrist, &["wrist", "handwrist", "hand"]),
+];
+const PELVIS: [&str; 3] = ["hips", "hip", "pelvis"];
+
+/// A side of the body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Left,
+    Right,
+}
+
+/// A rig's joints by SMPL-22 index.
+pub(crate) struct Mapping {
+    pub(crate) joints: [usize; SMPL_JOINTS],
+    pub(crate) warnings: Vec<String>,
+}
+
+impl Mapping {
+    /// Which joints must be computed: the mapped ones and what they hang from.
+    pub(crate) fn needed(&self, joints: &[Joint]) -> Vec<bool> {
+        let mut needed = vec![false; joints.len()];
+        for &joint in &self.joints {
+            needed[joint] = true;
+        }
+        for i in (0..joints.len()).rev() {
+            if let (true, Some(parent)) = (needed[i], joints[i].parent) {
+                needed[parent] = true;
+            }
+        }
+        needed
+    }
+}
+
+/// Finds every SMPL-22 joint.
+///
+/// # Errors
+/// Names all joints that the rig misses.
+pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
+    let names: Vec<Name> = joints.iter().map(|j| Name::read(if j.is_end { "" } else { &j.name })).collect();
+    let mut found: [Option<usize>; SMPL_JOINTS] = [None; SMPL_JOINTS];
+    let mut warnings = Vec::new();
+    for (left, right, cores) in SIDED {
+        for (side, joint) in [(Side::Left, left), (Side::Right, right)] {
+            found[joint as usize] = cores.iter().find_map(|&core| find(joints, &names, side, joint, core));
+        }
+    }
+    found[Smpl::Pelvis as usize] = PELVIS.iter().find_map(|&core| names.iter().position(|n| n.is_central(core)));
+    found[Smpl::Head as usize] = names.iter().position(|n| n.is_central("head"));
+    fill_feet(joints, &mut found, &mut warnings);
+    fill_trunk(joints, &mut found, &mut warnings);
+    let missing: Vec<&'static str> = (0..SMPL_JOINTS).filter(|&j| found[j].is_none()).map(|j| SMPL_NAMES[j]).collect();
+    if !missing.is_empty() {
+        let found = joints.iter().filter(|j| !j.is_end).take(40).map(|j| j.name.clone()).collect();
+        return Err(BvhError::MissingJoints { missing, found });
+    }
+    Ok(Mapping { joints: found.map(Option::unwrap_or_default), warnings })
+}
+
+/// The first joint of this name that the tree does not make another one.
+fn find(joints: &[Joint], names: &[Name], side: Side, target: Smpl, core: &str) -> Option<usize> {
+    let has = |core: &str| names.iter().any(|n| n.is(side, core));
+    let upper_arms = SIDED[5].2.iter().filter(|&&name| name != "shoulder");
+    (0..joints.len()).find(|&i| {
+        if !names[i].is(side, core) {
+            return false;
+        }
+        match (target, core) {
+            // "LeftShoulder" is the clavicle if a child is an upper arm, else the shoulder itself.
+            (Smpl::LeftCollar | Smpl::RightCollar, "shoulder") => {
+                let child = |c: usize| joints[c].parent == Some(i) && upper_arms.clone().any(|u| names[c].is(side, u));
+                (0..joints.len()).any(child)
+            }
+            // "LeftFoot" is the ankle, unless there is an ankle of that name: then it is the ball.
+            (Smpl::LeftFoot | Smpl::RightFoot, "foot") => has("ankle"),
+            _ => true,
+        }
+    })
+}
+
+/// Toes that a rig lacks: the end site of the foot.
+fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnings: &mut Vec<String>) {
+    for (ankle, foot) in [(Smpl::LeftAnkle, Smpl::LeftFoot), (Smpl::RightAnkle, Smpl::RightFoot)] {
+        if let (Some(parent), None) = (found[ankle as usize], found[foot as usize]) {
+            let child = (0..joints.len()).find(|&i| joints[i].parent == Some(parent));
+            if let Some(child) = child {
+                found[foot as usize] = Some(child);
+                warnings.push(format!("no toe joint: {} is the end of the foot", SMPL_NAMES[foot as usize]));
+            }
+        }
+    }
+}
+
+/// Spine, neck and collars by the tree: rigs name and count them differently.
+fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnings: &mut Vec<String>) {
+    let get = |found: &[Option<usize>; SMPL_JOINTS], joint: Smpl| found[joint as usize];
+    let thighs = (get(found, Smpl::LeftHip), get(found, Smpl::RightHip));
+    if let ((Some(left), Some(right)), None) = (thighs, get(found, Smpl::Pelvis)) {
+        found[Smpl::Pelvis as usize] = common_ancestor(joints, left, right);
+        warnings.push("no joint named hips or pelvis: the common parent of the thighs is the pelvis".to_owned());
+    }
+    let shoulders = (get(found, Smpl::LeftShoulder), get(found, Smpl::RightShoulder));
+    let (Some(left), Some(right)) = shoulders else { return };
+    let Some(chest) = common_ancestor(joints, left, right) else { return };
+    for (collar, shoulder) in [(Smpl::LeftCollar, left), (Smpl::RightCollar, right)] {
+        if found[collar as usize].is_none() {
+            found[collar as usize] = joints[shoulder].parent;
+            warnings.push(format!("no clavicle: the parent of the shoulder is {}", SMPL_NAMES[collar as usize]));
+        }
+    }
+    if let Some(head) = get(found, Smpl::Head) {
+        // The child of the chest on the way to the head; the head itself if nothing lies between.
+        found[Smpl::Neck as usize] =
+            ancestors(joints, head).take_while(|&i| i != chest).last().filter(|_| is_ancestor(joints, chest, head));
+    }
+    // From the chest down to what also carries the legs, which is the pelvis or stands in for it.
+    let Some(pelvis) = get(found, Smpl::Pelvis) else { return };
+    let legs = thighs.0.map_or(pelvis, |thigh| common_ancestor(joints, chest, thigh).unwrap_or(pelvis));
+    let mut spine: Vec<usize> = ancestors(joints, chest).take_while(|&i| i != legs && i != pelvis).collect();
+    spine.reverse();
+    if let (Some(&low), Some(&high)) = (spine.first(), spine.last()) {
+        found[Smpl::Spine1 as usize] = Some(low);
+        found[Smpl::Spine2 as usize] = Some(spine[spine.len() / 2]);
+        found[Smpl::Spine3 as usize] = Some(high);
+        if spine.len() < 3 {
+            warnings.push(format!("{} spine joint(s): some of spine1 to spine3 coincide", spine.len()));
+        }
+    }
+}
+
+/// A joint and everything it hangs from, upwards.
+fn ancestors(joints: &[Joint], from: usize) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(from), |&i| joints[i].parent)
+}
+
+fn is_ancestor(joints: &[Joint], upper: usize, lower: usize) -> bool {
+    ancestors(joints, lower).any(|i| i == upper)
+}
+
+fn common_ancestor(joints: &[Joint], a: usize, b: usize) -> Option<usize> {
+    ancestors(joints, a).find(|&i| is_ancestor(joints, i, b))
+}
+
+/// A name without prefix, case and separators, and its side in every way that exporters write it.
+struct Name {
+    whole: String,
+    sided: Option<(Side, String)>,
+}
+
+impl Name {
+    fn read(name: &str) -> Self {
+        // "mixamorig:LeftArm", "Character1:Hips": a namespace says nothing.
+        let name = name.rsplit(':').next().unwrap_or(name).trim();
+        let lower = name.to_ascii_lowercase();
+        let name = ["cc_base_", "mixamorig_", "mixamorig", "bip01_", "bip01 ", "bip001 "]
+            .iter()
+            .find_map(|prefix| lower.strip_prefix(prefix).map(|rest| &name[name.len() - rest.len()..]))
+            .unwrap_or(name);
+        let words = words(name);
+        let whole: String = words.concat();
+        let side = |word: &str| match word {
+            "l" | "left" => Some(Side::Left),
+            "r" | "right" => Some(Side::Right),
+            _ => None,
+        };
+        let by_word = words.iter().enumerate().find_map(|(i, word)| {
+            let rest = words.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, w)| w.as_str()).collect();
+            side(word).map(|side| (side, rest))
+        });
+        // "leftarm", "lfemur": no separator, so the name must begin with the side.
+        let prefixes = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
+        let by_prefix = || prefixes.iter().find_map(|&(p, side)| whole.strip_prefix(p).map(|r| (side, r.to_owned())));
+        let sided = by_word.or_else(by_prefix);
+        Self { whole, sided }
+    }
+
+    fn is(&self, side: Side, core: &str) -> bool {
+        self.sided.as_ref().is_some_and(|(s, c)| *s == side && c == core)
+    }
+
+    fn is_central(&self, core: &str) -> bool {
+        self.whole == core
+    }
+}
+
+/// Lower-case words of a name, split at separators and at capitals ("LHipJoint", "UpperArm_L", "upperarm_l").
+fn words(name: &str) -> Vec<String> {
+    let chars: Vec<char> = name.chars().collect();
+    let mut words = vec![String::new()];
+    for (i, &c) in chars.iter().enumerate() {
+        let next_is_lower = chars.get(i + 1).is_some_and(|n| n.is_lowercase());
+        let after_lower = i > 0 && chars[i - 1].is_lowercase();
+        if !c.is_alphanumeric() || (c.is_uppercase() && (after_lower || next_is_lower)) {
+            words.push(String::new());
+        }
+        if let (true, Some(word)) = (c.is_alphanumeric(), words.last_mut()) {
+            word.extend(c.to_lowercase());
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}

@@ -1,0 +1,103 @@
+//! Words of a text with their lines; never copies, never needs UTF-8.
+
+use crate::error::BvhError;
+
+/// Walks over the words of a file.
+pub(crate) struct Scan<'a> {
+    text: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Scan<'a> {
+    pub(crate) fn new(text: &'a [u8]) -> Self {
+        // A byte order mark is no part of the first word.
+        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+        Self { text, at: 0, line: 1 }
+    }
+
+    /// Line of the next word or of the end.
+    pub(crate) fn line(&mut self) -> usize {
+        self.skip_space();
+        self.line
+    }
+
+    /// Bytes not yet read.
+    pub(crate) fn rest(&self) -> usize {
+        self.text.len() - self.at
+    }
+
+    fn skip_space(&mut self) {
+        while let Some(&byte) = self.text.get(self.at) {
+            if byte == b'\n' {
+                self.line += 1;
+            } else if !byte.is_ascii_whitespace() && byte != 0x0b {
+                break;
+            }
+            self.at += 1;
+        }
+    }
+
+    /// The next word, if there is one.
+    pub(crate) fn word(&mut self) -> Option<&'a [u8]> {
+        self.skip_space();
+        let rest = &self.text[self.at..];
+        let length = rest.iter().position(|b| b.is_ascii_whitespace()).unwrap_or(rest.len());
+        self.at += length;
+        (length > 0).then(|| &rest[..length])
+    }
+
+    /// The next word, which must be there.
+    pub(crate) fn expect_word(&mut self, expected: &'static str) -> Result<&'a [u8], BvhError> {
+        self.word().ok_or(BvhError::Truncated { line: self.line, expected })
+    }
+
+    /// The rest of this line, trimmed: names may hold spaces.
+    pub(crate) fn rest_of_line(&mut self) -> &'a [u8] {
+        let rest = &self.text[self.at..];
+        let length = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
+        // A brace on the same line belongs to the grammar.
+        let length = rest[..length].iter().position(|&b| b == b'{').unwrap_or(length);
+        self.at += length;
+        rest[..length].trim_ascii()
+    }
+
+    /// One of these words, whatever its case.
+    pub(crate) fn expect(&mut self, word: &'static str) -> Result<(), BvhError> {
+        let found = self.expect_word(word)?;
+        if found.eq_ignore_ascii_case(word.as_bytes()) { Ok(()) } else { Err(self.unexpected(found, word)) }
+    }
+
+    pub(crate) fn unexpected(&self, found: &[u8], expected: &'static str) -> BvhError {
+        BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
+    }
+
+    /// The next word as a finite number of at most `bound`.
+    pub(crate) fn number(&mut self, what: &'static str, bound: f64) -> Result<f64, BvhError> {
+        let word = self.expect_word(what)?;
+        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<f64>().ok());
+        let Some(value) = value else {
+            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
+        };
+        if value.is_finite() && value.abs() <= bound {
+            Ok(value)
+        } else {
+            Err(BvhError::OutOfRange { line: self.line, what, value, bound })
+        }
+    }
+
+    /// The next word as a whole number of at most `bound`.
+    pub(crate) fn count(&mut self, what: &'static str, bound: u64) -> Result<u64, BvhError> {
+        let word = self.expect_word(what)?;
+        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<u64>().ok());
+        let Some(value) = value else {
+            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
+        };
+        if value > bound { Err(BvhError::TooMany { line: self.line, what, value, bound }) } else { Ok(value) }
+    }
+}
+
+/// At most 40 characters of a word, whatever its bytes.
+pub(crate) fn excerpt(word: &[u8]) -> String {
+    String::from_utf8_lossy(word).chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
+}

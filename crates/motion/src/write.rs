@@ -1,0 +1,94 @@
+//! Writing BVH: SMPL-22 with the names of LAFAN1, six channels on every joint, centimetres, Y up, +Z forward.
+
+use crate::{Frame, Motion, MotionError};
+use messages::SMPL_JOINTS;
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use skeleton::PARENT;
+use std::fmt::Write;
+use std::path::Path;
+
+const NAMES: [&str; SMPL_JOINTS] = [
+    "Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot", "RightFoot", "Spine2",
+    "LeftToe", "RightToe", "Neck", "LeftShoulder", "RightShoulder", "Head", "LeftArm", "RightArm", "LeftForeArm",
+    "RightForeArm", "LeftHand", "RightHand",
+];
+const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation";
+
+/// Saves a motion as BVH.
+///
+/// # Errors
+/// What the operating system refuses, with the path.
+pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
+    let io = |source| MotionError::Io { file: path.display().to_string(), source };
+    std::fs::write(path, write_bvh(motion)).map_err(io)
+}
+
+/// The motion as BVH text, which [`crate::parse_bvh`] reads back. Frame 0 of the file is `first`, or the first frame again
+/// if the motion has none, because readers drop it.
+pub fn write_bvh(motion: &Motion) -> String {
+    let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    let first = motion.first.or(motion.frames.first().copied()).unwrap_or(zero);
+    let mut text = String::from("HIERARCHY\n");
+    let mut order = Vec::with_capacity(SMPL_JOINTS);
+    write_joint(&mut text, &mut order, &locals(&first), 0, 0);
+    let frames = motion.frames.len() + 1;
+    // Writing to a string cannot fail.
+    let _ = write!(text, "MOTION\nFrames: {frames}\nFrame Time: {:.9}\n", 1.0 / motion.frame_rate_hz);
+    for frame in std::iter::once(&first).chain(&motion.frames) {
+        let locals = locals(frame);
+        for &joint in &order {
+            let (position, rotation) = &locals[joint];
+            let (x, y, z) = rotation.euler_angles();
+            let [z, y, x] = [z, y, x].map(f64::to_degrees);
+            let _ = write!(text, "{:.6} {:.6} {:.6} {z:.6} {y:.6} {x:.6} ", position.x, position.y, position.z);
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn write_joint(
+    text: &mut String,
+    order: &mut Vec<usize>,
+    locals: &[(Vector3<f64>, UnitQuaternion<f64>); SMPL_JOINTS],
+    joint: usize,
+    depth: usize,
+) {
+    order.push(joint);
+    let pad = "  ".repeat(depth);
+    let kind = if depth == 0 { "ROOT" } else { "JOINT" };
+    let p = locals[joint].0;
+    let _ = write!(
+        text,
+        "{pad}{kind} {}\n{pad}{{\n{pad}  OFFSET {:.6} {:.6} {:.6}\n{pad}  {CHANNELS}\n",
+        NAMES[joint], p.x, p.y, p.z
+    );
+    let children: Vec<usize> = (1..SMPL_JOINTS).filter(|&child| PARENT[child] == joint).collect();
+    for &child in &children {
+        write_joint(text, order, locals, child, depth + 1);
+    }
+    if children.is_empty() {
+        let _ = write!(text, "{pad}  End Site\n{pad}  {{\n{pad}    OFFSET 0 0 0\n{pad}  }}\n");
+    }
+    let _ = writeln!(text, "{pad}}}");
+}
+
+/// Positions (cm) and rotations relative to the parent, in the file's frame.
+fn locals(frame: &Frame) -> [(Vector3<f64>, UnitQuaternion<f64>); SMPL_JOINTS] {
+    // x forward, y left, z up -> X left, Y up, Z forward.
+    let matrix = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0);
+    let file = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
+    let position = |joint: usize| file * Vector3::from(frame.positions[joint]).cast::<f64>() * 100.0;
+    let rotation = |joint: usize| {
+        let [x, y, z, w] = frame.rotations[joint].map(f64::from);
+        file * UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+    };
+    std::array::from_fn(|joint| {
+        let parent = PARENT[joint];
+        if joint == parent {
+            return (position(joint), rotation(joint));
+        }
+        let back = rotation(parent).inverse();
+        (back * (position(joint) - position(parent)), back * rotation(joint))
+    })
+}
