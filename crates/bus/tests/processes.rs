@@ -1,0 +1,185 @@
+//! Real processes that are stopped and killed: the test program starts itself again.
+
+mod support;
+
+use bus::{BusError, Domain, DomainConfig, Reader, WakingReader, Writer};
+use messages::{JointTarget, Layout, Service};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use support::{Place, eventually};
+
+const ROOT: &str = "BUS_TEST_ROOT";
+const PREFIX: &str = "BUS_TEST_PREFIX";
+const ROLE: &str = "BUS_TEST_ROLE";
+
+/// A child that dies with its test.
+struct Process(Child);
+
+impl Process {
+    fn start(place: &Place, role: &str) -> Self {
+        let config = place.config();
+        let mut command = Command::new(std::env::current_exe().expect("our own path"));
+        command.args(["--exact", "child", "--ignored", "--nocapture"]);
+        command
+            .env(ROOT, config.root)
+            .env(PREFIX, config.prefix)
+            .env(ROLE, role);
+        Self(command.stdout(Stdio::null()).spawn().expect("the child starts"))
+    }
+
+    fn signal(&self, signal: &str) {
+        let status = Command::new("kill").args([signal, &self.0.id().to_string()]).status();
+        assert!(status.expect("kill runs").success());
+    }
+
+    fn kill(&mut self) {
+        self.0.kill().expect("SIGKILL");
+        self.0.wait().expect("it ends");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+#[ignore = "the child process of the tests below"]
+fn child() {
+    let variable = |name| std::env::var(name).expect("set by the parent");
+    let config = DomainConfig {
+        root: variable(ROOT).into(),
+        prefix: variable(PREFIX),
+    };
+    let domain = Domain::open(config, "child").expect("the domain opens");
+    let ticks = 0..120_000;
+    match variable(ROLE).as_str() {
+        "writer" => {
+            let mut writer = domain
+                .writer::<JointTarget>(Service::JointTarget)
+                .expect("a writer's place");
+            let incarnation = rt::incarnation();
+            for k in ticks {
+                writer.publish(&message(incarnation, k)).expect("it goes out");
+                writer.notify().expect("it wakes");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        "reader" => {
+            let mut reader = domain
+                .waking_reader::<JointTarget>(Service::JointTarget)
+                .expect("a reader's place");
+            for _ in ticks {
+                reader.wait(Duration::from_millis(1));
+                reader.latest();
+            }
+        }
+        role => panic!("no such role: {role}"),
+    }
+}
+
+fn message(incarnation: u32, k: u64) -> JointTarget {
+    let mut target = JointTarget::ZERO;
+    target.header.incarnation = incarnation;
+    target.k = k;
+    target
+}
+
+fn writer(domain: &Domain) -> Result<Writer<JointTarget>, BusError> {
+    domain.writer(Service::JointTarget)
+}
+
+fn reader(domain: &Domain) -> Reader<JointTarget> {
+    domain.reader(Service::JointTarget).expect("a reader's place")
+}
+
+fn incarnation_heard(reader: &mut Reader<JointTarget>) -> u32 {
+    eventually("a message", || reader.latest()).header.incarnation
+}
+
+#[test]
+fn a_killed_writer_is_silence_and_its_successor_a_stranger() {
+    let place = Place::new("kill");
+    let (domain, successor) = (place.open(), place.open());
+    let mut reader = reader(&domain);
+    let mut known = Vec::new();
+    for _ in 0..3 {
+        let mut process = Process::start(&place, "writer");
+        known.push(incarnation_heard(&mut reader));
+        process.kill();
+        reader.latest();
+        for _ in 0..20 {
+            std::thread::sleep(Duration::from_millis(1));
+            assert_eq!(reader.latest(), None, "the dead are silent");
+        }
+    }
+    // This domain was open all the time: taking the place cleans up first.
+    let mut next = writer(&successor).expect("the dead writer's place is free");
+    next.publish(&message(7, 1)).expect("it goes out");
+    known.push(incarnation_heard(&mut reader));
+    assert_eq!(known[3], 7);
+    known.sort_unstable();
+    known.dedup();
+    assert_eq!(known.len(), 4, "each writer has its own incarnation");
+    assert_eq!(reader.failures(), 0);
+}
+
+#[test]
+fn a_stopped_writer_keeps_its_place() {
+    let place = Place::new("stop");
+    let domain = place.open();
+    let mut reader = reader(&domain);
+    let process = Process::start(&place, "writer");
+    let incarnation = incarnation_heard(&mut reader);
+    process.signal("-STOP");
+    let error = writer(&domain).expect_err("it lives");
+    assert!(matches!(error, BusError::WriterExists { .. }), "{error:?}");
+    reader.latest();
+    process.signal("-CONT");
+    assert_eq!(incarnation_heard(&mut reader), incarnation, "the same writer goes on");
+}
+
+#[test]
+fn readers_that_are_stopped_or_killed_do_not_hinder_the_writer() {
+    let place = Place::new("readers");
+    let domain = place.open();
+    let mut writer = writer(&domain).expect("a writer's place");
+    let mut reader = reader(&domain);
+    let stopped = Process::start(&place, "reader");
+    let mut killed = Process::start(&place, "reader");
+    eventually("all three readers", || {
+        (writer.publish(&message(1, 0)) == Ok(3)).then_some(())
+    });
+    stopped.signal("-STOP");
+    killed.kill();
+    for k in 1..=10_000 {
+        writer.publish(&message(1, k)).expect("nobody holds it up");
+        writer.notify().expect("nobody holds it up");
+        assert_eq!(reader.latest().map(|message| message.k), Some(k));
+    }
+    domain.clean_up();
+    assert_eq!(
+        writer.publish(&message(1, 0)),
+        Ok(2),
+        "the dead reader is gone, the stopped one is not"
+    );
+}
+
+#[test]
+fn processes_may_start_all_at_once() {
+    let place = Place::new("crowd");
+    let processes: Vec<Process> = (0..6).map(|_| Process::start(&place, "reader")).collect();
+    let domain = place.open();
+    let mut writer = writer(&domain).expect("a writer's place");
+    eventually("six readers", || {
+        (writer.publish(&message(1, 0)) == Ok(6)).then_some(())
+    });
+    drop(processes);
+    domain.clean_up();
+    assert_eq!(writer.publish(&message(1, 0)), Ok(0));
+    let mut own: WakingReader<JointTarget> = domain.waking_reader(Service::JointTarget).expect("a reader's place");
+    writer.publish(&message(2, 3)).expect("it goes out");
+    assert_eq!(own.latest(), Some(message(2, 3)));
+}
