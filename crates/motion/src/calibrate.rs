@@ -1,9 +1,7 @@
 //! From a motion to what a client publishes: hinge calibration, limb rotations, raw frames.
 
 use crate::{Frame, Motion};
-use messages::{
-    HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag,
-};
+use messages::{HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag};
 use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
 
 /// Which frames the hinges are estimated from.

@@ -100,7 +100,9 @@ pub enum BvhError {
         bound: u64,
     },
     /// The header claims more than the file can hold.
-    #[error("line {line}: {claimed} frames of {channels} numbers (at least 18) do not fit in the remaining {bytes} bytes")]
+    #[error(
+        "line {line}: {claimed} frames of {channels} numbers (at least 18) do not fit in the remaining {bytes} bytes"
+    )]
     FrameCount {
         /// Line of `Frames:`.
         line: usize,

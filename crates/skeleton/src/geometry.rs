@@ -66,8 +66,14 @@ pub fn slerp(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
         let [x, y, z, w] = q.map(f64::from);
         UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)
     };
-    let (Some(from), Some(to)) = (read(a), read(b)) else { return a };
-    let to = if from.coords.dot(&to.coords) < 0.0 { UnitQuaternion::new_unchecked(-to.into_inner()) } else { to };
+    let (Some(from), Some(to)) = (read(a), read(b)) else {
+        return a;
+    };
+    let to = if from.coords.dot(&to.coords) < 0.0 {
+        UnitQuaternion::new_unchecked(-to.into_inner())
+    } else {
+        to
+    };
     let q = from.try_slerp(&to, f64::from(t), 1e-9).unwrap_or(from);
     [q.i, q.j, q.k, q.w].map(|c| c as f32)
 }

@@ -4,14 +4,18 @@
 //! Glossary: the *torso frame* is x forward, y left, z up of the chest; a *bone* is the unit vector from a joint to the
 //! next one outwards; the *hinge* of an arm is the axis about which its elbow flexes (right-hand rule, flexing moves
 //! the forearm to the front); a *limb frame* is the rotation that takes bone and hinge of the T-pose to those measured.
+mod config;
 mod geometry;
 mod hinge;
 mod limbs;
+mod person;
 mod plausible;
+mod session;
 mod tick;
 
+pub use config::{Config, DROP_REASONS, DropReason};
 pub use geometry::{PARENT, slerp};
 pub use hinge::Calibrator;
 pub use limbs::{Hold, LimbFrames, TORSO_LEAN_RAD, limbs_from_positions_rotations, torso_rotation};
 pub use plausible::{Chirality, chirality};
-pub use tick::{Config, DROP_REASONS, DropReason, Input, Output, State, tick};
+pub use tick::{Input, Output, State, tick};

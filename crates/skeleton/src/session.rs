@@ -1,0 +1,290 @@
+//! What is remembered of one operator of one client, and the checks from frame to frame.
+
+use crate::config::{Config, DropReason};
+use crate::limbs::{ARMS, Hold, torso_rotation};
+use crate::person::Person;
+use crate::plausible::{Chirality, chirality};
+use messages::{LIMBS, RawSkeleton, Smpl, Stamp};
+use nalgebra::Vector3;
+
+/// Frames over which the evidence on left and right is averaged: half a second at 60 Hz. Dancers turn shoulders and feet
+/// against the hips for a moment (CMU 005_16), a mirrored tracker does so always.
+const CHIRALITY_FRAMES: f64 = 30.0;
+/// Least mean cosine between shoulders and hips. CMU clips: above 0; swapped sides: -0.9.
+const SIDES_MIN: f64 = -0.3;
+/// Least mean evidence of feet and knees, of -4 to 4. CMU clips: mean 2.3, never below 0 over a second; mirrored: -2.3.
+const FRONT_MIN: f64 = -1.0;
+/// A step that noise alone may cause, m: 10 mm at each end of a bone and of the hips, three times.
+const NOISE_M: f64 = 0.03;
+
+/// One operator of one client's session.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Session {
+    pub(crate) nonce: u64,
+    pub(crate) operator_id: u32,
+    incarnation: u32,
+    sequence: u64,
+    origin: Stamp,
+    pub(crate) hold: Hold,
+    /// The last frame looked at, accepted or not.
+    previous: Option<Body>,
+    /// Coherent frames still missing before frames are accepted again.
+    settling: u32,
+    /// Sum of limb lengths over the frames learnt from.
+    lengths: [f64; LIMBS],
+    learnt: u32,
+    learning_until: Stamp,
+    /// Since when lengths have been refused without a break.
+    lengths_refused_since: Stamp,
+    /// Low-passed evidence on left and right.
+    chirality: Option<Chirality>,
+    upright: bool,
+    moved: bool,
+    frozen_since: Stamp,
+}
+
+/// What is compared from frame to frame.
+#[derive(Clone, Copy, Debug)]
+struct Body {
+    origin: Stamp,
+    /// Relative to the middle of the hips, m, with NaN-free values; shoulders, elbows, wrists of both arms.
+    arms: [[Vector3<f64>; 3]; 2],
+    lengths: [Option<f64>; LIMBS],
+    payload: u64,
+}
+
+impl Body {
+    fn read(raw: &RawSkeleton, person: &Person) -> Self {
+        let hips = person.hips();
+        let arms = ARMS.map(|joints| {
+            joints.map(|joint| {
+                if person.has(joint) {
+                    person.at(joint) - hips
+                } else {
+                    Vector3::zeros()
+                }
+            })
+        });
+        let mut lengths = [None; LIMBS];
+        for (side, [shoulder, elbow, wrist]) in ARMS.into_iter().enumerate() {
+            for (limb, [from, to]) in [[shoulder, elbow], [elbow, wrist]].into_iter().enumerate() {
+                if person.has(from) && person.has(to) {
+                    lengths[2 * side + limb] = Some((person.at(to) - person.at(from)).norm());
+                }
+            }
+        }
+        Self {
+            origin: raw.header.origin,
+            arms,
+            lengths,
+            payload: payload_hash(person),
+        }
+    }
+}
+
+impl Session {
+    pub(crate) fn new(raw: &RawSkeleton) -> Self {
+        Self {
+            nonce: raw.session_nonce,
+            operator_id: raw.operator_id,
+            incarnation: raw.header.incarnation,
+            sequence: 0,
+            origin: Stamp::NONE,
+            hold: Hold::default(),
+            previous: None,
+            settling: 0,
+            lengths: [0.0; LIMBS],
+            learnt: 0,
+            learning_until: Stamp::NONE,
+            lengths_refused_since: Stamp::NONE,
+            chirality: None,
+            upright: false,
+            moved: false,
+            frozen_since: Stamp::NONE,
+        }
+    }
+}
+
+impl Session {
+    /// Refuses what was seen before, and forgets everything after a gap.
+    pub(crate) fn check_order(&mut self, config: &Config, raw: &RawSkeleton) -> Result<(), DropReason> {
+        let origin = raw.header.origin;
+        let same_writer = self.incarnation == raw.header.incarnation;
+        if origin == self.origin || (same_writer && raw.header.sequence == self.sequence) {
+            return Err(DropReason::Duplicate);
+        }
+        if origin < self.origin || (same_writer && raw.header.sequence < self.sequence) {
+            return Err(DropReason::Backwards);
+        }
+        let gap = self.origin != Stamp::NONE && origin.since(self.origin) > config.gap_ns;
+        if gap {
+            *self = Session::new(raw);
+        }
+        self.incarnation = raw.header.incarnation;
+        self.sequence = raw.header.sequence;
+        self.origin = origin;
+        Ok(())
+    }
+
+    /// Checks a frame against those before it.
+    pub(crate) fn check(
+        &mut self,
+        config: &Config,
+        now: Stamp,
+        raw: &RawSkeleton,
+        person: &Person,
+    ) -> Result<(), DropReason> {
+        self.check_posture(person)?;
+        let body = Body::read(raw, person);
+        let previous = self.previous.replace(body);
+        if let Some(previous) = previous {
+            self.check_frozen(config, now, &previous, &body)?;
+            if teleported(config, person, &previous, &body) {
+                self.settling = config.coherent_frames;
+                return Err(DropReason::Teleport);
+            }
+            self.settling = self.settling.saturating_sub(1);
+            if self.settling > 0 {
+                return Err(DropReason::Teleport);
+            }
+            check_length_steps(config, &previous, &body)?;
+        }
+        self.check_lengths(config, &body)
+    }
+
+    /// Upright at the start, and never a mirror image.
+    fn check_posture(&mut self, person: &Person) -> Result<(), DropReason> {
+        let torso = torso_rotation(&person.positions).ok_or(DropReason::Size)?;
+        if !self.upright {
+            // 60 degrees: no start of a session leans further, and every wrong up-axis gives 90 or 180.
+            if torso[(2, 2)] < 0.5 {
+                return Err(DropReason::NotUpright);
+            }
+            self.upright = true;
+        }
+        let now = chirality(&person.positions).ok_or(DropReason::Size)?;
+        let legs = [
+            Smpl::LeftKnee,
+            Smpl::RightKnee,
+            Smpl::LeftAnkle,
+            Smpl::RightAnkle,
+            Smpl::LeftFoot,
+            Smpl::RightFoot,
+        ];
+        let sees_legs = legs.iter().all(|&joint| person.has(joint as usize));
+        let was = self.chirality.unwrap_or(Chirality {
+            sides: now.sides,
+            front: if sees_legs { now.front } else { 0.0 },
+        });
+        let front = if sees_legs {
+            was.front + (now.front - was.front) / CHIRALITY_FRAMES
+        } else {
+            was.front
+        };
+        let mean = Chirality {
+            sides: was.sides + (now.sides - was.sides) / CHIRALITY_FRAMES,
+            front,
+        };
+        self.chirality = Some(mean);
+        if mean.sides < SIDES_MIN || mean.front < FRONT_MIN {
+            Err(DropReason::Chirality)
+        } else {
+            Ok(())
+        }
+    }
+
+    fn check_frozen(&mut self, config: &Config, now: Stamp, previous: &Body, body: &Body) -> Result<(), DropReason> {
+        if body.payload != previous.payload {
+            self.moved = true;
+            self.frozen_since = Stamp::NONE;
+            return Ok(());
+        }
+        if self.frozen_since == Stamp::NONE {
+            self.frozen_since = now;
+        }
+        // A client holds its first frame until it is engaged: only what moved before can freeze.
+        let frozen = config.frozen_after_ns > 0 && self.moved && now.since(self.frozen_since) >= config.frozen_after_ns;
+        if frozen { Err(DropReason::Frozen) } else { Ok(()) }
+    }
+
+    fn check_lengths(&mut self, config: &Config, body: &Body) -> Result<(), DropReason> {
+        if self.learning_until == Stamp::NONE {
+            self.learning_until = body.origin.plus_ns(config.gap_ns);
+        }
+        let all: Option<[f64; LIMBS]> = match body.lengths {
+            [Some(a), Some(b), Some(c), Some(d)] => Some([a, b, c, d]),
+            _ => None,
+        };
+        let learning = self.learnt == 0 || body.origin < self.learning_until;
+        for limb in 0..LIMBS {
+            if let (Some(length), true) = (body.lengths[limb], self.learnt > 0) {
+                let mean = self.lengths[limb] / f64::from(self.learnt);
+                if (length - mean).abs() > config.length_change_max * mean {
+                    self.refuse_lengths(config, body.origin);
+                    return Err(DropReason::LengthChange);
+                }
+            }
+        }
+        self.lengths_refused_since = Stamp::NONE;
+        if let (Some(lengths), true) = (all, learning) {
+            for (sum, length) in self.lengths.iter_mut().zip(lengths) {
+                *sum += length;
+            }
+            self.learnt = self.learnt.saturating_add(1);
+        }
+        Ok(())
+    }
+}
+
+impl Session {
+    /// Learns anew when every frame of a gap's length was refused: what was learnt was wrong, or the person changed, and
+    /// nothing downstream has followed for as long.
+    fn refuse_lengths(&mut self, config: &Config, origin: Stamp) {
+        if self.lengths_refused_since == Stamp::NONE {
+            self.lengths_refused_since = origin;
+        } else if origin.since(self.lengths_refused_since) >= config.gap_ns {
+            self.learnt = 0;
+            self.lengths = [0.0; LIMBS];
+            self.learning_until = Stamp::NONE;
+            self.lengths_refused_since = Stamp::NONE;
+        }
+    }
+}
+
+/// Whether a used joint jumped, relative to the hips.
+fn teleported(config: &Config, person: &Person, previous: &Body, body: &Body) -> bool {
+    let dt_s = body.origin.since(previous.origin) as f64 * 1e-9;
+    // The step holds between frames of a tracker of 30 Hz or faster; after lost frames it grows with the time, and it
+    // never falls below a tracker's noise when frames arrive bunched.
+    let frames = (dt_s * 30.0).max(1.0);
+    let step_max_m = config.step_max_m.max(NOISE_M) * frames;
+    let step_max_m = (config.speed_max_m_per_s * dt_s).clamp(NOISE_M, step_max_m);
+    ARMS.iter().enumerate().any(|(side, joints)| {
+        joints.iter().enumerate().any(|(i, &joint)| {
+            let (was, is) = (previous.arms[side][i], body.arms[side][i]);
+            // Zero stands for a joint that was not seen: it appears, it does not jump.
+            person.has(joint) && was != Vector3::zeros() && (is - was).norm() > step_max_m
+        })
+    })
+}
+
+fn check_length_steps(config: &Config, previous: &Body, body: &Body) -> Result<(), DropReason> {
+    for (was, is) in previous.lengths.iter().zip(body.lengths) {
+        if let (Some(was), Some(is)) = (was, is)
+            && (is - was).abs() > config.length_step_max * was
+        {
+            return Err(DropReason::LengthStep);
+        }
+    }
+    Ok(())
+}
+
+/// FNV-1a over the bits of the used positions and rotations.
+fn payload_hash(person: &Person) -> u64 {
+    let positions = person.positions.iter().flatten();
+    positions
+        .chain(person.rotations.iter().flatten())
+        .fold(0xcbf2_9ce4_8422_2325, |hash, value| {
+            (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3)
+        })
+}
