@@ -22,7 +22,7 @@ pub use closed_form::closed_form;
 pub use network::{Dense, HIDDEN_MAX, LATENT, Latent, Layers, Network, OVERREACH, WIDTH_MAX, interpolate_latent};
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
-pub use resample::{Placed, Resample, STALE_NS, Sample, SourceClock, Track};
+pub use resample::{DELAY_MAX_NS, Placed, Resample, STALE_NS, Sample, SourceClock, Track};
 pub use tick::{
     ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
 };

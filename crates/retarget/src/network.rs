@@ -1,5 +1,5 @@
-//! The three networks of the shared latent space at batch one or two: f32, allocation-free, the same result on every
-//! machine (sums run in one fixed order, no fused multiply-add unless the level says so).
+//! The three networks of the shared latent space at batch one or two: f32, allocation-free. The widest vectors of the
+//! processor are used, and all of them give the same bits: sums run in one order and no multiply-add is fused.
 
 use bytemuck::{Pod, Zeroable};
 use pulp::{Simd, WithSimd};
@@ -345,4 +345,58 @@ fn exp(x: f32) -> f32 {
     let p = p * r + 5.000_000_120_1e-1;
     let exp_r = p * r * r + r + 1.0;
     exp_r * f32::from_bits(shifted.to_bits().wrapping_add(127) << 23)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    fn dense(inputs: usize, outputs: usize) -> Dense {
+        let value = |i: usize| (i as f32 * 12.9898).sin();
+        let scale = 2.0 / (inputs as f32).sqrt();
+        let weight = (0..inputs * outputs).map(|i| value(i) * scale).collect();
+        Dense {
+            inputs,
+            outputs,
+            weight,
+            bias: (0..outputs).map(value).collect(),
+        }
+    }
+
+    #[test]
+    fn every_level_of_the_processor_gives_the_same_bits() {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::x(), Vector3::y(), Vector3::x()];
+        let arm = ArmModel::new(axes, [0.0; 5], [-1.0; 5], [2.0; 5]);
+        let layers = Layers {
+            human: vec![dense(12, 100), dense(100, 128), dense(128, 8)],
+            robot: vec![dense(5, 8)],
+            decoder: vec![dense(8, 36), dense(36, 5)],
+        };
+        let best = Network::new(&layers, &arm);
+        let mut levels = vec![pulp::Arch::Scalar];
+        #[cfg(target_arch = "x86_64")]
+        levels.extend(pulp::x86::V3::try_new().map(pulp::Arch::V3));
+        for level in levels {
+            let other = Network { level, ..best.clone() };
+            for i in 0..100 {
+                let input = [[i as f32 * 0.02 - 1.0; FEATURES], [1.0 - i as f32 * 0.03; FEATURES]];
+                let latents = best.encode_human(&input);
+                assert_eq!(latents, other.encode_human(&input), "{level:?}");
+                assert_eq!(best.decode(&latents), other.decode(&latents), "{level:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_exponential_is_exact_to_three_units_in_the_last_place() {
+        for i in -86_000..=86_000 {
+            let x = i as f32 * 1e-3;
+            let want = f64::from(x).exp();
+            let error = (f64::from(exp(x)) - want).abs() / want;
+            assert!(error < 3.6e-7, "exp({x}) is off by {error:e}");
+        }
+        assert!(exp(f32::NAN).is_nan());
+        assert!(exp(1e30).is_finite() && exp(-1e30) > 0.0);
+    }
 }

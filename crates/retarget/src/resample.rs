@@ -39,8 +39,12 @@ const SPEED: (f64, f64) = (0.5, 1.5);
 const CATCH_UP_NS: f64 = 50e6;
 /// Share of a skeleton's timing error that its source time takes up: 1/16 smooths over half a second at 30 Hz.
 const TIMING_GAIN: f64 = 1.0 / 16.0;
-/// Source time may be corrected by at most this share of a step, so that motion is at most a third faster.
+/// Source time may be shortened by at most this share of a step, so that motion is at most a third faster.
 const TIMING_STEP_MAX: f64 = 0.25;
+/// Skeletons over which the period is averaged: a burst of four moves it by an eighth at most.
+const PERIOD_COUNT_MAX: u32 = 32;
+/// Shortest period that is believed, ns: 240 Hz is the fastest source.
+const PERIOD_MIN_NS: f64 = 1e9 / 240.0;
 /// Shortest step of source time, ns: a source of 1 kHz, four times the fastest allowed, for stamps that stand still.
 const STEP_MIN_NS: i64 = 1_000_000;
 
@@ -61,11 +65,29 @@ struct Arrival {
     source: i64,
 }
 
+/// Mean time between skeletons: mean time between arrivals over mean count of skeletons between them.
+#[derive(Clone, Copy, Debug, Default)]
+struct MeanPeriod {
+    between_ns: f64,
+    count: f64,
+    arrivals: u32,
+}
+
+impl MeanPeriod {
+    /// Takes the time and the number of skeletons since the last arrival; returns the mean period, ns.
+    fn add(&mut self, between_ns: f64, count: f64) -> f64 {
+        self.arrivals = (self.arrivals + 1).min(PERIOD_COUNT_MAX);
+        self.between_ns += (between_ns - self.between_ns) / f64::from(self.arrivals);
+        self.count += (count - self.count) / f64::from(self.arrivals);
+        (self.between_ns / self.count).max(PERIOD_MIN_NS)
+    }
+}
+
 /// Maps skeletons to source time and moves the playhead.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SourceClock {
     newest: Option<Arrival>,
-    period_ns: f64,
+    mean: MeanPeriod,
     playhead: i64,
     ticked: i64,
     restarted: bool,
@@ -103,46 +125,36 @@ impl SourceClock {
             let person = last.session_nonce == arrival.session_nonce && last.operator_id == arrival.operator_id;
             person && arrival.received - last.received <= STALE_NS as i64
         });
-        if let Some(last) = continues {
-            arrival.source = self.source_after(&last, &arrival);
-        } else {
-            self.period_ns = 0.0;
-            self.restarted = true;
+        let source = continues.and_then(|last| self.source_after(&last, &arrival));
+        match source {
+            Some(source) => arrival.source = source,
+            None => {
+                self.mean = MeanPeriod::default();
+                self.restarted = true;
+            }
         }
         self.newest = Some(arrival);
         Some(Placed {
             source: arrival.source,
-            restart: continues.is_none(),
+            restart: source.is_none(),
             playhead: self.playhead,
         })
     }
 
     /// Source time of the next skeleton: one step after the last one, pulled toward its arrival. The step is that of the
     /// client's stamps where they are plausible, else the mean period times the skeletons that the sequence counts.
-    fn source_after(&mut self, last: &Arrival, next: &Arrival) -> i64 {
+    /// None if neither fits the arrival: then it is a restart.
+    fn source_after(&mut self, last: &Arrival, next: &Arrival) -> Option<i64> {
         let count = (next.sequence - last.sequence).clamp(1, KNOTS as u64) as f64;
-        let between = (next.received - last.received).max(0) as f64;
-        let period = between / count;
-        self.period_ns = if self.period_ns == 0.0 {
-            period
-        } else {
-            self.period_ns + (period - self.period_ns) / 8.0
-        };
-        let by_origin = next.origin - last.origin;
-        let plausible = last.origin > 0 && by_origin > 0 && by_origin <= STALE_NS as i64;
-        let mut step = if plausible {
-            by_origin as f64
-        } else {
-            count * self.period_ns
-        };
-        if (next.received as f64 - last.source as f64 - step).abs() > STALE_NS as f64 {
-            // The client's clock runs at another speed than ours: then the arrival is the better stamp.
-            step = count * self.period_ns;
-        }
-        let step = step.max(STEP_MIN_NS as f64);
-        let error = (next.received - last.source) as f64 - step;
-        let correction = (error * TIMING_GAIN).clamp(-TIMING_STEP_MAX * step, TIMING_STEP_MAX * step);
-        last.source + ((step + correction) as i64).max(STEP_MIN_NS)
+        let by_mean = count * self.mean.add((next.received - last.received).max(0) as f64, count);
+        let by_origin = (next.origin - last.origin) as f64;
+        let arrived = (next.received - last.source) as f64;
+        let fits = |step: f64| (arrived - step).abs() <= STALE_NS as f64;
+        // A client's clock that runs at another speed than ours soon fits no more.
+        let stamped = last.origin > 0 && by_origin > 0.0 && by_origin <= STALE_NS as f64 && fits(by_origin);
+        let step = if stamped { by_origin } else { by_mean }.max(STEP_MIN_NS as f64);
+        let correction = ((arrived - step) * TIMING_GAIN).max(-TIMING_STEP_MAX * step);
+        fits(step).then_some(last.source + ((step + correction) as i64).max(STEP_MIN_NS))
     }
 
     /// Moves the playhead to `now` and returns it, ns of source time.

@@ -1,0 +1,154 @@
+//! Ten thousand ticks allocate nothing, and nothing that a skeleton can hold makes a tick panic or leave the limits.
+#![allow(unsafe_code, reason = "a global allocator that counts cannot be written without")]
+
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use messages::{Skeleton, Stamp, deadline};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use retarget::{Config, Input, Method, Options, Resample, State, tick};
+use support::{arm, layers, random_q, robot, skeleton, weights};
+
+struct Counting;
+
+thread_local! {
+    static COUNT: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: every call is handed to the system allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.set(COUNT.get() + 1);
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: `pointer` came from `alloc` above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn config(method: Method, resample: Resample) -> Config {
+    let options = Options {
+        method: Some(method),
+        resample,
+        ..Options::default()
+    };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap()
+}
+
+#[test]
+fn ten_thousand_ticks_allocate_nothing() {
+    let mut rng = Pcg64::seed_from_u64(31);
+    for method in [Method::Network, Method::ClosedForm] {
+        for resample in [Resample::Interpolate, Resample::Latest, Resample::Hold] {
+            let config = config(method, resample);
+            let skeletons: Vec<Skeleton> = (0..700)
+                .map(|i| {
+                    let at = deadline(3000 + i * 15).0;
+                    skeleton(i + 1, at, at, &[random_q(&mut rng, &arm()), random_q(&mut rng, &arm())])
+                })
+                .collect();
+            let mut state = State::default();
+            let before = COUNT.get();
+            for k in 0..10_000_u64 {
+                let newest = &skeletons[(k / 15) as usize];
+                let out = tick(
+                    &config,
+                    &mut state,
+                    deadline(3000 + k),
+                    Input {
+                        k: 3000 + k,
+                        skeleton: Some(newest),
+                    },
+                );
+                std::hint::black_box(out);
+            }
+            assert_eq!(COUNT.get() - before, 0, "{method:?} {resample:?}");
+        }
+    }
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = COUNT.get();
+    std::hint::black_box(Box::new(1));
+    assert_eq!(COUNT.get() - before, 1);
+}
+
+/// A number that hurts: random bits, or one of the usual suspects.
+fn hostile(rng: &mut Pcg64) -> u64 {
+    match rng.random_range(0..6) {
+        0 => 0,
+        1 => u64::MAX,
+        2 => u64::from(f32::NAN.to_bits()),
+        3 => u64::from(f32::INFINITY.to_bits()),
+        4 => rng.random_range(0..20_000_000_000),
+        _ => rng.random(),
+    }
+}
+
+#[test]
+fn random_skeletons_never_panic_and_never_leave_the_limits() {
+    let mut rng = Pcg64::seed_from_u64(32);
+    for method in [Method::Network, Method::ClosedForm] {
+        let config = config(method, Resample::Interpolate);
+        let mut state = State::default();
+        let mut refused = 0;
+        for i in 0..20_000_u64 {
+            let now = deadline(i);
+            let mut frame = skeleton(
+                i,
+                now.0,
+                now.0,
+                &[random_q(&mut rng, &arm()), random_q(&mut rng, &arm())],
+            );
+            if rng.random_bool(0.5) {
+                frame.limbs[rng.random_range(0..4)][rng.random_range(0..4)] = f32::from_bits(hostile(&mut rng) as u32);
+            }
+            match rng.random_range(0..12) {
+                0 => frame.received = Stamp(hostile(&mut rng)),
+                1 => frame.header.origin = Stamp(hostile(&mut rng)),
+                2 => frame.header.sequence = hostile(&mut rng),
+                3 => frame.header.incarnation = hostile(&mut rng) as u32,
+                4 => frame.flags = hostile(&mut rng) as u32,
+                5 => frame.limbs = [[0.0; 4]; 4],
+                _ => {}
+            }
+            let (now, k) = if rng.random_bool(0.01) {
+                (Stamp(hostile(&mut rng)), hostile(&mut rng))
+            } else {
+                (now, i)
+            };
+            let out = tick(
+                &config,
+                &mut state,
+                now,
+                Input {
+                    k,
+                    skeleton: Some(&frame),
+                },
+            );
+            refused = out.counters.limbs_refused;
+            for (joints, home) in [(3..8, 0.25), (10..15, 0.25)] {
+                for (j, joint) in joints.enumerate() {
+                    let q = out.target.q[joint];
+                    assert!(
+                        (arm().q_min[j]..=arm().q_max[j]).contains(&q) || q == home,
+                        "joint {joint} at {q}"
+                    );
+                    assert!(out.target.dq[joint].abs() <= 2.35);
+                }
+            }
+            assert!(out.target.human_limbs.iter().flatten().all(|x| x.is_finite()));
+        }
+        assert!(refused > 1000, "the hostile limbs were counted: {refused}");
+    }
+}

@@ -1,0 +1,222 @@
+//! The arm model, its Jacobian, the closed form, the refinement and the oracle.
+
+mod support;
+
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use retarget::{
+    ARM_Q, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, closed_form, features, limb_error_deg, oracle, refine, s_gr, slerp,
+};
+use support::{arm, random_limbs, random_q};
+
+fn worst(arm: &ArmModel, q: &ArmQ, human: &Limbs) -> f64 {
+    limb_error_deg(&arm.forward(q), human).into_iter().fold(0.0, f64::max)
+}
+
+#[test]
+fn forward_is_the_product_of_axis_rotations() {
+    let arm = arm();
+    let q = [0.3, -0.4, 1.9, 0.7, -1.1];
+    let about =
+        |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_unchecked(axis), angle);
+    let upper =
+        about(Vector3::z(), -q[0]) * about(Vector3::x(), -q[1]) * about(Vector3::y(), q[2] - 1.570_796_326_794_896_6);
+    let fore = upper * about(Vector3::z(), -q[3]) * about(Vector3::y(), -q[4]);
+    assert!(arm.forward(&q).upper.angle_to(&upper) < 1e-12);
+    assert!(arm.forward(&q).fore.angle_to(&fore) < 1e-12);
+    assert!(
+        worst(&arm, &arm.reference, &Limbs::identity()) < 1e-9,
+        "the reference posture is the T-pose"
+    );
+    // +q1 forward, +q2 down, +q4 flexes the forearm forward, RETARGETING section 2.
+    let bone = |q: ArmQ| arm.forward(&q).upper * Vector3::y();
+    assert!(bone([0.5, 0.0, 1.57, 0.0, 0.0]).x > 0.4);
+    assert!(bone([0.0, 0.5, 1.57, 0.0, 0.0]).z < -0.4);
+    assert!((arm.forward(&[0.0, 0.0, arm.reference[2], 0.5, 0.0]).fore * Vector3::y()).x > 0.4);
+}
+
+#[test]
+fn the_squared_residual_is_s_gr() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
+    for _ in 0..1000 {
+        let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
+        let squared: f64 = arm.residual(&q, &human).iter().map(|r| r * r).sum();
+        let robot = arm.forward(&q);
+        let dots = [
+            robot.upper.coords.dot(&human.upper.coords),
+            robot.fore.coords.dot(&human.fore.coords),
+        ];
+        let by_definition: f64 = dots.iter().map(|dot| 1.0 - dot * dot).sum();
+        assert!((squared - by_definition).abs() < 1e-12);
+        assert!((s_gr(&robot, &human) - by_definition).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn the_jacobian_is_the_derivative_of_the_residual() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(4));
+    const STEP: f64 = 1e-6;
+    for _ in 0..1000 {
+        let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
+        let at = arm.linearize(&q, &human);
+        // At w = 0 the flip makes the residual jump: no derivative exists there.
+        if arm
+            .residual(&q, &human)
+            .chunks(3)
+            .any(|r| r.iter().map(|x| x * x).sum::<f64>() > 0.9999)
+        {
+            continue;
+        }
+        assert_eq!(at.residual, arm.residual(&q, &human));
+        for j in 0..ARM_Q {
+            let shifted =
+                |by: f64| arm.residual(&std::array::from_fn(|i| if i == j { q[i] + by } else { q[i] }), &human);
+            let (plus, minus) = (shifted(STEP), shifted(-STEP));
+            for i in 0..6 {
+                let difference = (plus[i] - minus[i]) / (2.0 * STEP);
+                assert!((difference - at.jacobian[j][i]).abs() < 1e-8, "row {i} column {j}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_closed_form_reaches_every_reachable_posture() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(5));
+    for _ in 0..20_000 {
+        let q = random_q(&mut rng, &arm);
+        let human = arm.forward(&q);
+        let found = closed_form(&arm, &human, &arm.mid());
+        assert!(worst(&arm, &found, &human) < 0.05, "{q:?} became {found:?}");
+        let near = closed_form(&arm, &human, &q);
+        let off = (0..ARM_Q).map(|j| (near[j] - q[j]).abs()).fold(0.0, f64::max);
+        assert!(
+            off < 1e-3 || (q[1].abs() - 1.5708).abs() < 0.05,
+            "{q:?} became {near:?}, {off}"
+        );
+    }
+}
+
+#[test]
+fn the_closed_form_keeps_the_split_of_a_hanging_arm() {
+    let arm = arm();
+    for q1 in [-1.0, -0.2, 0.0, 0.9] {
+        let q = [q1, std::f64::consts::FRAC_PI_2, 1.2, 0.6, 0.3];
+        let found = closed_form(&arm, &arm.forward(&q), &[q1, 1.5, 1.0, 0.5, 0.0]);
+        assert!((found[0] - q1).abs() < 1e-9, "joint 1 of {q:?} moved to {}", found[0]);
+        assert!(worst(&arm, &found, &arm.forward(&q)) < 0.02);
+    }
+}
+
+#[test]
+fn the_refinement_never_rises_and_stays_within_limits() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(6));
+    for _ in 0..3000 {
+        let (start, prior, human) = (
+            random_q(&mut rng, &arm),
+            random_q(&mut rng, &arm),
+            random_limbs(&mut rng),
+        );
+        let mut last = f64::INFINITY;
+        for steps in 0..8 {
+            let end = refine(&arm, &human, &start, &prior, PRIOR_WEIGHT, steps);
+            assert!(
+                end.objective <= last,
+                "step {steps} rose from {last} to {}",
+                end.objective
+            );
+            assert!((0..ARM_Q).all(|j| (arm.q_min[j]..=arm.q_max[j]).contains(&end.q[j])));
+            last = end.objective;
+        }
+    }
+}
+
+#[test]
+fn the_refinement_passes_garbage_without_a_panic() {
+    let arm = arm();
+    let nan = Limbs {
+        upper: UnitQuaternion::new_unchecked(nalgebra::Quaternion::from([f64::NAN; 4])),
+        ..Limbs::identity()
+    };
+    let start = arm.mid();
+    assert_eq!(refine(&arm, &nan, &start, &start, PRIOR_WEIGHT, 3).q, start);
+    let end = refine(&arm, &Limbs::identity(), &[f64::NAN; 5], &start, PRIOR_WEIGHT, 3);
+    assert!(end.q.iter().all(|q| q.is_finite()));
+}
+
+#[test]
+fn two_steps_from_nearby_find_the_posture_again() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(7));
+    let mut errors = Vec::new();
+    for _ in 0..2000 {
+        let q = random_q(&mut rng, &arm);
+        let human = arm.forward(&q);
+        let start = arm.clamp(&std::array::from_fn(|j| q[j] + rng.random_range(-0.05..0.05)));
+        errors.push(worst(
+            &arm,
+            &refine(&arm, &human, &start, &start, PRIOR_WEIGHT, 2).q,
+            &human,
+        ));
+    }
+    errors.sort_by(f64::total_cmp);
+    assert!(errors[1000] < 0.1, "median {}", errors[1000]);
+    assert!(errors[1999] < 1.5, "worst {}", errors[1999]);
+}
+
+#[test]
+fn the_oracle_is_never_worse_than_closed_form_and_refinement() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(8));
+    let (mut oracle_sum, mut closed_sum, mut refined_sum) = (0.0, 0.0, 0.0);
+    for seed in 0..500 {
+        let human = random_limbs(&mut rng);
+        let best = oracle(&arm, &human, &arm.mid(), 16, seed);
+        let closed = closed_form(&arm, &human, &arm.mid());
+        let refined = refine(&arm, &human, &closed, &closed, 0.0, 3);
+        assert!(best.s_gr <= refined.s_gr + 1e-9);
+        assert!((best.s_gr - arm.s_gr(&best.q, &human)).abs() < 1e-12);
+        oracle_sum += best.s_gr;
+        refined_sum += refined.s_gr;
+        closed_sum += arm.s_gr(&closed, &human);
+    }
+    println!("S_GR sums: oracle {oracle_sum:.3}, closed form + 3 {refined_sum:.3}, closed form {closed_sum:.3}");
+    assert!(oracle_sum < refined_sum && refined_sum < closed_sum);
+}
+
+#[test]
+fn the_oracle_finds_reachable_postures_exactly() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(9));
+    for seed in 0..300 {
+        let human = arm.forward(&random_q(&mut rng, &arm));
+        assert!(oracle(&arm, &human, &arm.mid(), 4, seed).s_gr < 1e-10);
+    }
+}
+
+#[test]
+fn slerp_takes_the_shorter_arc_whatever_the_signs() {
+    let mut rng = Pcg64::seed_from_u64(10);
+    for _ in 0..1000 {
+        let (a, b) = (random_limbs(&mut rng).upper, random_limbs(&mut rng).upper);
+        let minus = UnitQuaternion::new_unchecked(-b.into_inner());
+        let angle = |x: &UnitQuaternion<f64>, y: &UnitQuaternion<f64>| x.angle_to(y);
+        let third = slerp(&a, &b, 1.0 / 3.0);
+        assert!((angle(&a, &third) - angle(&a, &b) / 3.0).abs() < 1e-6);
+        assert!(angle(&third, &slerp(&a, &minus, 1.0 / 3.0)) < 1e-6);
+        assert!(angle(&slerp(&a, &a, 0.4), &a) < 1e-6);
+    }
+}
+
+#[test]
+fn features_are_bone_and_hinge_axes() {
+    let q = UnitQuaternion::from_euler_angles(0.3, -0.8, 1.2);
+    let got = features(&Limbs {
+        upper: q,
+        fore: UnitQuaternion::identity(),
+    });
+    let matrix = q.to_rotation_matrix();
+    for i in 0..3 {
+        assert!((f64::from(got[i]) - matrix[(i, 1)]).abs() < 1e-6);
+        assert!((f64::from(got[3 + i]) + matrix[(i, 2)]).abs() < 1e-6);
+    }
+    assert_eq!(got[6..], [0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
+}

@@ -1,0 +1,252 @@
+//! The networks against a plain reference in f64, and the weights file against everything that can be wrong with it.
+
+mod support;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use retarget::{Dense, Manifest, Network, Weights, interpolate_latent, read_layers, sha256_hex, write_weights};
+use support::{arm, identity, layers, random_q, weights};
+
+fn naive(layers: &[Dense], input: &[f64]) -> Vec<f64> {
+    let mut x = input.to_vec();
+    for (i, layer) in layers.iter().enumerate() {
+        let sum = |o: usize| {
+            let row = &layer.weight[o * layer.inputs..(o + 1) * layer.inputs];
+            f64::from(layer.bias[o]) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
+        };
+        let y: Vec<f64> = (0..layer.outputs).map(sum).collect();
+        let hidden = i + 1 < layers.len();
+        x = y
+            .into_iter()
+            .map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y })
+            .collect();
+    }
+    x
+}
+
+fn close(got: &[f32], want: &[f64], what: &str) {
+    for (got, want) in got.iter().zip(want) {
+        assert!(
+            (f64::from(*got) - want).abs() < 1e-5 * want.abs().max(1.0),
+            "{what}: {got} instead of {want}"
+        );
+    }
+}
+
+#[test]
+fn the_networks_equal_a_plain_reference() {
+    let arm = arm();
+    for (hidden, width) in [(6, 128), (3, 128), (1, 1), (2, 17), (4, 100), (1, 512), (16, 40)] {
+        let layers = layers(hidden as u64, hidden, width);
+        let network = Network::new(&layers, &arm);
+        let mut rng = Pcg64::seed_from_u64(11);
+        for _ in 0..50 {
+            let features: [[f32; 12]; 2] =
+                std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+            let latents = network.encode_human(&features);
+            let q = [random_q(&mut rng, &arm), random_q(&mut rng, &arm)];
+            let robot = network.encode_robot(&q);
+            for n in 0..2 {
+                let input: Vec<f64> = features[n].iter().map(|x| f64::from(*x)).collect();
+                close(&latents[n], &naive(&layers.human, &input), "human encoder");
+                let input: Vec<f64> = (0..5).map(|j| (q[n][j] - arm.mid()[j]) / arm.half()[j]).collect();
+                close(&robot[n], &naive(&layers.robot, &input), "robot encoder");
+                let latent: Vec<f64> = latents[n].iter().map(|x| f64::from(*x)).collect();
+                let y = naive(&layers.decoder, &latent);
+                let decoded = network.decode(&latents)[n];
+                for j in 0..5 {
+                    let want = arm.mid()[j] + 1.02 * arm.half()[j] * y[j].tanh();
+                    let want = want.max(arm.q_min[j]).min(arm.q_max[j]);
+                    assert!(
+                        (decoded[j] - want).abs() < 1e-5,
+                        "decoder: {} instead of {want}",
+                        decoded[j]
+                    );
+                }
+            }
+            assert_eq!(
+                network.encode_human(&[features[1]])[0],
+                latents[1],
+                "an arm alone gives the same bits"
+            );
+            assert_eq!(network.decode(&[latents[1]])[0], network.decode(&latents)[1]);
+        }
+    }
+}
+
+#[test]
+fn large_activations_saturate_and_nan_passes() {
+    let arm = arm();
+    let network = Network::new(&layers(1, 2, 32), &arm);
+    for scale in [1e3_f32, 1e10, 1e30] {
+        let q = network.decode(&[[scale; 8]])[0];
+        assert!((0..5).all(|j| (arm.q_min[j]..=arm.q_max[j]).contains(&q[j])), "{q:?}");
+    }
+    assert!(network.decode(&[[f32::NAN; 8]])[0].iter().all(|q| q.is_nan()));
+    assert!(network.encode_human(&[[f32::NAN; 12]])[0].iter().all(|x| x.is_nan()));
+}
+
+#[test]
+fn latents_interpolate_on_a_straight_line() {
+    let (a, b) = ([1.0; 8], [3.0; 8]);
+    assert_eq!(interpolate_latent(&a, &b, 0.0), a);
+    assert_eq!(interpolate_latent(&a, &b, 1.0), b);
+    assert_eq!(interpolate_latent(&a, &b, 0.25), [1.5; 8]);
+}
+
+#[test]
+fn written_weights_read_back() {
+    let layers = layers(2, 3, 24);
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+    let read = Weights::read(&text, &bytes, &identity()).unwrap();
+    assert_eq!(read_layers(&bytes, &read.manifest).unwrap(), layers);
+    assert_eq!((read.manifest.hidden_layers, read.manifest.hidden_width), (3, 24));
+}
+
+/// What is wrong, the words that the error must hold, and how to make it so.
+type Case = (&'static str, &'static str, fn(&mut Vec<u8>, &mut String));
+
+/// Text in the header is replaced by text of equal length, and the manifest signs the result.
+fn forge(bytes: &mut Vec<u8>, manifest: &mut String, from: &str, to: &str) {
+    assert_eq!(from.len(), to.len());
+    let at = bytes
+        .windows(from.len())
+        .position(|window| window == from.as_bytes())
+        .expect("in the header");
+    bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+    sign(bytes, manifest);
+}
+
+fn sign(bytes: &[u8], manifest: &mut String) {
+    set(manifest, "sha256", &format!("\"{}\"", sha256_hex(bytes)));
+}
+
+/// Replaces the (possibly multi-line) value of a key.
+fn set(manifest: &mut String, key: &str, value: &str) {
+    let mut table: toml::Table = toml::from_str(manifest).unwrap();
+    let parsed: toml::Table = toml::from_str(&format!("{key} = {value}")).unwrap();
+    table.insert(key.into(), parsed[key].clone());
+    *manifest = toml::to_string(&table).unwrap();
+}
+
+fn set_float(bytes: &mut [u8], manifest: &mut String, value: f32) {
+    let end = bytes.len();
+    bytes[end - 4..].copy_from_slice(&value.to_le_bytes());
+    sign(bytes, manifest);
+}
+
+const CASES: &[Case] = &[
+    ("wrong sha256", "sha256", |bytes, _| *bytes.last_mut().unwrap() ^= 1),
+    ("truncated", "tensors", |bytes, m| {
+        bytes.truncate(bytes.len() - 4);
+        sign(bytes, m);
+    }),
+    ("empty", "tensors", |bytes, m| {
+        bytes.clear();
+        sign(bytes, m);
+    }),
+    ("trailing bytes", "tensors", |bytes, m| {
+        bytes.extend([0; 4]);
+        sign(bytes, m);
+    }),
+    ("oversize header", "header of 1048577 bytes", |bytes, m| {
+        bytes[..8].copy_from_slice(&1_048_577_u64.to_le_bytes());
+        sign(bytes, m);
+    }),
+    ("header beyond the file", "tensors", |bytes, m| {
+        bytes[..8].copy_from_slice(&900_000_u64.to_le_bytes());
+        sign(bytes, m);
+    }),
+    ("other width", "is F32 [36, 16], expected F32 [24, 24]", |bytes, m| {
+        forge(bytes, m, "\"shape\":[24,24]", "\"shape\":[36,16]")
+    }),
+    ("other type", "I32", |bytes, m| forge(bytes, m, "\"F32\"", "\"I32\"")),
+    ("renamed tensor", "is missing", |bytes, m| {
+        forge(bytes, m, "human.0.bias", "human.9.bias")
+    }),
+    ("manifest with fewer layers", "expected F32", |_, m| {
+        set(m, "hidden_layers", "2")
+    }),
+    ("manifest with more layers", "expected F32", |_, m| {
+        set(m, "hidden_layers", "4")
+    }),
+    ("other width in the manifest", "expected F32", |_, m| {
+        set(m, "hidden_width", "25")
+    }),
+    ("no hidden layer", "hidden_layers is 0", |_, m| {
+        set(m, "hidden_layers", "0")
+    }),
+    ("too many layers", "hidden_layers is 17", |_, m| {
+        set(m, "hidden_layers", "17")
+    }),
+    ("too wide", "hidden_width is 513", |_, m| set(m, "hidden_width", "513")),
+    ("not a number", "NaN", |bytes, m| set_float(bytes, m, f32::NAN)),
+    ("infinite", "inf", |bytes, m| set_float(bytes, m, f32::INFINITY)),
+    ("foreign robot", "robot is \"other\"", |_, m| {
+        set(m, "robot", "\"other\"")
+    }),
+    ("foreign hash", "robot_hash", |_, m| {
+        set(m, "robot_hash", "\"feed000000000002\"")
+    }),
+    ("foreign joints", "joints is", |_, m| {
+        set(m, "joints", "['a', 'b', 'c', 'd', 'e']")
+    }),
+    ("other limits", "mid_rad", |_, m| {
+        set(m, "mid_rad", "[0.0, 0.0, 0.0, 0.0, 0.0]")
+    }),
+    ("limits that are no number", "half_rad", |_, m| {
+        set(m, "half_rad", "[nan, 0.0, 0.0, 0.0, 0.0]")
+    }),
+    ("other latent", "latent is 9", |_, m| set(m, "latent", "9")),
+    ("other format", "format is 2", |_, m| set(m, "format", "2")),
+    ("unknown key", "unknown field", |_, m| set(m, "speed", "1")),
+    ("no manifest", "missing field", |_, m| m.clear()),
+    ("no TOML", "manifest", |_, m| m.push_str("= =")),
+];
+
+#[test]
+fn a_weights_file_with_any_flaw_is_refused_by_name() {
+    for (what, words, spoil) in CASES {
+        let layers = layers(2, 3, 24);
+        let (mut bytes, mut text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+        spoil(&mut bytes, &mut text);
+        let error = Weights::read(&text, &bytes, &identity()).expect_err(what).to_string();
+        assert!(error.contains(words), "{what}: {error}");
+    }
+}
+
+#[test]
+fn a_tensor_that_no_layer_uses_is_refused() {
+    let mut layers = layers(2, 3, 24);
+    let manifest = Manifest::new(&identity(), &layers);
+    layers.decoder.push(Dense {
+        inputs: 5,
+        outputs: 1,
+        weight: vec![0.0; 5],
+        bias: vec![0.0],
+    });
+    let (bytes, text) = write_weights(&layers, &manifest).unwrap();
+    let error = Weights::read(&text, &bytes, &identity()).unwrap_err().to_string();
+    assert!(
+        error.contains("decoder.4") && error.contains("belongs to no layer"),
+        "{error}"
+    );
+}
+
+#[test]
+fn random_bytes_never_panic_the_reader() {
+    let mut rng = Pcg64::seed_from_u64(12);
+    let layers = layers(2, 1, 8);
+    let (good, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+    for _ in 0..2000 {
+        let mut bytes = good.clone();
+        for _ in 0..rng.random_range(1..6) {
+            let at = rng.random_range(0..bytes.len().min(2000));
+            bytes[at] = rng.random_range(0..=255);
+        }
+        let mut text = text.clone();
+        sign(&bytes, &mut text);
+        let _ = Weights::read(&text, &bytes, &identity());
+    }
+    assert!(weights(&layers).network.decode(&[[0.0; 8]])[0][0].is_finite());
+}

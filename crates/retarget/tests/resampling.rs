@@ -1,0 +1,353 @@
+//! Whatever the rate and however the skeletons arrive, the target moves no faster than a person who hurries.
+
+mod support;
+
+use std::f64::consts::TAU;
+
+use messages::{Skeleton, Stamp, TICK_S, deadline, skeleton_flag, target_flag};
+use nalgebra::{Quaternion, UnitQuaternion};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use retarget::{ArmQ, Config, Input, Method, Options, Output, Resample, State, tick};
+use support::{layers, robot, skeleton, weights};
+
+const START_NS: u64 = 5_000_000_000;
+const MS: u64 = 1_000_000;
+/// Playhead at most 1.5 times real time, source steps at least 0.75 of the real ones.
+const HURRY: f64 = 2.0;
+/// Without the client's stamps the period is estimated from arrivals, which bursts spoil by up to a third.
+const HURRY_UNSTAMPED: f64 = 3.0;
+
+/// A person who swings both arms, away from the gimbal and the limits.
+fn human(t_s: f64) -> [ArmQ; 2] {
+    let wave = |j: usize| (TAU * t_s * (0.4 + 0.07 * j as f64) + j as f64).sin();
+    let q: ArmQ = std::array::from_fn(|j| [0.1, 0.2, 1.5, 0.9, 0.0][j] + 0.5 * wave(j));
+    [q, [q[1], q[0], q[2], q[3], -q[4]]]
+}
+
+fn config(method: Method, resample: Resample, delay_ms: f64) -> Config {
+    let options = Options {
+        method: Some(method),
+        resample,
+        interpolation_delay_ms: delay_ms,
+        ..Options::default()
+    };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).unwrap()
+}
+
+/// (arrival, skeleton), sorted by arrival.
+type Arrivals = Vec<(u64, Skeleton)>;
+
+/// Skeletons of `rate_hz` for `seconds`, each delivered `late(i)` ns after its capture, in order.
+fn source(rate_hz: f64, seconds: f64, origins: bool, mut late: impl FnMut(u64) -> u64) -> Arrivals {
+    let mut last = 0;
+    (0..(rate_hz * seconds) as u64)
+        .map(|i| {
+            let captured = START_NS + (i as f64 * 1e9 / rate_hz) as u64;
+            let arrival = (captured + late(i)).max(last);
+            last = arrival;
+            let q = human((captured - START_NS) as f64 * 1e-9);
+            (
+                arrival,
+                skeleton(i + 1, arrival, if origins { captured } else { 0 }, &q),
+            )
+        })
+        .collect()
+}
+
+/// Ticks through the arrivals, always with the newest skeleton, as the shell does.
+fn run(config: &Config, arrivals: &Arrivals, seconds: f64) -> Vec<(Stamp, Output)> {
+    let first = messages::tick_at(Stamp(START_NS));
+    let mut state = State::default();
+    let mut next = 0;
+    (first..first + (seconds * 1500.0) as u64)
+        .map(|k| {
+            let now = deadline(k);
+            while next < arrivals.len() && arrivals[next].0 <= now.0 {
+                next += 1;
+            }
+            let newest = next.checked_sub(1).map(|i| &arrivals[i].1);
+            (now, tick(config, &mut state, now, Input { k, skeleton: newest }))
+        })
+        .collect()
+}
+
+fn angle(a: [f64; 4], b: [f64; 4]) -> f64 {
+    let rotation = |q: [f64; 4]| UnitQuaternion::new_normalize(Quaternion::new(q[3], q[0], q[1], q[2]));
+    rotation(a).angle_to(&rotation(b))
+}
+
+/// Fastest limb rotation between consecutive ticks that both have a human, rad/s.
+fn fastest(outputs: &[(Stamp, Output)]) -> f64 {
+    let step = |pair: &[(Stamp, Output)]| {
+        let (a, b) = (&pair[0].1.target, &pair[1].1.target);
+        if a.valid_mask == 0 {
+            return 0.0;
+        }
+        (0..4)
+            .map(|limb| angle(a.human_limbs[limb], b.human_limbs[limb]))
+            .fold(0.0, f64::max)
+            / TICK_S
+    };
+    outputs.windows(2).map(step).fold(0.0, f64::max)
+}
+
+/// Fastest limb rotation of the person, rad/s, over frames of `rate_hz`.
+fn fastest_human(rate_hz: f64, seconds: f64) -> f64 {
+    let frames = source(rate_hz, seconds, true, |_| 0);
+    let limb = |frame: &Skeleton, limb: usize| frame.limbs[limb].map(f64::from);
+    let step = |pair: &[(u64, Skeleton)]| {
+        (0..4)
+            .map(|i| angle(limb(&pair[0].1, i), limb(&pair[1].1, i)))
+            .fold(0.0, f64::max)
+            * rate_hz
+    };
+    frames.windows(2).map(step).fold(0.0, f64::max)
+}
+
+/// Name and lateness (ns) of frame i.
+type Delivery = (&'static str, fn(u64, &mut Pcg64) -> u64);
+
+const DELIVERIES: [Delivery; 5] = [
+    ("punctual", |_, _| 0),
+    ("constant 20 ms", |_, _| 20 * MS),
+    ("jitter 0 to 30 ms", |_, rng| rng.random_range(0..30 * MS)),
+    ("pairs", |i, _| if i % 2 == 0 { 34 * MS } else { 0 }),
+    ("bursts of 80 ms", |i, _| if i % 16 < 3 { 80 * MS } else { 0 }),
+];
+
+#[test]
+fn motion_is_continuous_at_every_rate_and_delivery() {
+    let mut worst: f64 = 0.0;
+    for rate_hz in [30.0, 60.0, 120.0, 240.0] {
+        let person = fastest_human(rate_hz, 6.0);
+        for (name, late) in DELIVERIES {
+            for origins in [true, false] {
+                let allowed = person * if origins { HURRY } else { HURRY_UNSTAMPED };
+                for delay_ms in [0.0, 20.0, 40.0, 80.0] {
+                    let mut rng = Pcg64::seed_from_u64(21);
+                    let arrivals = source(rate_hz, 6.0, origins, |i| late(i, &mut rng));
+                    let outputs = run(
+                        &config(Method::ClosedForm, Resample::Interpolate, delay_ms),
+                        &arrivals,
+                        6.0,
+                    );
+                    let fastest = fastest(&outputs);
+                    worst = worst.max(fastest / person);
+                    assert!(
+                        fastest <= allowed,
+                        "{rate_hz} Hz, {name}, origins {origins}, delay {delay_ms} ms: {fastest:.2} rad/s > {allowed:.2}"
+                    );
+                    let q_step = outputs
+                        .windows(2)
+                        .filter(|pair| pair[0].1.target.valid_mask != 0)
+                        .map(|pair| {
+                            let (a, b) = (&pair[0].1.target.q, &pair[1].1.target.q);
+                            (0..17).map(|j| (a[j] - b[j]).abs()).fold(0.0, f64::max)
+                        });
+                    let q_fastest = q_step.fold(0.0, f64::max) / TICK_S;
+                    assert!(
+                        q_fastest < 3.0 * allowed,
+                        "{rate_hz} Hz, {name}: joints at {q_fastest:.2} rad/s"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_target_is_the_person_of_the_stated_delay_ago() {
+    for rate_hz in [30.0, 60.0, 120.0, 240.0] {
+        let outputs = run(
+            &config(Method::ClosedForm, Resample::Interpolate, 40.0),
+            &source(rate_hz, 4.0, true, |_| 3 * MS),
+            4.0,
+        );
+        for (now, output) in &outputs[1500..] {
+            // Source time is arrival, 3 ms after capture.
+            let then = human((now.0 - START_NS) as f64 * 1e-9 - 0.043);
+            let want = support::arm().forward(&then[0]);
+            let want = retarget::xyzw_from_rotation(&want.upper);
+            let off = angle(output.target.human_limbs[0], want).to_degrees();
+            assert!(off < 0.5, "{rate_hz} Hz: {off} degrees off");
+            assert!(output.limb_error_rad.iter().all(|error| error.to_degrees() < 0.1));
+        }
+    }
+}
+
+#[test]
+fn velocity_is_the_difference_of_positions_and_bounded() {
+    let outputs = run(
+        &config(Method::ClosedForm, Resample::Interpolate, 40.0),
+        &source(60.0, 3.0, true, |_| 0),
+        3.0,
+    );
+    let velocity_max = [1.95, 1.95, 2.35, 2.35, 1.95];
+    for pair in outputs[300..].windows(2) {
+        let (a, b) = (&pair[0].1.target, &pair[1].1.target);
+        for j in 0..5 {
+            let difference = (b.q[3 + j] - a.q[3 + j]) / TICK_S;
+            let want = difference.clamp(-velocity_max[j], velocity_max[j]);
+            assert!((b.dq[3 + j] - want).abs() < 1e-9);
+        }
+    }
+    let steps = run(
+        &config(Method::ClosedForm, Resample::Latest, 0.0),
+        &source(30.0, 3.0, true, |_| 0),
+        3.0,
+    );
+    let over = steps
+        .iter()
+        .any(|(_, o)| (0..5).any(|j| o.target.dq[3 + j].abs() > velocity_max[j]));
+    assert!(!over, "steps would need more than the velocity limit");
+}
+
+#[test]
+fn a_gap_clears_fresh_holds_and_then_fades_in() {
+    let mut arrivals = source(60.0, 1.0, true, |_| 0);
+    let after = source(60.0, 3.0, true, |_| 0);
+    arrivals.extend(after.into_iter().filter(|(at, _)| *at >= START_NS + 2_000 * MS));
+    let outputs = run(&config(Method::Network, Resample::Interpolate, 40.0), &arrivals, 3.0);
+    let at = |ms: u64| &outputs[(ms * 3 / 2) as usize].1;
+    assert_eq!(at(1000).target.flags, target_flag::INPUT_FRESH);
+    assert_eq!(at(1080).target.flags, target_flag::INPUT_FRESH);
+    assert_eq!(at(1090).target.flags, 0, "the last skeleton came at 983 ms");
+    assert_eq!(
+        (at(1100).target.q, at(1100).target.valid_mask),
+        (at(1990).target.q, at(1990).target.valid_mask)
+    );
+    assert_eq!(at(1990).target.dq, [0.0; 17]);
+    assert_eq!(at(2005).target.flags, target_flag::INPUT_FRESH);
+    // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
+    let fastest = fastest(&outputs[2990..]);
+    assert!(fastest < 1.5 * 2.0 * TAU, "{fastest} rad/s after the gap");
+    let step = angle(at(1999).target.human_limbs[0], at(2003).target.human_limbs[0]);
+    assert!(step < 0.02, "no jump at the end of the gap, but {step} rad");
+}
+
+#[test]
+fn a_new_writer_fades_in_even_without_a_gap() {
+    let mut arrivals = source(60.0, 2.0, true, |_| 0);
+    for (at, skeleton) in &mut arrivals {
+        if *at >= START_NS + 1_000 * MS {
+            let other = support::skeleton(1, *at, *at, &[[1.2, -0.9, 0.0, 1.9, 1.0]; 2]);
+            skeleton.limbs = other.limbs;
+            skeleton.header.incarnation = 2;
+            skeleton.header.sequence -= 50;
+        }
+    }
+    let outputs = run(&config(Method::Network, Resample::Interpolate, 40.0), &arrivals, 2.0);
+    assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
+    let last = &outputs[2990].1.target;
+    assert!(
+        angle(last.human_limbs[0], arrivals[110].1.limbs[0].map(f64::from)) < 1e-3,
+        "it arrives there"
+    );
+}
+
+#[test]
+fn an_arm_that_is_not_seen_is_not_meant_and_one_that_is_lost_holds() {
+    let mut arrivals = source(60.0, 2.0, true, |_| 0);
+    for (at, skeleton) in &mut arrivals {
+        skeleton.flags &= !skeleton_flag::LIMB[3];
+        let lost = (500..1500).contains(&((*at - START_NS) / MS));
+        if lost {
+            skeleton.flags &= !skeleton_flag::LIMB[0];
+        }
+    }
+    let outputs = run(&config(Method::Network, Resample::Interpolate, 40.0), &arrivals, 2.0);
+    let at = |ms: u64| &outputs[(ms * 3 / 2) as usize].1;
+    assert_eq!(
+        at(400).target.valid_mask,
+        0b1_1111 << 3,
+        "joints 1 to 5 of the left arm"
+    );
+    assert_eq!(
+        at(400).target.q[10..17],
+        [0.25; 7],
+        "the right arm shows the home posture"
+    );
+    assert_eq!(at(400).target.human_limbs[2..], [[0.0; 4]; 2]);
+    assert_eq!(
+        (at(400).fresh, at(700).fresh, at(1600).fresh),
+        ([true, false], [false, false], [true, false])
+    );
+    assert_eq!(at(700).target.flags, 0);
+    assert_eq!(at(800).target.q, at(1400).target.q);
+    assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
+}
+
+#[test]
+fn an_arm_that_flickers_moves_continuously() {
+    let allowed = HURRY * fastest_human(30.0, 3.0);
+    let mut arrivals = source(30.0, 3.0, true, |_| 0);
+    for (i, (_, skeleton)) in arrivals.iter_mut().enumerate() {
+        // Two of three frames are lost: 100 ms between knots, 60 ms of them not yet shown when the next one comes.
+        if i % 3 != 0 {
+            skeleton.flags = 0;
+        }
+    }
+    let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &arrivals, 3.0);
+    let fastest = fastest(&outputs);
+    assert!(fastest < 1.7 * allowed, "{fastest} rad/s");
+}
+
+#[test]
+fn latest_has_no_delay_and_hold_repeats_what_interpolation_passes() {
+    let arrivals = source(30.0, 2.0, true, |_| 0);
+    let latest = run(&config(Method::ClosedForm, Resample::Latest, 40.0), &arrivals, 2.0);
+    for (now, output) in &latest {
+        let newest = arrivals.iter().rev().find(|(at, _)| *at <= now.0).unwrap();
+        assert!(angle(output.target.human_limbs[1], newest.1.limbs[1].map(f64::from)) < 1e-6);
+    }
+    let hold = run(&config(Method::ClosedForm, Resample::Hold, 40.0), &arrivals, 2.0);
+    for (now, output) in &hold[300..] {
+        let shown = arrivals
+            .iter()
+            .rev()
+            .find(|(at, _)| at + 40 * MS <= now.0 + MS)
+            .unwrap();
+        let before = arrivals.iter().rev().find(|(at, _)| at + 41 * MS <= now.0).unwrap();
+        let off = |frame: &(u64, Skeleton)| angle(output.target.human_limbs[1], frame.1.limbs[1].map(f64::from));
+        assert!(off(shown) < 1e-6 || off(before) < 1e-6);
+    }
+}
+
+#[test]
+fn origin_and_sequence_are_those_of_the_newest_skeleton() {
+    let arrivals = source(60.0, 1.0, true, |_| 5 * MS);
+    let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &arrivals, 1.0);
+    for (now, output) in &outputs {
+        let newest = arrivals
+            .iter()
+            .rev()
+            .find(|(at, _)| *at <= now.0)
+            .map(|(_, skeleton)| skeleton);
+        let Some(newest) = newest else {
+            assert_eq!((output.target.valid_mask, output.target.flags), (0, 0));
+            continue;
+        };
+        assert_eq!(output.target.header.origin, newest.header.origin);
+        assert_eq!(output.target.input_sequence, newest.header.sequence);
+        assert_eq!(output.target.input_received, newest.received);
+    }
+}
+
+#[test]
+fn both_arms_mirror() {
+    let config = config(Method::Network, Resample::Latest, 0.0);
+    let q = [0.3, 0.4, 1.2, 1.0, -0.4];
+    let out = tick(
+        &config,
+        &mut State::default(),
+        Stamp(START_NS),
+        Input {
+            k: 1,
+            skeleton: Some(&skeleton(1, START_NS, 0, &[q, q])),
+        },
+    );
+    assert_eq!(out.target.q[3..8], out.target.q[10..15]);
+    assert_eq!(out.latents[0], out.latents[1]);
+    assert_eq!(retarget::mirror(out.target.human_limbs[0]), out.target.human_limbs[2]);
+}

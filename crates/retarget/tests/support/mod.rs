@@ -1,0 +1,107 @@
+//! An arm like TIAGo's, a network of random weights, and skeletons made from postures.
+#![allow(dead_code, reason = "every test file uses a part of it")]
+
+use std::f64::consts::FRAC_PI_2;
+
+use messages::{JOINTS, Layout, Skeleton, Stamp, skeleton_flag};
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use retarget::{
+    ArmIdentity, ArmModel, ArmQ, Dense, LATENT, Layers, Limbs, Manifest, RobotArms, Weights, mirror, write_weights,
+    xyzw_from_rotation,
+};
+
+/// Axes and reference of RETARGETING section 2, limits of the robot's URDF.
+pub(crate) fn arm() -> ArmModel {
+    let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+    ArmModel::new(
+        [-z, -x, y, -z, -y],
+        [0.0, 0.0, FRAC_PI_2, 0.0, 0.0],
+        [-1.178, -1.178, -0.785, -0.393, -2.094],
+        [1.571, 1.571, 3.927, 2.356, 2.094],
+    )
+}
+
+pub(crate) fn identity() -> ArmIdentity {
+    let joints = std::array::from_fn(|j| format!("arm_left_{}_joint", j + 1));
+    ArmIdentity {
+        robot: "test".into(),
+        robot_hash: 0xfeed_0000_0000_0001,
+        joints,
+        arm: arm(),
+    }
+}
+
+pub(crate) fn robot() -> RobotArms {
+    RobotArms {
+        identity: identity(),
+        velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95],
+        home: [0.25; JOINTS],
+    }
+}
+
+pub(crate) fn random_q(rng: &mut Pcg64, arm: &ArmModel) -> ArmQ {
+    std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]))
+}
+
+pub(crate) fn random_limbs(rng: &mut Pcg64) -> Limbs {
+    let mut rotation = || {
+        let parts: [f64; 4] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+        nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::from(parts))
+    };
+    Limbs {
+        upper: rotation(),
+        fore: rotation(),
+    }
+}
+
+/// Weights of unit gain, so that activations stay of order one.
+pub(crate) fn layers(seed: u64, hidden: usize, width: usize) -> Layers {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut dense = |inputs: usize, outputs: usize| {
+        let scale = (6.0 / inputs as f32).sqrt();
+        Dense {
+            inputs,
+            outputs,
+            weight: (0..inputs * outputs).map(|_| rng.random_range(-scale..scale)).collect(),
+            bias: (0..outputs).map(|_| rng.random_range(-0.1..0.1)).collect(),
+        }
+    };
+    let mut network = |inputs: usize, outputs: usize| {
+        let mut layers = vec![dense(inputs, width)];
+        layers.extend((1..hidden).map(|_| dense(width, width)));
+        layers.push(dense(width, outputs));
+        layers
+    };
+    Layers {
+        human: network(12, LATENT),
+        robot: network(5, LATENT),
+        decoder: network(LATENT, 5),
+    }
+}
+
+pub(crate) fn weights(layers: &Layers) -> Weights {
+    let (bytes, manifest) = write_weights(layers, &Manifest::new(&identity(), layers)).expect("written");
+    Weights::read(&manifest, &bytes, &identity()).expect("accepted")
+}
+
+/// A skeleton whose two arms take the postures `q` (both arms by the model of the left one).
+pub(crate) fn skeleton(sequence: u64, received_ns: u64, origin_ns: u64, q: &[ArmQ; 2]) -> Skeleton {
+    let mut out = Skeleton {
+        received: Stamp(received_ns),
+        flags: skeleton_flag::ALL,
+        ..Skeleton::ZERO
+    };
+    out.header.sequence = sequence;
+    out.header.incarnation = 1;
+    out.header.origin = Stamp(origin_ns);
+    for (n, q) in q.iter().enumerate() {
+        let limbs = arm().forward(q);
+        for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
+            let left = xyzw_from_rotation(rotation);
+            out.limbs[2 * n + i] = if n == 0 { left } else { mirror(left) }.map(|x| x as f32);
+        }
+    }
+    out
+}
