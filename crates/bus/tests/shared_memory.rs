@@ -228,7 +228,7 @@ fn a_wake_up_arrives_and_without_one_the_wait_ends() {
 
 #[test]
 fn no_wake_up_is_lost_while_two_threads_race() {
-    const LAST: u64 = 20_000;
+    const LAST: u64 = 200_000;
     let place = Place::new("race");
     let domain = place.open();
     let mut waiting = domain
@@ -311,4 +311,29 @@ fn stamps_survive() {
     writer.publish(&message).expect("it goes out");
     let read = eventually("the message", || reader.latest());
     assert_eq!(read, message);
+}
+
+#[test]
+fn a_damaged_domain_is_an_error_that_names_it_and_never_a_hang() {
+    let place = Place::new("damaged");
+    let healthy = place.open();
+    // Any local user can do this to the file that counts nodes: it is 0666.
+    let prefix = place.config().prefix;
+    let entries = std::fs::read_dir("/dev/shm").expect("it exists").flatten();
+    let mut counters = entries.filter(|entry| {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        name.starts_with(&prefix) && name.ends_with(".global_mgmt")
+    });
+    let counter = counters.next().expect("one file counts nodes").path();
+    std::fs::File::create(&counter).expect("it can be truncated");
+    let error = Domain::open(place.config(), "late").expect_err("it cannot be opened");
+    let text = error.to_string();
+    assert!(
+        text.contains(&prefix) && text.contains(place.root().to_str().expect("UTF-8")),
+        "{text}"
+    );
+    println!("{text}");
+    let (mut writer, mut reader) = (writer(&healthy), reader(&healthy));
+    writer.publish(&target(1)).expect("who was there before goes on");
+    assert_eq!(reader.latest(), Some(target(1)));
 }

@@ -1,0 +1,62 @@
+//! The memory lock belongs to a process, so it has a test program of its own.
+
+use rt::{Outcome, PageFaults, Policy, Realtime, RealtimeConfig};
+
+/// Far larger than what the allocator keeps at hand.
+const BLOCK_BYTES: usize = 4 << 20;
+
+#[test]
+fn locked_memory_is_resident_where_the_lock_is_reported() {
+    let config = RealtimeConfig {
+        policy: Policy::Other,
+        cores: None,
+        lock_memory: true,
+    };
+    let report = Realtime::apply(&config);
+    match &report.memory {
+        Outcome::Applied(_) => {
+            let locked = locked_kb();
+            let thread = std::thread::Builder::new().stack_size(BLOCK_BYTES).spawn(locked_kb);
+            let grown = thread.expect("a thread").join().expect("it does not panic") - locked;
+            assert!(
+                grown >= BLOCK_BYTES as u64 / 1024,
+                "a new stack is locked too: {grown} kB more"
+            );
+            let mut block: Vec<u8> = Vec::with_capacity(BLOCK_BYTES);
+            let before = PageFaults::of_thread();
+            block.resize(BLOCK_BYTES, 1);
+            std::hint::black_box(&block);
+            touch_stack(0);
+            let faults = PageFaults::of_thread().since(before);
+            // 1,024 pages of heap and 32 of stack, all mapped when they were asked for, not when they were touched.
+            assert!(faults.minor < 64, "{faults:?}");
+            assert_eq!(faults.major, 0);
+        }
+        Outcome::Refused(why) => {
+            println!("memory cannot be locked here: {why}");
+            assert!(why.contains("RLIMIT_MEMLOCK") || why.contains("mlockall"), "{why}");
+            assert!(!report.is_realtime());
+            assert_eq!(report.refusals().len(), 1);
+        }
+        Outcome::NotRequested => panic!("it was requested"),
+    }
+}
+
+fn locked_kb() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells it");
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmLck:"))
+        .expect("Linux counts it");
+    line.trim().trim_end_matches(" kB").parse().expect("a number")
+}
+
+#[inline(never)]
+fn touch_stack(depth: u32) {
+    let frame = [depth as u8; 16 * 1024];
+    std::hint::black_box(&frame);
+    if depth < 8 {
+        touch_stack(depth + 1);
+    }
+    std::hint::black_box(&frame);
+}
