@@ -4,10 +4,14 @@ use std::f64::consts::FRAC_PI_2;
 use std::hint::black_box;
 use std::time::Instant;
 
+use messages::{JOINTS, Layout, Skeleton, deadline, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{ArmModel, ArmQ, Dense, LATENT, Layers, Limbs, Network, PRIOR_WEIGHT, features, refine};
+use retarget::{
+    ArmIdentity, ArmModel, ArmQ, Config, Dense, Input, LATENT, Layers, Limbs, Manifest, Network, Options, PRIOR_WEIGHT,
+    RobotArms, State, Weights, features, refine, tick, write_weights, xyzw_from_rotation,
+};
 
 fn main() {
     let (z, x, y) = (Vector3::z(), Vector3::x(), Vector3::y());
@@ -54,6 +58,51 @@ fn main() {
         (0..2)
             .map(|n| refine(&arm, &human[n], &start[n], &start[n], PRIOR_WEIGHT, 2).s_gr)
             .sum()
+    });
+}
+
+/// Whole ticks: a skeleton every fifth of them, as from a source of 300 Hz.
+fn whole_ticks(arm: &ArmModel, layers: &Layers, human: &[Limbs; 2]) {
+    let joints = std::array::from_fn(|j| format!("joint_{j}"));
+    let identity = ArmIdentity {
+        robot: "example".into(),
+        robot_hash: 0,
+        joints,
+        arm: arm.clone(),
+    };
+    let (bytes, manifest) = write_weights(layers, &Manifest::new(&identity, layers)).expect("weights are written");
+    let weights = Weights::read(&manifest, &bytes, &identity).expect("weights are read");
+    let robot = RobotArms {
+        identity,
+        velocity_max: [2.0; 5],
+        home: [0.0; JOINTS],
+    };
+    let config = Config::for_arms(&robot, Some(weights), &Options::default()).expect("options are in range");
+    let mut skeleton = Skeleton {
+        flags: skeleton_flag::ALL,
+        ..Skeleton::ZERO
+    };
+    for (n, arm) in human.iter().enumerate() {
+        let limbs = [arm.upper, arm.fore].map(|limb| xyzw_from_rotation(&limb).map(|x| x as f32));
+        skeleton.limbs[2 * n..2 * n + 2].copy_from_slice(&limbs);
+    }
+    let (mut state, mut k) = (State::default(), 1500);
+    time("tick, a new skeleton in every fifth", || {
+        k += 1;
+        if k % 5 == 0 {
+            skeleton.header.sequence += 1;
+            skeleton.received = deadline(k);
+        }
+        tick(
+            &config,
+            &mut state,
+            deadline(k),
+            Input {
+                k,
+                skeleton: Some(&skeleton),
+            },
+        )
+        .limb_error_rad[0]
     });
 }
 

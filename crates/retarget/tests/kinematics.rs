@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -20,8 +22,7 @@ fn forward_is_the_product_of_axis_rotations() {
     let q = [0.3, -0.4, 1.9, 0.7, -1.1];
     let about =
         |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_unchecked(axis), angle);
-    let upper =
-        about(Vector3::z(), -q[0]) * about(Vector3::x(), -q[1]) * about(Vector3::y(), q[2] - 1.570_796_326_794_896_6);
+    let upper = about(Vector3::z(), -q[0]) * about(Vector3::x(), -q[1]) * about(Vector3::y(), q[2] - FRAC_PI_2);
     let fore = upper * about(Vector3::z(), -q[3]) * about(Vector3::y(), -q[4]);
     assert!(arm.forward(&q).upper.angle_to(&upper) < 1e-12);
     assert!(arm.forward(&q).fore.angle_to(&fore) < 1e-12);
@@ -92,7 +93,7 @@ fn the_closed_form_reaches_every_reachable_posture() {
         let near = closed_form(&arm, &human, &q);
         let off = (0..ARM_Q).map(|j| (near[j] - q[j]).abs()).fold(0.0, f64::max);
         assert!(
-            off < 1e-3 || (q[1].abs() - 1.5708).abs() < 0.05,
+            off < 1e-3 || (q[1].abs() - FRAC_PI_2).abs() < 0.05,
             "{q:?} became {near:?}, {off}"
         );
     }
@@ -102,7 +103,7 @@ fn the_closed_form_reaches_every_reachable_posture() {
 fn the_closed_form_keeps_the_split_of_a_hanging_arm() {
     let arm = arm();
     for q1 in [-1.0, -0.2, 0.0, 0.9] {
-        let q = [q1, std::f64::consts::FRAC_PI_2, 1.2, 0.6, 0.3];
+        let q = [q1, FRAC_PI_2, 1.2, 0.6, 0.3];
         let found = closed_form(&arm, &arm.forward(&q), &[q1, 1.5, 1.0, 0.5, 0.0]);
         assert!((found[0] - q1).abs() < 1e-9, "joint 1 of {q:?} moved to {}", found[0]);
         assert!(worst(&arm, &found, &arm.forward(&q)) < 0.02);

@@ -154,6 +154,7 @@ fn motion_is_continuous_at_every_rate_and_delivery() {
             }
         }
     }
+    println!("fastest: {worst:.2} times the person");
 }
 
 #[test]
