@@ -59,6 +59,7 @@ fn main() {
             .map(|n| refine(&arm, &human[n], &start[n], &start[n], PRIOR_WEIGHT, 2).s_gr)
             .sum()
     });
+    whole_ticks(&arm, &layers, &human);
 }
 
 /// Whole ticks: a skeleton every fifth of them, as from a source of 300 Hz.

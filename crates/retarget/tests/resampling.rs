@@ -187,9 +187,8 @@ fn velocity_is_the_difference_of_positions_and_bounded() {
     let velocity_max = [1.95, 1.95, 2.35, 2.35, 1.95];
     for pair in outputs[300..].windows(2) {
         let (a, b) = (&pair[0].1.target, &pair[1].1.target);
-        for j in 0..5 {
-            let difference = (b.q[3 + j] - a.q[3 + j]) / TICK_S;
-            let want = difference.clamp(-velocity_max[j], velocity_max[j]);
+        for (j, max) in velocity_max.into_iter().enumerate() {
+            let want = ((b.q[3 + j] - a.q[3 + j]) / TICK_S).clamp(-max, max);
             assert!((b.dq[3 + j] - want).abs() < 1e-9);
         }
     }
