@@ -76,6 +76,10 @@ fn child() {
                 reader.latest();
             }
         }
+        "rival" => {
+            let error = writer(&domain).expect_err("the place is taken");
+            assert!(matches!(error, BusError::WriterExists { .. }), "{error:?}");
+        }
         role => panic!("no such role: {role}"),
     }
 }
@@ -124,6 +128,19 @@ fn a_killed_writer_is_silence_and_its_successor_a_stranger() {
     known.dedup();
     assert_eq!(known.len(), 4, "each writer has its own incarnation");
     assert_eq!(reader.failures(), 0);
+}
+
+#[test]
+fn a_living_writer_keeps_its_place_against_another_process() {
+    let place = Place::new("living");
+    let domain = place.open();
+    let (mut writer, mut reader) = (writer(&domain).expect("a writer's place"), reader(&domain));
+    // Death is seen by a file lock that belongs to the process: opening the domain again must not loosen it.
+    drop(place.open());
+    let mut rival = Process::start(&place, "rival");
+    assert!(rival.0.wait().expect("it ends").success(), "the rival was not refused");
+    assert_eq!(writer.publish(&message(1, 2)), Ok(1));
+    assert_eq!(reader.latest(), Some(message(1, 2)));
 }
 
 #[test]
