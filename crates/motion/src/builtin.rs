@@ -69,6 +69,7 @@ pub fn builtin() -> Motion {
             frames.push(frame(&blend(&from.left, &to.left), &blend(&from.right, &to.right)));
         }
     }
+    sway(&mut frames);
     let guesses = Guesses {
         scale_m_per_unit: 1.0,
         unit: "m",
@@ -83,6 +84,19 @@ pub fn builtin() -> Motion {
         first: None,
         has_rotations: true,
         guesses,
+    }
+}
+
+/// Nobody stands as still as a number: a sway of 3 mm, five times in the motion, so that a pause is told from a stuck
+/// tracker.
+fn sway(frames: &mut [Frame]) {
+    let count = frames.len() as f64;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        let (sin, cos) = (i as f64 / count * 5.0 * std::f64::consts::TAU).sin_cos();
+        for position in &mut frame.positions {
+            position[0] += (0.003 * sin) as f32;
+            position[1] += (0.003 * cos) as f32;
+        }
     }
 }
 

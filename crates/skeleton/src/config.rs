@@ -30,7 +30,8 @@ pub struct Config {
     pub step_max_m: f64,
     /// Coherent frames after a teleport before frames are accepted again.
     pub coherent_frames: u32,
-    /// A payload that repeats bit for bit for this long after it had moved is a stuck tracker (ns); 0 turns it off.
+    /// A payload that repeats bit for bit for this long after it had moved is a stuck tracker (ns), until it has done so
+    /// for `gap_ns`; 0 turns it off.
     pub frozen_after_ns: u64,
     /// After a gap of this length (ns) the person may have changed: lengths are learnt and uprightness is asked for again.
     pub gap_ns: u64,

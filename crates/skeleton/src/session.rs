@@ -202,8 +202,13 @@ impl Session {
         if self.frozen_since == Stamp::NONE {
             self.frozen_since = now;
         }
+        let still_ns = now.since(self.frozen_since);
+        if still_ns > config.gap_ns {
+            // By now everything downstream has stopped; a client may hold a frame until it is engaged anew.
+            self.moved = false;
+        }
         // A client holds its first frame until it is engaged: only what moved before can freeze.
-        let frozen = config.frozen_after_ns > 0 && self.moved && now.since(self.frozen_since) >= config.frozen_after_ns;
+        let frozen = config.frozen_after_ns > 0 && self.moved && still_ns >= config.frozen_after_ns;
         if frozen { Err(DropReason::Frozen) } else { Ok(()) }
     }
 

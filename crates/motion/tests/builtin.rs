@@ -1,0 +1,132 @@
+//! The built-in motion, loops and upsampling: human, smooth, and slow enough.
+
+use messages::{HingeCalibration, Layout, Stamp, skeleton_flag};
+use motion::{CalibrationMode, Frame, Motion, builtin, calibrate, limbs, loop_blend, raw_frame, upsample};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+fn rotation(q: [f32; 4]) -> UnitQuaternion<f64> {
+    let [x, y, z, w] = q.map(f64::from);
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+}
+
+fn accepted(motion: &Motion, frames: usize) -> u64 {
+    let calibration = calibrate(motion, CalibrationMode::First10s);
+    let mut state = skeleton::State::new();
+    for i in 0..frames {
+        let mut raw = raw_frame(motion, i, &calibration);
+        raw.header.sequence = i as u64 + 1;
+        raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
+        let now = raw.header.origin;
+        let out = skeleton::tick(
+            &skeleton::Config::default(),
+            &mut state,
+            now,
+            skeleton::Input { raw: &raw },
+        );
+        if let Some(skeleton) = out.skeleton {
+            assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
+        }
+    }
+    state.accepted()
+}
+
+/// Largest angle between limbs of successive frames, rad/s, the seam included.
+fn fastest(motion: &Motion) -> f64 {
+    let limbs = limbs(motion, &calibrate(motion, CalibrationMode::Clip));
+    let next = limbs.iter().cycle().skip(1);
+    let angles = limbs
+        .iter()
+        .zip(next)
+        .flat_map(|(a, b)| (0..4).map(|l| rotation(a[l]).angle_to(&rotation(b[l]))));
+    angles.fold(0.0, f64::max) * motion.frame_rate_hz
+}
+
+#[test]
+fn it_is_a_person_in_human_and_robot_tempo() {
+    let motion = builtin();
+    assert!(
+        (20.0..=25.0).contains(&motion.duration_s()),
+        "{} s",
+        motion.duration_s()
+    );
+    // Twice through: the seam is as plausible as the rest.
+    assert_eq!(
+        accepted(&motion, 2 * motion.frames.len()),
+        2 * motion.frames.len() as u64
+    );
+    let fastest = fastest(&motion);
+    assert!(fastest < 3.0, "a limb turns with {fastest:.2} rad/s");
+    assert!(fastest > 1.0, "the demo sleeps: {fastest:.2} rad/s");
+}
+
+#[test]
+fn calibrated_limbs_are_the_rotations_it_was_made_of() {
+    let motion = builtin();
+    let limbs = limbs(&motion, &calibrate(&motion, CalibrationMode::First10s));
+    for (frame, limbs) in motion.frames.iter().zip(&limbs) {
+        for (limb, joint) in [(0, 16), (2, 17), (1, 20), (3, 21)] {
+            let angle = rotation(frame.rotations[joint]).angle_to(&rotation(limbs[limb]));
+            // Pronation is counted from its mean, a few degrees off the T-pose's.
+            let bound = if joint < 20 { 0.002 } else { 0.12 };
+            assert!(angle < bound, "joint {joint}: {angle} rad");
+        }
+    }
+    // It begins and ends in the T-pose: identity.
+    for limb in [0, 2] {
+        assert!(rotation(limbs[0][limb]).angle() < 0.002);
+    }
+}
+
+#[test]
+fn without_a_calibration_the_elbow_plane_gives_nearly_the_same_upper_arms() {
+    let motion = builtin();
+    let with = limbs(&motion, &calibrate(&motion, CalibrationMode::Clip));
+    let without = limbs(&motion, &HingeCalibration::ZERO);
+    let mut sum = 0.0;
+    for (a, b) in with.iter().zip(&without) {
+        sum += rotation(a[0]).angle_to(&rotation(b[0])) + rotation(a[2]).angle_to(&rotation(b[2]));
+    }
+    let mean_deg = (sum / (2 * with.len()) as f64).to_degrees();
+    assert!(mean_deg < 5.0, "{mean_deg:.2} degrees on average");
+}
+
+#[test]
+fn a_loop_has_no_seam() {
+    let mut motion = builtin();
+    // Cut in the middle of a movement, and walking away: the ends differ in pose, place and heading.
+    motion.frames = motion.frames[100..700].to_vec();
+    for (i, frame) in motion.frames.iter_mut().enumerate() {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), i as f64 * 0.003);
+        for joint in 0..22 {
+            let p = turn * Vector3::from(frame.positions[joint]).cast::<f64>() + Vector3::x() * (i as f64 * 0.01);
+            frame.positions[joint] = p.cast::<f32>().into();
+            let q = turn * rotation(frame.rotations[joint]);
+            frame.rotations[joint] = [q.i as f32, q.j as f32, q.k as f32, q.w as f32];
+        }
+    }
+    assert!(fastest(&motion) > 30.0, "the cut is a jump before blending");
+    let looped = loop_blend(&motion, 0.5);
+    assert_eq!(looped.frames.len(), 570);
+    // Two poses are at most pi apart; a minimum-jerk blend peaks at 1.875 times the mean speed: 11.8 rad/s.
+    assert!(fastest(&looped) < 11.8, "{:.2} rad/s at the seam", fastest(&looped));
+    assert_eq!(accepted(&looped, 2 * 570), 2 * 570);
+}
+
+#[test]
+fn slow_sources_become_60_hz_without_losing_limb_lengths() {
+    let full = builtin();
+    let mut slow = full.clone();
+    slow.frames = full.frames.iter().step_by(3).copied().collect();
+    slow.frame_rate_hz = 20.0;
+    let fast = upsample(&slow);
+    assert_eq!(fast.frame_rate_hz, 60.0);
+    let length = |f: &Frame, a: usize, b: usize| (Vector3::from(f.positions[a]) - Vector3::from(f.positions[b])).norm();
+    for (i, frame) in fast.frames.iter().enumerate() {
+        for (a, b) in [(16, 18), (18, 20), (17, 19), (19, 21)] {
+            assert!((length(frame, a, b) - length(&full.frames[0], a, b)).abs() < 1e-4);
+        }
+        let error = (Vector3::from(frame.positions[21]) - Vector3::from(full.frames[i].positions[21])).norm();
+        assert!(error < 0.01, "frame {i}: the right wrist is {error} m off");
+    }
+    assert_eq!(upsample(&full), full, "60 Hz stays as it is");
+}

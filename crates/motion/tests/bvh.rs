@@ -1,0 +1,398 @@
+//! The BVH reader: every rig, unit and axis that it claims, and every damage that it must name.
+
+use motion::{BvhError, Motion, MotionError, builtin, load, parse_bvh, save_bvh, write_bvh};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
+use proptest::prelude::*;
+
+/// A short motion whose limbs all move.
+fn short() -> Motion {
+    let mut motion = builtin();
+    motion.frames = motion.frames.iter().skip(60).step_by(40).take(12).copied().collect();
+    motion.first = Some(builtin().frames[0]);
+    motion
+}
+
+fn largest_difference(a: &Motion, b: &Motion) -> (f32, f32) {
+    assert_eq!(a.frames.len(), b.frames.len());
+    let (mut position, mut rotation) = (0.0f32, 0.0f32);
+    for (a, b) in a.frames.iter().zip(&b.frames) {
+        for j in 0..22 {
+            for c in 0..3 {
+                position = position.max((a.positions[j][c] - b.positions[j][c]).abs());
+            }
+            let dot: f32 = (0..4).map(|c| a.rotations[j][c] * b.rotations[j][c]).sum();
+            rotation = rotation.max(1.0 - dot.abs());
+        }
+    }
+    (position, rotation)
+}
+
+fn assert_same(a: &Motion, b: &Motion) {
+    let (position, rotation) = largest_difference(a, b);
+    assert!(
+        position < 1e-5 && rotation < 1e-6,
+        "positions differ by {position} m, rotations by {rotation}"
+    );
+}
+
+/// The names of the writer, in its file order, to be renamed.
+const NAMES: &str = "Hips LeftUpLeg LeftLeg LeftFoot LeftToe RightUpLeg RightLeg RightFoot RightToe Spine Spine1 Spine2 Neck \
+    Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder RightArm RightForeArm RightHand";
+
+fn renamed(text: &str, names: &str) -> String {
+    let names: Vec<&str> = names.split_whitespace().collect();
+    let rename = |line: &str| {
+        let mut words = line.split_whitespace();
+        match (words.next(), words.next()) {
+            (Some(kind @ ("ROOT" | "JOINT")), Some(name)) => {
+                let i = NAMES
+                    .split_whitespace()
+                    .position(|n| n == name)
+                    .expect("a name of the writer");
+                format!("{kind} {}", names[i])
+            }
+            _ => line.to_owned(),
+        }
+    };
+    text.lines().map(rename).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let motion = short();
+    let read = parse_bvh("short", write_bvh(&motion).as_bytes()).expect("our own file");
+    assert_same(&motion, &read);
+    assert_eq!((read.guesses.unit, read.guesses.up), ("cm", "+Y"));
+    assert!(read.guesses.warnings.is_empty(), "{:?}", read.guesses.warnings);
+    assert!((read.frame_rate_hz - 60.0).abs() < 1e-3);
+    assert!(read.first.is_some(), "frame 0 is kept beside the motion");
+}
+
+#[test]
+fn names_of_every_exporter_map_to_the_same_joints() {
+    let motion = short();
+    let text = write_bvh(&motion);
+    let mixamo = NAMES
+        .split_whitespace()
+        .map(|n| format!("mixamorig:{n} "))
+        .collect::<String>();
+    let shouting = NAMES
+        .split_whitespace()
+        .map(|n| format!("Character1:{} ", n.to_uppercase()))
+        .collect::<String>();
+    let character_creator = "CC_Base_Hip CC_Base_L_Thigh CC_Base_L_Calf CC_Base_L_Foot CC_Base_L_ToeBase CC_Base_R_Thigh \
+        CC_Base_R_Calf CC_Base_R_Foot CC_Base_R_ToeBase CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 \
+        CC_Base_NeckTwist01 CC_Base_Head CC_Base_L_Clavicle CC_Base_L_Upperarm CC_Base_L_Forearm CC_Base_L_Hand \
+        CC_Base_R_Clavicle CC_Base_R_Upperarm CC_Base_R_Forearm CC_Base_R_Hand";
+    let cgspeed = "Hips LeftUpLeg LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase LowerBack Spine \
+        Spine1 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder RightArm RightForeArm RightHand";
+    let smpl = "Pelvis L_Hip L_Knee L_Ankle L_Foot R_Hip R_Knee R_Ankle R_Foot Spine1 Spine2 Spine3 Neck Head L_Collar \
+        L_Shoulder L_Elbow L_Wrist R_Collar R_Shoulder R_Elbow R_Wrist";
+    let unreal = "pelvis thigh_l calf_l foot_l ball_l thigh_r calf_r foot_r ball_r spine_01 spine_02 spine_03 neck_01 head \
+        clavicle_l UpperArm_L lowerarm_l hand_l clavicle_r UpperArm_R lowerarm_r hand_r";
+    let old = "Hips LeftHip LeftKnee LeftAnkle LeftToe RightHip RightKnee RightAnkle RightToe Chest Chest2 Chest3 Neck \
+        Head LeftCollar LeftShoulder LeftElbow LeftWrist RightCollar RightShoulder RightElbow RightWrist";
+    let asf = "root_hips lfemur ltibia lfoot ltoes rfemur rtibia rfoot rtoes lowerback upperback thorax lowerneck head \
+        lclavicle lhumerus lradius lwrist rclavicle rhumerus rradius rwrist";
+    let rigs = [&mixamo, &shouting, character_creator, cgspeed, smpl, unreal, old, asf];
+    for names in rigs {
+        let read = parse_bvh("rig", renamed(&text, names).as_bytes());
+        assert_same(&motion, &read.unwrap_or_else(|e| panic!("{names}: {e}")));
+    }
+}
+
+#[test]
+fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
+    let motion = short();
+    for (factor, unit) in [
+        (0.01, "m"),
+        (10.0, "mm"),
+        (1.0 / 2.54, "inch"),
+        (1.0 / 5.6444, "CMU unit"),
+    ] {
+        let mut scaled = motion.clone();
+        for frame in scaled.frames.iter_mut().chain(scaled.first.as_mut()) {
+            frame.positions = frame.positions.map(|p| p.map(|c| c * factor as f32));
+        }
+        let read = parse_bvh("unit", write_bvh(&scaled).as_bytes()).expect(unit);
+        assert_eq!(read.guesses.unit, unit);
+        // The writer's six decimals of a metre's file are 1 um, of which a chain of bones sums a few.
+        assert!(largest_difference(&motion, &read).0 < 3e-5, "{unit}");
+    }
+    let mut dwarf = motion.clone();
+    for frame in dwarf.frames.iter_mut().chain(dwarf.first.as_mut()) {
+        frame.positions = frame.positions.map(|p| p.map(|c| c * 0.1));
+    }
+    let read = parse_bvh("dwarf", write_bvh(&dwarf).as_bytes()).expect("a dwarf");
+    assert_eq!((read.guesses.unit, read.guesses.stature_m), ("scaled to 1.75 m", 1.75));
+    assert_eq!(read.guesses.warnings.len(), 1);
+}
+
+/// The file under another root that turns it about X by `degrees`: 90 makes Z up.
+fn under_a_root(text: &str, degrees: f64) -> String {
+    let (hierarchy, motion) = text.split_once("MOTION").expect("two parts");
+    let hierarchy = hierarchy.replace("HIERARCHY\nROOT", "JOINT");
+    let root = "HIERARCHY\nROOT RL_BoneRoot\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Yrotation Xrotation\n";
+    let lines = motion.trim().lines();
+    let turn = |(i, line): (usize, &str)| {
+        if i < 2 {
+            line.to_owned()
+        } else {
+            format!("0 0 {degrees} {line}")
+        }
+    };
+    let lines: Vec<String> = lines.enumerate().map(turn).collect();
+    format!("{root}{hierarchy}}}\nMOTION\n{}\n", lines.join("\n"))
+}
+
+#[test]
+fn every_up_axis_is_found() {
+    let motion = short();
+    for (degrees, up) in [(0.0, "+Y"), (90.0, "+Z"), (180.0, "-Y"), (-90.0, "-Z")] {
+        let text = under_a_root(&write_bvh(&motion), degrees);
+        let read = parse_bvh("up", text.as_bytes()).unwrap_or_else(|e| panic!("{up}: {e}"));
+        assert_eq!(read.guesses.up, up);
+        assert_same(&motion, &read);
+    }
+}
+
+#[test]
+fn channels_count_in_file_order() {
+    let motion = short();
+    let text = write_bvh(&motion);
+    let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
+    let hierarchy = hierarchy.replace(
+        "Xposition Yposition Zposition Zrotation Yrotation Xrotation",
+        "Yrotation Xrotation Zrotation Zposition Xposition Yposition",
+    );
+    let mut lines = frames.lines();
+    let mut out = format!("{hierarchy}Frame Time: {}\n", lines.next().expect("a time"));
+    for line in lines {
+        let numbers: Vec<f64> = line.split_whitespace().map(|w| w.parse().expect("a number")).collect();
+        for n in numbers.chunks(6) {
+            let [z, y, x] = [n[3], n[4], n[5]].map(f64::to_radians);
+            let m = *Rotation3::from_euler_angles(x, y, z).matrix();
+            // R = Ry(a) Rx(b) Rz(c)
+            let b = (-m[(1, 2)]).asin().to_degrees();
+            let a = m[(0, 2)].atan2(m[(2, 2)]).to_degrees();
+            let c = m[(1, 0)].atan2(m[(1, 1)]).to_degrees();
+            out += &format!("{a:.7} {b:.7} {c:.7} {} {} {} ", n[2], n[0], n[1]);
+        }
+        out += "\n";
+    }
+    assert_same(&motion, &parse_bvh("order", out.as_bytes()).expect("another order"));
+}
+
+#[test]
+fn a_mirrored_body_and_swapped_names_are_refused() {
+    let mut mirrored = short();
+    for frame in mirrored.frames.iter_mut().chain(mirrored.first.as_mut()) {
+        frame.positions = frame.positions.map(|[x, y, z]| [x, -y, z]);
+    }
+    let error = parse_bvh("mirror", write_bvh(&mirrored).as_bytes()).expect_err("a mirror image");
+    assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
+    let swapped = write_bvh(&short())
+        .replace("Left", "L#")
+        .replace("Right", "Left")
+        .replace("L#", "Right");
+    let error = parse_bvh("swapped", swapped.as_bytes()).expect_err("swapped sides");
+    assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
+}
+
+#[test]
+fn missing_joints_are_named() {
+    let text = write_bvh(&short())
+        .replace("LeftForeArm", "Tentacle")
+        .replace("RightUpLeg", "Wheel");
+    let error = parse_bvh("rig", text.as_bytes()).expect_err("joints are missing");
+    let BvhError::MissingJoints { missing, found } = &error else {
+        panic!("{error}")
+    };
+    assert_eq!(missing, &["right_hip", "left_elbow"]);
+    assert!(found.contains(&"Tentacle".to_owned()));
+}
+
+#[test]
+fn damage_is_named_with_its_line() {
+    let good = write_bvh(&short());
+    let frame_line = good.lines().count();
+    let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
+    let wide = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n}\n".repeat(100_000));
+    let last = good
+        .trim_end()
+        .rsplit_once(' ')
+        .map(|(head, _)| head.to_owned())
+        .expect("a number");
+    let cut = format!("line {frame_line}: the file ends where a number");
+    let cases: Vec<(&str, Vec<u8>, &str)> = vec![
+        ("empty", b"".to_vec(), "empty"),
+        ("blank", b" \n\t\r\n ".to_vec(), "empty"),
+        ("not a BVH", b"PK\x03\x04\xff\xfe".to_vec(), "line 1: "),
+        (
+            "not UTF-8",
+            good.replace("0.0166", "0.0\u{e9}66").into_bytes(),
+            "is not a number (Frame Time)",
+        ),
+        (
+            "invalid bytes",
+            [good.as_bytes(), b"\xff\xff".as_slice()].concat(),
+            "more numbers than",
+        ),
+        ("nested", nested.into_bytes(), "nested joints: 129, at most 128"),
+        ("wide", wide.into_bytes(), "joints: 2049, at most 2048"),
+        (
+            "truncated hierarchy",
+            good.split("JOINT LeftLeg").next().unwrap_or("").into(),
+            "the file ends where",
+        ),
+        ("truncated frame", last.into_bytes(), &cut),
+        (
+            "claims 10 GB",
+            good.replace("Frames: 13", "Frames: 99999999").into_bytes(),
+            "99999999 frames of 132",
+        ),
+        (
+            "absurd frames",
+            good.replace("Frames: 13", "Frames: 999999999999").into_bytes(),
+            "Frames: 999999999999",
+        ),
+        (
+            "negative frames",
+            good.replace("Frames: 13", "Frames: -1").into_bytes(),
+            "\"-1\" is not a number (Frames)",
+        ),
+        (
+            "one frame",
+            good.replace("Frames: 13", "Frames: 1").into_bytes(),
+            "at least 2 are needed",
+        ),
+        (
+            "too many frames",
+            good.replace("Frames: 13", "Frames: 12").into_bytes(),
+            "more numbers than the 12",
+        ),
+        (
+            "no time",
+            good.replace("0.016666667", "0.0").into_bytes(),
+            "Frame Time 0",
+        ),
+        (
+            "NaN",
+            good.replace("OFFSET 0.000000 9", "OFFSET NaN 9").into_bytes(),
+            "OFFSET NaN is not within",
+        ),
+        (
+            "infinite",
+            good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(),
+            "OFFSET inf is not within",
+        ),
+        (
+            "1e30",
+            good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(),
+            "is not within",
+        ),
+        (
+            "channels",
+            good.replacen("CHANNELS 6", "CHANNELS 4000000000", 1).into_bytes(),
+            "CHANNELS: 4000000000",
+        ),
+        (
+            "channel",
+            good.replacen("Xposition", "Wposition", 1).into_bytes(),
+            "\"Wposition\" where",
+        ),
+        ("brace", good.replacen('{', "[", 1).into_bytes(), "line 3: "),
+        (
+            "second root",
+            good.replacen("MOTION", "ROOT Other", 1).into_bytes(),
+            "\"ROOT\" where MOTION",
+        ),
+    ];
+    for (name, text, expected) in cases {
+        match parse_bvh(name, &text) {
+            Ok(_) => panic!("{name} was read"),
+            Err(error) => assert!(error.to_string().contains(expected), "{name}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn a_rig_without_size_gives_no_scale() {
+    let mut flat = short();
+    for frame in flat.frames.iter_mut().chain(flat.first.as_mut()) {
+        frame.positions = [[0.0; 3]; 22];
+    }
+    let error = parse_bvh("flat", write_bvh(&flat).as_bytes()).expect_err("no size");
+    assert!(matches!(error, BvhError::NoSize { .. }), "{error}");
+}
+
+#[test]
+fn files_are_dispatched_by_extension_and_bounded_before_reading() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("clip.BVH");
+    save_bvh(&short(), &path).expect("saved");
+    assert_eq!(load(&path).expect("read").name, "clip");
+    let other = folder.path().join("clip.fbx");
+    std::fs::write(&other, "x").expect("saved");
+    assert!(matches!(load(&other), Err(MotionError::UnknownFormat { .. })));
+    assert!(matches!(
+        load(&folder.path().join("none.bvh")),
+        Err(MotionError::Io { .. })
+    ));
+    let huge = folder.path().join("huge.bvh");
+    // Sparse: 10 GB that take no room.
+    std::fs::File::create(&huge)
+        .expect("created")
+        .set_len(10_000_000_000)
+        .expect("sparse");
+    let error = load(&huge).expect_err("too large");
+    assert!(
+        error.to_string().contains("10000000000 bytes, at most 1073741824"),
+        "{error}"
+    );
+}
+
+#[test]
+fn global_rotations_are_those_of_the_bones() {
+    let motion = short();
+    let read = parse_bvh("short", write_bvh(&motion).as_bytes()).expect("our own file");
+    for frame in &read.frames {
+        let [x, y, z, w] = frame.rotations[16].map(f64::from);
+        let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let bone = Vector3::from(frame.positions[18]) - Vector3::from(frame.positions[16]);
+        let expected = rotation * Vector3::y();
+        assert!((bone.cast::<f64>().normalize() - expected).norm() < 1e-4);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// Bytes changed, cut out and repeated: an error or a finite motion, never a panic.
+    #[test]
+    fn mutated_files_never_panic(
+        edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..12),
+        hierarchy_only in any::<bool>(),
+    ) {
+        let mut short = short();
+        short.frames.truncate(2);
+        let mut text = write_bvh(&short).into_bytes();
+        let reach = if hierarchy_only { 2800 } else { text.len() };
+        for (index, byte, kind) in edits {
+            let at = index.index(reach.min(text.len()).max(1));
+            match kind {
+                0 => text[at] = byte,
+                1 => { text.remove(at); }
+                2 => { let end = (at + usize::from(byte)).min(text.len()); text.drain(at..end); }
+                _ => { let part = text[at..(at + 40).min(text.len())].to_vec(); text.splice(at..at, part); }
+            }
+            if text.is_empty() { break; }
+        }
+        if let Ok(motion) = parse_bvh("mutated", &text) {
+            for frame in &motion.frames {
+                prop_assert!(frame.positions.iter().flatten().all(|c| c.is_finite()));
+                prop_assert!(frame.rotations.iter().flatten().all(|c| c.is_finite()));
+            }
+        }
+    }
+}

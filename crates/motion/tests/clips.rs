@@ -1,0 +1,125 @@
+//! The CMU clips beside the repository; every test skips with a reason where they are missing.
+
+use motion::{CalibrationMode, Motion, calibrate, limbs, load, raw_frame};
+use std::path::{Path, PathBuf};
+
+fn clips() -> Option<Vec<PathBuf>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
+    let Ok(entries) = std::fs::read_dir(&folder) else {
+        println!("skipped: {} is missing", folder.display());
+        return None;
+    };
+    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|e| e == "bvh"));
+    paths.sort();
+    Some(paths)
+}
+
+fn read(path: &Path) -> Motion {
+    load(path).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn all_load_without_a_warning_and_stand_on_the_floor() {
+    let Some(paths) = clips() else { return };
+    assert_eq!(paths.len(), 61);
+    for path in paths {
+        let motion = read(&path);
+        assert_eq!(
+            (motion.guesses.unit, motion.guesses.up),
+            ("cm", "+Y"),
+            "{}",
+            motion.name
+        );
+        assert!(
+            motion.guesses.warnings.is_empty(),
+            "{}: {:?}",
+            motion.name,
+            motion.guesses.warnings
+        );
+        assert!((motion.frame_rate_hz - 60.0).abs() < 0.01);
+        let lowest = motion
+            .frames
+            .iter()
+            .flat_map(|f| f.positions.iter().map(|p| p[2]))
+            .fold(f32::MAX, f32::min);
+        assert!(
+            (0.0..0.25).contains(&lowest),
+            "{}: lowest joint at {lowest} m",
+            motion.name
+        );
+    }
+}
+
+#[test]
+fn the_stage_accepts_all_but_the_one_glitch() {
+    let Some(paths) = clips() else { return };
+    for path in paths {
+        let motion = read(&path);
+        let calibration = calibrate(&motion, CalibrationMode::First10s);
+        let mut state = skeleton::State::new();
+        for i in 0..motion.frames.len() {
+            let mut raw = raw_frame(&motion, i, &calibration);
+            raw.header.sequence = i as u64 + 1;
+            raw.header.origin = messages::Stamp((i as u64 + 1) * 16_666_667);
+            let now = raw.header.origin;
+            skeleton::tick(
+                &skeleton::Config::default(),
+                &mut state,
+                now,
+                skeleton::Input { raw: &raw },
+            );
+        }
+        // 003_02 has a wrist that jumps by 0.7 m for one frame; the jump and four frames of settling are dropped.
+        let dropped = if motion.name == "003_02" { 5 } else { 0 };
+        assert_eq!(
+            state.accepted() as usize,
+            motion.frames.len() - dropped,
+            "{}",
+            motion.name
+        );
+    }
+}
+
+#[test]
+fn hinges_of_ten_seconds_agree_with_those_of_the_clip() {
+    let Some(paths) = clips() else { return };
+    for path in paths {
+        let motion = read(&path);
+        let clip = calibrate(&motion, CalibrationMode::Clip);
+        let causal = calibrate(&motion, CalibrationMode::First10s);
+        assert_eq!((clip.flags, causal.flags), (15, 15), "{}", motion.name);
+        for upper in [0, 2] {
+            let dot: f32 = (0..3).map(|c| clip.hinge[upper][c] * causal.hinge[upper][c]).sum();
+            assert!(dot > 0.999, "{}: limb {upper}: {dot}", motion.name);
+        }
+    }
+}
+
+#[test]
+fn an_elbow_only_flexes() {
+    // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper arm's frame,
+    // followed by a twist about the bone: its bone lies in the upper arm's x-y plane, on the positive side of x.
+    let Some(paths) = clips() else { return };
+    let (mut out_of_plane, mut count) = (0.0f64, 0.0f64);
+    for path in paths.iter().skip(2).step_by(5) {
+        let motion = read(path);
+        for limbs in limbs(&motion, &calibrate(&motion, CalibrationMode::First10s)) {
+            for (upper, fore, sign) in [(0, 1, 1.0), (2, 3, -1.0)] {
+                let rotation = |q: [f32; 4]| {
+                    let [x, y, z, w] = q.map(f64::from);
+                    nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
+                };
+                let bone = rotation(limbs[upper]).inverse() * (rotation(limbs[fore]) * nalgebra::Vector3::y() * sign);
+                out_of_plane += bone.z.asin().abs().to_degrees();
+                count += 1.0;
+                assert!(bone.x > -0.1, "{}: an elbow bends backwards ({})", motion.name, bone.x);
+            }
+        }
+    }
+    let mean = out_of_plane / count;
+    assert!(
+        mean < 0.5,
+        "forearms leave the plane of the hinge by {mean:.2} degrees on average"
+    );
+}

@@ -1,0 +1,100 @@
+//! A standing person of 1.75 m with two arms of given limb rotations, for tests.
+
+use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Positions, m, and global rotations, x y z w.
+pub(crate) type Body = ([[f32; 3]; SMPL_JOINTS], [[f32; 4]; SMPL_JOINTS]);
+
+/// Rotation about axis 0 (x), 1 (y) or 2 (z).
+pub(crate) fn about(axis: usize, angle: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_unchecked(Vector3::ith(axis, 1.0)), angle)
+}
+
+/// Upper arm and forearm (with pronation) of a left arm from shoulder angles, flexion and pronation, rad.
+pub(crate) fn arm(q: [f64; 5]) -> (UnitQuaternion<f64>, UnitQuaternion<f64>) {
+    let upper = about(2, -q[0]) * about(0, -q[1]) * about(1, q[2]);
+    (upper, upper * about(2, -q[3]) * about(1, -q[4]))
+}
+
+/// (x, y, z, w) -> (-x, y, -z, w): a left arm's rotation as the right arm's.
+pub(crate) fn mirror(q: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(q.w, -q.i, q.j, -q.k))
+}
+
+pub(crate) fn store(q: UnitQuaternion<f64>) -> [f32; 4] {
+    [q.i as f32, q.j as f32, q.k as f32, q.w as f32]
+}
+
+#[allow(dead_code)]
+pub(crate) fn read(q: [f32; 4]) -> UnitQuaternion<f64> {
+    let [x, y, z, w] = q.map(f64::from);
+    UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
+}
+
+/// A person whose torso frame is the world's; both arms given as left arms.
+pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
+    let lean = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
+    let mut positions = [[0.0f32; 3]; SMPL_JOINTS];
+    let joints: [(usize, [f64; 3]); 18] = [
+        (0, [0.0, 0.0, 0.96]),
+        (1, [0.0, 0.1, 0.92]),
+        (2, [0.0, -0.1, 0.92]),
+        (3, [0.0, 0.0, 1.05]),
+        (4, [0.01, 0.1, 0.5]),
+        (5, [0.01, -0.1, 0.5]),
+        (6, [-0.02, 0.0, 1.15]),
+        (7, [0.0, 0.1, 0.08]),
+        (8, [0.0, -0.1, 0.08]),
+        (9, [-0.03, 0.0, 1.25]),
+        (10, [0.15, 0.12, 0.03]),
+        (11, [0.15, -0.12, 0.03]),
+        (12, [lean, 0.0, 1.45]),
+        (13, [lean, 0.05, 1.4]),
+        (14, [lean, -0.05, 1.4]),
+        (15, [0.0, 0.0, 1.6]),
+        (16, [lean, 0.18, 1.42]),
+        (17, [lean, -0.18, 1.42]),
+    ];
+    for (joint, p) in joints {
+        positions[joint] = p.map(|c| c as f32);
+    }
+    let mut rotations = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
+    for (side, q) in [left, right].into_iter().enumerate() {
+        let (upper, fore) = arm(q);
+        let (sign, upper, fore) = if side == 0 {
+            (1.0, upper, fore)
+        } else {
+            (-1.0, mirror(upper), mirror(fore))
+        };
+        let mut at = Vector3::from(positions[16 + side]).cast::<f64>();
+        for (joint, rotation, length) in [(18, upper, 0.3), (20, fore, 0.26)] {
+            at += rotation * Vector3::y() * (sign * length);
+            positions[joint + side] = [at.x as f32, at.y as f32, at.z as f32];
+        }
+        rotations[16 + side] = store(upper);
+        rotations[18 + side] = store(upper);
+        rotations[20 + side] = store(fore);
+    }
+    (positions, rotations)
+}
+
+/// The frame of a client: number `i` at 60 Hz.
+#[allow(dead_code)]
+pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
+    let mut raw = RawSkeleton::ZERO;
+    raw.header = Header {
+        sequence: i + 1,
+        origin: Stamp(1_000_000_000 + i * 16_666_667),
+        ..Header::ZERO
+    };
+    raw.session_nonce = 7;
+    raw.operator_id = 1;
+    raw.layout = SkeletonLayout::Smpl22 as u32;
+    raw.joint_count = SMPL_JOINTS as u32;
+    raw.flags = raw_flag::ROTATIONS;
+    raw.positions[..SMPL_JOINTS].copy_from_slice(&body.0);
+    raw.rotations[..SMPL_JOINTS].copy_from_slice(&body.1);
+    raw.confidence[..SMPL_JOINTS].fill(1.0);
+    raw
+}

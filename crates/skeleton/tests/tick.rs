@@ -1,0 +1,326 @@
+//! Every reason to drop a frame, and every bit pattern.
+
+mod person;
+
+use messages::{Layout, RawSkeleton, SMPL_JOINTS, Stamp, calibration_flag, raw_flag, skeleton_flag};
+use person::{Body, person, raw};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use skeleton::{Config, DropReason, Input, State, tick};
+
+fn standing(t: f64) -> Body {
+    person(
+        [0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()],
+        [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1],
+    )
+}
+
+/// Feeds a frame on arrival and gives the reason, if it was dropped.
+fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
+    let now = raw.header.origin.plus_ns(1_000_000);
+    let out = tick(&Config::default(), state, now, Input { raw });
+    assert_ne!(out.skeleton.is_some(), out.drop.is_some());
+    out.drop
+}
+
+/// A state that has accepted `frames` frames of a moving person.
+fn running(frames: u64) -> State {
+    let mut state = State::new();
+    for i in 0..frames {
+        assert_eq!(feed(&mut state, &raw(&standing(i as f64 / 60.0), i)), None, "frame {i}");
+    }
+    state
+}
+
+#[test]
+fn a_person_is_accepted_and_the_header_copied() {
+    let mut state = State::new();
+    let mut frame = raw(&standing(0.0), 0);
+    frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
+    frame.calibration.flags = calibration_flag::ALL;
+    let now = Stamp(1_005_000_000);
+    let skeleton = tick(&Config::default(), &mut state, now, Input { raw: &frame })
+        .skeleton
+        .expect("accepted");
+    assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
+    assert_eq!((skeleton.header.origin, skeleton.received), (frame.header.origin, now));
+    assert_eq!((skeleton.session_nonce, skeleton.operator_id), (7, 1));
+    assert_eq!(skeleton.positions, standing(0.0).0);
+    assert_eq!(state.accepted(), 1);
+}
+
+#[test]
+fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
+    type Damage = fn(&mut RawSkeleton);
+    let cases: [(DropReason, Damage); 19] = [
+        (DropReason::Layout, |f| f.layout = 2),
+        (DropReason::Count, |f| f.joint_count = 24),
+        (DropReason::Count, |f| f.flags |= 64),
+        (DropReason::Count, |f| f.calibration.flags = 16),
+        (DropReason::Mirrored, |f| f.flags |= raw_flag::MIRRORED),
+        (DropReason::NoOrigin, |f| f.header.origin = Stamp::NONE),
+        (DropReason::SessionChanged, |f| f.session_nonce = 8),
+        (DropReason::OperatorChanged, |f| f.operator_id = 2),
+        (DropReason::Duplicate, |f| f.header.sequence -= 1),
+        (DropReason::Backwards, |f| f.header.sequence -= 2),
+        (DropReason::Backwards, |f| f.header.origin.0 -= 40_000_000),
+        (DropReason::NotFinite, |f| f.positions[21][2] = f32::NAN),
+        (DropReason::NotFinite, |f| f.rotations[5][3] = f32::INFINITY),
+        (DropReason::NotUnit, |f| f.rotations[16] = [0.0; 4]),
+        (DropReason::OutOfRange, |f| f.confidence[3] = 1.5),
+        (DropReason::OutOfRange, |f| {
+            f.positions.iter_mut().flatten().for_each(|c| *c *= 1000.0)
+        }),
+        (DropReason::TrunkLost, |f| f.confidence[2] = 0.4),
+        (DropReason::Size, |f| {
+            f.positions.iter_mut().flatten().for_each(|c| *c *= 0.5)
+        }),
+        (DropReason::Chirality, |f| {
+            for p in &mut f.positions {
+                p[1] = -p[1];
+            }
+        }),
+    ];
+    for (i, (reason, damage)) in cases.into_iter().enumerate() {
+        // A mirror image is refused from the start; the evidence of a running session has to change first.
+        let mut state = if reason == DropReason::Chirality {
+            State::new()
+        } else {
+            running(30)
+        };
+        let mut frame = raw(&standing(0.5), 30);
+        damage(&mut frame);
+        assert_eq!(feed(&mut state, &frame), Some(reason), "case {i}");
+        assert_eq!(state.dropped(reason), 1);
+        assert_eq!(DropReason::ALL.iter().map(|&r| state.dropped(r)).sum::<u64>(), 1);
+    }
+}
+
+#[test]
+fn stamps_count_on_the_receivers_clock() {
+    let mut state = State::new();
+    let frame = raw(&standing(0.0), 0);
+    let config = Config::default();
+    let mut at = |ns: i64| {
+        let now = Stamp(frame.header.origin.0.saturating_add_signed(ns));
+        tick(&config, &mut state, now, Input { raw: &frame }).drop
+    };
+    assert_eq!(at(-2_000_001), Some(DropReason::Future));
+    assert_eq!(at(100_000_001), Some(DropReason::Old));
+    assert_eq!(at(-2_000_000), None);
+    assert_eq!(at(0), Some(DropReason::Duplicate));
+}
+
+#[test]
+fn a_small_error_of_norm_is_renormalised_and_a_large_one_dropped() {
+    let mut state = running(3);
+    let mut frame = raw(&standing(0.05), 3);
+    frame.rotations[16] = frame.rotations[16].map(|c| c * 1.0009);
+    assert_eq!(feed(&mut state, &frame), None);
+    let mut frame = raw(&standing(0.07), 4);
+    frame.rotations[16] = frame.rotations[16].map(|c| c * 1.002);
+    assert_eq!(feed(&mut state, &frame), Some(DropReason::NotUnit));
+}
+
+#[test]
+fn a_session_must_begin_upright() {
+    let mut state = State::new();
+    let mut frame = raw(&standing(0.0), 0);
+    for p in &mut frame.positions {
+        *p = [p[0], -p[2], p[1]]; // y up, taken for z up
+    }
+    assert_eq!(feed(&mut state, &frame), Some(DropReason::NotUpright));
+    // Once upright, a person may bend down.
+    let mut state = running(10);
+    for i in 0..60 {
+        let mut frame = raw(&standing(0.0), 10 + i);
+        let (sin, cos) = (f64::from(i as u32) * 0.025).sin_cos();
+        for p in &mut frame.positions {
+            let (x, z) = (f64::from(p[0]), f64::from(p[2]));
+            *p = [(x * cos + z * sin) as f32, p[1], (z * cos - x * sin) as f32];
+        }
+        assert_eq!(feed(&mut state, &frame), None, "frame {i}");
+    }
+}
+
+#[test]
+fn after_a_teleport_five_coherent_frames_are_needed() {
+    let mut state = running(20);
+    let shifted = |i: u64| {
+        let mut frame = raw(&person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]), i);
+        frame.header.origin.0 += 1000;
+        frame
+    };
+    for i in 20..25 {
+        assert_eq!(feed(&mut state, &shifted(i)), Some(DropReason::Teleport), "frame {i}");
+    }
+    assert_eq!(feed(&mut state, &shifted(25)), None);
+    // Walking and turning are no teleports: only what moves against the hips counts.
+    let mut away = shifted(26);
+    away.positions.iter_mut().for_each(|p| p[0] += 5.0);
+    assert_eq!(feed(&mut state, &away), None);
+}
+
+#[test]
+fn limbs_keep_their_length() {
+    let mut state = running(100);
+    let stretched = |i: u64, factor: f32| {
+        let mut frame = raw(&standing(100.0 / 60.0), i);
+        for c in 0..3 {
+            let (elbow, wrist) = (frame.positions[18][c], frame.positions[20][c]);
+            frame.positions[20][c] = elbow + (wrist - elbow) * factor;
+        }
+        frame
+    };
+    assert_eq!(feed(&mut state, &stretched(100, 1.03)), Some(DropReason::LengthStep));
+    let mut reasons = Vec::new();
+    for i in 0..12 {
+        reasons.push(feed(&mut state, &stretched(101 + i, 1.03 + 0.005 * i as f32)));
+    }
+    assert_eq!(reasons[0], None, "3 % off the mean, but no step");
+    assert_eq!(reasons[11], Some(DropReason::LengthChange), "8 % off the mean");
+    // A lasting change is learnt anew once everything downstream has stopped.
+    let accepted = (0..120)
+        .filter(|i| feed(&mut state, &stretched(113 + i, 1.085)).is_none())
+        .count();
+    assert!((40..=80).contains(&accepted), "{accepted} of 120 frames accepted");
+}
+
+#[test]
+fn a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
+    let mut state = State::new();
+    for i in 0..120 {
+        assert_eq!(
+            feed(&mut state, &raw(&standing(0.0), i)),
+            None,
+            "a client holds its first frame"
+        );
+    }
+    let mut state = running(60);
+    let dropped: Vec<bool> = (0..120)
+        .map(|i| feed(&mut state, &raw(&standing(59.0 / 60.0), 60 + i)).is_some())
+        .collect();
+    let first = dropped.iter().position(|&d| d).expect("frozen");
+    assert!((11..=13).contains(&first), "dropped after {first} frames of 16.7 ms");
+    assert_eq!(
+        state.dropped(DropReason::Frozen),
+        dropped.iter().filter(|&&d| d).count() as u64
+    );
+    assert!(!dropped[119], "after a second the posture counts as held on purpose");
+}
+
+#[test]
+fn a_new_session_and_a_gap_forget_what_was_learnt() {
+    let mut state = running(60);
+    let mut child = raw(&standing(1.0), 60);
+    child.positions.iter_mut().flatten().for_each(|c| *c *= 0.8);
+    assert!(feed(&mut state, &child).is_some(), "another person's arms");
+    child.session_nonce = 9;
+    child.header.sequence += 1;
+    child.header.origin.0 += 16_666_667;
+    assert_eq!(feed(&mut state, &child), Some(DropReason::SessionChanged));
+    child.header.sequence += 1;
+    child.header.origin.0 += 16_666_667;
+    assert_eq!(feed(&mut state, &child), None);
+    let mut late = raw(&standing(1.0), 62);
+    late.session_nonce = 9;
+    late.header.sequence += 10;
+    late.header.origin.0 += 2_000_000_000;
+    assert_eq!(feed(&mut state, &late), None, "after a gap anybody may stand there");
+}
+
+#[test]
+fn an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
+    let mut state = running(10);
+    let mut frame = raw(&standing(10.0 / 60.0), 10);
+    frame.confidence[20] = 0.1;
+    frame.positions[20] = [f32::NAN; 3];
+    frame.rotations[20] = [f32::NAN; 4];
+    let now = frame.header.origin;
+    let out = tick(&Config::default(), &mut state, now, Input { raw: &frame })
+        .skeleton
+        .expect("accepted");
+    assert_eq!(
+        out.flags & skeleton_flag::ALL,
+        skeleton_flag::ALL & !skeleton_flag::LIMB[1]
+    );
+    assert!(out.positions.iter().flatten().all(|c| c.is_finite()));
+}
+
+/// Random bits everywhere, or in `holes` places of a good frame.
+fn hostile(seed: u64, holes: usize, i: u64) -> RawSkeleton {
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+    let mut frame = raw(&standing(i as f64 / 60.0), i);
+    let count = if holes == 0 { usize::MAX } else { holes };
+    let mut slots: Vec<&mut f32> = frame.positions[..SMPL_JOINTS].iter_mut().flatten().collect();
+    slots.extend(frame.rotations[..SMPL_JOINTS].iter_mut().flatten());
+    slots.extend(frame.confidence[..SMPL_JOINTS].iter_mut());
+    slots.extend(frame.calibration.hinge.iter_mut().flatten());
+    let total = slots.len();
+    for _ in 0..count.min(4 * total) {
+        *slots[rng.random_range(0..total)] = f32::from_bits(rng.random());
+    }
+    if rng.random::<bool>() {
+        frame.calibration.flags = rng.random();
+        frame.flags = rng.random_range(0..4);
+    }
+    if rng.random_range(0..4) == 0 {
+        frame.header.origin = Stamp(rng.random());
+        frame.header.sequence = rng.random();
+        frame.session_nonce = rng.random_range(6..9);
+    }
+    frame
+}
+
+proptest! {
+    #[test]
+    fn no_bits_panic_or_come_through(seeds in prop::collection::vec((any::<u64>(), 0usize..4), 1..40)) {
+        let mut state = State::new();
+        for (i, (seed, holes)) in seeds.into_iter().enumerate() {
+            let frame = hostile(seed, holes, i as u64);
+            let now = Stamp(if seed % 3 == 0 { seed } else { frame.header.origin.0 });
+            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame });
+            prop_assert_ne!(out.skeleton.is_some(), out.drop.is_some());
+            if let Some(skeleton) = out.skeleton {
+                prop_assert!(skeleton.positions.iter().flatten().all(|c| c.is_finite()));
+                for limb in skeleton.limbs {
+                    let norm: f32 = limb.iter().map(|c| c * c).sum::<f32>().sqrt();
+                    prop_assert!((norm - 1.0).abs() < 1e-6, "{limb:?}");
+                }
+            }
+        }
+        let dropped: u64 = DropReason::ALL.iter().map(|&r| state.dropped(r)).sum();
+        prop_assert!(dropped + state.accepted() > 0);
+    }
+
+    #[test]
+    fn single_bits_flipped_in_a_good_frame(word in 0usize..22 * 8, bit in 0u32..32) {
+        let mut state = running(5);
+        let mut frame = raw(&standing(5.0 / 60.0), 5);
+        let (joint, slot) = (word / 8, word % 8);
+        let value = match slot {
+            0..3 => &mut frame.positions[joint][slot],
+            3..7 => &mut frame.rotations[joint][slot - 3],
+            _ => &mut frame.confidence[joint],
+        };
+        *value = f32::from_bits(value.to_bits() ^ (1 << bit));
+        let out = tick(&Config::default(), &mut state, frame.header.origin, Input { raw: &frame });
+        if let Some(skeleton) = out.skeleton {
+            prop_assert!(skeleton.positions.iter().flatten().all(|c| c.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn zeros_are_no_person() {
+    let mut state = State::new();
+    let out = tick(
+        &Config::default(),
+        &mut state,
+        Stamp(5),
+        Input {
+            raw: &RawSkeleton::ZERO,
+        },
+    );
+    assert_eq!(out.drop, Some(DropReason::Layout));
+}
