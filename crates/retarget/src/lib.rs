@@ -7,6 +7,7 @@
 
 mod arm;
 mod closed_form;
+mod model;
 mod network;
 mod oracle;
 mod refine;

@@ -1,0 +1,85 @@
+//! The retargeting's view of a robot model.
+
+use robot::Model;
+
+use crate::arm::{ARM_Q, ArmModel, ArmQ};
+use crate::tick::{Config, ConfigError, Options, RobotArms};
+use crate::weights::{ArmIdentity, Weights, WeightsError};
+
+/// Numbers enter the hash rounded to this, rad (axes: dimensionless): coarser than the rounding of a sine on another
+/// machine, finer than any change that matters.
+const HASH_GRAIN: f64 = 1e-7;
+
+impl ArmModel {
+    /// The left arm of `model`; the right arm is its mirror, which the model has checked.
+    pub fn of(model: &Model) -> Self {
+        let arm = &model.arms[0];
+        let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
+            std::array::from_fn(|j| bound(&model.limits[arm.joints[j]]))
+        };
+        Self::new(
+            arm.axes,
+            arm.reference,
+            limit(|limits| limits.q_min),
+            limit(|limits| limits.q_max),
+        )
+    }
+}
+
+impl ArmIdentity {
+    /// What weights for `model` have to fit. The hash covers what a network learns (joint names, axes, reference and
+    /// limits of the arm) and not the whole robot file, so that a new collision capsule does not call for new weights.
+    pub fn of(model: &Model) -> Self {
+        let arm = ArmModel::of(model);
+        let joints: [String; ARM_Q] = std::array::from_fn(|j| model.joint_names[model.arms[0].joints[j]].clone());
+        let numbers = arm
+            .axes
+            .iter()
+            .flatten()
+            .chain(&arm.reference)
+            .chain(&arm.q_min)
+            .chain(&arm.q_max);
+        let numbers = numbers.flat_map(|x| ((x / HASH_GRAIN).round() as i64).to_le_bytes());
+        let names = joints.iter().flat_map(|name| name.bytes().chain([0]));
+        Self {
+            robot: model.name.clone(),
+            robot_hash: fnv(names.chain(numbers)),
+            joints,
+            arm,
+        }
+    }
+}
+
+/// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
+fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+impl RobotArms {
+    /// What a tick needs to know of `model`.
+    pub fn of(model: &Model) -> Self {
+        let joints = &model.arms[0].joints;
+        let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
+        Self {
+            identity: ArmIdentity::of(model),
+            velocity_max,
+            home: model.home,
+        }
+    }
+}
+
+impl Weights {
+    /// Reads a weights file (manifest text and safetensors bytes) for `model`; see `Weights::read`.
+    pub fn from_bytes(manifest_text: &str, bytes: &[u8], model: &Model) -> Result<Self, WeightsError> {
+        Self::read(manifest_text, bytes, &ArmIdentity::of(model))
+    }
+}
+
+impl Config {
+    /// Checks the options; see `Config::for_arms`.
+    pub fn new(model: &Model, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
+        Self::for_arms(&RobotArms::of(model), weights, options)
+    }
+}

@@ -1,0 +1,79 @@
+//! The shipped robot, as the retargeting sees it.
+
+mod support;
+
+use retarget::{ArmIdentity, ArmModel, Config, Manifest, Options, Weights, write_weights};
+use robot::Model;
+
+fn shipped(edit: impl Fn(String) -> String) -> Model {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/");
+    let read = |name: &str| std::fs::read_to_string(format!("{folder}{name}")).expect("shipped with the repository");
+    Model::from_text(
+        "tiago_dual.toml",
+        &edit(read("tiago_dual.toml")),
+        "tiago_dual.urdf",
+        &read("tiago_dual.urdf"),
+    )
+    .expect("the shipped robot is accepted")
+}
+
+#[test]
+fn the_arm_of_the_shipped_robot_is_the_one_of_the_design() {
+    let (arm, design) = (ArmModel::of(&shipped(|text| text)), support::arm());
+    for (axis, want) in arm.axes.iter().zip(&design.axes) {
+        assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
+    }
+    assert!(
+        arm.reference
+            .iter()
+            .zip(&design.reference)
+            .all(|(a, b)| (a - b).abs() < 1e-9)
+    );
+    assert!((0..5).all(|j| arm.q_min[j] < arm.reference[j] && arm.reference[j] < arm.q_max[j]));
+}
+
+#[test]
+fn weights_belong_to_an_arm_and_not_to_a_comment() {
+    let model = shipped(|text| text);
+    let layers = support::layers(1, 2, 16);
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::of(&model), &layers)).unwrap();
+    let commented = shipped(|text| text + "\n# A comment.\n");
+    assert_ne!(commented.hash, model.hash);
+    let weights = Weights::from_bytes(&text, &bytes, &commented).expect("a comment changes nothing");
+    assert!(Config::new(&model, Some(weights), &Options::default()).is_ok());
+
+    let mut longer = model.clone();
+    longer.limits[5].q_max -= 0.01;
+    let error = Weights::from_bytes(&text, &bytes, &longer).unwrap_err().to_string();
+    assert!(error.contains("robot_hash"), "{error}");
+}
+
+#[test]
+fn the_network_without_weights_and_options_out_of_range_are_refused() {
+    let model = shipped(|text| text);
+    let refuse = |options: Options| Config::new(&model, None, &options).map(|_| ()).unwrap_err().to_string();
+    let network = Options {
+        method: Some(retarget::Method::Network),
+        ..Options::default()
+    };
+    assert!(refuse(network).contains("no weights"));
+    let refused = refuse(Options {
+        interpolation_delay_ms: 101.0,
+        ..Options::default()
+    });
+    assert_eq!(refused, "interpolation_delay_ms is 101, allowed are 0 to 100");
+    assert!(
+        refuse(Options {
+            interpolation_delay_ms: f64::NAN,
+            ..Options::default()
+        })
+        .contains("interpolation_delay_ms")
+    );
+    assert!(
+        refuse(Options {
+            refine_steps: 17,
+            ..Options::default()
+        })
+        .contains("refine_steps is 17")
+    );
+}
