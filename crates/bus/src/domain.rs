@@ -66,7 +66,8 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// Enters the domain as `node_name` and cleans up after dead processes; ends within 5 s, in success or not.
+    /// Enters the domain as `node_name` and cleans up after dead processes; ends within 5 s, in success or not. Start
+    /// child processes before: descriptors opened here are not closed on exec.
     pub fn open(config: DomainConfig, node_name: &str) -> Result<Self, BusError> {
         let transport = transport_config(&config)?;
         let name = NodeName::new(node_name).map_err(|error| BusError::NodeName {
