@@ -27,7 +27,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
     ("motion", &["messages", "skeleton"]),
     (
         "pipeline",
-        &["messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus"],
+        &["messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus", "operator"],
     ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),

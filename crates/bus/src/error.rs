@@ -130,6 +130,13 @@ pub enum BusError {
     },
 }
 
+impl BusError {
+    /// Whether another process holds the place: the instance runs already, or one of its processes was stopped.
+    pub fn is_occupied(&self) -> bool {
+        matches!(self, Self::WriterExists { .. } | Self::ReadersExhausted { .. })
+    }
+}
+
 /// Why a message did not go out. At run time: small, `Copy`, made without allocating.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PublishError {

@@ -31,6 +31,22 @@ impl Transition {
     pub const AT_REST: u32 = 1003;
     pub const RESET: u32 = 1004;
     pub const CLEARED: u32 = 1005;
+
+    /// Name of the cause in reports.
+    pub const fn why_name(&self) -> &'static str {
+        match self.why {
+            Self::ENABLED => "enabled",
+            Self::RELEASED => "released",
+            Self::ALIGNED => "aligned",
+            Self::AT_REST => "at rest",
+            Self::RESET => "reset",
+            Self::CLEARED => "cleared",
+            why => match crate::Fault::from_u32(why) {
+                Some(fault) => fault.row().name,
+                None => "unknown",
+            },
+        }
+    }
 }
 
 message! {

@@ -1,1 +1,105 @@
-//! Under construction.
+//! Composes the stages once, for the daemon, for offline replay and for simulation: settings, the control tick that is
+//! made of engagement, whole-body control and the gate, and all stages in one thread with virtual time.
+
+mod authority;
+mod control;
+mod edges;
+mod instance;
+mod load;
+mod offline;
+mod player;
+mod publisher;
+mod settings;
+mod stages;
+mod world;
+
+pub use authority::Authority;
+pub use control::{ControlConfig, ControlInput, ControlOutput, ControlState, status_json, tick as control_tick};
+pub use edges::OperatorEdges;
+pub use instance::{DEFAULT_RUN_DIR, Instance};
+pub use load::{Loaded, Overrides, load, load_model, load_weights};
+pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
+pub use player::{PlayOptions, Player};
+pub use publisher::Publisher;
+pub use settings::{
+    ControlSettings, DriverKind, DriverSettings, FileKey, IngestSettings, Method, Policy, RealtimeSettings, Resampling,
+    RetargetSettings, SafetySettings, Settings, SimSettings,
+};
+pub use stages::{retarget_config, sim_config};
+pub use world::{Links, Moment, Running, World, WorldConfig};
+
+/// Why an instance cannot start. The text names file, key, value and bound.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// A file cannot be read.
+    #[error("{file}: {cause}")]
+    Read {
+        /// The file.
+        file: String,
+        /// What the system or the bound says.
+        cause: String,
+    },
+    /// A file is not what it must be: an unknown, missing or mistyped key.
+    #[error("{file}: {cause}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// Line, key and cause.
+        cause: String,
+    },
+    /// A value is outside its bounds.
+    #[error("{file}: {key} = {value} is outside [{low}, {high}]")]
+    Bound {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// The value.
+        value: f64,
+        /// Lowest value allowed.
+        low: f64,
+        /// Highest value allowed.
+        high: f64,
+    },
+    /// The robot file or URDF is refused.
+    #[error("{cause}")]
+    Robot {
+        /// File, joint, key, value and bound.
+        cause: String,
+    },
+    /// The weights are refused.
+    #[error("{file}: {cause}")]
+    Weights {
+        /// The file.
+        file: String,
+        /// Why.
+        cause: String,
+    },
+    /// A stage refuses its configuration.
+    #[error("{stage}: {cause}")]
+    Stage {
+        /// The stage.
+        stage: &'static str,
+        /// Why.
+        cause: String,
+    },
+}
+
+impl ConfigError {
+    fn robot(error: robot::RobotError) -> Self {
+        Self::Robot { cause: error.to_string() }
+    }
+
+    fn stage(stage: &'static str, error: impl std::fmt::Display) -> Self {
+        Self::Stage { stage, cause: error.to_string() }
+    }
+}
+
+/// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
+fn fnv(bytes: &[u8]) -> u64 {
+    fnv_continue(0xcbf2_9ce4_8422_2325, bytes)
+}
+
+fn fnv_continue(hash: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(hash, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}

@@ -3,6 +3,7 @@
 //! words, and the caller decides.
 
 mod allocation;
+mod children;
 mod clock;
 mod error;
 mod grid;
@@ -14,6 +15,7 @@ mod realtime;
 mod shutdown;
 
 pub use allocation::{Allocations, CountingAllocator, count_allocations};
+pub use children::{die_with_parent, terminate};
 pub use clock::{now, sleep_until};
 pub use error::RtError;
 pub use grid::{PeriodicLoop, Tick, TickGrid};

@@ -1,0 +1,319 @@
+//! The control tick: engagement decides what is allowed, whole-body control proposes, the gate disposes.
+
+mod chain;
+mod status;
+
+pub use status::status_json;
+
+use crate::load::Loaded;
+use crate::ConfigError;
+use chain::{Continue, Stream};
+use driver::Motion;
+use messages::{
+    ARM_JOINTS, Fault, Faults, Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status,
+    command_flag, state_flag, target_flag,
+};
+use retarget::ArmModel;
+use robot::{Frames, Model};
+use safety::engage::{self, MotionView, OperatorView, RobotView, TargetView};
+use safety::{gate, monitor};
+
+/// A command is aligned with its target when no valid joint is farther from it than this, rad: a tenth of the tracking
+/// error that stops, so that the end of the blend cannot be felt.
+const ALIGNED_RAD: f64 = 0.02;
+
+/// What the control tick must know beforehand.
+#[derive(Clone, Debug)]
+pub struct ControlConfig {
+    /// The robot.
+    pub model: Model,
+    engage: engage::Config,
+    wbc: wbc::Config,
+    gate: gate::Config,
+    arm: ArmModel,
+    config_hash: u64,
+}
+
+impl ControlConfig {
+    /// Everything for one instance. `realtime`: whether scheduling is real-time; without it the stale times are relaxed
+    /// as the settings say.
+    pub fn new(loaded: &Loaded, realtime: bool) -> Result<Self, ConfigError> {
+        let model = loaded.model.clone();
+        let safety = &loaded.settings.safety;
+        let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+        Ok(Self {
+            engage: engage::Config::relaxed(&safety.thresholds(), factor)
+                .map_err(|error| ConfigError::stage("safety", error))?,
+            wbc: wbc::Config::new(&model, wbc::Options::default())
+                .map_err(|error| ConfigError::stage("whole-body control", error))?,
+            gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
+            arm: ArmModel::of(&model),
+            config_hash: loaded.hash,
+            model,
+        })
+    }
+}
+
+/// Everything remembered between two ticks.
+#[derive(Clone, Debug)]
+pub struct ControlState {
+    incarnation: u32,
+    sequence: u64,
+    engage: engage::State,
+    wbc: wbc::State,
+    gate: gate::State,
+    near: monitor::Near,
+    stream: Option<Stream>,
+    last_k: Option<u64>,
+    target: Option<(JointTarget, Stamp)>,
+    robot: Option<(RobotState, Stamp)>,
+    motion: MotionView,
+    frames: Frames,
+    status: Status,
+}
+
+/// What a tick is given: only what is new since the last one.
+#[derive(Clone, Copy, Debug)]
+pub struct ControlInput<'a> {
+    /// Tick index; one tick per index, never twice, never back.
+    pub k: u64,
+    /// A new target.
+    pub target: Option<&'a JointTarget>,
+    /// A new robot state.
+    pub robot: Option<&'a RobotState>,
+    /// The operator, with the edges since the last tick.
+    pub operator: OperatorView,
+    /// Scheduling is real-time, or the settings allow to engage a simulated robot without.
+    pub realtime_ok: bool,
+}
+
+/// What a tick results in.
+#[derive(Clone, Copy, Debug)]
+pub struct ControlOutput {
+    /// To be published; absent while there is no driver state to continue from.
+    pub command: Option<JointCommand>,
+    /// To be published at 50 Hz.
+    pub status: Status,
+    /// A transition was made in this tick.
+    pub transition: Option<messages::Transition>,
+}
+
+impl ControlState {
+    /// A control process that has just started.
+    pub fn new(config: &ControlConfig, incarnation: u32) -> Self {
+        Self {
+            incarnation,
+            sequence: 0,
+            engage: engage::State::new(),
+            wbc: wbc::State::at_rest(config.model.home),
+            gate: gate::State::at_rest(config.model.home),
+            near: monitor::Near::new(),
+            stream: None,
+            last_k: None,
+            target: None,
+            robot: None,
+            motion: MotionView::default(),
+            frames: Frames::ZERO,
+            status: Status::ZERO,
+        }
+    }
+
+    /// What is commanded now.
+    pub fn commanded(&self) -> Motion {
+        Motion { q: self.gate.q(), v: self.gate.v(), a: self.gate.a(), plan: self.gate.plan() }
+    }
+}
+
+/// Advances control to tick `k`. Never allocates, blocks, reads a clock or panics.
+pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input: ControlInput<'_>) -> ControlOutput {
+    let missed = state.last_k.map_or(0, |last| input.k.saturating_sub(last + 1));
+    state.last_k = Some(input.k);
+    if let Some(target) = input.target {
+        state.target = Some((*target, now));
+    }
+    if let Some(robot) = input.robot {
+        state.robot = Some((*robot, now));
+    }
+    let echo = state.robot.map(|(echo, _)| echo);
+    let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
+    if let Continue::From(motion) = from {
+        state.wbc.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+        state.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+    }
+
+    let decided = engage::tick(&config.engage, &mut state.engage, now, observe(config, state, &input, missed));
+    let target = state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
+    let command = match from {
+        Continue::Nothing => None,
+        Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
+    };
+    state.note(config, now, &input, &decided, missed);
+    ControlOutput { command, status: state.status, transition: decided.transition }
+}
+
+/// Everything the state machine judges, from the newest samples.
+fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInput<'_>, missed: u64) -> engage::Input {
+    let target = state.target.map_or(TargetView::default(), |(target, received)| TargetView {
+        received,
+        incarnation: target.header.incarnation,
+        session_nonce: target.session_nonce,
+        config_matches: target.header.config_hash == config.config_hash,
+        input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
+        input_received: target.input_received,
+        implausible: implausible(&target),
+    });
+    let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
+        let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
+        state.status.clearance_measured_m = clearance.distance_m;
+        let (error_rad, error_m) = tracking_error(&config.model, &robot);
+        state.status.tracking_error = error_rad.max(error_m);
+        RobotView {
+            received,
+            incarnation: robot.header.incarnation,
+            config_matches: robot.header.config_hash == config.config_hash,
+            commanded: robot.flags & state_flag::COMMANDED != 0,
+            driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
+            reset_count: robot.reset_count,
+            outside_limits: monitor::outside_limits(&config.model, &robot.q_measured),
+            in_collision: clearance.distance_m < config.model.d_min_m,
+            collision_near: state.near.update(&config.model, clearance.distance_m),
+            tracking_error_rad: error_rad,
+            tracking_error_m: error_m,
+        }
+    });
+    engage::Input {
+        k: input.k,
+        own_gap_ns: (missed + 1) * 1_000_000_000 / messages::TICK_HZ,
+        deadlines_missed: u32::try_from(missed).unwrap_or(u32::MAX),
+        realtime_ok: input.realtime_ok,
+        operator: input.operator,
+        target,
+        robot,
+        motion: state.motion,
+    }
+}
+
+/// Largest |executed - measured| of the revolute (rad) and prismatic (m) joints.
+fn tracking_error(model: &Model, robot: &RobotState) -> (f64, f64) {
+    let (mut rad, mut m) = (0.0_f64, 0.0_f64);
+    for j in 0..JOINTS {
+        let error = (robot.q[j] - robot.q_measured[j]).abs();
+        let kind = if model.prismatic[j] { &mut m } else { &mut rad };
+        *kind = kind.max(error);
+    }
+    (rad, m)
+}
+
+/// Values that no retargeting produces: not finite, or far outside any joint's range.
+fn implausible(target: &JointTarget) -> bool {
+    // Ten turns: no joint of a TiaGo++ makes two, and nothing a limit could be compared with is lost.
+    let far = 20.0 * core::f64::consts::PI;
+    target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
+}
+
+/// Whole-body control proposes, the gate disposes, and the command says so.
+fn command(
+    config: &ControlConfig,
+    state: &mut ControlState,
+    now: Stamp,
+    input: &ControlInput<'_>,
+    decided: &engage::Output,
+    target: Option<&JointTarget>,
+) -> JointCommand {
+    let permit = match decided.permit {
+        engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
+        engage::Permit::Stop => wbc::Permit::Stop,
+    };
+    let wanted = target.map(|target| wbc::Target { q: target.q, dq: target.dq, valid_mask: target.valid_mask });
+    let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted.as_ref(), permit });
+    let offer = gate::Proposed { k: input.k, q: proposed.q, v: proposed.v, a: proposed.a, plan: proposed.plan };
+    let decision = gate::tick(&config.gate, &mut state.gate, now, offer);
+    let denied = !decision.accepted();
+    if denied {
+        state.wbc.reseed(&decision.q, &decision.v, &decision.a, &decision.plan);
+        state.status.gate_denials += 1;
+    }
+    state.motion = MotionView {
+        at_rest: decision.v.iter().chain(&decision.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
+        aligned: wanted.is_some_and(|wanted| aligned(&config.model, &wanted, &decision.q)),
+        settled: proposed.settled,
+        gate_denied: denied,
+    };
+    state.status.clearance_command_m = proposed.clearance_m;
+    state.status.nearest_pair = proposed.nearest_pair;
+    state.status.fallbacks += u32::from(proposed.fallback);
+    let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
+    let chain = state.stream.as_mut().map(|stream| {
+        stream.sent(input.k, motion);
+        stream.chain()
+    });
+    state.sequence += 1;
+    JointCommand {
+        header: Header {
+            sequence: state.sequence,
+            stamp: now,
+            origin: target.map_or(Stamp::NONE, |target| target.header.origin),
+            config_hash: config.config_hash,
+            incarnation: state.incarnation,
+            reserved: 0,
+        },
+        k: input.k,
+        seed_k: chain.map_or(0, |chain| chain.seed_k),
+        seed_played: chain.map_or(0, |chain| chain.seed_played),
+        q: motion.q,
+        v: motion.v,
+        a: motion.a,
+        plan: motion.plan,
+        target_stamp: target.map_or(Stamp::NONE, |target| target.header.stamp),
+        mode: decided.mode as u32,
+        flags: if denied || proposed.on_plan { command_flag::ON_PLAN } else { 0 },
+        reset_count: decided.reset_count,
+        reserved: 0,
+    }
+}
+
+/// Whether every valid joint of the command is near its target, as far as the limits let the target be reached.
+fn aligned(model: &Model, target: &wbc::Target, q: &[f64; JOINTS]) -> bool {
+    (0..JOINTS).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
+        let limits = &model.limits[j];
+        (target.q[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() <= ALIGNED_RAD
+    })
+}
+
+impl ControlState {
+    fn note(&mut self, config: &ControlConfig, now: Stamp, input: &ControlInput<'_>, out: &engage::Output, missed: u64) {
+        let status = &mut self.status;
+        status.ticks += 1;
+        status.missed_deadlines += missed;
+        status.header = Header {
+            sequence: status.ticks,
+            stamp: now,
+            origin: Stamp::NONE,
+            config_hash: config.config_hash,
+            incarnation: self.incarnation,
+            reserved: 0,
+        };
+        status.k = input.k;
+        status.mode = out.mode as u32;
+        status.faults = out.active.0;
+        status.latched = out.latched.0;
+        status.fault_counts = out.fault_counts;
+        status.speed_scale = out.permit.speed_scale();
+        status.realtime = u32::from(input.realtime_ok);
+        if let Some(transition) = out.transition {
+            status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;
+            status.transition_count += 1;
+        }
+        if let Some((_, received)) = self.robot {
+            status.state_stamp = received;
+        }
+        if let Some((target, received)) = self.target {
+            status.target_stamp = received;
+            status.input_age_ns = now.since(target.input_received);
+            status.limb_error_target_rad = status::limb_error(config, &target, &target.q);
+            if let Some((robot, _)) = self.robot {
+                status.limb_error_measured_rad = status::limb_error(config, &target, &robot.q_measured);
+            }
+        }
+    }
+}

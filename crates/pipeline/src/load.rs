@@ -1,0 +1,121 @@
+//! Reads an instance's files: settings, robot, weights; and makes of them one hash that travels in every header.
+
+use crate::settings::{Method, Settings};
+use crate::{ConfigError, fnv_continue};
+use robot::Model;
+use std::path::{Path, PathBuf};
+
+/// The largest text file that is read: a URDF of 5 MB is the bound of `robot`, and the others are smaller.
+const TEXT_BYTES_MAX: u64 = 5 << 20;
+/// The largest weights file that is read.
+const WEIGHTS_BYTES_MAX: u64 = 256 << 20;
+
+/// Everything that is settled before the first tick.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The settings in force.
+    pub settings: Settings,
+    /// The robot.
+    pub model: Model,
+    /// Trained weights; absent where the method needs none and no file is there.
+    pub weights: Option<retarget::Weights>,
+    /// The one hash of it all.
+    pub hash: u64,
+    /// The files that were read.
+    pub files: Vec<PathBuf>,
+}
+
+impl Loaded {
+    /// Every setting in force, as `table.key` and value.
+    pub fn effective(&self) -> Vec<(String, String)> {
+        let tables = toml::Table::try_from(&self.settings).unwrap_or_default();
+        let mut all = Vec::new();
+        for (table, keys) in &tables {
+            for (key, value) in keys.as_table().into_iter().flatten() {
+                all.push((format!("{table}.{key}"), value.to_string()));
+            }
+        }
+        all
+    }
+}
+
+/// What the command line changes; part of the hash, so that processes started differently cannot engage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Overrides {
+    /// `control.engage_without_realtime = true`.
+    pub engage_without_realtime: bool,
+}
+
+/// Reads and checks the settings file and every file it names.
+pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
+    let text = read_text(config)?;
+    let mut settings = Settings::parse(&config.display().to_string(), &text)?;
+    settings.control.engage_without_realtime |= overrides.engage_without_realtime;
+    let folder = config.parent().unwrap_or(Path::new("."));
+
+    let robot_path = folder.join(&settings.robot.file);
+    let (model, urdf_path) = load_model(&robot_path)?;
+
+    let weights_path = folder.join(&settings.weights.file);
+    let (tensors, manifest) = (with_extension(&weights_path, "safetensors"), with_extension(&weights_path, "toml"));
+    let weights = if settings.retarget.method == Method::Network || manifest.exists() {
+        Some(load_weights(&weights_path, &model)?)
+    } else {
+        None
+    };
+
+    let mut hash = crate::fnv(text.as_bytes());
+    hash = fnv_continue(hash, &[u8::from(settings.control.engage_without_realtime)]);
+    hash = fnv_continue(hash, &model.hash.to_le_bytes());
+    let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
+    if weights.is_some() {
+        hash = fnv_continue(hash, &read_bytes(&manifest, TEXT_BYTES_MAX)?);
+        files.extend([manifest, tensors]);
+    }
+    Ok(Loaded { settings, model, weights, hash, files })
+}
+
+/// Reads a robot file and the URDF it names; returns the model and the URDF's path.
+pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
+    let toml_text = read_text(robot_file)?;
+    let toml_name = robot_file.display().to_string();
+    let named = robot::urdf_file(&toml_name, &toml_text).map_err(ConfigError::robot)?;
+    let urdf_path = robot_file.parent().unwrap_or(Path::new(".")).join(named);
+    let urdf_text = read_text(&urdf_path)?;
+    let urdf_name = urdf_path.display().to_string();
+    let model = Model::from_text(&toml_name, &toml_text, &urdf_name, &urdf_text).map_err(ConfigError::robot)?;
+    Ok((model, urdf_path))
+}
+
+/// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot.
+pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, ConfigError> {
+    let manifest = read_text(&with_extension(base, "toml"))?;
+    let tensors_path = with_extension(base, "safetensors");
+    let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
+    retarget::Weights::from_bytes(&manifest, &tensors, model).map_err(|error| ConfigError::Weights {
+        file: tensors_path.display().to_string(),
+        cause: error.to_string(),
+    })
+}
+
+// Unlike Path::with_extension, keeps a dot that belongs to the name.
+fn with_extension(base: &Path, extension: &str) -> PathBuf {
+    let mut name = base.as_os_str().to_owned();
+    name.push(".");
+    name.push(extension);
+    PathBuf::from(name)
+}
+
+fn read_text(path: &Path) -> Result<String, ConfigError> {
+    String::from_utf8(read_bytes(path, TEXT_BYTES_MAX)?)
+        .map_err(|_| ConfigError::Read { file: path.display().to_string(), cause: "is not UTF-8 text".into() })
+}
+
+fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
+    let refuse = |cause: String| ConfigError::Read { file: path.display().to_string(), cause };
+    let length = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?.len();
+    if length > most {
+        return Err(refuse(format!("has {length} bytes, more than the {most} that are read")));
+    }
+    std::fs::read(path).map_err(|error| refuse(error.to_string()))
+}

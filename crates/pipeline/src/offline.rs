@@ -1,0 +1,172 @@
+//! A motion from its first frame to rest, through every stage, in virtual time: what `replay --offline` writes.
+
+use crate::load::Loaded;
+use crate::player::{PlayOptions, Player};
+use crate::world::{Links, Moment, Running, World, WorldConfig};
+use crate::ConfigError;
+use messages::{JOINTS, Mode, TICK_HZ};
+use motion::Motion;
+use safety::engage::OperatorView;
+use std::collections::BTreeMap;
+
+/// Seed of the simulated robot's noise; an offline run is the same every time.
+const SEED: u64 = 1;
+
+/// Longest time from the enable to Engaged, ticks: 3 s of blending, and the torso's whole stroke takes 5 s.
+const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
+
+/// Longest time from release to rest, ticks: four times the longest stop.
+const REST_WITHIN: u64 = 2 * TICK_HZ;
+
+/// Ticks before the virtual operator enables: so long must the enable have been seen released, and some.
+const SETTLE: u64 = TICK_HZ;
+
+/// One row: what was commanded and wanted at tick `k`, counted from the enable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Tick since the enable.
+    pub k: u64,
+    /// Commanded joint positions.
+    pub command: [f64; JOINTS],
+    /// Target joint positions.
+    pub target: [f64; JOINTS],
+}
+
+/// Why a run ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OfflineEnd {
+    /// The motion was played and the robot is at rest.
+    AtRest,
+    /// The robot was stopped, or did not engage.
+    Stopped(String),
+}
+
+/// What a run was.
+#[derive(Clone, Debug, Default)]
+pub struct OfflineReport {
+    /// Rows produced.
+    pub rows: u64,
+    /// Every mode and the row at which it began.
+    pub modes: Vec<(u64, Mode)>,
+    /// At which row each frame of the motion was taken.
+    pub frames: Vec<(usize, u64)>,
+    /// Violations by kind, as the simulated robot counted them.
+    pub violations: BTreeMap<String, u64>,
+    /// Smallest clearance of the checked pairs over all executed commands, mm.
+    pub min_clearance_mm: f64,
+    /// Mean limb error of the target while engaged, deg.
+    pub limb_error_deg_mean: f64,
+}
+
+/// A run in progress.
+#[derive(Clone, Debug)]
+pub struct Offline {
+    config: WorldConfig,
+    world: World,
+    player: Player,
+    mode: Mode,
+    enabled: bool,
+    released_at: Option<u64>,
+    report: OfflineReport,
+    limb_sum_rad: f64,
+    limb_count: u64,
+}
+
+impl Offline {
+    /// A robot at rest in its home posture, the first frame held, an operator about to enable.
+    pub fn new(loaded: &Loaded, motion: &Motion, options: PlayOptions) -> Result<Self, ConfigError> {
+        let config = WorldConfig::new(loaded)?;
+        let mut run = Self {
+            world: World::new(&config, SEED, Links::default()),
+            config,
+            player: Player::new(motion, options, SEED, 1),
+            mode: Mode::Disengaged,
+            enabled: false,
+            released_at: None,
+            report: OfflineReport::default(),
+            limb_sum_rad: 0.0,
+            limb_count: 0,
+        };
+        for _ in 0..SETTLE {
+            run.moment();
+        }
+        run.report.modes.push((0, run.mode));
+        Ok(run)
+    }
+
+    /// Frames of the motion played, and their number.
+    pub fn progress(&self) -> (u64, u64) {
+        self.player.progress()
+    }
+
+    /// The run so far.
+    pub fn report(&mut self) -> &OfflineReport {
+        let simulated = self.world.report();
+        self.report.violations = simulated.violations().iter().map(|&(kind, count)| (kind.to_owned(), count)).collect();
+        self.report.min_clearance_mm = simulated.min_clearance_m() * 1e3;
+        self.report.limb_error_deg_mean = (self.limb_sum_rad / self.limb_count.max(1) as f64).to_degrees();
+        &self.report
+    }
+
+    /// Advances by one tick.
+    pub fn step(&mut self) -> Result<Row, OfflineEnd> {
+        let k = self.report.rows;
+        let released = self.released_at;
+        if self.mode == Mode::Faulted {
+            return Err(OfflineEnd::Stopped("the robot was stopped by a fault".into()));
+        }
+        if released.is_some() && self.mode == Mode::Disengaged {
+            return Err(OfflineEnd::AtRest);
+        }
+        if released.is_none() && !self.player.started() && k > ENGAGED_WITHIN {
+            return Err(OfflineEnd::Stopped("the robot did not engage".into()));
+        }
+        if released.is_some_and(|at| k > at + REST_WITHIN) {
+            return Err(OfflineEnd::Stopped("the robot did not come to rest".into()));
+        }
+        if released.is_none() && self.player.finished() {
+            self.released_at = Some(k);
+        }
+        self.enabled = self.released_at.is_none();
+        let moment = self.moment();
+        self.report.rows += 1;
+        let command = moment.control.and_then(|control| control.command);
+        let (Some(command), Some(target)) = (command, moment.target) else {
+            return Err(OfflineEnd::Stopped("control had nothing to continue from".into()));
+        };
+        Ok(Row { k, command: command.q, target: target.q })
+    }
+
+    /// Client, operator, and one tick of everything.
+    fn moment(&mut self) -> Moment {
+        let k = self.report.rows;
+        let now = self.world.now();
+        if let Some((frame, raw)) = self.player.due(now, self.mode == Mode::Engaged) {
+            if self.player.started() {
+                self.report.frames.push((frame, k));
+            }
+            self.world.publish(&raw);
+        }
+        let operator = OperatorView {
+            connected: true,
+            enable_level: self.enabled,
+            enable_edge: self.enabled && k == 0,
+            release_edge: self.released_at == Some(k),
+            heartbeat_received: now,
+            ..OperatorView::default()
+        };
+        let moment = self.world.step(&self.config, &operator, Running::ALL);
+        if let Some(control) = &moment.control {
+            let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
+            if mode != self.mode {
+                self.mode = mode;
+                self.report.modes.push((k, mode));
+            }
+            if mode == Mode::Engaged {
+                self.limb_sum_rad += control.status.limb_error_target_rad;
+                self.limb_count += 1;
+            }
+        }
+        moment
+    }
+}

@@ -1,0 +1,193 @@
+//! `teleop.toml`: its shape and its bounds. Every key is required; an unknown key is refused.
+
+use crate::ConfigError;
+use serde::{Deserialize, Serialize};
+
+/// All settings of one instance, as written in the file.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Robot description.
+    pub robot: FileKey,
+    /// Trained weights, without extension.
+    pub weights: FileKey,
+    /// Retargeting.
+    pub retarget: RetargetSettings,
+    /// The door for clients.
+    pub ingest: IngestSettings,
+    /// The control process.
+    pub control: ControlSettings,
+    /// The driver's side of the command stream.
+    pub driver: DriverSettings,
+    /// Thresholds of the monitors.
+    pub safety: SafetySettings,
+    /// What is asked of the kernel.
+    pub realtime: RealtimeSettings,
+    /// The simulated robot.
+    pub sim: SimSettings,
+}
+
+/// A path, relative to the file that names it.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileKey {
+    /// The path.
+    pub file: String,
+}
+
+/// How a skeleton becomes joint positions.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The shared latent space.
+    Network,
+    /// The geometric baseline.
+    ClosedForm,
+}
+
+/// What happens between two skeletons.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Resampling {
+    /// Interpolate with a stated delay.
+    Interpolate,
+    /// Use the newest skeleton as it is.
+    Latest,
+    /// Ignore new skeletons.
+    Hold,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetargetSettings {
+    pub method: Method,
+    pub refinement_steps: u32,
+    pub resampling: Resampling,
+    pub interpolation_delay_ms: f64,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct IngestSettings {
+    pub authority_timeout_ms: f64,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSettings {
+    pub grace_us: f64,
+    pub engage_without_realtime: bool,
+}
+
+/// Which robot the driver talks to.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriverKind {
+    /// The simulated robot.
+    Sim,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriverSettings {
+    pub kind: DriverKind,
+    pub grace_us: f64,
+    pub silence_latch_ms: f64,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SafetySettings {
+    pub target_stale_ms: f64,
+    pub state_late_ms: f64,
+    pub state_stale_ms: f64,
+    pub input_stale_ms: f64,
+    pub operator_silent_ms: f64,
+    pub enable_released_ms: f64,
+    pub hold_timeout_ms: f64,
+    pub tracking_error_rad: f64,
+    pub tracking_error_now_rad: f64,
+    pub tracking_error_m: f64,
+    pub tracking_error_now_m: f64,
+    pub tracking_error_ms: f64,
+    pub deadlines_missed_max: u32,
+    pub stale_factor_without_realtime: f64,
+}
+
+/// Scheduling policy asked for.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Policy {
+    /// SCHED_FIFO.
+    Fifo,
+    /// SCHED_OTHER.
+    Other,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealtimeSettings {
+    pub policy: Policy,
+    pub lock_memory: bool,
+    pub priority_retarget: u32,
+    pub priority_control: u32,
+    pub priority_driver: u32,
+    pub core: i64,
+}
+
+#[allow(missing_docs)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimSettings {
+    pub seed: u64,
+    pub natural_frequency_hz: f64,
+    pub damping_ratio: f64,
+    pub delay_ticks: u32,
+    pub encoder_noise_rad: f64,
+    pub encoder_step_rad: f64,
+}
+
+impl Settings {
+    /// Parses and bounds `text`; `file` is named in errors.
+    pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
+        let settings: Self = toml::from_str(text)
+            .map_err(|error| ConfigError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
+        settings.check(file)?;
+        Ok(settings)
+    }
+
+    fn check(&self, file: &str) -> Result<(), ConfigError> {
+        let t = 1000.0 / messages::TICK_HZ as f64;
+        let bounds = [
+            ("retarget.refinement_steps", f64::from(self.retarget.refinement_steps), 0.0, 10.0),
+            ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 200.0),
+            ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
+            ("control.grace_us", self.control.grace_us, 0.0, 600.0),
+            ("driver.grace_us", self.driver.grace_us, self.control.grace_us, 660.0),
+            ("driver.silence_latch_ms", self.driver.silence_latch_ms, t, 10.0),
+            ("safety.stale_factor_without_realtime", self.safety.stale_factor_without_realtime, 1.0, 50.0),
+            ("realtime.priority_retarget", f64::from(self.realtime.priority_retarget), 1.0, 98.0),
+            ("realtime.priority_control", f64::from(self.realtime.priority_control), 1.0, 98.0),
+            ("realtime.priority_driver", f64::from(self.realtime.priority_driver), 1.0, 98.0),
+            ("realtime.core", self.realtime.core as f64, -1.0, 1023.0),
+            ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, 200.0),
+            ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 5.0),
+            ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, 30.0),
+            ("sim.encoder_noise_rad", self.sim.encoder_noise_rad, 0.0, 0.01),
+            ("sim.encoder_step_rad", self.sim.encoder_step_rad, 0.0, 0.01),
+        ];
+        for (key, value, low, high) in bounds {
+            // Written so that NaN is refused too.
+            if !(value >= low && value <= high) {
+                return Err(ConfigError::Bound { file: file.to_owned(), key: key.to_owned(), value, low, high });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,46 @@
+//! The settings as the stages take them.
+
+use crate::ConfigError;
+use crate::load::Loaded;
+use crate::settings::{Method, Resampling, SafetySettings};
+use safety::engage;
+
+/// Configuration of the retargeting stage.
+pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError> {
+    let settings = &loaded.settings.retarget;
+    let options = retarget::Options {
+        method: Some(match settings.method {
+            Method::Network => retarget::Method::Network,
+            Method::ClosedForm => retarget::Method::ClosedForm,
+        }),
+        refine_steps: settings.refinement_steps,
+        resample: match settings.resampling {
+            Resampling::Interpolate => retarget::Resample::Interpolate,
+            Resampling::Latest => retarget::Resample::Latest,
+            Resampling::Hold => retarget::Resample::Hold,
+        },
+        interpolation_delay_ms: settings.interpolation_delay_ms,
+    };
+    retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
+        .map_err(|error| ConfigError::stage("retarget", error))
+}
+
+impl SafetySettings {
+    pub(crate) fn thresholds(&self) -> engage::Settings {
+        engage::Settings {
+            target_stale_ms: self.target_stale_ms,
+            state_late_ms: self.state_late_ms,
+            state_stale_ms: self.state_stale_ms,
+            input_stale_ms: self.input_stale_ms,
+            operator_silent_ms: self.operator_silent_ms,
+            enable_released_ms: self.enable_released_ms,
+            hold_timeout_ms: self.hold_timeout_ms,
+            tracking_error_rad: self.tracking_error_rad,
+            tracking_error_now_rad: self.tracking_error_now_rad,
+            tracking_error_m: self.tracking_error_m,
+            tracking_error_now_m: self.tracking_error_now_m,
+            tracking_error_ms: self.tracking_error_ms,
+            deadlines_missed_max: self.deadlines_missed_max,
+        }
+    }
+}

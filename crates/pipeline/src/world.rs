@@ -1,0 +1,275 @@
+//! All stages in one thread with virtual time: the same ticks that the processes run, in the same order, over slots that
+//! may be faulty. Used by `replay --offline` and by the simulation test.
+
+use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
+use crate::load::Loaded;
+use crate::{Authority, ConfigError, OperatorEdges};
+use bus::{FaultPlan, Faulty, Latest, Publish};
+use messages::{Header, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
+use safety::engage::OperatorView;
+
+/// Virtual time from a tick's deadline to its target, its command, and its execution, ns: the order of the live system
+/// with some of its delays (stage work of tens of microseconds each).
+const TARGET_AFTER_NS: u64 = 20_000;
+const COMMAND_AFTER_NS: u64 = 60_000;
+const EXECUTION_AFTER_NS: u64 = 120_000;
+
+/// The tick at which virtual time begins: not zero, because a stamp of zero means "never".
+const FIRST_TICK: u64 = 1500;
+
+/// Incarnations of the virtual processes; a restart takes the next one.
+#[derive(Clone, Copy, Debug, Default)]
+struct Incarnations {
+    last: u32,
+}
+
+impl Incarnations {
+    fn draw(&mut self) -> u32 {
+        self.last += 1;
+        self.last
+    }
+}
+
+/// The configuration of every stage.
+#[derive(Clone, Debug)]
+pub struct WorldConfig {
+    skeleton: skeleton::Config,
+    retarget: retarget::Config,
+    /// Of the control tick.
+    pub control: ControlConfig,
+    sim: sim::Config,
+    config_hash: u64,
+    authority_timeout_ns: u64,
+}
+
+impl WorldConfig {
+    /// Everything for one virtual instance, with the stale times of a real-time machine.
+    pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
+        Ok(Self {
+            skeleton: skeleton::Config::default(),
+            retarget: crate::retarget_config(loaded)?,
+            control: ControlConfig::new(loaded, true)?,
+            sim: crate::sim_config(loaded)?,
+            config_hash: loaded.hash,
+            authority_timeout_ns: (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
+        })
+    }
+}
+
+/// How bad each link is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Links {
+    /// Client to ingest.
+    pub raw: FaultPlan,
+    /// Ingest to retarget.
+    pub skeleton: FaultPlan,
+    /// Retarget to control.
+    pub target: FaultPlan,
+    /// Control to driver.
+    pub command: FaultPlan,
+    /// Driver to control.
+    pub state: FaultPlan,
+}
+
+/// Which processes run in this tick; one that does not is stopped, not dead: it keeps its state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Running {
+    /// `ingest`.
+    pub ingest: bool,
+    /// `retarget`.
+    pub retarget: bool,
+    /// `control`.
+    pub control: bool,
+    /// The driver.
+    pub driver: bool,
+}
+
+impl Running {
+    /// All of them.
+    pub const ALL: Self = Self { ingest: true, retarget: true, control: true, driver: true };
+}
+
+/// Everything there is, at one instant.
+#[derive(Clone, Debug)]
+pub struct World {
+    k: u64,
+    first_k: u64,
+    incarnations: Incarnations,
+    authority: Authority,
+    skeleton: skeleton::State,
+    skeleton_header: Header,
+    retarget: retarget::State,
+    retarget_header: Header,
+    control: ControlState,
+    edges: OperatorEdges,
+    sim: sim::State,
+    sim_header: Header,
+    raw: Faulty<RawSkeleton>,
+    skeletons: Faulty<Skeleton>,
+    targets: Faulty<JointTarget>,
+    commands: Faulty<JointCommand>,
+    states: Faulty<RobotState>,
+}
+
+/// What happened in a tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// Tick, counted from the beginning of the world.
+    pub k: u64,
+    /// Target of this tick, if retarget ran.
+    pub target: Option<JointTarget>,
+    /// Control's output, if it ran.
+    pub control: Option<ControlOutput>,
+    /// The robot after this tick, if the driver ran.
+    pub robot: Option<RobotState>,
+}
+
+impl World {
+    /// A world at rest in the home posture. `seed` decides every fault and all noise.
+    pub fn new(config: &WorldConfig, seed: u64, links: Links) -> Self {
+        let mut incarnations = Incarnations::default();
+        let header = |incarnations: &mut Incarnations| Header {
+            sequence: 0,
+            stamp: Stamp::NONE,
+            origin: Stamp::NONE,
+            config_hash: config.config_hash,
+            incarnation: incarnations.draw(),
+            reserved: 0,
+        };
+        Self {
+            k: FIRST_TICK,
+            first_k: FIRST_TICK,
+            authority: Authority::default(),
+            skeleton: skeleton::State::new(),
+            skeleton_header: header(&mut incarnations),
+            retarget: retarget::State::default(),
+            retarget_header: header(&mut incarnations),
+            control: ControlState::new(&config.control, incarnations.draw()),
+            edges: OperatorEdges::default(),
+            sim: sim::State::new(&config.sim, FIRST_TICK - 1, seed),
+            sim_header: header(&mut incarnations),
+            raw: Faulty::new(links.raw, seed ^ 1),
+            skeletons: Faulty::new(links.skeleton, seed ^ 2),
+            targets: Faulty::new(links.target, seed ^ 3),
+            commands: Faulty::new(links.command, seed ^ 4),
+            states: Faulty::new(links.state, seed ^ 5),
+            incarnations,
+        }
+    }
+
+    /// Virtual time at the deadline of the tick to come.
+    pub fn now(&self) -> Stamp {
+        deadline(self.k)
+    }
+
+    /// Ticks since the beginning.
+    pub fn ticks(&self) -> u64 {
+        self.k - self.first_k
+    }
+
+    /// A client publishes a frame now.
+    pub fn publish(&mut self, raw: &RawSkeleton) {
+        let _ = self.raw.publish(raw);
+    }
+
+    /// Changes how bad the links are.
+    pub fn set_links(&mut self, links: Links) {
+        self.raw.set_plan(links.raw);
+        self.skeletons.set_plan(links.skeleton);
+        self.targets.set_plan(links.target);
+        self.commands.set_plan(links.command);
+        self.states.set_plan(links.state);
+    }
+
+    /// `control` dies and is started again.
+    pub fn restart_control(&mut self, config: &WorldConfig) {
+        self.control = ControlState::new(&config.control, self.incarnations.draw());
+    }
+
+    /// `retarget` dies and is started again.
+    pub fn restart_retarget(&mut self) {
+        self.retarget = retarget::State::default();
+        self.retarget_header.incarnation = self.incarnations.draw();
+        self.retarget_header.sequence = 0;
+    }
+
+    /// What the simulated robot counted by itself.
+    pub fn report(&self) -> &sim::Report {
+        self.sim.report()
+    }
+
+    /// The robot's faults, to be injected by tests.
+    pub fn sim_mut(&mut self) -> &mut sim::State {
+        &mut self.sim
+    }
+
+    /// Advances the world by one tick.
+    pub fn step(&mut self, config: &WorldConfig, operator: &OperatorView, running: Running) -> Moment {
+        let (k, start) = (self.k, deadline(self.k));
+        self.raw.advance(start);
+        self.skeletons.advance(start);
+        if running.ingest {
+            self.ingest(config, start);
+        }
+        self.skeletons.advance(start.plus_ns(1));
+        let target = running.retarget.then(|| self.retarget(config, start.plus_ns(TARGET_AFTER_NS)));
+        let command_at = start.plus_ns(COMMAND_AFTER_NS);
+        self.targets.advance(command_at);
+        self.states.advance(command_at);
+        let control = running.control.then(|| self.control(config, command_at, operator));
+        let execution_at = start.plus_ns(EXECUTION_AFTER_NS);
+        self.commands.advance(execution_at);
+        let robot = running.driver.then(|| self.drive(config, execution_at));
+        self.k += 1;
+        Moment { k: k - self.first_k, target, control, robot }
+    }
+
+    fn ingest(&mut self, config: &WorldConfig, now: Stamp) {
+        let Some(raw) = self.raw.latest() else { return };
+        if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
+            return;
+        }
+        let out = skeleton::tick(&config.skeleton, &mut self.skeleton, now, skeleton::Input { raw: &raw });
+        if let Some(mut skeleton) = out.skeleton {
+            self.skeleton_header.sequence += 1;
+            skeleton.header = Header { stamp: now, origin: raw.header.origin, ..self.skeleton_header };
+            let _ = self.skeletons.publish(&skeleton);
+        }
+    }
+
+    fn retarget(&mut self, config: &WorldConfig, now: Stamp) -> JointTarget {
+        let skeleton = self.skeletons.latest();
+        let input = retarget::Input { k: self.k, skeleton: skeleton.as_ref() };
+        let mut target = retarget::tick(&config.retarget, &mut self.retarget, now, input).target;
+        self.retarget_header.sequence += 1;
+        target.header = Header { stamp: now, origin: target.header.origin, ..self.retarget_header };
+        let _ = self.targets.publish(&target);
+        target
+    }
+
+    fn control(&mut self, config: &WorldConfig, now: Stamp, operator: &OperatorView) -> ControlOutput {
+        let (target, robot) = (self.targets.latest(), self.states.latest());
+        let input = ControlInput {
+            k: self.k,
+            target: target.as_ref(),
+            robot: robot.as_ref(),
+            operator: *operator,
+            realtime_ok: true,
+        };
+        let out = control_tick(&config.control, &mut self.control, now, input);
+        if let Some(command) = &out.command {
+            let _ = self.commands.publish(command);
+        }
+        out
+    }
+
+    fn drive(&mut self, config: &WorldConfig, now: Stamp) -> RobotState {
+        let command = self.commands.latest();
+        let input = sim::Input { due_k: self.k, command: command.as_ref() };
+        let mut state = sim::tick(&config.sim, &mut self.sim, now, input).state;
+        self.sim_header.sequence += 1;
+        state.header = Header { stamp: now, origin: state.header.origin, ..self.sim_header };
+        let _ = self.states.publish(&state);
+        state
+    }
+}

@@ -1,0 +1,22 @@
+//! Parents and children: a process of an instance must not outlive the one that started it, nor be cut off by it.
+#![allow(unsafe_code)]
+
+/// Asks the kernel for SIGTERM when the parent dies, so that `kill -9` of a supervisor still brings the robot to rest.
+/// Without effect where nothing started us but an init process.
+pub fn die_with_parent() {
+    // SAFETY: PR_SET_PDEATHSIG takes one integer by value and touches no memory of ours.
+    unsafe {
+        libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM as libc::c_ulong);
+    }
+}
+
+/// Sends SIGTERM to the process `id`; one that is gone already is no error.
+pub fn terminate(id: u32) {
+    let Ok(pid) = libc::pid_t::try_from(id) else { return };
+    if pid > 0 {
+        // SAFETY: kill takes two integers by value and touches no memory of ours.
+        unsafe {
+            libc::kill(pid, libc::SIGTERM);
+        }
+    }
+}

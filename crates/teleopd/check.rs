@@ -1,0 +1,40 @@
+//! Prints every effective value, where it came from, and the hash that travels in every header.
+
+use crate::cli::Place;
+use crate::exit::{Exit, Failure};
+use messages::JOINTS;
+use pipeline::Overrides;
+
+/// Reads everything an instance would read, refuses what it would refuse, and prints the rest.
+pub fn run(place: &Place) -> Result<Exit, Failure> {
+    let overrides = Overrides { engage_without_realtime: place.engage_without_realtime };
+    let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+    pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
+    for file in &loaded.files {
+        println!("read {}", file.display());
+    }
+    println!();
+    let source = place.config.display();
+    for (key, value) in loaded.effective() {
+        let from = if key == "control.engage_without_realtime" && place.engage_without_realtime {
+            "command line".to_owned()
+        } else {
+            source.to_string()
+        };
+        println!("{key:<44} {value:<28} {from}");
+    }
+    println!("\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");
+    let model = &loaded.model;
+    for j in 0..JOINTS {
+        let limits = &model.limits[j];
+        println!(
+            "{:<18} {:>9.4} {:>9.4} {:>9.3} {:>9.3} {:>9.1} {:>9.4}",
+            model.joint_names[j], limits.q_min, limits.q_max, limits.v_max, limits.a_max, limits.j_max, model.home[j]
+        );
+    }
+    println!("(rad, rad/s, rad/s^2, rad/s^3; m for the torso lift)");
+    println!("\ncapsules {}, checked pairs {}, d_min {:.1} mm", model.capsules.len(), model.pairs.len(), model.d_min_m * 1e3);
+    println!("hash {:016x}", loaded.hash);
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,145 @@
+//! Starts the processes in order and ends them in the opposite one, the driver last.
+
+use crate::cli::Place;
+use crate::exit::{Exit, Failure};
+use pipeline::Instance;
+use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// The processes in starting order: whoever comes later finds its peers there. `control` needs the driver's state,
+/// `retarget` needs nobody, `ingest` opens the door to clients last.
+pub const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
+
+/// The order in which they end: no new input, then no new targets, then control at rest, the driver last.
+const ENDING: [&str; 4] = ["ingest", "retarget", "control", "sim"];
+
+/// Longest time from start to READY: weights, memory lock, services and warm ticks take well under a second.
+const READY_WITHIN: Duration = Duration::from_secs(20);
+
+/// Longest time from SIGTERM to the end of a process: the longest stop (0.5 s) and its report, with a wide margin.
+const END_WITHIN: Duration = Duration::from_secs(5);
+
+/// The running processes of one instance.
+pub struct Children {
+    running: Vec<(&'static str, Child)>,
+    socket: UnixDatagram,
+    socket_path: PathBuf,
+}
+
+impl Children {
+    /// Starts every process and waits until each is READY. `quiet` sends what they print to `<run dir>/<name>.log`.
+    pub fn start(instance: &Instance, place: &Place, quiet: bool) -> Result<Self, Failure> {
+        let socket_path = instance.run_dir().join("ready.sock");
+        let _ = std::fs::remove_file(&socket_path);
+        let socket = UnixDatagram::bind(&socket_path)
+            .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", socket_path.display())))?;
+        socket
+            .set_read_timeout(Some(Duration::from_millis(50)))
+            .map_err(|error| Failure::new(Exit::Software, error))?;
+        let mut children = Self { running: Vec::new(), socket, socket_path };
+        for name in PROCESSES {
+            if let Err(failure) = children.start_one(name, instance, place, quiet) {
+                children.stop();
+                return Err(failure);
+            }
+        }
+        Ok(children)
+    }
+
+    fn start_one(&mut self, name: &'static str, instance: &Instance, place: &Place, quiet: bool) -> Result<(), Failure> {
+        let program = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
+        let mut command = Command::new(program);
+        command.arg(name).arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
+        if place.engage_without_realtime {
+            command.arg("--engage-without-realtime");
+        }
+        let log_path = instance.run_dir().join(format!("{name}.log"));
+        if quiet {
+            let log = std::fs::File::create(&log_path)
+                .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", log_path.display())))?;
+            let twin = log.try_clone().map_err(|error| Failure::new(Exit::Software, error))?;
+            command.stdout(log).stderr(twin);
+        }
+        // A process group of its own: Ctrl-C reaches this process alone, which then stops the others in order.
+        command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
+        let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
+        self.running.push((name, child));
+        self.wait_ready(name).map_err(|mut failure| {
+            if quiet && let Ok(log) = std::fs::read_to_string(&log_path) {
+                failure.text = format!("{}\n{}", failure.text, log.trim_end());
+            }
+            failure
+        })
+    }
+
+    fn wait_ready(&mut self, name: &str) -> Result<(), Failure> {
+        let give_up = Instant::now() + READY_WITHIN;
+        let mut text = [0_u8; 512];
+        while Instant::now() < give_up {
+            if let Ok(length) = self.socket.recv(&mut text)
+                && text[..length].split(|&byte| byte == b'\n').any(|line| line == b"READY=1")
+            {
+                return Ok(());
+            }
+            if let Some((ended, status)) = self.ended() {
+                let exit = match status.code() {
+                    Some(78) => Exit::Config,
+                    Some(75) => Exit::TempFail,
+                    Some(66) => Exit::NoInput,
+                    Some(69) => Exit::Unavailable,
+                    _ => Exit::Software,
+                };
+                return Err(Failure::new(exit, format!("{ended} ended before it was ready ({status})")));
+            }
+        }
+        Err(Failure::new(Exit::Unavailable, format!("{name} was not ready within {} s", READY_WITHIN.as_secs())))
+    }
+
+    /// The first process that has ended, if any.
+    pub fn ended(&mut self) -> Option<(&'static str, ExitStatus)> {
+        // What the processes say after READY (watchdog, status) is nobody's business here, but must not pile up.
+        self.running.iter_mut().find_map(|(name, child)| child.try_wait().ok().flatten().map(|status| (*name, status)))
+    }
+
+    /// Ends every process in order and returns the names of those that had to be killed or ended badly.
+    pub fn stop(&mut self) -> Vec<String> {
+        let mut trouble = Vec::new();
+        for name in ENDING {
+            let Some(index) = self.running.iter().position(|(running, _)| *running == name) else { continue };
+            let (_, mut child) = self.running.remove(index);
+            if let Ok(Some(status)) = child.try_wait() {
+                trouble.push(format!("{name} had ended already ({status})"));
+                continue;
+            }
+            rt::terminate(child.id());
+            let give_up = Instant::now() + END_WITHIN;
+            loop {
+                match child.try_wait() {
+                    Ok(Some(status)) if status.success() => break,
+                    Ok(Some(status)) => {
+                        trouble.push(format!("{name} ended badly ({status})"));
+                        break;
+                    }
+                    _ if Instant::now() > give_up => {
+                        let _ = child.kill();
+                        let _ = child.wait();
+                        trouble.push(format!("{name} did not end within {} s and was killed", END_WITHIN.as_secs()));
+                        break;
+                    }
+                    _ => std::thread::sleep(Duration::from_millis(5)),
+                }
+            }
+        }
+        trouble
+    }
+}
+
+impl Drop for Children {
+    fn drop(&mut self) {
+        self.stop();
+        let _ = std::fs::remove_file(&self.socket_path);
+    }
+}

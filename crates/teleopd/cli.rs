@@ -1,0 +1,66 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Real-time teleoperation: move a robot's arms by moving your own.
+#[derive(Debug, Parser)]
+#[command(name = "teleopd", version, about)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Where an instance finds its settings and keeps its sockets and shared memory.
+#[derive(Args, Clone, Debug)]
+pub struct Place {
+    /// Settings of this instance.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// Folder of the instance's socket, shared-memory registry and reports; two instances need two.
+    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    pub run_dir: PathBuf,
+    /// Engage although the kernel grants no real-time scheduling; simulated driver only.
+    #[arg(long)]
+    pub engage_without_realtime: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Takes skeletons from clients, validates them, and publishes the one that holds authority.
+    Ingest(Place),
+    /// Turns skeletons into joint targets at 1500 Hz.
+    Retarget(Place),
+    /// Whole-body control and the safety gate; owns the operator socket.
+    Control(Place),
+    /// A simulated robot behind the driver's port.
+    Sim(Place),
+    /// Starts the four processes in order, and stops them with the robot at rest.
+    Up(Place),
+    /// Starts everything, replays a motion, engages, stops at rest and prints what was measured.
+    Demo(Demo),
+    /// Prints every effective value, where it came from, and the hash of them all.
+    Check(Place),
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Demo {
+    /// Settings.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// A motion file to replay in place of the built-in motion.
+    #[arg(long, value_name = "FILE")]
+    pub motion: Option<PathBuf>,
+    /// Stop after so many seconds of motion (default: the whole motion once).
+    #[arg(long, value_name = "N")]
+    pub seconds: Option<f64>,
+    /// Write the report as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Keep the run's folder (socket, registry, process reports) here instead of a temporary one.
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: Option<PathBuf>,
+    /// No live line and no figures.
+    #[arg(long)]
+    pub quiet: bool,
+}

@@ -1,0 +1,246 @@
+//! The whole system on one machine: four real processes, a recorded person, a virtual operator, a table at the end.
+
+use crate::children::Children;
+use crate::cli;
+use crate::exit::{Exit, Failure};
+use crate::operate::Operator;
+use crate::process::bus_failure;
+use crate::report::Report;
+use crate::figure;
+use bus::{Domain, Reader};
+use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
+use motion::CalibrationMode;
+use pipeline::{Instance, PlayOptions, Player, Publisher};
+use rt::Shutdown;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Time between two looks at the run, and two pictures.
+const LOOK: Duration = Duration::from_millis(50);
+/// Longest time until nothing inhibits engaging: the processes are READY, so a few hundred ms are enough.
+const CLEAR_WITHIN: Duration = Duration::from_secs(5);
+/// Longest time from the enable to Engaged: 3 s of blending, and the torso's whole stroke takes 5 s.
+const ENGAGED_WITHIN: Duration = Duration::from_secs(20);
+/// Longest time from release to rest: four times the longest stop.
+const REST_WITHIN: Duration = Duration::from_secs(2);
+
+/// Runs the demo.
+pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    if let Some(seconds) = options.seconds
+        && !(seconds > 0.0 && seconds <= 86_400.0)
+    {
+        return Err(Failure::new(Exit::NoInput, format!("--seconds {seconds} is outside (0, 86400]")));
+    }
+    let motion = match &options.motion {
+        Some(path) => motion::load(path).map_err(|error| Failure::new(Exit::NoInput, error))?,
+        None => motion::builtin(),
+    };
+    let folder = Folder::new(options.run_dir.as_ref());
+    let instance = Instance::new(&folder.path)
+        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", folder.path.display())))?;
+    let place = cli::Place { config: options.config.clone(), run_dir: folder.path.clone(), engage_without_realtime: true };
+    println!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
+    for warning in &motion.guesses.warnings {
+        println!("          {warning}");
+    }
+    let mut children = Children::start(&instance, &place, true)?;
+    println!("processes sim, control, retarget, ingest are ready");
+    let play = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
+    let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
+    let player = Player::new(&motion, play, nonce, rt::incarnation());
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(bus_failure)?;
+    let mut operator = Operator::connect(&instance.operator_socket())?;
+    let mut show = Show::new(&instance, &place, options.quiet)?;
+    let mut run = Run { children: &mut children, operator: &mut operator, publisher: &publisher, shutdown: &shutdown };
+    let ended = run.engage_and_follow(options.seconds, &mut show);
+    show.end();
+
+    operator.release();
+    operator.wait(REST_WITHIN, |status| !matches!(mode_of(status), Mode::Engaging | Mode::Engaged | Mode::Holding));
+    drop(publisher);
+    drop(operator);
+    let mut trouble = children.stop();
+    trouble.extend(ended.err());
+    let report = Report::collect(&instance)?;
+    report.print();
+    if let Some(path) = &options.report {
+        let text = format!("{:#}\n", report.to_json());
+        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))?;
+    }
+    if shutdown.requested() {
+        return Ok(Exit::Interrupted);
+    }
+    trouble.extend(report.complaints());
+    if trouble.is_empty() { Ok(Exit::Ok) } else { Err(Failure::new(Exit::Failed, trouble.join("; "))) }
+}
+
+fn mode_of(status: &Status) -> Mode {
+    Mode::from_u32(status.mode).unwrap_or(Mode::Faulted)
+}
+
+/// The parts that a run looks after.
+struct Run<'a> {
+    children: &'a mut Children,
+    operator: &'a mut Operator,
+    publisher: &'a Publisher,
+    shutdown: &'a Shutdown,
+}
+
+impl Run<'_> {
+    /// Engages, follows the motion to its end (or for `seconds` of it), and returns what went wrong.
+    fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut Show) -> Result<(), String> {
+        // An enable that was never seen released engages nothing: wait for that, and for every inhibit to clear.
+        let clear = self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.ticks > 600);
+        if !clear {
+            let faults = self.operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
+            let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
+            return Err(format!("cannot engage: {}", names.join(" ")));
+        }
+        let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
+        if !realtime {
+            println!("warning   no real-time scheduling: stale times are relaxed, as the configuration allows for a simulator");
+        }
+        self.operator.enable();
+        let enabled = Instant::now();
+        let mut engaged: Option<Instant> = None;
+        loop {
+            std::thread::sleep(LOOK);
+            let Some(mode) = self.operator.mode() else { return Err("control does not answer".into()) };
+            show.draw(self.operator.status(), self.publisher.progress());
+            if self.shutdown.requested() {
+                return Ok(());
+            }
+            if let Some((name, status)) = self.children.ended() {
+                return Err(format!("{name} ended by itself ({status})"));
+            }
+            if mode == Mode::Faulted {
+                return Err("the robot was stopped".into());
+            }
+            if mode == Mode::Engaged && engaged.is_none() {
+                engaged = Some(Instant::now());
+                self.publisher.set_engaged(true);
+            }
+            match engaged {
+                None if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
+                None => {}
+                Some(since) => {
+                    let enough = seconds.is_some_and(|seconds| since.elapsed().as_secs_f64() >= seconds);
+                    if enough || self.publisher.finished() {
+                        return Ok(());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The run's folder: a temporary one is removed at the end.
+struct Folder {
+    path: PathBuf,
+    temporary: bool,
+}
+
+impl Folder {
+    fn new(chosen: Option<&PathBuf>) -> Self {
+        match chosen {
+            Some(path) => Self { path: path.clone(), temporary: false },
+            None => {
+                let name = format!("teleopd-demo-{}", std::process::id());
+                Self { path: std::env::temp_dir().join(name), temporary: true }
+            }
+        }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if self.temporary {
+            let _ = std::fs::remove_dir_all(&self.path);
+        }
+    }
+}
+
+/// The live line and, on a terminal, the two figures.
+struct Show {
+    skeletons: Reader<Skeleton>,
+    states: Reader<RobotState>,
+    model: robot::Model,
+    frames: robot::Frames,
+    skeleton: Option<Skeleton>,
+    state: Option<RobotState>,
+    terminal: bool,
+    quiet: bool,
+    drawn: bool,
+    last: Option<(Instant, u64)>,
+    _domain: Domain,
+}
+
+impl Show {
+    fn new(instance: &Instance, place: &cli::Place, quiet: bool) -> Result<Self, Failure> {
+        let overrides = pipeline::Overrides { engage_without_realtime: true };
+        let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+        let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
+        Ok(Self {
+            skeletons: domain.reader(Service::Skeleton).map_err(bus_failure)?,
+            states: domain.reader(Service::RobotState).map_err(bus_failure)?,
+            model: loaded.model,
+            frames: robot::Frames::ZERO,
+            skeleton: None,
+            state: None,
+            terminal: std::io::stdout().is_terminal(),
+            quiet,
+            drawn: false,
+            last: None,
+            _domain: domain,
+        })
+    }
+
+    fn draw(&mut self, status: Option<Status>, (frame, frames): (u64, u64)) {
+        self.skeleton = self.skeletons.latest().or(self.skeleton);
+        self.state = self.states.latest().or(self.state);
+        let (false, Some(status)) = (self.quiet, status) else { return };
+        let rate = match self.last {
+            Some((at, ticks)) => (status.ticks - ticks) as f64 / at.elapsed().as_secs_f64(),
+            None => 0.0,
+        };
+        // A rate over less than a second jumps about; off a terminal one line a second is enough.
+        let second = self.last.is_none_or(|(at, _)| at.elapsed() >= Duration::from_secs(1));
+        if !self.terminal && !second {
+            return;
+        }
+        if second {
+            self.last = Some((Instant::now(), status.ticks));
+        }
+        let line = format!(
+            "{:<11} frame {frame}/{frames}  control {rate:6.0} Hz  input {:5.1} ms old  clearance {:5.1} mm  limb error {:4.1} deg",
+            mode_of(&status).name(),
+            status.input_age_ns as f64 * 1e-6,
+            status.clearance_command_m * 1e3,
+            status.limb_error_target_rad.to_degrees(),
+        );
+        if !self.terminal {
+            println!("{line}");
+            return;
+        }
+        if let (Some(skeleton), Some(state)) = (&self.skeleton, &self.state) {
+            let human = figure::human(&skeleton.positions);
+            let robot = figure::robot(&self.model, &mut self.frames, &state.q);
+            let mut picture = String::new();
+            if self.drawn {
+                picture.push_str(&format!("\x1b[{}A", figure::ROWS + 1));
+            }
+            for (left, right) in human.rows().zip(robot.rows()) {
+                picture.push_str(&format!("\x1b[2K{left}  {right}\n"));
+            }
+            print!("{picture}\x1b[2K{line}\n");
+            self.drawn = true;
+            let _ = std::io::stdout().flush();
+        }
+    }
+
+    fn end(&mut self) {
+        self.quiet = true;
+    }
+}

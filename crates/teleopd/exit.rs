@@ -1,0 +1,46 @@
+//! How a process ends: sysexits(3), so that a supervisor can tell a typo from a crash.
+
+use std::process::ExitCode;
+
+/// Why a command ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// All was well.
+    Ok = 0,
+    /// The run ended, and something in it was not as it must be.
+    Failed = 1,
+    /// EX_NOINPUT: a file to read is missing or malformed.
+    NoInput = 66,
+    /// EX_UNAVAILABLE: a service, socket or peer is missing.
+    Unavailable = 69,
+    /// EX_SOFTWARE: an operating system call failed that must not.
+    Software = 70,
+    /// EX_TEMPFAIL: another instance holds the place.
+    TempFail = 75,
+    /// EX_CONFIG: the configuration, robot file or weights are refused.
+    Config = 78,
+    /// Interrupted by SIGINT, after a stop at rest (128 + 2).
+    Interrupted = 130,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// A message for the user and the code to end with.
+#[derive(Debug)]
+pub struct Failure {
+    /// Exit code.
+    pub exit: Exit,
+    /// One sentence, with file, key, value and bound where there are such.
+    pub text: String,
+}
+
+impl Failure {
+    /// A failure with this code.
+    pub fn new(exit: Exit, text: impl std::fmt::Display) -> Self {
+        Self { exit, text: text.to_string() }
+    }
+}

@@ -1,0 +1,106 @@
+//! What control gathers for the report: limb errors and tracking errors while engaged, and every transition.
+
+use messages::{JOINTS, Mode, RobotState, TICK_HZ, Transition};
+use pipeline::ControlOutput;
+use rt::Histogram;
+use serde_json::{Value, json};
+
+/// Transitions that are kept; a run with more is described well enough by these.
+const TRANSITIONS_MAX: usize = 1024;
+
+/// One microdegree is one of the histogram's nanoseconds.
+const UNITS_PER_DEGREE: f64 = 1e6;
+
+/// Sums over the time in which the robot followed.
+pub struct Following {
+    target: ErrorSums,
+    measured: ErrorSums,
+    tracking_squares: f64,
+    tracking_max: f64,
+    tracking_count: u64,
+    transitions: Vec<Transition>,
+}
+
+struct ErrorSums {
+    sum_rad: f64,
+    count: u64,
+    spread: Histogram,
+}
+
+impl ErrorSums {
+    fn new() -> Self {
+        Self { sum_rad: 0.0, count: 0, spread: Histogram::new() }
+    }
+
+    fn add(&mut self, error_rad: f64) {
+        self.sum_rad += error_rad;
+        self.count += 1;
+        self.spread.record_ns((error_rad.to_degrees() * UNITS_PER_DEGREE) as u64);
+    }
+
+    fn to_json(&self) -> Value {
+        let mean = if self.count > 0 { (self.sum_rad / self.count as f64).to_degrees() } else { 0.0 };
+        json!({ "mean": mean, "p95": self.spread.quantile_us(0.95) * 1e3 / UNITS_PER_DEGREE, "count": self.count })
+    }
+}
+
+impl Following {
+    /// Nothing yet.
+    pub fn new() -> Self {
+        Self {
+            target: ErrorSums::new(),
+            measured: ErrorSums::new(),
+            tracking_squares: 0.0,
+            tracking_max: 0.0,
+            tracking_count: 0,
+            transitions: Vec::with_capacity(TRANSITIONS_MAX),
+        }
+    }
+
+    /// Notes a tick, and the robot state that was new in it.
+    pub fn note(&mut self, out: &ControlOutput, robot: Option<&RobotState>) {
+        if let Some(transition) = out.transition
+            && self.transitions.len() < TRANSITIONS_MAX
+        {
+            self.transitions.push(transition);
+        }
+        if out.status.mode != Mode::Engaged as u32 {
+            return;
+        }
+        self.target.add(out.status.limb_error_target_rad);
+        self.measured.add(out.status.limb_error_measured_rad);
+        if let Some(robot) = robot {
+            for j in 1..JOINTS {
+                let error = robot.q[j] - robot.q_measured[j];
+                self.tracking_squares += error * error;
+                self.tracking_max = self.tracking_max.max(error.abs());
+                self.tracking_count += 1;
+            }
+        }
+    }
+
+    /// For the process report.
+    pub fn to_json(&self) -> Value {
+        let rms = (self.tracking_squares / self.tracking_count.max(1) as f64).sqrt();
+        let first = self.transitions.first().map_or(0, |transition| transition.k);
+        let transitions: Vec<Value> = self
+            .transitions
+            .iter()
+            .map(|transition| {
+                let name = |mode: u32| Mode::from_u32(mode).map_or("?", Mode::name);
+                json!({
+                    "t_s": (transition.k - first) as f64 / TICK_HZ as f64,
+                    "k": transition.k,
+                    "from": name(transition.from),
+                    "to": name(transition.to),
+                    "why": transition.why_name(),
+                })
+            })
+            .collect();
+        json!({
+            "limb_error_deg": { "target": self.target.to_json(), "measured": self.measured.to_json() },
+            "tracking_error_rad": { "rms": rms, "max": self.tracking_max },
+            "mode_transitions": transitions,
+        })
+    }
+}

@@ -1,0 +1,119 @@
+//! An operator in a thread: sends heartbeats at 50 Hz, holds or lets go the enable, and keeps the newest status.
+
+use crate::exit::{Exit, Failure};
+use messages::{Mode, Status};
+use operator::Client;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two heartbeats: 50 Hz.
+const HEARTBEAT: Duration = Duration::from_millis(20);
+
+/// What the hand does next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Hand {
+    Enable,
+    Release,
+}
+
+/// A virtual operator.
+pub struct Operator {
+    hand: Sender<Hand>,
+    statuses: Receiver<Status>,
+    latest: Option<Status>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Operator {
+    /// Connects to the operator socket of an instance and begins to send heartbeats, without the enable.
+    pub fn connect(socket: &Path) -> Result<Self, Failure> {
+        let client = Client::connect(socket).map_err(|error| Failure::new(Exit::Unavailable, error))?;
+        let (hand, commands) = channel();
+        let (sender, statuses) = channel();
+        let thread = std::thread::Builder::new()
+            .name("operator".into())
+            .spawn(move || heartbeats(client, &commands, &sender))
+            .map_err(|error| Failure::new(Exit::Software, error))?;
+        Ok(Self { hand, statuses, latest: None, thread: Some(thread) })
+    }
+
+    /// Presses the enable and holds it.
+    pub fn enable(&self) {
+        let _ = self.hand.send(Hand::Enable);
+    }
+
+    /// Lets the enable go.
+    pub fn release(&self) {
+        let _ = self.hand.send(Hand::Release);
+    }
+
+    /// The newest status; nothing before the first reply.
+    pub fn status(&mut self) -> Option<Status> {
+        while let Ok(status) = self.statuses.try_recv() {
+            self.latest = Some(status);
+        }
+        self.latest
+    }
+
+    /// The mode of the newest status.
+    pub fn mode(&mut self) -> Option<Mode> {
+        self.status().and_then(|status| Mode::from_u32(status.mode))
+    }
+
+    /// Whether control answers no more.
+    pub fn is_cut_off(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Waits until `done` or `within` has passed; `false` in the latter case.
+    pub fn wait(&mut self, within: Duration, done: impl Fn(&Status) -> bool) -> bool {
+        let give_up = Instant::now() + within;
+        while Instant::now() < give_up && !self.is_cut_off() {
+            if self.status().is_some_and(|status| done(&status)) {
+                return true;
+            }
+            std::thread::sleep(HEARTBEAT / 4);
+        }
+        false
+    }
+}
+
+impl Drop for Operator {
+    fn drop(&mut self) {
+        let (closed, _) = channel();
+        self.hand = closed;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn heartbeats(mut client: Client, commands: &Receiver<Hand>, statuses: &Sender<Status>) {
+    let mut beat = Instant::now();
+    loop {
+        match commands.try_recv() {
+            Ok(Hand::Enable) => _ = client.enable(),
+            Ok(Hand::Release) => _ = client.release(),
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => {
+                client.release();
+                let _ = client.heartbeat();
+                return;
+            }
+        }
+        match client.heartbeat() {
+            Ok(status) => {
+                if statuses.send(status).is_err() {
+                    return;
+                }
+            }
+            // One late reply is no end: the socket keeps the connection, and control judges the silence.
+            Err(operator::OperatorError::Timeout { .. }) => {}
+            Err(_) => return,
+        }
+        beat += HEARTBEAT;
+        std::thread::sleep(beat.saturating_duration_since(Instant::now()));
+    }
+}

@@ -1,0 +1,64 @@
+//! Takes skeletons from clients, one of which holds authority, and publishes what validation leaves of them.
+
+use super::{Process, bus_failure};
+use crate::cli::Place;
+use crate::exit::Failure;
+use bus::Domain;
+use messages::{Header, RawSkeleton, Service, Skeleton};
+use pipeline::Authority;
+use serde_json::json;
+use std::time::Duration;
+
+/// How long a silent door is waited at before the loop goes round: a tenth of the shortest authority timeout.
+const WAIT: Duration = Duration::from_millis(10);
+
+/// Runs until shutdown.
+pub fn run(place: &Place) -> Result<(), Failure> {
+    let process = Process::start("ingest", place, |_| None)?;
+    let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
+    let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
+    let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
+    let mut skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
+
+    let config = skeleton::Config::default();
+    let mut state = skeleton::State::new();
+    let mut authority = Authority::default();
+    let timeout_ns = (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64;
+    let (mut sequence, mut publish_failures) = (0, 0_u64);
+    process.ready()?;
+    while !process.shutdown.requested() {
+        clients.wait(WAIT);
+        clients.drain(|sample| {
+            let now = rt::now();
+            if !authority.admits(now, &sample.message, timeout_ns) {
+                return;
+            }
+            let Some(person) = skeleton::tick(&config, &mut state, now, skeleton::Input { raw: &sample.message }).skeleton
+            else {
+                return;
+            };
+            sequence += 1;
+            let header = Header {
+                sequence,
+                stamp: rt::now(),
+                origin: sample.message.header.origin,
+                config_hash: process.loaded.hash,
+                incarnation: process.incarnation,
+                reserved: 0,
+            };
+            publish_failures += u64::from(skeletons.publish(&Skeleton { header, ..person }).is_err());
+        });
+        process.alive();
+    }
+    let dropped: serde_json::Map<_, _> = skeleton::DropReason::ALL
+        .iter()
+        .filter(|&&reason| state.dropped(reason) > 0)
+        .map(|&reason| (reason.name().to_owned(), json!(state.dropped(reason))))
+        .collect();
+    process.leave(&json!({
+        "accepted": state.accepted(),
+        "dropped": dropped,
+        "without_authority": authority.frames_refused(),
+        "publish_failures": publish_failures,
+    }))
+}

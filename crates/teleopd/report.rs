@@ -1,0 +1,144 @@
+//! What a run measured: collected from the processes' own figures, as JSON and as a table.
+
+use crate::exit::{Exit, Failure};
+use crate::timeline::Timeline;
+use messages::{FAULTS, Response, TICK_HZ};
+use pipeline::Instance;
+use serde_json::{Map, Value, json};
+
+/// The kinds of violation that the simulated robot counts by itself.
+const VIOLATIONS: [&str; 5] = ["position", "velocity", "acceleration", "jerk", "clearance"];
+/// The percentiles of a latency.
+const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
+
+/// The report of a run; its keys are documented in the README.
+pub struct Report {
+    value: Value,
+}
+
+impl Report {
+    /// Reads what the four processes left in the instance's folder.
+    pub fn collect(instance: &Instance) -> Result<Self, Failure> {
+        let read = |process: &str| -> Result<Value, Failure> {
+            let path = instance.report(process);
+            let text = std::fs::read_to_string(&path)
+                .map_err(|error| Failure::new(Exit::Failed, format!("{process} left no figures: {}: {error}", path.display())))?;
+            serde_json::from_str(&text)
+                .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
+        };
+        let (retarget, control, sim) = (read("retarget")?, read("control")?, read("sim")?);
+        let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
+        let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
+            return Err(Failure::new(Exit::Failed, "a process left no timeline"));
+        };
+        let (first, last) = of_retarget.span().ok_or_else(|| Failure::new(Exit::Failed, "retarget never ticked"))?;
+        let length = last - first + 1;
+        let mut ticks = Map::new();
+        let mut missed = Map::new();
+        for (name, timeline) in [("retarget", of_retarget), ("control", of_control), ("driver", of_driver)] {
+            let ran = timeline.ticks_within(first, last);
+            ticks.insert(name.into(), json!(ran));
+            missed.insert(name.into(), json!(length - ran));
+        }
+        let mut transitions = control["mode_transitions"].as_array().cloned().unwrap_or_default();
+        for transition in &mut transitions {
+            let k = transition["k"].as_u64().unwrap_or(first);
+            *transition = json!({
+                "t_s": (k as f64 - first as f64) / TICK_HZ as f64,
+                "from": transition["from"], "to": transition["to"], "why": transition["why"],
+            });
+        }
+        let limb = |which: &str| json!({ "mean": control["limb_error_deg"][which]["mean"], "p95": control["limb_error_deg"][which]["p95"] });
+        let value = json!({
+            "seconds": length as f64 / TICK_HZ as f64,
+            "ticks": ticks,
+            "missed_deadlines": missed,
+            "latency_us": {
+                "skeleton_to_command": percentiles(&sim["latency_us"]["skeleton_to_command"]),
+                "target_to_command": percentiles(&sim["latency_us"]["target_to_command"]),
+            },
+            "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), sim["violations"][kind].clone())).collect::<Map<_, _>>(),
+            "min_clearance_mm": sim["min_clearance_mm"],
+            "limb_error_deg": { "target": limb("target"), "measured": limb("measured") },
+            "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
+            "engage": sim["engage"],
+            "faults": control["status"]["fault_counts"],
+            "mode_transitions": transitions,
+        });
+        Ok(Self { value })
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> &Value {
+        &self.value
+    }
+
+    /// What must not have happened: a violation, a Stop fault, or no engagement. Empty if all was well.
+    pub fn complaints(&self) -> Vec<String> {
+        let mut complaints = Vec::new();
+        for kind in VIOLATIONS {
+            match self.value["violations"][kind].as_u64() {
+                Some(0) => {}
+                Some(count) => complaints.push(format!("{count} {kind} violations")),
+                None => complaints.push(format!("{kind} violations were not counted")),
+            }
+        }
+        for row in FAULTS.iter().filter(|row| row.response == Response::Stop) {
+            if self.value["faults"].get(row.name).is_some() {
+                complaints.push(format!("{}: {}", row.name, row.meaning));
+            }
+        }
+        if !self.engaged() {
+            complaints.push("the robot was never engaged".into());
+        }
+        complaints
+    }
+
+    fn engaged(&self) -> bool {
+        self.value["mode_transitions"].as_array().is_some_and(|all| all.iter().any(|one| one["to"] == "Engaged"))
+    }
+
+    /// A table for people.
+    pub fn print(&self) {
+        let v = &self.value;
+        let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+        let seconds = number(&v["seconds"]);
+        println!("\n{:<34} {:>10} {:>10} {:>10}", format!("{seconds:.2} s"), "retarget", "control", "driver");
+        for (label, key) in [("ticks", "ticks"), ("missed deadlines", "missed_deadlines")] {
+            let row = &v[key];
+            println!("{label:<34} {:>10} {:>10} {:>10}", row["retarget"], row["control"], row["driver"]);
+        }
+        let rate = |name: &str| number(&v["ticks"][name]) / seconds;
+        println!("{:<34} {:>10.1} {:>10.1} {:>10.1}", "rate, Hz", rate("retarget"), rate("control"), rate("driver"));
+        println!("\n{:<34} {:>10} {:>10} {:>10} {:>10}", "latency, us", "p50", "p99", "p99.9", "max");
+        for (label, key) in [("skeleton to command", "skeleton_to_command"), ("target to command", "target_to_command")] {
+            let row = &v["latency_us"][key];
+            let [p50, p99, p99_9, max] = PERCENTILES.map(|name| number(&row[name]));
+            println!("{label:<34} {p50:>10.0} {p99:>10.0} {p99_9:>10.0} {max:>10.0}");
+        }
+        println!("\n{:<34} {:>10} {:>10}", "limb error, deg", "mean", "p95");
+        for which in ["target", "measured"] {
+            let row = &v["limb_error_deg"][which];
+            println!("{which:<34} {:>10.2} {:>10.2}", number(&row["mean"]), number(&row["p95"]));
+        }
+        let tracking = &v["tracking_error_rad"];
+        println!("\n{:<34} {:>10.4} rms {:>10.4} max", "tracking error, rad", number(&tracking["rms"]), number(&tracking["max"]));
+        println!("{:<34} {:>10.6} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
+        let ratio = number(&v["engage"]["first_second_velocity_ratio"]);
+        println!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
+        println!("{:<34} {:>10.1} mm", "smallest clearance", number(&v["min_clearance_mm"]));
+        let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
+        println!("{:<34} {}", "violations", counts.join(", "));
+        let faults: Vec<_> = v["faults"].as_object().into_iter().flatten().map(|(name, count)| format!("{name} x {count}")).collect();
+        println!("{:<34} {}", "faults", if faults.is_empty() { "none".into() } else { faults.join(", ") });
+        for one in v["mode_transitions"].as_array().into_iter().flatten() {
+            let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();
+            println!("{:>12.3} s   {} -> {} ({})", number(&one["t_s"]), text("from"), text("to"), text("why"));
+        }
+    }
+}
+
+fn percentiles(value: &Value) -> Value {
+    let figure = |name: &str| value[format!("{name}_us")].clone();
+    Value::Object(PERCENTILES.iter().map(|&name| (name.to_owned(), figure(name))).collect())
+}

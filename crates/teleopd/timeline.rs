@@ -1,0 +1,82 @@
+//! Which ticks a process really ran, so that "ticks plus missed deadlines" can be counted over any common window.
+
+use serde_json::{Value, json};
+
+/// Runs of consecutive ticks that are kept; a run that is interrupted this often has worse troubles than its record.
+const RUNS_MAX: usize = 65_536;
+
+/// Runs of consecutive tick indices, in order; never allocates after it was made.
+#[derive(Clone, Debug)]
+pub struct Timeline {
+    runs: Vec<(u64, u64)>,
+    lost: u64,
+}
+
+impl Timeline {
+    /// An empty record.
+    pub fn new() -> Self {
+        Self { runs: Vec::with_capacity(RUNS_MAX), lost: 0 }
+    }
+
+    /// Notes that tick `k` ran; `k` must not go back.
+    pub fn note(&mut self, k: u64) {
+        match self.runs.last_mut() {
+            Some((first, length)) if *first + *length == k => *length += 1,
+            Some((first, length)) if k < *first + *length => {}
+            _ if self.runs.len() < RUNS_MAX => self.runs.push((k, 1)),
+            _ => self.lost += 1,
+        }
+    }
+
+    /// Ticks between `first` and `last`, both included.
+    pub fn ticks_within(&self, first: u64, last: u64) -> u64 {
+        self.runs
+            .iter()
+            .map(|&(start, length)| {
+                let (low, high) = (start.max(first), (start + length - 1).min(last));
+                if high >= low { high - low + 1 } else { 0 }
+            })
+            .sum()
+    }
+
+    /// First and last tick, if any ran.
+    pub fn span(&self) -> Option<(u64, u64)> {
+        let first = self.runs.first()?.0;
+        let (start, length) = *self.runs.last()?;
+        Some((first, start + length - 1))
+    }
+
+    /// For a process report.
+    pub fn to_json(&self) -> Value {
+        json!({ "runs": self.runs, "lost": self.lost })
+    }
+
+    /// From a process report.
+    pub fn from_json(value: &Value) -> Option<Self> {
+        let mut runs = Vec::new();
+        for pair in value.get("runs")?.as_array()? {
+            runs.push((pair.get(0)?.as_u64()?, pair.get(1)?.as_u64()?));
+        }
+        Some(Self { runs, lost: value.get("lost")?.as_u64()? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_and_gaps_add_up_in_any_window() {
+        let mut timeline = Timeline::new();
+        for k in (10..20).chain(25..30).chain(31..40) {
+            timeline.note(k);
+        }
+        timeline.note(39);
+        assert_eq!(timeline.span(), Some((10, 39)));
+        assert_eq!(timeline.ticks_within(10, 39), 24);
+        assert_eq!(timeline.ticks_within(0, 9), 0);
+        assert_eq!(timeline.ticks_within(18, 26), 4);
+        let again = Timeline::from_json(&timeline.to_json()).unwrap();
+        assert_eq!(again.ticks_within(18, 26), 4);
+    }
+}

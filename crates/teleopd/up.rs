@@ -1,0 +1,55 @@
+//! Starts the four processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
+
+use crate::children::Children;
+use crate::cli::Place;
+use crate::exit::{Exit, Failure};
+use crate::operate::Operator;
+use messages::Mode;
+use pipeline::Instance;
+use rt::Shutdown;
+use std::time::Duration;
+
+/// How often the children are looked after.
+const LOOK: Duration = Duration::from_millis(20);
+/// Longest time for a released robot to come to rest: four times the longest stop (0.5 s).
+const REST_WITHIN: Duration = Duration::from_secs(2);
+/// SIGINT of signal(7).
+const SIGINT: i32 = 2;
+
+/// Runs until a signal, or until one process ends.
+pub fn run(place: &Place) -> Result<Exit, Failure> {
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let instance = Instance::new(&place.run_dir)
+        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    let mut children = Children::start(&instance, place, false)?;
+    println!("teleopd: ready in {}", instance.run_dir().display());
+    println!("teleopd: publish skeletons with `replay`, then `teleopctl engage`; Ctrl-C stops everything");
+    let ended = loop {
+        if shutdown.requested() {
+            break None;
+        }
+        if let Some(ended) = children.ended() {
+            break Some(ended);
+        }
+        std::thread::sleep(LOOK);
+    };
+    release(&instance);
+    let trouble = children.stop();
+    if let Some((name, status)) = ended {
+        return Err(Failure::new(Exit::Failed, format!("{name} ended by itself ({status}); everything was stopped")));
+    }
+    if !trouble.is_empty() {
+        return Err(Failure::new(Exit::Failed, trouble.join("; ")));
+    }
+    Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
+}
+
+/// Withdraws whatever authority there is, and waits for rest; control does the same again when it is told to end.
+fn release(instance: &Instance) {
+    if let Ok(mut operator) = Operator::connect(&instance.operator_socket()) {
+        operator.release();
+        operator.wait(REST_WITHIN, |status| {
+            status.mode == Mode::Disengaged as u32 || status.mode == Mode::Faulted as u32
+        });
+    }
+}

@@ -1,0 +1,63 @@
+//! Publishes through the input domain; the first frame is held until the robot follows.
+
+use crate::Cli;
+use indicatif::{ProgressBar, ProgressStyle};
+use messages::Mode;
+use motion::Motion;
+use operator::Client;
+use pipeline::{Instance, PlayOptions, Player, Publisher};
+use rt::Shutdown;
+use std::time::Duration;
+
+/// How often the mode is asked for and the progress is drawn.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Publishes until the end of the motion, or until Ctrl-C.
+pub fn run(cli: &Cli, motion: &Motion) -> Result<(), String> {
+    let shutdown = Shutdown::on_signals().map_err(|error| error.to_string())?;
+    if !cli.run_dir.is_dir() {
+        return Err(format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display()));
+    }
+    let instance = Instance::new(&cli.run_dir).map_err(|error| format!("{}: {error}", cli.run_dir.display()))?;
+    let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
+    let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
+    let player = Player::new(motion, options, nonce, rt::incarnation());
+    let publisher =
+        Publisher::start(instance.input_domain(), player, rt::now).map_err(|error| error.to_string())?;
+
+    // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
+    let mut control = Client::connect(instance.operator_socket()).ok();
+    if control.is_none() {
+        println!("no operator socket in {}: playing at once", instance.run_dir().display());
+        publisher.set_engaged(true);
+    } else {
+        println!("holding the first frame until the robot is engaged (`teleopctl engage`)");
+    }
+    let bar = ProgressBar::new(publisher.progress().1);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
+        bar.set_style(style);
+    }
+    let mut mode = None;
+    while !shutdown.requested() && !publisher.finished() {
+        if let Some(client) = &mut control {
+            match client.heartbeat() {
+                Ok(status) => {
+                    let now = Mode::from_u32(status.mode);
+                    if now != mode {
+                        bar.println(now.map_or("unknown mode", Mode::name));
+                        mode = now;
+                    }
+                    publisher.set_engaged(now == Some(Mode::Engaged));
+                }
+                Err(error) => bar.println(error.to_string()),
+            }
+        }
+        bar.set_position(publisher.progress().0);
+        std::thread::sleep(LOOK);
+    }
+    bar.finish();
+    if publisher.failures() > 0 {
+        return Err(format!("{} frames were not taken by the bus", publisher.failures()));
+    }
+    Ok(())
+}

@@ -1,0 +1,80 @@
+//! Runs the stages' own ticks in virtual time and writes every command.
+
+use crate::Cli;
+use indicatif::{ProgressBar, ProgressStyle};
+use messages::{JOINTS, TICK_HZ};
+use motion::Motion;
+use pipeline::{Offline, OfflineEnd, Overrides, PlayOptions};
+use serde_json::json;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// Writes `out` and the JSON file beside it.
+pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), String> {
+    if cli.looped {
+        return Err("--offline ends, --loop does not: give one of them".into());
+    }
+    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(|error| error.to_string())?;
+    let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
+    let mut offline = Offline::new(&loaded, motion, options).map_err(|error| error.to_string())?;
+    let file = File::create(out).map_err(|error| format!("{}: {error}", out.display()))?;
+    let mut csv = BufWriter::new(file);
+    let write = |error: std::io::Error| format!("{}: {error}", out.display());
+
+    let mut header = String::from("t_s");
+    for prefix in ["", "target."] {
+        for name in &loaded.model.joint_names {
+            header.push_str(&format!(",{prefix}{name}"));
+        }
+    }
+    writeln!(csv, "{header}").map_err(write)?;
+    let bar = ProgressBar::new(offline.progress().1);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
+        bar.set_style(style);
+    }
+    let mut line = String::new();
+    let end = loop {
+        let row = match offline.step() {
+            Ok(row) => row,
+            Err(end) => break end,
+        };
+        line.clear();
+        use std::fmt::Write as _;
+        let _ = write!(line, "{}", row.k as f64 / TICK_HZ as f64);
+        for values in [&row.command, &row.target] {
+            for value in values.iter().take(JOINTS) {
+                let _ = write!(line, ",{value}");
+            }
+        }
+        writeln!(csv, "{line}").map_err(write)?;
+        bar.set_position(offline.progress().0);
+    };
+    csv.flush().map_err(write)?;
+    bar.finish();
+
+    let beside = out.with_extension("json");
+    let report = offline.report();
+    let summary = json!({
+        "motion": motion.name,
+        "rows": report.rows,
+        "rate_hz": TICK_HZ,
+        "modes": report.modes.iter().map(|(k, mode)| json!({ "k": k, "mode": mode.name() })).collect::<Vec<_>>(),
+        "frames": report.frames.iter().map(|(frame, k)| json!({ "frame": frame, "k": k })).collect::<Vec<_>>(),
+        "violations": report.violations,
+        "min_clearance_mm": report.min_clearance_mm,
+        "limb_error_deg": { "mean": report.limb_error_deg_mean },
+    });
+    std::fs::write(&beside, format!("{summary:#}\n")).map_err(|error| format!("{}: {error}", beside.display()))?;
+    println!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
+    println!(
+        "limb error {:.2} deg, smallest clearance {:.1} mm, violations {}",
+        report.limb_error_deg_mean,
+        report.min_clearance_mm,
+        serde_json::Value::from(report.violations.clone())
+    );
+    match end {
+        OfflineEnd::AtRest => Ok(()),
+        OfflineEnd::Stopped(why) => Err(why),
+    }
+}
