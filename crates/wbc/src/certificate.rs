@@ -1,0 +1,406 @@
+//! Proof that a planned motion keeps every checked pair apart at every instant, not only at samples.
+//!
+//! # Derivation
+//!
+//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the distance
+//! of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the joints that
+//! move both alike drop out.
+//!
+//! *Chord.* A point x(t) with |x''| <= B on [t0, t1] leaves its chord by at most B dt^2 / 8. For x on A's axis and y on
+//! B's, n.(x - y) is therefore at least the smaller of its end values less (B_A + B_B) dt^2 / 8, and the end values are at
+//! least sep_n(t0) + r_A + r_B and sep_n(t1) + r_A + r_B. So the segment is safe if one n satisfies
+//!
+//! ```text
+//! min(sep_n(t0), sep_n(t1)) >= d_min + (B_A + B_B) dt^2 / 8
+//! ```
+//!
+//! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
+//! distance of the point from the joint's axis over all configurations, see [`Chain::reach`](crate::chain::Chain::reach));
+//! for a prismatic one J_k = z_k, R_k = 1. For i before k in the chain, dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute
+//! (everything after it, J_k and x, turns with it) and 0 if i is prismatic; dJ_k/dq_k = z_k x J_k if k is revolute, else 0.
+//! Hence, with |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k for a revolute, 0 for a prismatic joint,
+//!
+//! ```text
+//! x'' = sum_k J_k q_k'' + sum_i sum_k dJ_k/dq_i q_i' q_k'
+//! B   = sum_k R_k a_k + sum_k R_k v_k (w_k + 2 sum_{i<k} w_i)
+//! ```
+//!
+//! A prismatic joint after revolute ones thus adds 2 v_p times the sum of their speeds. Over the part of the chain that
+//! begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s, and
+//! B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an axis, and points between them are
+//! convex combinations, so R_k is the larger of the two ends'.
+//!
+//! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k (of both
+//! sides); a pair with more to spare than that needs no further proof.
+//!
+//! Segments are halved until they are safe, and the motion is rejected once they are shorter than 1.5 ms or after 80
+//! evaluations of the kinematics. A pair that no new joint moves keeps the proof of the plan it continues.
+
+use crate::chain::{JointSet, Placement, Placements};
+use crate::clearance::Anchor;
+use crate::geometry::{Geometry, Segment, Side, normal, separation};
+use crate::motion::{Motion, Swing};
+use crate::plan::JointState;
+use messages::JOINTS;
+use nalgebra::Vector3;
+
+/// Shorter segments are not tried: at 1.5 ms the chord term of a fast arm (B = 60 m/s^2) is 0.02 mm.
+const SHORTEST_S: f64 = 1.5e-3;
+/// Evaluations of the kinematics after which a motion is rejected: bounds the tick.
+const EVALUATIONS_MAX: u32 = 80;
+/// What a pair must have to spare beyond its path to be culled, m: far above the rounding of the kinematics.
+const CULL_MARGIN_M: f64 = 1e-9;
+/// Halvings: 1.5 ms * 2^11 = 3 s, longer than any stop.
+const DEPTH_MAX: usize = 12;
+/// Pairs in flight at all depths; a motion that needs more is rejected. 322 pairs at full depth need far fewer, since
+/// each halving keeps only the near ones.
+const ENTRIES: usize = 2048;
+
+/// Kinematics at one instant of the motion.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    t: f64,
+    x: [JointState; JOINTS],
+    placements: Placements,
+    axes: Vec<Segment>,
+    /// Which entries of `axes` are computed.
+    known: u128,
+}
+
+impl Node {
+    fn new(capsules: usize) -> Self {
+        let nowhere = Segment {
+            a: Vector3::zeros(),
+            b: Vector3::zeros(),
+        };
+        Self {
+            t: 0.0,
+            x: [JointState::default(); JOINTS],
+            placements: [Placement::identity(); JOINTS + 1],
+            axes: vec![nowhere; capsules],
+            known: 0,
+        }
+    }
+
+    #[inline]
+    fn axis(&mut self, geometry: &Geometry, capsule: usize) -> Segment {
+        if self.known & 1 << capsule == 0 {
+            self.known |= 1 << capsule;
+            self.axes[capsule] = geometry.axis(capsule, &self.placements);
+        }
+        self.axes[capsule]
+    }
+}
+
+/// A pair that is not yet proved on a segment: the directions at both ends, in the common body's frame, and the
+/// separations there.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    pair: usize,
+    n: [Vector3<f64>; 2],
+    sep: [f64; 2],
+}
+
+/// Bounds on the motion of one capsule over a segment, per first joint of the chain's rest.
+#[derive(Clone, Copy, Debug, Default)]
+struct Reach {
+    /// Which segment they belong to.
+    segment: u64,
+    /// B_s, m/s^2.
+    curve: [f64; JOINTS + 1],
+    /// Sum of R L, m.
+    path: [f64; JOINTS + 1],
+}
+
+/// Working memory, allocated once.
+#[derive(Clone, Debug)]
+pub(crate) struct Scratch {
+    nodes: Vec<Node>,
+    entries: Vec<Entry>,
+    top: usize,
+    reaches: Vec<Reach>,
+    swings: [Swing; JOINTS],
+    segment: u64,
+    evaluations: u32,
+    blamed: usize,
+}
+
+impl Scratch {
+    pub(crate) fn new(geometry: &Geometry) -> Self {
+        let capsules = geometry.shapes.len();
+        let idle = Entry {
+            pair: 0,
+            n: [Vector3::zeros(); 2],
+            sep: [0.0; 2],
+        };
+        Self {
+            nodes: vec![Node::new(capsules); DEPTH_MAX + 2],
+            entries: vec![idle; ENTRIES],
+            top: 0,
+            reaches: vec![Reach::default(); capsules],
+            swings: [Swing::default(); JOINTS],
+            segment: 0,
+            evaluations: 0,
+            blamed: 0,
+        }
+    }
+}
+
+/// What the certificate found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Verdict {
+    /// The pair that could not be proved, if any: none means that the motion is safe at every instant.
+    pub blamed: Option<usize>,
+    /// Evaluations of the kinematics.
+    pub evaluations: u32,
+}
+
+/// Certifies `motion`, whose first posture is that of `anchor`. Pairs whose distance none of the joints `fresh` changes
+/// are not checked: they continue a certified plan.
+pub(crate) fn certify(
+    geometry: &Geometry,
+    motion: &Motion,
+    fresh: JointSet,
+    anchor: &Anchor,
+    scratch: &mut Scratch,
+) -> Verdict {
+    let mut proof = Proof {
+        geometry,
+        motion,
+        s: scratch,
+    };
+    let safe = proof.whole(fresh, anchor);
+    Verdict {
+        blamed: (!safe).then_some(scratch.blamed),
+        evaluations: scratch.evaluations,
+    }
+}
+
+struct Proof<'a> {
+    geometry: &'a Geometry,
+    motion: &'a Motion,
+    s: &'a mut Scratch,
+}
+
+impl Proof<'_> {
+    /// The whole motion: culls by path, then proves what is left from the anchor to rest.
+    fn whole(&mut self, fresh: JointSet, anchor: &Anchor) -> bool {
+        self.s.evaluations = 0;
+        self.s.top = 0;
+        self.begin_segment();
+        for j in 0..JOINTS {
+            self.s.swings[j] = Swing {
+                path: self.motion.joints[j].path(),
+                ..Swing::default()
+            };
+        }
+        let mut needed = 0;
+        for (i, pair) in self.geometry.pairs.iter().enumerate() {
+            if pair.between & fresh == 0 {
+                continue;
+            }
+            let path = self.reach(pair.a).1 + self.reach(pair.b).1;
+            if anchor.separation[i] - path >= self.geometry.d_min_m + CULL_MARGIN_M {
+                continue;
+            }
+            if self.s.top == ENTRIES {
+                return self.blame(i);
+            }
+            self.s.entries[self.s.top] = Entry {
+                pair: i,
+                n: [Vector3::zeros(); 2],
+                sep: [0.0; 2],
+            };
+            self.s.top += 1;
+            needed |= pair.needed;
+        }
+        if self.s.top == 0 {
+            return true;
+        }
+        self.evaluate(0, 0.0, needed, Some(anchor));
+        self.evaluate(1, self.motion.end_s(), needed, None);
+        for e in 0..self.s.top {
+            for side in [1, 0] {
+                let (n, sep) = self.direction(side, self.s.entries[e].pair);
+                if sep < self.geometry.d_min_m {
+                    return self.blame(self.s.entries[e].pair);
+                }
+                self.s.entries[e].n[side] = n;
+                self.s.entries[e].sep[side] = sep;
+            }
+        }
+        self.prove(0, 1, 0, 0)
+    }
+
+    /// Proves the pairs `first..top` between two nodes; on return they are consumed.
+    fn prove(&mut self, from: usize, to: usize, depth: usize, first: usize) -> bool {
+        let (needed, kept) = self.keep_unproved(from, to, first);
+        self.s.top = kept;
+        if kept == first {
+            return true;
+        }
+        let (t0, t1) = (self.s.nodes[from].t, self.s.nodes[to].t);
+        let too_many = self.s.evaluations >= EVALUATIONS_MAX || 2 * kept - first > ENTRIES || depth == DEPTH_MAX;
+        if too_many || (t1 - t0) / 2.0 < SHORTEST_S {
+            return self.blame(self.s.entries[first].pair);
+        }
+        let middle = depth + 2;
+        self.evaluate(middle, 0.5 * (t0 + t1), needed, None);
+        for e in first..kept {
+            let entry = self.s.entries[e];
+            let (n, sep) = self.direction(middle, entry.pair);
+            if sep < self.geometry.d_min_m {
+                return self.blame(entry.pair);
+            }
+            // The right half waits in place while the left half is proved on top of it.
+            self.s.entries[e] = Entry {
+                n: [n, entry.n[1]],
+                sep: [sep, entry.sep[1]],
+                ..entry
+            };
+            self.s.entries[kept + e - first] = Entry {
+                n: [entry.n[0], n],
+                sep: [entry.sep[0], sep],
+                ..entry
+            };
+        }
+        self.s.top = 2 * kept - first;
+        if !self.prove(from, middle, depth + 1, kept) {
+            return false;
+        }
+        self.s.top = kept;
+        self.prove(middle, to, depth + 1, first)
+    }
+
+    /// Drops the pairs of `first..top` that are proved between two nodes; returns the joints that the others need, and
+    /// the end of their range.
+    fn keep_unproved(&mut self, from: usize, to: usize, first: usize) -> (JointSet, usize) {
+        self.begin_segment();
+        let (t0, t1) = (self.s.nodes[from].t, self.s.nodes[to].t);
+        let mut moving = 0;
+        for entry in &self.s.entries[first..self.s.top] {
+            moving |= self.geometry.pairs[entry.pair].between;
+        }
+        while moving != 0 {
+            let j = moving.trailing_zeros() as usize;
+            moving &= moving - 1;
+            let (x0, x1) = (self.s.nodes[from].x[j], self.s.nodes[to].x[j]);
+            self.s.swings[j] = self.motion.joints[j].swing(t0, t1, x0, x1);
+        }
+        let dt = t1 - t0;
+        let (mut needed, mut kept) = (0, first);
+        for e in first..self.s.top {
+            let entry = self.s.entries[e];
+            if !self.is_proved(&entry, from, to, dt) {
+                needed |= self.geometry.pairs[entry.pair].needed;
+                self.s.entries[kept] = entry;
+                kept += 1;
+            }
+        }
+        (needed, kept)
+    }
+
+    /// The criterion of the module's text, for the direction of either end.
+    #[inline]
+    fn is_proved(&mut self, entry: &Entry, from: usize, to: usize, dt: f64) -> bool {
+        let pair = &self.geometry.pairs[entry.pair];
+        let (curve_a, path_a) = self.reach(pair.a);
+        let (curve_b, path_b) = self.reach(pair.b);
+        let d_min = self.geometry.d_min_m;
+        if entry.sep[0].max(entry.sep[1]) - (path_a + path_b) >= d_min + CULL_MARGIN_M {
+            return true;
+        }
+        let wanted = d_min + (curve_a + curve_b) * dt * dt / 8.0;
+        (entry.sep[0] >= wanted && self.separation_along(to, entry.pair, &entry.n[0]) >= wanted)
+            || (entry.sep[1] >= wanted && self.separation_along(from, entry.pair, &entry.n[1]) >= wanted)
+    }
+
+    fn begin_segment(&mut self) {
+        self.s.segment += 1;
+    }
+
+    /// B_s (m/s^2) and the path (m) of one side of a pair over the current segment.
+    #[inline]
+    fn reach(&mut self, side: Side) -> (f64, f64) {
+        let known = &mut self.s.reaches[side.capsule];
+        if known.segment != self.s.segment {
+            known.segment = self.s.segment;
+            let shape = &self.geometry.shapes[side.capsule];
+            let links = self.geometry.chain.links();
+            let (mut curve, mut path, mut speed) = (0.0, 0.0, 0.0);
+            let tip = shape.chain.len();
+            (known.curve[tip], known.path[tip]) = (0.0, 0.0);
+            for s in (0..tip).rev() {
+                let (j, r) = (shape.chain[s], shape.reach[s]);
+                let Swing { v, a, path: length } = self.s.swings[j];
+                let turning = if links[j].prismatic { 0.0 } else { v };
+                curve += r * a + turning * (r * v + 2.0 * speed);
+                speed += r * v;
+                path += r * length;
+                (known.curve[s], known.path[s]) = (curve, path);
+            }
+        }
+        (known.curve[side.from], known.path[side.from])
+    }
+
+    /// Kinematics of the joints `needed` at `t`.
+    fn evaluate(&mut self, node: usize, t: f64, needed: JointSet, known: Option<&Anchor>) {
+        let node = &mut self.s.nodes[node];
+        node.t = t;
+        node.known = 0;
+        let mut q = [0.0; JOINTS];
+        let mut left = needed;
+        while left != 0 {
+            let j = left.trailing_zeros() as usize;
+            left &= left - 1;
+            node.x[j] = self.motion.joints[j].at(t);
+            q[j] = node.x[j].q;
+        }
+        if let Some(anchor) = known {
+            node.placements = anchor.placements;
+        } else {
+            self.s.evaluations += 1;
+            self.geometry.chain.forward(&q, needed, &mut node.placements);
+        }
+    }
+
+    /// The direction between the pair's closest points at a node, in the common body's frame, and the separation.
+    #[inline]
+    fn direction(&mut self, node: usize, pair: usize) -> (Vector3<f64>, f64) {
+        let pair = &self.geometry.pairs[pair];
+        let node = &mut self.s.nodes[node];
+        let (a, b) = (
+            node.axis(self.geometry, pair.a.capsule),
+            node.axis(self.geometry, pair.b.capsule),
+        );
+        let (n, sep) = normal(&a, &b);
+        let n = if pair.turns {
+            node.placements[pair.common].r.tr_mul(&n)
+        } else {
+            n
+        };
+        (n, sep - pair.radii)
+    }
+
+    /// Separation of a pair at a node along a direction of the common body's frame.
+    #[inline]
+    fn separation_along(&mut self, node: usize, pair: usize, n: &Vector3<f64>) -> f64 {
+        let pair = &self.geometry.pairs[pair];
+        let node = &mut self.s.nodes[node];
+        let (a, b) = (
+            node.axis(self.geometry, pair.a.capsule),
+            node.axis(self.geometry, pair.b.capsule),
+        );
+        let n = if pair.turns {
+            node.placements[pair.common].r * n
+        } else {
+            *n
+        };
+        separation(&n, &a, &b) - pair.radii
+    }
+
+    fn blame(&mut self, pair: usize) -> bool {
+        self.s.blamed = pair;
+        false
+    }
+}

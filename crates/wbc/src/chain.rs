@@ -1,0 +1,191 @@
+//! The kinematic tree as the certificate needs it: forward kinematics of any subset of bodies, and reach bounds.
+//!
+//! Body 0 is the base, body 1 + j is what moves with joint j. A joint's parent always has a smaller index.
+
+use crate::config::WbcError;
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+
+/// Number of bodies.
+pub const BODIES: usize = JOINTS + 1;
+
+/// Set of joints: bit j is joint j.
+pub type JointSet = u32;
+
+/// A rigid pose: x in the reference frame is `r` x + `t`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Rotation.
+    pub r: Matrix3<f64>,
+    /// Translation, m.
+    pub t: Vector3<f64>,
+}
+
+impl Placement {
+    /// The identity.
+    pub fn identity() -> Self {
+        Self {
+            r: Matrix3::identity(),
+            t: Vector3::zeros(),
+        }
+    }
+
+    /// The point of the reference frame that `p` of the moving frame lies at.
+    #[inline]
+    pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.r * p + self.t
+    }
+
+    /// `self` after `inner`: a_from_c = a_from_b.then(b_from_c).
+    pub fn then(&self, inner: &Self) -> Self {
+        Self {
+            r: self.r * inner.r,
+            t: self.r * inner.t + self.t,
+        }
+    }
+
+    /// The inverse pose.
+    pub fn inverse(&self) -> Self {
+        let r = self.r.transpose();
+        Self { r, t: -(r * self.t) }
+    }
+}
+
+/// One joint of the tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    /// Body that the joint moves against.
+    pub parent: usize,
+    /// Pose of the joint's own body in its parent's frame at position zero; its origin lies on the axis.
+    pub parent_from_body: Placement,
+    /// Unit axis in the joint's own frame.
+    pub axis: Vector3<f64>,
+    /// Whether it slides along the axis instead of turning about it.
+    pub prismatic: bool,
+    /// Largest magnitude of its position: bounds the reach of a prismatic joint, m.
+    pub stroke: f64,
+}
+
+/// Joint j's rotation is m0 + sin(q) m1 + (1 - cos(q)) m2: the fixed offset and Rodrigues' formula in one.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    m0: Matrix3<f64>,
+    m1: Matrix3<f64>,
+    m2: Matrix3<f64>,
+}
+
+/// The tree, with what its forward kinematics precomputes.
+#[derive(Clone, Debug)]
+pub struct Chain {
+    links: [Link; JOINTS],
+    turns: [Turn; JOINTS],
+    /// Joints between the base and each body.
+    ancestors: [JointSet; BODIES],
+}
+
+/// Poses of all bodies in the base frame.
+pub type Placements = [Placement; BODIES];
+
+impl Chain {
+    /// The tree of these joints; each parent must be a body of smaller index than the joint's own.
+    pub fn new(links: [Link; JOINTS]) -> Result<Self, WbcError> {
+        let turns = links.map(|link| {
+            let r = link.parent_from_body.r;
+            let k = link.axis.cross_matrix();
+            Turn {
+                m0: r,
+                m1: r * k,
+                m2: r * k * k,
+            }
+        });
+        let mut ancestors = [0; BODIES];
+        for (j, link) in links.iter().enumerate() {
+            if link.parent > j {
+                return Err(WbcError::Kinematics {
+                    joint: j,
+                    what: "hangs on a body that comes later in the joint order",
+                });
+            }
+            ancestors[j + 1] = ancestors[link.parent] | 1 << j;
+        }
+        Ok(Self {
+            links,
+            turns,
+            ancestors,
+        })
+    }
+
+    /// The joints.
+    pub fn links(&self) -> &[Link; JOINTS] {
+        &self.links
+    }
+
+    /// Joints between the base and `body`.
+    #[inline]
+    pub fn ancestors(&self, body: usize) -> JointSet {
+        self.ancestors[body]
+    }
+
+    /// Poses in the base frame of the bodies that the joints of `set` move; `set` must contain the ancestors of each of
+    /// its joints. Other entries of `out` stay as they are.
+    pub fn forward(&self, q: &[f64; JOINTS], set: JointSet, out: &mut Placements) {
+        let mut left = set;
+        while left != 0 {
+            let j = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let link = &self.links[j];
+            let parent = out[link.parent];
+            let offset = &link.parent_from_body;
+            out[j + 1] = if link.prismatic {
+                let t = offset.t + offset.r * link.axis * q[j];
+                Placement {
+                    r: parent.r * offset.r,
+                    t: parent.r * t + parent.t,
+                }
+            } else {
+                let turn = &self.turns[j];
+                let (sin, cos) = q[j].sin_cos();
+                let r = turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos);
+                Placement {
+                    r: parent.r * r,
+                    t: parent.point(&offset.t),
+                }
+            };
+        }
+    }
+
+    /// The deepest body that carries both `a` and `b`.
+    pub fn common_body(&self, a: usize, b: usize) -> usize {
+        let shared = self.ancestors[a] & self.ancestors[b];
+        // Joint indices grow along a chain, so the last shared joint is the deepest.
+        if shared == 0 {
+            0
+        } else {
+            JOINTS_BITS - shared.leading_zeros() as usize
+        }
+    }
+
+    /// Reach of joint `joint` to a point of `body` (one of those it moves): the largest distance of the point from the
+    /// joint's axis over all configurations; 1 for a prismatic joint.
+    ///
+    /// For a revolute joint it is at most the distance from the axis of the next joint's origin (a fixed point of its
+    /// body) plus the lengths of all later offsets, strokes, and the point's distance from its own body's origin.
+    pub fn reach(&self, joint: usize, body: usize, point: &Vector3<f64>) -> f64 {
+        let own = &self.links[joint];
+        if own.prismatic {
+            return 1.0;
+        }
+        let mut tail = 0.0;
+        let mut at = body;
+        let mut first = *point;
+        while at != joint + 1 {
+            let link = &self.links[at - 1];
+            tail += first.norm() + if link.prismatic { link.stroke } else { 0.0 };
+            first = link.parent_from_body.t;
+            at = link.parent;
+        }
+        own.axis.cross(&first).norm() + tail
+    }
+}
+
+const JOINTS_BITS: usize = JointSet::BITS as usize;

@@ -1,0 +1,182 @@
+//! What the stage is built from: limits with the planning margin, the collision model, and the switches of the tests.
+
+use crate::chain::Chain;
+use crate::geometry::{BodyCapsule, Geometry};
+use crate::interval::Bounds;
+use messages::JOINTS;
+use thiserror::Error;
+
+/// Share of velocity, acceleration and jerk limits that is planned with, so that rounding at the gate never denies an
+/// honest command.
+pub const PLANNED_SHARE: f64 = 0.995;
+/// Distance kept from position limits, rad or m: far above the rounding of a stop's end, far below any encoder.
+const POSITION_INSET: f64 = 1e-6;
+/// Added to d_min, m: rounding and quantisation at the gate, which checks clearance with arithmetic of its own.
+const CLEARANCE_INSET_M: f64 = 1e-6;
+/// Clearance beyond d_min that a resting posture must have before the robot may engage, m.
+pub const ENGAGE_MARGIN_M: f64 = 3e-3;
+
+/// Why a configuration was refused.
+#[derive(Debug, Error, PartialEq)]
+pub enum WbcError {
+    /// A limit that bounds motion is missing or not positive.
+    #[error("joint {joint}: {limit} = {value}, must be finite and above zero")]
+    Limit {
+        /// Index of the joint.
+        joint: usize,
+        /// Which limit.
+        limit: &'static str,
+        /// Its value, SI.
+        value: f64,
+    },
+    /// A position range without room.
+    #[error("joint {joint}: position range [{q_min}, {q_max}] is empty")]
+    Range {
+        /// Index of the joint.
+        joint: usize,
+        /// Lowest position.
+        q_min: f64,
+        /// Highest position.
+        q_max: f64,
+    },
+    /// The home posture lies outside the limits.
+    #[error("joint {joint}: home = {value} lies outside [{q_min}, {q_max}]")]
+    Home {
+        /// Index of the joint.
+        joint: usize,
+        /// Home position.
+        value: f64,
+        /// Lowest position.
+        q_min: f64,
+        /// Highest position.
+        q_max: f64,
+    },
+    /// The kinematics are not a tree of 17 joints in order, or were not reproduced.
+    #[error("joint {joint}: {what}")]
+    Kinematics {
+        /// Index of the joint.
+        joint: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A capsule or a pair that the certificate cannot hold.
+    #[error("collision model: {what} = {value}, at most {bound}")]
+    Collision {
+        /// What is too large.
+        what: &'static str,
+        /// Its value.
+        value: usize,
+        /// The bound.
+        bound: usize,
+    },
+    /// The distance to keep is not a positive length.
+    #[error("d_min_m = {0}, must be finite and above zero")]
+    Clearance(f64),
+}
+
+/// Switches. The default is what a robot runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    certificate: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { certificate: true }
+    }
+}
+
+impl Options {
+    /// Without the certificate, so that a test can show that it is what prevents collisions.
+    pub fn without_certificate_for_tests() -> Self {
+        Self { certificate: false }
+    }
+}
+
+/// Validated, immutable configuration of the stage.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// What each joint is planned within.
+    pub(crate) bounds: [Bounds; JOINTS],
+    /// The position limits themselves.
+    pub(crate) hard_range: [[f64; 2]; JOINTS],
+    pub(crate) home: [f64; JOINTS],
+    pub(crate) geometry: Geometry,
+    pub(crate) certificate: bool,
+}
+
+/// The parts of a robot that the stage needs, SI units.
+#[derive(Clone, Debug)]
+pub struct Parts {
+    /// The kinematic tree.
+    pub chain: Chain,
+    /// The limits of each joint, without any planning margin.
+    pub limits: [Bounds; JOINTS],
+    /// Posture of joints without a target.
+    pub home: [f64; JOINTS],
+    /// Capsules on bodies.
+    pub capsules: Vec<BodyCapsule>,
+    /// Pairs of capsule indices that must stay apart.
+    pub pairs: Vec<[usize; 2]>,
+    /// Distance that they keep, m.
+    pub d_min_m: f64,
+}
+
+impl Config {
+    /// The configuration of a robot given by its parts.
+    pub fn from_parts(parts: Parts, options: Options) -> Result<Self, WbcError> {
+        for (joint, limits) in parts.limits.iter().enumerate() {
+            check_limits(joint, limits, parts.home[joint])?;
+        }
+        if !(parts.d_min_m.is_finite() && parts.d_min_m > 0.0) {
+            return Err(WbcError::Clearance(parts.d_min_m));
+        }
+        let bounds = parts.limits.map(|l| Bounds {
+            q_min: l.q_min + POSITION_INSET,
+            q_max: l.q_max - POSITION_INSET,
+            v_max: PLANNED_SHARE * l.v_max,
+            a_max: PLANNED_SHARE * l.a_max,
+            j_max: PLANNED_SHARE * l.j_max,
+        });
+        let d_min_m = parts.d_min_m + CLEARANCE_INSET_M;
+        Ok(Self {
+            bounds,
+            hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
+            home: parts.home,
+            geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?,
+            certificate: options.certificate,
+        })
+    }
+
+    /// What each joint is planned within: position limits less a micrometre or microradian, the others times
+    /// [`PLANNED_SHARE`].
+    pub fn bounds(&self) -> &[Bounds; JOINTS] {
+        &self.bounds
+    }
+
+    /// The collision model that is certified.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+}
+
+fn check_limits(joint: usize, l: &Bounds, home: f64) -> Result<(), WbcError> {
+    for (limit, value) in [("v_max", l.v_max), ("a_max", l.a_max), ("j_max", l.j_max)] {
+        if !(value.is_finite() && value > 0.0) {
+            return Err(WbcError::Limit { joint, limit, value });
+        }
+    }
+    let (q_min, q_max) = (l.q_min, l.q_max);
+    if !(q_min.is_finite() && q_max.is_finite() && q_max - q_min > 4.0 * POSITION_INSET) {
+        return Err(WbcError::Range { joint, q_min, q_max });
+    }
+    if !(home >= q_min && home <= q_max) {
+        return Err(WbcError::Home {
+            joint,
+            value: home,
+            q_min,
+            q_max,
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,225 @@
+//! The collision model, laid out for the certificate: capsules on bodies, the pairs that must stay apart, and for each
+//! pair which joints change its distance.
+
+use crate::chain::{BODIES, Chain, JointSet, Placements};
+use crate::config::WbcError;
+use messages::JOINTS;
+use nalgebra::Vector3;
+
+/// A capsule in the frame of its body, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyCapsule {
+    /// Body, 0 is the base.
+    pub body: usize,
+    /// One end of the axis.
+    pub a: Vector3<f64>,
+    /// The other end.
+    pub b: Vector3<f64>,
+    /// Radius.
+    pub radius_m: f64,
+}
+
+/// A segment, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// One end.
+    pub a: Vector3<f64>,
+    /// The other end.
+    pub b: Vector3<f64>,
+}
+
+/// A capsule's side of a pair: the joints `from..` of its body's chain move it against the pair's common body.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Side {
+    pub(crate) capsule: usize,
+    /// Index into the chain of the capsule's body.
+    pub(crate) from: usize,
+}
+
+/// Two capsules that must stay apart.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CheckedPair {
+    pub(crate) a: Side,
+    pub(crate) b: Side,
+    /// Sum of both radii, m.
+    pub(crate) radii: f64,
+    /// The deepest body that carries both. A motion that moves both alike cannot change their distance.
+    pub(crate) common: usize,
+    /// Whether a revolute joint lies between the base and `common`, so that a direction fixed in `common` turns.
+    pub(crate) turns: bool,
+    /// The joints that change the distance.
+    pub(crate) between: JointSet,
+    /// Those, and all before them: the joints whose placements the distance is computed from.
+    pub(crate) needed: JointSet,
+}
+
+/// One capsule with the reach of each joint of its chain.
+#[derive(Clone, Debug)]
+pub(crate) struct Shape {
+    pub(crate) capsule: BodyCapsule,
+    /// Joints from the base to the capsule's body.
+    pub(crate) chain: Vec<usize>,
+    /// Reach of each of them to the points of the axis, m (1 for a prismatic joint).
+    pub(crate) reach: Vec<f64>,
+    /// Radius of the sphere about the axis' middle that contains the capsule, m.
+    pub(crate) sphere: f64,
+}
+
+/// The collision model.
+#[derive(Clone, Debug)]
+pub struct Geometry {
+    pub(crate) chain: Chain,
+    pub(crate) shapes: Vec<Shape>,
+    pub(crate) pairs: Vec<CheckedPair>,
+    /// Distance that every pair keeps, m.
+    pub(crate) d_min_m: f64,
+}
+
+/// Capsules that the certificate can hold: its marks are bits of a u128.
+pub const CAPSULES_MAX: usize = 128;
+
+impl Geometry {
+    /// The model of these capsules on `chain`; `pairs` are indices into `capsules`.
+    pub fn new(chain: Chain, capsules: &[BodyCapsule], pairs: &[[usize; 2]], d_min_m: f64) -> Result<Self, WbcError> {
+        let at_most = |what, value, bound| {
+            if value <= bound {
+                Ok(())
+            } else {
+                Err(WbcError::Collision { what, value, bound })
+            }
+        };
+        at_most("number of capsules", capsules.len(), CAPSULES_MAX)?;
+        for capsule in capsules {
+            at_most("body of a capsule", capsule.body, BODIES - 1)?;
+        }
+        let shapes: Vec<Shape> = capsules.iter().map(|c| shape(&chain, *c)).collect();
+        let mut checked = Vec::with_capacity(pairs.len());
+        for &[a, b] in pairs {
+            at_most("capsule of a pair", a.max(b), capsules.len().saturating_sub(1))?;
+            // Capsules of one body never move against each other: there is nothing to certify.
+            if capsules[a].body != capsules[b].body {
+                checked.push(checked_pair(&chain, &shapes, a, b));
+            }
+        }
+        Ok(Self {
+            chain,
+            shapes,
+            pairs: checked,
+            d_min_m,
+        })
+    }
+
+    /// Number of pairs.
+    pub fn pair_count(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Capsule indices of pair `i`.
+    pub fn pair(&self, i: usize) -> [usize; 2] {
+        [self.pairs[i].a.capsule, self.pairs[i].b.capsule]
+    }
+
+    /// The axis of capsule `i` in the base frame.
+    #[inline]
+    pub(crate) fn axis(&self, i: usize, placements: &Placements) -> Segment {
+        let c = &self.shapes[i].capsule;
+        let body = &placements[c.body];
+        Segment {
+            a: body.point(&c.a),
+            b: body.point(&c.b),
+        }
+    }
+}
+
+fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
+    let set = chain.ancestors(capsule.body);
+    let joints: Vec<usize> = (0..JOINTS).filter(|&j| set & 1 << j != 0).collect();
+    // A norm is convex, so its largest value along the axis is at an end.
+    let farthest = |j: usize| {
+        chain
+            .reach(j, capsule.body, &capsule.a)
+            .max(chain.reach(j, capsule.body, &capsule.b))
+    };
+    let reach = joints.iter().map(|&j| farthest(j)).collect();
+    Shape {
+        capsule,
+        chain: joints,
+        reach,
+        sphere: (capsule.a - capsule.b).norm() / 2.0 + capsule.radius_m,
+    }
+}
+
+fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedPair {
+    let (body_a, body_b) = (shapes[a].capsule.body, shapes[b].capsule.body);
+    let (set_a, set_b) = (chain.ancestors(body_a), chain.ancestors(body_b));
+    let shared = set_a & set_b;
+    let common = chain.common_body(body_a, body_b);
+    let side = |capsule: usize| Side {
+        capsule,
+        from: shared.count_ones() as usize,
+    };
+    let turns = (0..JOINTS).any(|j| shared & 1 << j != 0 && !chain.links()[j].prismatic);
+    CheckedPair {
+        a: side(a),
+        b: side(b),
+        radii: shapes[a].capsule.radius_m + shapes[b].capsule.radius_m,
+        common,
+        turns,
+        between: set_a ^ set_b,
+        needed: set_a | set_b,
+    }
+}
+
+/// The points of two segments that are closest to each other. Bounded work, no allocation; near parallel axes the points
+/// may be off the optimum, so callers use the direction between them and never their distance.
+#[inline]
+pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3<f64>) {
+    let (d1, d2, r) = (p.b - p.a, q.b - q.a, p.a - q.a);
+    let (a, e, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
+    // A point-like axis: below a nanometre its direction means nothing.
+    const POINT: f64 = 1e-18;
+    let (s, t) = if a <= POINT {
+        (0.0, if e <= POINT { 0.0 } else { (f / e).clamp(0.0, 1.0) })
+    } else {
+        let c = d1.dot(&r);
+        if e <= POINT {
+            ((-c / a).clamp(0.0, 1.0), 0.0)
+        } else {
+            let b = d1.dot(&d2);
+            let denominator = a * e - b * b;
+            let s = if denominator > 0.0 {
+                ((b * f - c * e) / denominator).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            let t = (b * s + f) / e;
+            if t < 0.0 {
+                ((-c / a).clamp(0.0, 1.0), 0.0)
+            } else if t > 1.0 {
+                (((b - c) / a).clamp(0.0, 1.0), 1.0)
+            } else {
+                (s, t)
+            }
+        }
+    };
+    (p.a + d1 * s, q.a + d2 * t)
+}
+
+/// Separation of two axes along `n` (from B to A), less nothing: min over A of n.x minus max over B of n.x.
+#[inline]
+pub(crate) fn separation(n: &Vector3<f64>, a: &Segment, b: &Segment) -> f64 {
+    n.dot(&a.a).min(n.dot(&a.b)) - n.dot(&b.a).max(n.dot(&b.b))
+}
+
+/// The unit direction from the closest point of B to that of A, and the separation along it: at most the distance.
+#[inline]
+pub(crate) fn normal(a: &Segment, b: &Segment) -> (Vector3<f64>, f64) {
+    let (x, y) = closest_points(a, b);
+    let difference = x - y;
+    let length = difference.norm();
+    if length < 1e-12 {
+        return (Vector3::x(), 0.0);
+    }
+    let n = difference / length;
+    (n, separation(&n, a, b))
+}

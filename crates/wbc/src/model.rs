@@ -1,0 +1,79 @@
+//! The parts of a robot model that this stage needs.
+
+use crate::chain::{Chain, Link, Placement};
+use crate::config::{Config, Options, Parts, WbcError};
+use crate::geometry::BodyCapsule;
+use crate::interval::Bounds;
+use messages::JOINTS;
+use robot::{Frames, Model};
+
+/// Largest disagreement of this crate's kinematics with the model's, m and entries of rotations: rounding of a chain of
+/// eight joints is below 1e-14.
+const KINEMATICS_TOLERANCE: f64 = 1e-12;
+
+impl Config {
+    /// The configuration for a robot. Its kinematics are checked against the model's at three postures.
+    pub fn new(model: &Model, options: Options) -> Result<Self, WbcError> {
+        let parts = Parts::of(model)?;
+        check_kinematics(model, &parts.chain)?;
+        Self::from_parts(parts, options)
+    }
+}
+
+impl Parts {
+    /// The parts of a robot model.
+    pub fn of(model: &Model) -> Result<Self, WbcError> {
+        let limits = model.limits.each_ref().map(|l| Bounds {
+            q_min: l.q_min,
+            q_max: l.q_max,
+            v_max: l.v_max,
+            a_max: l.a_max,
+            j_max: l.j_max,
+        });
+        let links = std::array::from_fn(|j| {
+            let (pose, axis) = model.joint_at_zero(j);
+            Link {
+                parent: model.parent_body(j + 1).unwrap_or(0),
+                parent_from_body: Placement { r: pose.r, t: pose.t },
+                axis,
+                prismatic: model.prismatic[j],
+                stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
+            }
+        });
+        let capsule = |c: &robot::Capsule| BodyCapsule {
+            body: c.body,
+            a: c.a,
+            b: c.b,
+            radius_m: c.radius_m,
+        };
+        Ok(Self {
+            chain: Chain::new(links)?,
+            limits,
+            home: model.home,
+            capsules: model.capsules.iter().map(capsule).collect(),
+            pairs: model.pairs.iter().map(|p| [p.a, p.b]).collect(),
+            d_min_m: model.d_min_m,
+        })
+    }
+}
+
+fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
+    let mut frames = Frames::default();
+    let mut placements = [Placement::identity(); JOINTS + 1];
+    for share in [0.1, 0.5, 0.8] {
+        let q = model.limits.each_ref().map(|l| l.q_min + share * (l.q_max - l.q_min));
+        model.forward(&q, &mut frames);
+        chain.forward(&q, (1 << JOINTS) - 1, &mut placements);
+        for joint in 0..JOINTS {
+            let (ours, theirs) = (&placements[joint + 1], &frames.base_from_body[joint + 1]);
+            let off = (ours.r - theirs.r).amax().max((ours.t - theirs.t).amax());
+            if off.is_nan() || off > KINEMATICS_TOLERANCE {
+                return Err(WbcError::Kinematics {
+                    joint,
+                    what: "forward kinematics differ from the model's",
+                });
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,372 @@
+//! The stop of one joint: three phases of constant jerk, in closed form.
+//!
+//! With the jerk bound J and the acceleration cap A, a joint at (v, a) that only brings its acceleration to zero ends at
+//! the velocity v_c = v + a |a| / (2 J). The time-optimal stop brakes against the sign s of v_c. In coordinates where
+//! s = +1:
+//!
+//! ```text
+//! phase 1: a -> -a_p     a_p = min(A, sqrt(J v + a^2 / 2)),   t1 = |a + a_p| / J
+//! phase 2: a = -a_p      t2 = (v1 - a_p^2 / (2 J)) / a_p      (zero unless a_p = A), v1 = v + t1 (a - a_p) / 2
+//! phase 3: -a_p -> 0     t3 = a_p / J
+//! ```
+//!
+//! a_p without the cap follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal, so what is left of it after a
+//! while is the stop of the state then: a tick along the plan never lengthens it.
+
+use messages::{JOINTS, StopPlan};
+
+/// Position, velocity and acceleration of one joint; rad or m, and seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointState {
+    /// Position, rad or m.
+    pub q: f64,
+    /// Velocity, rad/s or m/s.
+    pub v: f64,
+    /// Acceleration, rad/s^2 or m/s^2.
+    pub a: f64,
+}
+
+/// The stop of one joint: jerk and duration of its three phases.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointStop {
+    /// Jerk of each phase, rad/s^3 or m/s^3.
+    pub jerk: [f64; 3],
+    /// Duration of each phase, s.
+    pub duration_s: [f64; 3],
+}
+
+impl JointState {
+    /// The state after `t` seconds of constant jerk `j`.
+    #[inline]
+    pub fn after(self, j: f64, t: f64) -> Self {
+        Self {
+            q: self.q + t * (self.v + t * (self.a / 2.0 + t * j / 6.0)),
+            v: self.v + t * (self.a + t * j / 2.0),
+            a: self.a + t * j,
+        }
+    }
+
+    /// The velocity that is left when the acceleration has been brought to zero at jerk `j_max`.
+    #[inline]
+    pub fn coasting_velocity(self, j_max: f64) -> f64 {
+        self.v + self.a * self.a.abs() / (2.0 * j_max)
+    }
+
+    /// Whether velocity and acceleration are exactly zero.
+    pub fn is_at_rest(self) -> bool {
+        self.v == 0.0 && self.a == 0.0
+    }
+}
+
+impl JointStop {
+    /// The time-optimal stop from velocity `v` and acceleration `a` with |jerk| <= `j_max` and |acceleration| <= `a_max`
+    /// (an acceleration beyond `a_max` is first brought back to it).
+    #[inline]
+    pub fn new(v: f64, a: f64, a_max: f64, j_max: f64) -> Self {
+        let coasting = v + a * a.abs() / (2.0 * j_max);
+        let s = if coasting < 0.0 { -1.0 } else { 1.0 };
+        let (v, a) = (s * v, s * a);
+        let free = (j_max * v + a * a / 2.0).max(0.0).sqrt();
+        let peak = free.min(a_max);
+        let first = (a + peak).abs() / j_max;
+        let cruise = if free > a_max {
+            let v1 = v + first * (a - peak) / 2.0;
+            ((v1 - peak * peak / (2.0 * j_max)) / peak).max(0.0)
+        } else {
+            0.0
+        };
+        let first_jerk = if a + peak < 0.0 { j_max } else { -j_max };
+        Self {
+            jerk: [s * first_jerk, 0.0, s * j_max],
+            duration_s: [first, cruise, peak / j_max],
+        }
+    }
+
+    /// Joint `j` of a plan.
+    pub fn of(plan: &StopPlan, j: usize) -> Self {
+        Self {
+            jerk: plan.jerk[j],
+            duration_s: plan.duration_s[j],
+        }
+    }
+
+    /// Writes this stop into joint `j` of a plan.
+    pub fn store(self, plan: &mut StopPlan, j: usize) {
+        plan.jerk[j] = self.jerk;
+        plan.duration_s[j] = self.duration_s;
+    }
+
+    /// Time to rest, s.
+    pub fn total_s(&self) -> f64 {
+        self.duration_s[0] + self.duration_s[1] + self.duration_s[2]
+    }
+
+    /// Whether nothing is left to play.
+    pub fn is_done(&self) -> bool {
+        self.duration_s == [0.0; 3]
+    }
+
+    /// Plays `dt` seconds of the stop: the state then, and what is left. At the end velocity and acceleration are set to
+    /// zero, because what remains there is rounding and would drift.
+    pub fn advance(mut self, mut x: JointState, dt: f64) -> (JointState, Self) {
+        let mut left = dt;
+        for phase in 0..3 {
+            let t = left.min(self.duration_s[phase]);
+            if t > 0.0 {
+                x = x.after(self.jerk[phase], t);
+                self.duration_s[phase] -= t;
+                left -= t;
+            }
+        }
+        if self.is_done() {
+            (x.v, x.a) = (0.0, 0.0);
+            self.jerk = [0.0; 3];
+        }
+        (x, self)
+    }
+
+    /// Where the stop from `x` ends.
+    #[inline]
+    pub fn stop_position(&self, x: JointState) -> f64 {
+        let mut x = x;
+        for phase in 0..3 {
+            x = x.after(self.jerk[phase], self.duration_s[phase]);
+        }
+        x.q
+    }
+
+    /// The largest position along the stop from `x`.
+    #[inline]
+    pub fn highest(&self, x: JointState) -> f64 {
+        let mut x = x;
+        let mut highest = x.q;
+        for phase in 0..3 {
+            let (top, end) = highest_of_phase(x, self.jerk[phase], self.duration_s[phase]);
+            highest = highest.max(top);
+            x = end;
+        }
+        highest
+    }
+
+    /// The smallest and the largest position along the stop from `x`.
+    pub fn extremes(&self, x: JointState) -> (f64, f64) {
+        let mirrored = Self {
+            jerk: self.jerk.map(|j| -j),
+            ..*self
+        };
+        (-mirrored.highest(negated(x)), self.highest(x))
+    }
+}
+
+/// The state seen from the other direction.
+#[inline]
+pub(crate) fn negated(x: JointState) -> JointState {
+    JointState {
+        q: -x.q,
+        v: -x.v,
+        a: -x.a,
+    }
+}
+
+/// The largest position within `t` seconds of constant jerk `j` from `x`, and the state at the end: the ends, and the
+/// points of zero velocity in between.
+#[inline]
+pub(crate) fn highest_of_phase(x: JointState, j: f64, t: f64) -> (f64, JointState) {
+    let end = x.after(j, t);
+    let mut highest = x.q.max(end.q);
+    let monotone = x.v * end.v > 0.0 && x.a * end.a >= 0.0;
+    if !monotone {
+        for root in zero_velocity(x.v, x.a, j) {
+            if root > 0.0 && root < t {
+                highest = highest.max(x.after(j, root).q);
+            }
+        }
+    }
+    (highest, end)
+}
+
+/// Both times at which v + a t + j t^2 / 2 = 0; NaN or infinite where there is none.
+#[inline]
+fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
+    let discriminant = a * a - 2.0 * j * v;
+    // Citardauq form: no cancellation, and it holds for j = 0.
+    let shifted = -(a + discriminant.sqrt().copysign(a));
+    [shifted / j, 2.0 * v / shifted]
+}
+
+/// Motion of all joints at one instant with the stop that follows: what a command carries.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// Joint positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Joint velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Joint accelerations, rad/s^2 or m/s^2.
+    pub a: [f64; JOINTS],
+    /// The stop from (q, v, a).
+    pub plan: StopPlan,
+}
+
+impl Planned {
+    /// At rest at `q`.
+    pub const fn at_rest(q: [f64; JOINTS]) -> Self {
+        const NOTHING: StopPlan = StopPlan {
+            jerk: [[0.0; 3]; JOINTS],
+            duration_s: [[0.0; 3]; JOINTS],
+        };
+        Self {
+            q,
+            v: [0.0; JOINTS],
+            a: [0.0; JOINTS],
+            plan: NOTHING,
+        }
+    }
+
+    /// State of joint `j`.
+    #[inline]
+    pub fn joint(&self, j: usize) -> JointState {
+        JointState {
+            q: self.q[j],
+            v: self.v[j],
+            a: self.a[j],
+        }
+    }
+
+    /// Sets state and stop of joint `j`.
+    #[inline]
+    pub fn set_joint(&mut self, j: usize, x: JointState, stop: JointStop) {
+        (self.q[j], self.v[j], self.a[j]) = (x.q, x.v, x.a);
+        stop.store(&mut self.plan, j);
+    }
+
+    /// The state after `dt` seconds of the plan, all joints together.
+    pub fn advanced(&self, dt: f64) -> Self {
+        let mut next = *self;
+        for j in 0..JOINTS {
+            let (x, stop) = JointStop::of(&self.plan, j).advance(self.joint(j), dt);
+            next.set_joint(j, x, stop);
+        }
+        next
+    }
+
+    /// Where the plan comes to rest.
+    pub fn rest_posture(&self) -> [f64; JOINTS] {
+        std::array::from_fn(|j| JointStop::of(&self.plan, j).stop_position(self.joint(j)))
+    }
+
+    /// Whether every joint stands still and nothing is left to play.
+    pub fn is_at_rest(&self) -> bool {
+        (0..JOINTS).all(|j| self.joint(j).is_at_rest() && JointStop::of(&self.plan, j).is_done())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    fn cases() -> Vec<(f64, f64, f64, f64)> {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let mut out = Vec::new();
+        for (v_max, a_max, j_max) in [(2.35, 8.0, 320.0), (0.07, 0.3, 12.0), (3.0, 10.0, 400.0)] {
+            let corners = [0.0, 1e-300, -1e-300, 1e-17, -1e-12, 1.0, -1.0, 0.5];
+            for v in corners {
+                for a in corners {
+                    out.push((v * v_max, a * a_max, a_max, j_max));
+                }
+            }
+            for _ in 0..20_000 {
+                let scale = 10.0_f64.powf(rng.random_range(-9.0..0.0));
+                let v = rng.random_range(-1.0..=1.0) * v_max * if rng.random_bool(0.5) { scale } else { 1.0 };
+                let a = rng.random_range(-1.0..=1.0) * a_max * if rng.random_bool(0.5) { scale } else { 1.0 };
+                out.push((v, a, a_max, j_max));
+            }
+            for _ in 0..100 {
+                // Exactly on the curve where only the acceleration has to vanish.
+                let a = rng.random_range(-1.0..=1.0) * a_max;
+                out.push((-a * a.abs() / (2.0 * j_max), a, a_max, j_max));
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn every_stop_ends_at_rest_within_its_bounds() {
+        for (v, a, a_max, j_max) in cases() {
+            let stop = JointStop::new(v, a, a_max, j_max);
+            let mut x = JointState { q: 0.0, v, a };
+            for phase in 0..3 {
+                assert!(
+                    stop.duration_s[phase] >= 0.0 && stop.duration_s[phase].is_finite(),
+                    "{v} {a}: {stop:?}"
+                );
+                assert!(stop.jerk[phase].abs() <= j_max);
+                x = x.after(stop.jerk[phase], stop.duration_s[phase]);
+                assert!(x.a.abs() <= a_max * (1.0 + 1e-14), "{v} {a}: {x:?}");
+            }
+            assert!(x.v.abs() < 4e-15 && x.a.abs() < 2e-14, "{v} {a}: {x:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_left_of_a_stop_is_the_stop_of_the_state_then() {
+        for (v, a, a_max, j_max) in cases() {
+            let x = JointState { q: 0.3, v, a };
+            let stop = JointStop::new(v, a, a_max, j_max);
+            let (later, left) = stop.advance(x, stop.total_s() * 0.4);
+            let again = JointStop::new(later.v, later.a, a_max, j_max);
+            assert!(
+                (again.total_s() - left.total_s()).abs() < 3e-8,
+                "{v} {a}: {again:?} {left:?}"
+            );
+            assert!(
+                (again.stop_position(later) - stop.stop_position(x)).abs() < 1e-12,
+                "{v} {a}"
+            );
+        }
+    }
+
+    #[test]
+    fn tick_by_tick_and_at_once_agree_and_end_in_exact_rest() {
+        for (v, a, a_max, j_max) in cases().into_iter().step_by(7) {
+            let start = JointState { q: 0.0, v, a };
+            let stop = JointStop::new(v, a, a_max, j_max);
+            let (mut x, mut left) = (start, stop);
+            let mut ticks = 0;
+            while !left.is_done() {
+                (x, left) = left.advance(x, messages::TICK_S);
+                ticks += 1;
+                assert!(ticks < 2000, "{v} {a}");
+            }
+            assert!(x.is_at_rest());
+            assert!((x.q - stop.stop_position(start)).abs() < 1e-12);
+            assert!((stop.advance(start, 10.0).0.q - x.q).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn extremes_are_those_of_dense_samples() {
+        for (v, a, a_max, j_max) in cases().into_iter().step_by(31) {
+            let x = JointState { q: 0.1, v, a };
+            let stop = JointStop::new(v, a, a_max, j_max);
+            let (low, high) = stop.extremes(x);
+            let total = stop.total_s();
+            let (mut dense_low, mut dense_high) = (x.q, x.q);
+            for i in 0..=2000 {
+                let q = stop.advance(x, total * f64::from(i) / 2000.0).0.q;
+                (dense_low, dense_high) = (dense_low.min(q), dense_high.max(q));
+            }
+            // Between samples the position exceeds both by at most |a| dt^2 / 8.
+            let gap = a_max * (total / 2000.0).powi(2) / 8.0 + 1e-15;
+            assert!(
+                low <= dense_low + 1e-15 && low >= dense_low - gap,
+                "{v} {a}: {low} {dense_low}"
+            );
+            assert!(
+                high >= dense_high - 1e-15 && high <= dense_high + gap,
+                "{v} {a}: {high} {dense_high}"
+            );
+        }
+    }
+}

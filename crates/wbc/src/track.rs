@@ -1,0 +1,75 @@
+//! The tracking law: which jerk a joint would like to take.
+//!
+//! With e = target - q, A the acceleration it may use and v_ff the target's velocity:
+//!
+//! ```text
+//! e0    = 0.55 A / 30^2
+//! v_fb  = 30 e                                   for |e| <= e0
+//!         sgn(e) sqrt(1.1 A (|e| - e0 / 2))      beyond: the speed from which 0.55 A stops at the target
+//! a_ref = 90 (v_ff + v_fb - v),                  jerk = (a_ref - a) / h
+//! ```
+//!
+//! Both branches meet at e0 with the same slope. Near the target the joint is a second-order system with
+//! s^2 + 90 s + 2700: damping ratio 0.87.
+
+use crate::interval::Bounds;
+use crate::plan::JointState;
+use messages::TICK_S;
+
+/// Position gain near the target, 1/s; found with the prototype, whose smooth tracking error was 0.86 mrad RMS.
+const POSITION_GAIN_PER_S: f64 = 30.0;
+/// Velocity gain, 1/s; from the same prototype.
+const VELOCITY_GAIN_PER_S: f64 = 90.0;
+/// Share of the acceleration that the approach to a far target counts on; the rest is left for the jerk's ramps.
+const APPROACH_SHARE: f64 = 0.55;
+
+/// Below these a joint counts as arrived and plays its stop, which ends in exact rest: a position error that no encoder
+/// resolves (rad or m), a speed and an acceleration that the law itself would remove within a few ticks.
+const ARRIVED_ERROR: f64 = 1e-9;
+const ARRIVED_SPEED: f64 = 1e-8;
+const ARRIVED_ACCELERATION: f64 = 1e-6;
+
+/// What one joint should follow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointAim {
+    /// Position, rad or m.
+    pub q: f64,
+    /// Velocity, rad/s or m/s.
+    pub dq: f64,
+}
+
+impl JointAim {
+    /// The aim within the joint's position limits: at a limit it does not point further out. None unless it is finite.
+    pub fn within(self, bounds: &Bounds) -> Option<Self> {
+        if !self.q.is_finite() || !self.dq.is_finite() {
+            return None;
+        }
+        let q = self.q.clamp(bounds.q_min, bounds.q_max);
+        let outward = (self.q - q) * self.dq > 0.0;
+        Some(Self {
+            q,
+            dq: if outward { 0.0 } else { self.dq },
+        })
+    }
+}
+
+/// The jerk that the law asks for, rad/s^3 or m/s^3, not yet limited; none where the joint has arrived and its own stop
+/// brings it to exact rest. `bounds.v_max` caps the speed that is asked for.
+pub fn wanted_jerk(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64> {
+    let e = aim.q - x.q;
+    let arrived = e.abs() < ARRIVED_ERROR && x.v.abs() < ARRIVED_SPEED && x.a.abs() < ARRIVED_ACCELERATION;
+    if arrived && aim.dq == 0.0 {
+        return None;
+    }
+    let linear = APPROACH_SHARE * bounds.a_max / (POSITION_GAIN_PER_S * POSITION_GAIN_PER_S);
+    let v_fb = if e.abs() <= linear {
+        POSITION_GAIN_PER_S * e
+    } else {
+        (2.0 * APPROACH_SHARE * bounds.a_max * (e.abs() - linear / 2.0))
+            .sqrt()
+            .copysign(e)
+    };
+    let v_ref = (aim.dq + v_fb).clamp(-bounds.v_max, bounds.v_max);
+    let a_ref = (VELOCITY_GAIN_PER_S * (v_ref - x.v)).clamp(-bounds.a_max, bounds.a_max);
+    Some((a_ref - x.a) / TICK_S)
+}
