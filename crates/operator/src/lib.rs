@@ -1,1 +1,24 @@
-//! Under construction.
+//! What an operator commands, and the socket over which it arrives.
+//!
+//! A Unix SEQPACKET socket of `control`, because the bus has only so many slots and a stopped client could hold one. Every
+//! client sends an `OperatorRequest` (its heartbeat) and gets a `Status` back. Requests carry counters, so that an edge is
+//! neither lost nor doubled, and a level.
+//!
+//! - The enable belongs to one connection, the first whose enable edge arrives while nobody holds it. It loses it by a
+//!   release, by lowering its level, by going away, or by a heartbeat that is late by the lease; to get it back takes a
+//!   new edge.
+//! - Release, reset and emergency stop are accepted from every connection.
+//!
+//! Access is the file system's: the socket has mode 0660.
+
+mod client;
+mod codec;
+mod error;
+mod merge;
+mod server;
+
+pub use client::Client;
+pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
+pub use error::OperatorError;
+pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
+pub use server::Server;

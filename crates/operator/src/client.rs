@@ -1,0 +1,167 @@
+//! The end of the socket in `teleopctl`.
+
+use crate::codec::{self, STATUS_BYTES};
+use crate::error::OperatorError;
+use messages::{Layout, OPERATOR_VERSION, OperatorRequest, Status};
+use rustix::io::Errno;
+use rustix::net::sockopt::{self, Timeout};
+use rustix::net::{self, AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType};
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long a reply is waited for: ten polls of a server that polls at 50 Hz.
+const TIMEOUT_MS: u64 = 200;
+
+/// Replies to earlier requests that may lie in the socket; the kernel queues fewer than this.
+const LATE_REPLIES_MAX: usize = 1024;
+
+/// A connection to `control`, and the hand's counters.
+pub struct Client {
+    path: PathBuf,
+    socket: OwnedFd,
+    request: OperatorRequest,
+    timeout_ms: u64,
+}
+
+impl Client {
+    /// Connects to the socket of `control` at `path`; replies are waited for at most 200 ms.
+    pub fn connect(path: impl AsRef<Path>) -> Result<Self, OperatorError> {
+        Self::connect_within(path, TIMEOUT_MS)
+    }
+
+    /// As `connect`, with another time to wait for each reply.
+    pub fn connect_within(path: impl AsRef<Path>, timeout_ms: u64) -> Result<Self, OperatorError> {
+        let path = path.as_ref().to_path_buf();
+        let address = SocketAddrUnix::new(&path).map_err(|_| OperatorError::PathTooLong { path: path.clone() })?;
+        let os = |action| {
+            let path = path.clone();
+            move |source| OperatorError::Os { path, action, source }
+        };
+        let socket = net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
+            .map_err(os("make a Unix SEQPACKET socket"))?;
+        for which in [Timeout::Recv, Timeout::Send] {
+            sockopt::set_socket_timeout(&socket, which, Some(Duration::from_millis(timeout_ms.max(1))))
+                .map_err(os("set the timeout of the socket"))?;
+        }
+        net::connect(&socket, &address).map_err(|errno| {
+            let path = path.clone();
+            match errno {
+                Errno::NOENT | Errno::NOTDIR => OperatorError::NoSocket { path },
+                Errno::CONNREFUSED => OperatorError::NobodyAnswers { path },
+                Errno::ACCESS | Errno::PERM => OperatorError::PermissionDenied { path },
+                Errno::AGAIN | Errno::TIMEDOUT | Errno::INPROGRESS => OperatorError::Timeout { path, timeout_ms },
+                Errno::PROTOTYPE => OperatorError::NotASocket { path },
+                source => OperatorError::Os {
+                    path,
+                    action: "connect",
+                    source,
+                },
+            }
+        })?;
+        let request = OperatorRequest {
+            version: OPERATOR_VERSION,
+            ..OperatorRequest::ZERO
+        };
+        Ok(Self {
+            path,
+            socket,
+            request,
+            timeout_ms,
+        })
+    }
+
+    /// Presses the enable, with the next heartbeat.
+    pub fn enable(&mut self) -> &mut Self {
+        self.request.enable_level = 1;
+        self.request.enable_count = self.request.enable_count.wrapping_add(1);
+        self
+    }
+
+    /// Lets the enable go, with the next heartbeat. Also withdraws that of another connection.
+    pub fn release(&mut self) -> &mut Self {
+        self.request.enable_level = 0;
+        self.request.release_count = self.request.release_count.wrapping_add(1);
+        self
+    }
+
+    /// Presses reset, with the next heartbeat.
+    pub fn reset(&mut self) -> &mut Self {
+        self.request.reset_count = self.request.reset_count.wrapping_add(1);
+        self
+    }
+
+    /// Presses the emergency stop, with the next heartbeat.
+    pub fn estop(&mut self) -> &mut Self {
+        self.request.estop_count = self.request.estop_count.wrapping_add(1);
+        self
+    }
+
+    /// Sends the hand's state and returns the status of `control`. To be called at 50 Hz while the enable is held.
+    pub fn heartbeat(&mut self) -> Result<Status, OperatorError> {
+        self.request.sequence += 1;
+        let request = self.request;
+        self.exchange(&request)
+    }
+
+    /// Sends a request as it is and returns the reply.
+    pub fn exchange(&mut self, request: &OperatorRequest) -> Result<Status, OperatorError> {
+        self.drop_late_replies()?;
+        loop {
+            match net::send(&self.socket, &codec::encode_request(request), SendFlags::NOSIGNAL) {
+                Ok(_) => break,
+                Err(Errno::INTR) => continue,
+                Err(errno) => return Err(self.failed("send a request", errno)),
+            }
+        }
+        loop {
+            match self.receive(RecvFlags::empty()) {
+                Err(Errno::INTR) => continue,
+                Err(errno) => return Err(self.failed("receive a reply", errno)),
+                Ok(reply) => return reply,
+            }
+        }
+    }
+
+    /// Replies that came after their exchange had given up are no answer to the next one.
+    fn drop_late_replies(&mut self) -> Result<(), OperatorError> {
+        for _ in 0..LATE_REPLIES_MAX {
+            match self.receive(RecvFlags::DONTWAIT) {
+                Ok(Ok(_)) => {}
+                Ok(Err(error)) => return Err(error),
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => return Ok(()),
+                Err(errno) => return Err(self.failed("receive a reply", errno)),
+            }
+        }
+        Ok(())
+    }
+
+    fn receive(&self, flags: RecvFlags) -> Result<Result<Status, OperatorError>, Errno> {
+        // One byte more than a status, so that a longer one shows.
+        let mut bytes = [0; STATUS_BYTES + 1];
+        let (length, _) = net::recv(&self.socket, &mut bytes[..], flags)?;
+        let path = || self.path.clone();
+        Ok(match (length, codec::decode_status(&bytes[..length])) {
+            (_, Some(status)) => Ok(status),
+            (0, None) => Err(OperatorError::Closed { path: path() }),
+            (bytes, None) => Err(OperatorError::BadReply {
+                path: path(),
+                bytes,
+                expected: STATUS_BYTES,
+            }),
+        })
+    }
+
+    fn failed(&self, action: &'static str, errno: Errno) -> OperatorError {
+        let path = self.path.clone();
+        match errno {
+            Errno::AGAIN => OperatorError::Timeout {
+                path,
+                timeout_ms: self.timeout_ms,
+            },
+            Errno::PIPE | Errno::CONNRESET | Errno::NOTCONN => OperatorError::Closed { path },
+            source => OperatorError::Os { path, action, source },
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! The bytes on the socket: the fields of the message in their order, little-endian, without padding, which on the
+//! machines that teleopd runs on is the memory layout of the message.
+
+use messages::{Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
+
+/// Length of a request.
+pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
+/// Length of a status.
+pub const STATUS_BYTES: usize = size_of::<Status>();
+
+/// Both directions of one field list, so that they cannot differ in order.
+trait Fields {
+    fn u32(&mut self, value: &mut u32);
+    fn u64(&mut self, value: &mut u64);
+
+    fn f64(&mut self, value: &mut f64) {
+        let mut bits = value.to_bits();
+        self.u64(&mut bits);
+        *value = f64::from_bits(bits);
+    }
+}
+
+/// Puts fields into a buffer.
+struct Put<'a> {
+    bytes: &'a mut [u8],
+    at: usize,
+}
+
+impl Fields for Put<'_> {
+    fn u32(&mut self, value: &mut u32) {
+        self.bytes[self.at..self.at + 4].copy_from_slice(&value.to_le_bytes());
+        self.at += 4;
+    }
+
+    fn u64(&mut self, value: &mut u64) {
+        self.bytes[self.at..self.at + 8].copy_from_slice(&value.to_le_bytes());
+        self.at += 8;
+    }
+}
+
+/// Takes fields out of a buffer, whose length was checked before.
+struct Take<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Take<'_> {
+    fn next<const N: usize>(&mut self) -> [u8; N] {
+        let mut out = [0; N];
+        out.copy_from_slice(&self.bytes[self.at..self.at + N]);
+        self.at += N;
+        out
+    }
+}
+
+impl Fields for Take<'_> {
+    fn u32(&mut self, value: &mut u32) {
+        *value = u32::from_le_bytes(self.next());
+    }
+
+    fn u64(&mut self, value: &mut u64) {
+        *value = u64::from_le_bytes(self.next());
+    }
+}
+
+fn request_fields(fields: &mut impl Fields, request: &mut OperatorRequest) {
+    let OperatorRequest {
+        version,
+        enable_level,
+        enable_count,
+        release_count,
+        reset_count,
+        estop_count,
+        sequence,
+    } = request;
+    for value in [
+        version,
+        enable_level,
+        enable_count,
+        release_count,
+        reset_count,
+        estop_count,
+    ] {
+        fields.u32(value);
+    }
+    fields.u64(sequence);
+}
+
+fn header_fields(fields: &mut impl Fields, header: &mut Header) {
+    let Header {
+        sequence,
+        stamp: Stamp(stamp),
+        origin: Stamp(origin),
+        config_hash,
+        incarnation,
+        reserved,
+    } = header;
+    for value in [sequence, stamp, origin, config_hash] {
+        fields.u64(value);
+    }
+    fields.u32(incarnation);
+    fields.u32(reserved);
+}
+
+fn transition_fields(fields: &mut impl Fields, transition: &mut Transition) {
+    let Transition {
+        k,
+        from,
+        to,
+        why,
+        reserved,
+    } = transition;
+    fields.u64(k);
+    for value in [from, to, why, reserved] {
+        fields.u32(value);
+    }
+}
+
+fn status_fields(fields: &mut impl Fields, s: &mut Status) {
+    header_fields(fields, &mut s.header);
+    for value in [
+        &mut s.k,
+        &mut s.ticks,
+        &mut s.missed_deadlines,
+        &mut s.faults,
+        &mut s.latched,
+    ] {
+        fields.u64(value);
+    }
+    for value in [&mut s.target_stamp.0, &mut s.state_stamp.0, &mut s.input_age_ns] {
+        fields.u64(value);
+    }
+    for value in [
+        &mut s.clearance_command_m,
+        &mut s.clearance_measured_m,
+        &mut s.tracking_error,
+    ] {
+        fields.f64(value);
+    }
+    for value in [
+        &mut s.limb_error_target_rad,
+        &mut s.limb_error_measured_rad,
+        &mut s.speed_scale,
+    ] {
+        fields.f64(value);
+    }
+    for value in s.nearest_pair.iter_mut().chain([&mut s.mode, &mut s.transition_count]) {
+        fields.u32(value);
+    }
+    for transition in &mut s.transitions {
+        transition_fields(fields, transition);
+    }
+    for value in &mut s.fault_counts {
+        fields.u32(value);
+    }
+    for value in [&mut s.gate_denials, &mut s.fallbacks, &mut s.operators, &mut s.realtime] {
+        fields.u32(value);
+    }
+}
+
+/// The bytes of a request.
+pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
+    let mut bytes = [0; REQUEST_BYTES];
+    request_fields(
+        &mut Put {
+            bytes: &mut bytes,
+            at: 0,
+        },
+        &mut { *request },
+    );
+    bytes
+}
+
+/// The request in `bytes`; `None` if the length or the version is not ours or the level is neither 0 nor 1.
+pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
+    let mut request = OperatorRequest::ZERO;
+    if bytes.len() != REQUEST_BYTES {
+        return None;
+    }
+    request_fields(&mut Take { bytes, at: 0 }, &mut request);
+    (request.version == OPERATOR_VERSION && request.enable_level <= 1).then_some(request)
+}
+
+/// The bytes of a status.
+pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
+    let mut bytes = [0; STATUS_BYTES];
+    status_fields(
+        &mut Put {
+            bytes: &mut bytes,
+            at: 0,
+        },
+        &mut { *status },
+    );
+    bytes
+}
+
+/// The status in `bytes`; `None` if the length is not that of a `Status`.
+pub fn decode_status(bytes: &[u8]) -> Option<Status> {
+    let mut status = Status::ZERO;
+    if bytes.len() != STATUS_BYTES {
+        return None;
+    }
+    status_fields(&mut Take { bytes, at: 0 }, &mut status);
+    Some(status)
+}
