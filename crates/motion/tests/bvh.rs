@@ -102,6 +102,42 @@ fn names_of_every_exporter_map_to_the_same_joints() {
 }
 
 #[test]
+fn where_names_do_not_decide_the_tree_does() {
+    // No clavicle and no toe by name: "LeftShoulder" is the shoulder, "LeftFoot" the ankle, and their neighbours stand in.
+    let bare = "Hips LeftHip LeftKnee LeftFoot LeftTip RightHip RightKnee RightFoot RightTip Chest Chest2 Chest3 Neck \
+        Head LeftMuscle LeftShoulder LeftElbow LeftWrist RightMuscle RightShoulder RightElbow RightWrist";
+    let motion = short();
+    let read = parse_bvh("bare", renamed(&write_bvh(&motion), bare).as_bytes()).expect("a bare rig");
+    assert_same(&motion, &read);
+    assert_eq!(read.guesses.warnings.len(), 4, "{:?}", read.guesses.warnings);
+}
+
+#[test]
+fn a_root_that_moves_relative_to_its_offset_stands_on_the_floor_too() {
+    let motion = short();
+    let text = write_bvh(&motion);
+    let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
+    let root: f64 = hierarchy
+        .lines()
+        .nth(3)
+        .and_then(|l| l.split_whitespace().nth(2))
+        .expect("y")
+        .parse()
+        .expect("y");
+    let mut lines = frames.lines();
+    let mut out = format!("{hierarchy}Frame Time: {}\n", lines.next().expect("a time"));
+    for line in lines {
+        let mut words: Vec<String> = line.split_whitespace().map(str::to_owned).collect();
+        words[1] = format!("{:.6}", words[1].parse::<f64>().expect("y") - root);
+        out += &(words.join(" ") + "\n");
+    }
+    let read = parse_bvh("relative", out.as_bytes()).expect("a relative root");
+    for (a, b) in motion.frames.iter().zip(&read.frames) {
+        assert!((a.positions[7][2] - b.positions[7][2]).abs() < 1e-5);
+    }
+}
+
+#[test]
 fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
     let motion = short();
     for (factor, unit) in [

@@ -64,6 +64,15 @@ fn a_t_pose_is_the_identity() {
 }
 
 #[test]
+fn a_hinge_that_is_not_flagged_valid_counts_for_nothing() {
+    let body = person([0.3, 0.2, 0.5, 1.0, 0.4], [0.1, 0.2, 0.5, 1.0, 0.4]);
+    let mut rubbish = t_pose_hinges();
+    rubbish.hinge = [[0.6, 0.0, 0.8]; LIMBS];
+    rubbish.flags = 0;
+    assert_eq!(limbs(&body, &rubbish), limbs(&body, &HingeCalibration::ZERO));
+}
+
+#[test]
 fn flexing_moves_the_forearm_to_the_front_on_both_sides() {
     let body = person([0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0]);
     assert!(body.0[20][0] > body.0[18][0] + 0.1 && body.0[21][0] > body.0[19][0] + 0.1);

@@ -112,6 +112,13 @@ fn stamps_count_on_the_receivers_clock() {
 }
 
 #[test]
+fn a_joint_beyond_every_reach_is_out_of_range() {
+    let mut frame = raw(&standing(0.0), 0);
+    frame.positions[20] = [0.0, 1.6, 0.92];
+    assert_eq!(feed(&mut State::new(), &frame), Some(DropReason::OutOfRange));
+}
+
+#[test]
 fn a_small_error_of_norm_is_renormalised_and_a_large_one_dropped() {
     let mut state = running(3);
     let mut frame = raw(&standing(0.05), 3);
