@@ -120,13 +120,13 @@ const DELIVERIES: [Delivery; 5] = [
 fn motion_is_continuous_at_every_rate_and_delivery() {
     let mut worst: f64 = 0.0;
     for rate_hz in [30.0, 60.0, 120.0, 240.0] {
-        let person = fastest_human(rate_hz, 6.0);
+        let person = fastest_human(rate_hz, 4.0);
         for (name, late) in DELIVERIES {
             for origins in [true, false] {
                 let allowed = person * if origins { HURRY } else { HURRY_UNSTAMPED };
                 for delay_ms in [0.0, 20.0, 40.0, 80.0] {
                     let mut rng = Pcg64::seed_from_u64(21);
-                    let arrivals = source(rate_hz, 6.0, origins, |i| late(i, &mut rng));
+                    let arrivals = source(rate_hz, 4.0, origins, |i| late(i, &mut rng));
                     let outputs = run(
                         &config(Method::ClosedForm, Resample::Interpolate, delay_ms),
                         &arrivals,
