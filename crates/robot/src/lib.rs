@@ -1,1 +1,29 @@
-//! Under construction.
+//! Never reads a file, a clock or the environment, and never moves anything: text of a URDF and of a robot file in, a
+//! checked [`Model`] out, with limits, forward kinematics, Jacobians and collision geometry.
+//!
+//! - [`Model::from_text`] refuses what it does not understand; errors name file, key, value and bound.
+//! - Bodies: body 0 is the base, body `1 + j` is what moves with joint `j` of the 17, in the frame of that joint's link.
+//! - All positions are in metres, angles in radians, in the base frame unless a name says otherwise.
+
+mod arm;
+mod collision;
+mod error;
+mod file;
+mod kinematics;
+mod limits;
+mod model;
+mod pose;
+mod segment;
+mod shapes;
+mod urdf;
+
+pub use arm::Arm;
+pub use collision::{AllowedPair, AllowedReason, CAPSULES_MAX, Capsule, Pair};
+pub use error::RobotError;
+pub use file::urdf_file;
+pub use kinematics::Frames;
+pub use limits::JointLimits;
+pub use model::Model;
+pub use pose::Pose;
+pub use segment::{SegmentDistance, segment_distance};
+pub use shapes::capsule_distance_oracle;

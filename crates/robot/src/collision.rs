@@ -1,0 +1,204 @@
+//! Collision geometry: capsules on bodies, and which pairs of them are checked.
+
+use crate::error::RobotError;
+use crate::file::{Allowed, CapsuleEntry};
+use crate::kinematics::Frames;
+use crate::model::Model;
+use crate::segment::segment_distance;
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// Most capsules of a robot: their end points in the base frame fit on the stack of a tick.
+pub const CAPSULES_MAX: usize = 64;
+
+/// All points within `radius_m` of a segment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capsule {
+    /// Unique name.
+    pub name: String,
+    /// The body it is fixed to.
+    pub body: usize,
+    /// One end of the axis in the body's frame, m.
+    pub a: Vector3<f64>,
+    /// The other end, m.
+    pub b: Vector3<f64>,
+    /// Radius, m.
+    pub radius_m: f64,
+}
+
+/// Two capsules that are checked against each other, `a < b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Pair {
+    /// Index of one capsule.
+    pub a: usize,
+    /// Index of the other.
+    pub b: usize,
+}
+
+/// Why a pair is not checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AllowedReason {
+    /// Both on one body: they cannot move against each other.
+    SameBody,
+    /// On two bodies with one joint between them, whose stops keep them apart.
+    Adjacent,
+    /// Proved by the collision tool to keep the clearance over the whole box of the position limits.
+    ProvedClear,
+}
+
+/// Two capsules that are not checked against each other, `a < b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AllowedPair {
+    /// Index of one capsule.
+    pub a: usize,
+    /// Index of the other.
+    pub b: usize,
+    /// Why.
+    pub reason: AllowedReason,
+}
+
+impl Model {
+    /// The least clearance of all checked pairs, m (negative: the capsules overlap), and the index of that pair in
+    /// `pairs`; infinite and 0 where there is no pair. No allocation.
+    pub fn clearance(&self, frames: &Frames) -> (f64, usize) {
+        let mut ends = [(Vector3::zeros(), Vector3::zeros()); CAPSULES_MAX];
+        for (end, capsule) in ends.iter_mut().zip(&self.capsules) {
+            let pose = &frames.base_from_body[capsule.body];
+            *end = (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b));
+        }
+        let mut least = (f64::INFINITY, 0);
+        for (index, pair) in self.pairs.iter().enumerate() {
+            let ((a0, a1), (b0, b1)) = (&ends[pair.a], &ends[pair.b]);
+            let radii = self.capsules[pair.a].radius_m + self.capsules[pair.b].radius_m;
+            let clearance = segment_distance(a0, a1, b0, b1).distance_m - radii;
+            if clearance < least.0 {
+                least = (clearance, index);
+            }
+        }
+        least
+    }
+}
+
+/// Capsules in body frames from the entries of a robot file, which are in link frames.
+pub(crate) fn read_capsules(
+    file: &str,
+    entries: &[CapsuleEntry],
+    body_of: impl Fn(&str) -> Option<(usize, crate::pose::Pose)>,
+) -> Result<Vec<Capsule>, RobotError> {
+    if entries.is_empty() || entries.len() > CAPSULES_MAX {
+        return Err(RobotError::Value {
+            file: file.into(),
+            key: "number of collision.capsules".into(),
+            value: entries.len().to_string(),
+            bound: format!("must be 1 to {CAPSULES_MAX}"),
+        });
+    }
+    let mut capsules: Vec<Capsule> = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let key = format!("collision.capsules `{}`", entry.name);
+        if capsules.iter().any(|capsule| capsule.name == entry.name) {
+            return Err(RobotError::Duplicate {
+                file: file.into(),
+                key: "capsule".into(),
+                name: entry.name.clone(),
+            });
+        }
+        let (body, body_from_link) = body_of(&entry.link).ok_or_else(|| RobotError::Unknown {
+            file: file.into(),
+            key: format!("{key}: link"),
+            name: entry.link.clone(),
+            expected: "a link of the URDF".into(),
+        })?;
+        // 2 m from its link and 1 m thick is no part of an arm's robot.
+        let refuse = |name: &str, value: f64, bound: &str| RobotError::Value {
+            file: file.into(),
+            key: format!("{key}: {name}"),
+            value: value.to_string(),
+            bound: bound.into(),
+        };
+        if let Some(value) = entry.a_m.iter().chain(&entry.b_m).find(|value| !(value.abs() <= 2.0)) {
+            return Err(refuse("a_m or b_m", *value, "at most 2 in magnitude"));
+        }
+        if !(entry.radius_m > 0.0 && entry.radius_m <= 1.0) {
+            return Err(refuse("radius_m", entry.radius_m, "must be above 0, at most 1"));
+        }
+        capsules.push(Capsule {
+            name: entry.name.clone(),
+            body,
+            a: body_from_link.transform_point(&entry.a_m.into()),
+            b: body_from_link.transform_point(&entry.b_m.into()),
+            radius_m: entry.radius_m,
+        });
+    }
+    Ok(capsules)
+}
+
+/// Sorts every pair of capsules into checked and allowed. What no reason covers is checked.
+pub(crate) fn read_pairs(
+    file: &str,
+    capsules: &[Capsule],
+    allowed: &Allowed,
+    parent_body: impl Fn(usize) -> Option<usize>,
+) -> Result<(Vec<Pair>, Vec<AllowedPair>), RobotError> {
+    let mut reasons: BTreeMap<Pair, AllowedReason> = BTreeMap::new();
+    let tables = [
+        (AllowedReason::Adjacent, &allowed.adjacent),
+        (AllowedReason::ProvedClear, &allowed.proved_clear),
+    ];
+    for (reason, table) in tables {
+        let table_name = if reason == AllowedReason::Adjacent {
+            "adjacent"
+        } else {
+            "proved_clear"
+        };
+        let find = |name: &str| {
+            capsules
+                .iter()
+                .position(|capsule| capsule.name == name)
+                .ok_or_else(|| RobotError::Unknown {
+                    file: file.into(),
+                    key: format!("collision.allowed.{table_name}"),
+                    name: name.into(),
+                    expected: "a capsule".into(),
+                })
+        };
+        for (first, others) in table {
+            for second in others {
+                let (x, y) = (find(first)?, find(second)?);
+                let pair = Pair {
+                    a: x.min(y),
+                    b: x.max(y),
+                };
+                let (a, b) = (capsules[x].body, capsules[y].body);
+                let refuse = |bound: &str| RobotError::Value {
+                    file: file.into(),
+                    key: format!("collision.allowed.{table_name}.{first}"),
+                    value: format!("`{second}`"),
+                    bound: bound.into(),
+                };
+                if reason == AllowedReason::Adjacent && parent_body(a) != Some(b) && parent_body(b) != Some(a) {
+                    return Err(refuse("only bodies with one joint between them are adjacent"));
+                }
+                if a == b {
+                    return Err(refuse("capsules of one body need no entry"));
+                }
+                if reasons.insert(pair, reason).is_some() {
+                    return Err(refuse("a pair may be listed once"));
+                }
+            }
+        }
+    }
+    let (mut pairs, mut listed) = (Vec::new(), Vec::new());
+    for b in 0..capsules.len() {
+        for a in 0..b {
+            let same = (capsules[a].body == capsules[b].body).then_some(AllowedReason::SameBody);
+            match same.or_else(|| reasons.get(&Pair { a, b }).copied()) {
+                Some(reason) => listed.push(AllowedPair { a, b, reason }),
+                None => pairs.push(Pair { a, b }),
+            }
+        }
+    }
+    pairs.sort_unstable();
+    listed.sort_unstable_by_key(|pair| (pair.a, pair.b));
+    Ok((pairs, listed))
+}

@@ -1,0 +1,153 @@
+//! Forward kinematics and Jacobians of the 18 bodies.
+
+use crate::model::Model;
+use crate::pose::Pose;
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+
+/// Poses of all bodies in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frames {
+    /// Body 0 is the base, body `1 + j` moves with joint `j`.
+    pub base_from_body: [Pose; JOINTS + 1],
+}
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self {
+            base_from_body: [Pose::identity(); JOINTS + 1],
+        }
+    }
+}
+
+/// How a body hangs on its parent body.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct JointFrame {
+    /// The parent body, always with a smaller index.
+    pub(crate) parent: usize,
+    /// Unit axis in the body's own frame, which its own motion leaves alone.
+    pub(crate) axis: Vector3<f64>,
+    /// Origin of the body at position zero in the parent body's frame, m.
+    offset: Vector3<f64>,
+    motion: Motion,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Motion {
+    /// R(q) = fixed + sin(q) sine + cos(q) cosine: Rodrigues' formula after the fixed rotation.
+    Turn {
+        fixed: Matrix3<f64>,
+        sine: Matrix3<f64>,
+        cosine: Matrix3<f64>,
+    },
+    /// t(q) = offset + q direction.
+    Slide {
+        rotation: Matrix3<f64>,
+        direction: Vector3<f64>,
+    },
+}
+
+impl JointFrame {
+    /// The joint at `parent_from_joint` in body `parent`, about or along the unit `axis` of its own frame.
+    pub(crate) fn new(parent: usize, parent_from_joint: &Pose, axis: Vector3<f64>, prismatic: bool) -> Self {
+        let r = parent_from_joint.r;
+        let motion = if prismatic {
+            Motion::Slide {
+                rotation: r,
+                direction: r * axis,
+            }
+        } else {
+            let along = axis * axis.transpose();
+            Motion::Turn {
+                fixed: r * along,
+                sine: r * axis.cross_matrix(),
+                cosine: r * (Matrix3::identity() - along),
+            }
+        };
+        Self {
+            parent,
+            axis,
+            offset: parent_from_joint.t,
+            motion,
+        }
+    }
+}
+
+impl Model {
+    /// Poses of all bodies at the joint positions `q` (rad, m). No allocation.
+    ///
+    /// base_from_body = base_from_parent * (parent_from_joint * motion(q)), parents before children.
+    pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
+        out.base_from_body[0] = Pose::identity();
+        for (j, joint) in self.joint_frames.iter().enumerate() {
+            let parent = out.base_from_body[joint.parent];
+            out.base_from_body[j + 1] = match &joint.motion {
+                Motion::Turn { fixed, sine, cosine } => {
+                    let (sin, cos) = q[j].sin_cos();
+                    Pose {
+                        r: parent.r * (fixed + sine * sin + cosine * cos),
+                        t: parent.r * joint.offset + parent.t,
+                    }
+                }
+                Motion::Slide { rotation, direction } => Pose {
+                    r: parent.r * rotation,
+                    t: parent.r * (joint.offset + direction * q[j]) + parent.t,
+                },
+            };
+        }
+    }
+
+    /// Jacobian of a point that is fixed to `body` and now lies at `point` of the base frame, m: column j is the point's
+    /// linear velocity (m/s) and the body's angular velocity (rad/s) in the base frame per unit speed of joint j. No
+    /// allocation.
+    ///
+    /// Revolute: (w x (p - o), w); prismatic: (w, 0); zero for joints that do not carry the body.
+    pub fn jacobian(&self, frames: &Frames, body: usize, point: &Vector3<f64>) -> [[f64; 6]; JOINTS] {
+        let mut columns = [[0.0; 6]; JOINTS];
+        let mut at = body;
+        while at > 0 {
+            let j = at - 1;
+            let pose = &frames.base_from_body[at];
+            let axis = pose.r * self.joint_frames[j].axis;
+            columns[j] = if self.prismatic[j] {
+                [axis.x, axis.y, axis.z, 0.0, 0.0, 0.0]
+            } else {
+                let linear = axis.cross(&(point - pose.t));
+                [linear.x, linear.y, linear.z, axis.x, axis.y, axis.z]
+            };
+            at = self.joint_frames[j].parent;
+        }
+        columns
+    }
+
+    /// Pose in the base frame of any link of the URDF, or `None` where there is no such link. Searches by name: not for
+    /// ticks.
+    pub fn link_pose(&self, frames: &Frames, link: &str) -> Option<Pose> {
+        let (body, body_from_link) = self.link_body(link)?;
+        Some(frames.base_from_body[body].compose(&body_from_link))
+    }
+
+    /// The body that carries a link and the link's pose in that body's frame. Searches by name: not for ticks.
+    pub fn link_body(&self, link: &str) -> Option<(usize, Pose)> {
+        self.links
+            .iter()
+            .find(|known| known.name == link)
+            .map(|known| (known.body, known.body_from_link))
+    }
+
+    /// The body that `body` hangs on; `None` for the base.
+    pub fn parent_body(&self, body: usize) -> Option<usize> {
+        body.checked_sub(1).map(|j| self.joint_frames[j].parent)
+    }
+
+    /// Pose of the body of joint `j` in its parent body's frame at joint position zero, and the joint's unit axis in the
+    /// body's own frame.
+    pub fn joint_at_zero(&self, j: usize) -> (Pose, Vector3<f64>) {
+        let joint = &self.joint_frames[j];
+        let r = match &joint.motion {
+            Motion::Turn { fixed, cosine, .. } => fixed + cosine,
+            Motion::Slide { rotation, .. } => *rotation,
+        };
+        (Pose { r, t: joint.offset }, joint.axis)
+    }
+}

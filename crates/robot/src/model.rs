@@ -1,0 +1,650 @@
+//! The checked model of one robot.
+
+use crate::arm::Arm;
+use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
+use crate::error::RobotError;
+use crate::file::{Limits, RobotFile, Tighten};
+use crate::kinematics::{Frames, JointFrame};
+use crate::limits::{JointLimits, Plausible};
+use crate::pose::Pose;
+use crate::urdf::Tree;
+use messages::{ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use urdf_rs::JointType;
+
+/// Everything about one robot that does not change while it moves.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// Name, the same in both files.
+    pub name: String,
+    /// The first 8 bytes of the SHA-256 of both texts: equal hashes, equal robots.
+    pub hash: u64,
+    /// URDF names of the 17 joints in the fixed joint order.
+    pub joint_names: [String; JOINTS],
+    /// Which joints slide (m) instead of turning (rad).
+    pub prismatic: [bool; JOINTS],
+    /// Limits in force: the URDF's, tightened by the robot file.
+    pub limits: [JointLimits; JOINTS],
+    /// Limits as the URDF has them; acceleration and jerk are infinite where it names none.
+    pub urdf_limits: [JointLimits; JOINTS],
+    /// Posture of everything that nothing else determines, rad or m.
+    pub home: [f64; JOINTS],
+    /// Left and right arm; the right one is checked to be the mirror image of the left.
+    pub arms: [Arm; 2],
+    /// The body whose frame is the torso frame of the limb rotations.
+    pub torso_body: usize,
+    /// Collision geometry.
+    pub capsules: Vec<Capsule>,
+    /// The pairs that are checked, in ascending order.
+    pub pairs: Vec<Pair>,
+    /// The pairs that are not, with reasons.
+    pub allowed: Vec<AllowedPair>,
+    /// Commands keep every checked pair at least this far apart, m.
+    pub d_min_m: f64,
+    /// Measured postures below this clearance are a fault, m.
+    pub d_measured_min_m: f64,
+    pub(crate) joint_frames: Vec<JointFrame>,
+    pub(crate) links: Vec<Link>,
+}
+
+/// Where a link of the URDF is.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    pub(crate) name: String,
+    pub(crate) body: usize,
+    pub(crate) body_from_link: Pose,
+}
+
+impl Model {
+    /// Makes a model of the text of a robot file and of a URDF; the names are those of the files, for error messages.
+    ///
+    /// Refuses what would make a guarantee hollow: texts that are no tree of links, joints without believable limits,
+    /// overrides that loosen, arms that do not mirror, a home posture outside the limits or too close to itself.
+    pub fn from_text(toml_name: &str, toml_text: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, RobotError> {
+        let file = RobotFile::parse(toml_name, toml_text)?;
+        let tree = Tree::parse(urdf_name, urdf_text)?;
+        let source = Source {
+            toml: toml_name,
+            urdf: urdf_name,
+        };
+        source.build(file, &tree, hash(toml_text, urdf_text))
+    }
+}
+
+fn hash(toml_text: &str, urdf_text: &str) -> u64 {
+    let mut hasher = Sha256::new();
+    for text in [toml_text, urdf_text] {
+        hasher.update((text.len() as u64).to_le_bytes());
+        hasher.update(text);
+    }
+    let digest = hasher.finalize();
+    u64::from_le_bytes(std::array::from_fn(|i| digest[i]))
+}
+
+/// Names of the two files, for the errors of whatever is built from them.
+struct Source<'a> {
+    toml: &'a str,
+    urdf: &'a str,
+}
+
+impl Source<'_> {
+    fn build(&self, file: RobotFile, tree: &Tree, hash: u64) -> Result<Model, RobotError> {
+        let joint_names = file.joints.ordered();
+        let at = self.find_joints(&joint_names, tree)?;
+        let prismatic = std::array::from_fn(|j| tree.joints[at[j]].kind == JointType::Prismatic);
+        self.check_other_joints(&file.held_joints, &at, tree)?;
+        let (joint_frames, links) = self.split_bodies(&file.base_link, &at, &prismatic, tree)?;
+
+        let urdf_limits = self.urdf_limits(&at, &prismatic, tree)?;
+        self.check_names("tighten", file.tighten.keys(), &joint_names)?;
+        let mut limits = urdf_limits;
+        for j in 0..JOINTS {
+            let tighten = file.tighten.get(&joint_names[j]);
+            limits[j] = self.effective(j, &joint_names[j], prismatic[j], &urdf_limits[j], &file.limits, tighten)?;
+        }
+        let home = self.home(&file.home_m, &file.home_rad, &joint_names, &prismatic)?;
+
+        let link_body = |name: &str| {
+            links
+                .iter()
+                .find(|link| link.name == name)
+                .map(|l| (l.body, l.body_from_link))
+        };
+        let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
+        let parent = |body: usize| body.checked_sub(1).map(|j| joint_frames[j].parent);
+        let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
+        let torso_body = link_body(&file.torso_link)
+            .ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?
+            .0;
+        for (side, limb, arm) in [
+            ("left", &file.limbs.left, LEFT_ARM),
+            ("right", &file.limbs.right, RIGHT_ARM),
+        ] {
+            // Body 1 + j moves with joint j: the upper arm with the arm's third joint, the forearm with its fifth.
+            for (part, name, body) in [
+                ("upper", &limb.upper, arm.start + 3),
+                ("fore", &limb.fore, arm.start + 5),
+            ] {
+                let key = format!("limbs.{side}.{part}");
+                let found = link_body(name).ok_or_else(|| self.unknown_link(&key, name))?.0;
+                if found != body {
+                    let bound = format!("must move with joint `{}`", joint_names[body - 1]);
+                    return Err(self.value(&key, format!("`{name}`"), bound));
+                }
+            }
+        }
+
+        let blank = Arm {
+            joints: [0; ARM_JOINTS],
+            axes: Default::default(),
+            reference: Default::default(),
+            q_min: Default::default(),
+            q_max: Default::default(),
+        };
+        let mut model = Model {
+            name: file.name,
+            hash,
+            joint_names,
+            prismatic,
+            limits,
+            urdf_limits,
+            home,
+            arms: [blank; 2],
+            torso_body,
+            capsules,
+            pairs,
+            allowed,
+            d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
+            d_measured_min_m: self.millimetres(
+                "collision.clearance_measured_min_mm",
+                file.collision.clearance_measured_min_mm,
+            )?,
+            joint_frames,
+            links,
+        };
+        for (side, range) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
+            let joints: [usize; ARM_JOINTS] = std::array::from_fn(|i| range.start + i);
+            let reference = self.reference(&file.reference_rad, &joints[..5], &model.joint_names)?;
+            model.arms[side] = model.derive_arm(joints, reference, torso_body);
+        }
+        self.check_names("reference_rad", file.reference_rad.keys(), &model.joint_names)?;
+        model.check_mirror(self.urdf)?;
+        self.check_home(&model)?;
+        Ok(model)
+    }
+
+    fn value(&self, key: &str, value: String, bound: impl Into<String>) -> RobotError {
+        RobotError::Value {
+            file: self.toml.into(),
+            key: key.into(),
+            value,
+            bound: bound.into(),
+        }
+    }
+
+    fn unknown_link(&self, key: &str, name: &str) -> RobotError {
+        let (file, key, name) = (self.toml.into(), key.into(), name.into());
+        RobotError::Unknown {
+            file,
+            key,
+            name,
+            expected: "a link of the URDF".into(),
+        }
+    }
+
+    fn joint(&self, file: &str, joint: &str, key: &str, value: f64, bound: impl Into<String>) -> RobotError {
+        let (file, joint, key) = (file.into(), joint.into(), key.into());
+        RobotError::Joint {
+            file,
+            joint,
+            key,
+            value,
+            bound: bound.into(),
+        }
+    }
+
+    fn check_names<'n>(
+        &self,
+        table: &str,
+        mut names: impl Iterator<Item = &'n String>,
+        joint_names: &[String; JOINTS],
+    ) -> Result<(), RobotError> {
+        names.find(|name| !joint_names.contains(name)).map_or(Ok(()), |name| {
+            let (file, key, name) = (self.toml.into(), table.into(), name.clone());
+            Err(RobotError::Unknown {
+                file,
+                key,
+                name,
+                expected: "a commanded joint".into(),
+            })
+        })
+    }
+
+    /// The commanded joints in the tree, each of a kind that can be commanded.
+    fn find_joints(&self, names: &[String; JOINTS], tree: &Tree) -> Result<[usize; JOINTS], RobotError> {
+        let mut at = [0; JOINTS];
+        for (j, name) in names.iter().enumerate() {
+            at[j] = tree.joint(name).ok_or_else(|| RobotError::Unknown {
+                file: self.toml.into(),
+                key: "joints".into(),
+                name: name.clone(),
+                expected: "a joint of the URDF".into(),
+            })?;
+            if at[..j].contains(&at[j]) {
+                let (file, key) = (self.toml.into(), "joint".into());
+                return Err(RobotError::Duplicate {
+                    file,
+                    key,
+                    name: name.clone(),
+                });
+            }
+            let joint = &tree.joints[at[j]];
+            let (wanted, bound) = if j == TORSO {
+                (JointType::Prismatic, "the torso lift must be prismatic")
+            } else {
+                (JointType::Revolute, "head and arm joints must be revolute")
+            };
+            let value = match &joint.kind {
+                kind if *kind != wanted => format!("{kind:?}").to_lowercase(),
+                _ if joint.mimics => "mimic".into(),
+                _ => continue,
+            };
+            let (file, joint) = (self.urdf.into(), name.clone());
+            return Err(RobotError::JointKind {
+                file,
+                joint,
+                value,
+                bound: bound.into(),
+            });
+        }
+        Ok(at)
+    }
+
+    /// Whatever can move is commanded or declared to be held: nothing moves unseen.
+    fn check_other_joints(&self, held: &[String], at: &[usize; JOINTS], tree: &Tree) -> Result<(), RobotError> {
+        for name in held {
+            let known = tree.joint(name).filter(|joint| !at.contains(joint));
+            if known.is_none() {
+                let (file, key, name) = (self.toml.into(), "held_joints".into(), name.clone());
+                let expected = "a joint of the URDF that is not commanded".into();
+                return Err(RobotError::Unknown {
+                    file,
+                    key,
+                    name,
+                    expected,
+                });
+            }
+        }
+        for (index, joint) in tree.joints.iter().enumerate() {
+            if joint.kind != JointType::Fixed && !at.contains(&index) && !held.contains(&joint.name) {
+                return Err(RobotError::JointKind {
+                    file: self.urdf.into(),
+                    joint: joint.name.clone(),
+                    value: format!("{:?}", joint.kind).to_lowercase(),
+                    bound: "every movable joint must be commanded or stand in held_joints of the robot file".into(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Cuts the tree at the commanded joints: 18 bodies, and every link's place on one of them.
+    fn split_bodies(
+        &self,
+        base_link: &str,
+        at: &[usize; JOINTS],
+        prismatic: &[bool; JOINTS],
+        tree: &Tree,
+    ) -> Result<(Vec<JointFrame>, Vec<Link>), RobotError> {
+        if tree.link(base_link) != Some(tree.root) {
+            let bound = format!("must be the root link `{}`", tree.links[tree.root]);
+            return Err(self.value("base_link", format!("`{base_link}`"), bound));
+        }
+        let locate = |link: usize| {
+            let mut here = (link, Pose::identity());
+            loop {
+                let Some(joint) = tree.joint_above[here.0] else {
+                    return (0, here.1);
+                };
+                if let Some(j) = at.iter().position(|commanded| *commanded == joint) {
+                    return (j + 1, here.1);
+                }
+                let joint = &tree.joints[joint];
+                here = (joint.parent, joint.parent_from_joint.compose(&here.1));
+            }
+        };
+        let mut frames = Vec::with_capacity(JOINTS);
+        for (j, index) in at.iter().enumerate() {
+            let joint = &tree.joints[*index];
+            let (parent, parent_from_link) = locate(joint.parent);
+            if parent > j {
+                let bound = "must not hang on a later joint of the order torso, head, left arm, right arm";
+                return Err(self.value("joints", format!("`{}`", joint.name), bound));
+            }
+            let parent_from_joint = parent_from_link.compose(&joint.parent_from_joint);
+            frames.push(JointFrame::new(parent, &parent_from_joint, joint.axis, prismatic[j]));
+        }
+        let links = (0..tree.links.len()).map(|link| {
+            let (body, body_from_link) = locate(link);
+            Link {
+                name: tree.links[link].clone(),
+                body,
+                body_from_link,
+            }
+        });
+        Ok((frames, links.collect()))
+    }
+
+    fn urdf_limits(
+        &self,
+        at: &[usize; JOINTS],
+        prismatic: &[bool; JOINTS],
+        tree: &Tree,
+    ) -> Result<[JointLimits; JOINTS], RobotError> {
+        let mut limits = [JointLimits {
+            q_min: 0.0,
+            q_max: 0.0,
+            v_max: 0.0,
+            a_max: 0.0,
+            j_max: 0.0,
+            effort_max: 0.0,
+        }; JOINTS];
+        for j in 0..JOINTS {
+            let (joint, plausible) = (&tree.joints[at[j]], Plausible::of(prismatic[j]));
+            let limit = &joint.limit;
+            let refuse =
+                |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
+            for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
+                if !(value.abs() <= plausible.position) {
+                    return refuse(
+                        key,
+                        value,
+                        format!("must be at most {} in magnitude", plausible.position),
+                    );
+                }
+            }
+            if !(limit.lower < limit.upper) {
+                return refuse(
+                    "limit lower",
+                    limit.lower,
+                    format!("must be below limit upper = {}", limit.upper),
+                );
+            }
+            let positive = [
+                ("limit velocity", limit.velocity, plausible.speed),
+                ("limit effort", limit.effort, plausible.effort),
+                (
+                    "limit acceleration",
+                    limit.acceleration.min(limit.deceleration),
+                    f64::INFINITY,
+                ),
+                ("limit jerk", limit.jerk, f64::INFINITY),
+            ];
+            for (key, value, most) in positive {
+                if !(value > 0.0 && value <= most) {
+                    return refuse(key, value, format!("must be above 0 and at most {most}"));
+                }
+            }
+            limits[j] = JointLimits {
+                q_min: limit.lower,
+                q_max: limit.upper,
+                v_max: limit.velocity,
+                a_max: limit.acceleration.min(limit.deceleration),
+                j_max: limit.jerk,
+                effort_max: limit.effort,
+            };
+        }
+        Ok(limits)
+    }
+
+    /// The limits in force of joint `j`: the URDF's, inside the soft margin, with acceleration and jerk of its group, and
+    /// what the file tightens.
+    fn effective(
+        &self,
+        j: usize,
+        name: &str,
+        prismatic: bool,
+        urdf: &JointLimits,
+        groups: &Limits,
+        tighten: Option<&Tighten>,
+    ) -> Result<JointLimits, RobotError> {
+        let (group, margin, acceleration, jerk) = group_of(j, groups);
+        let plausible = Plausible::of(prismatic);
+        let refuse = |key: &str, value: f64, bound: String| self.joint(self.toml, name, key, value, bound);
+        let reach = 0.5 * (urdf.q_max - urdf.q_min);
+        if !(margin >= 0.0 && margin < reach) {
+            let key = format!("limits.{group}.soft_margin");
+            return Err(refuse(
+                &key,
+                margin,
+                format!("must be at least 0 and below half the range, {reach}"),
+            ));
+        }
+        let bounds = [
+            ("acceleration_max", acceleration, plausible.acceleration.min(urdf.a_max)),
+            ("jerk_max", jerk, plausible.jerk.min(urdf.j_max)),
+        ];
+        for (key, value, most) in bounds {
+            if !(value > 0.0 && value <= most) {
+                let key = format!("limits.{group}.{key}");
+                return Err(refuse(&key, value, format!("must be above 0 and at most {most}")));
+            }
+        }
+        let mut limits = JointLimits {
+            q_min: urdf.q_min + margin,
+            q_max: urdf.q_max - margin,
+            a_max: acceleration,
+            j_max: jerk,
+            ..*urdf
+        };
+        if let Some(tighten) = tighten {
+            self.tighten(name, prismatic, tighten, &mut limits)?;
+        }
+        let stop_time_max_s = groups.stop_time_max_ms * 1e-3;
+        // Half a second is what the project promises; more would be a promise broken by a file.
+        if !(groups.stop_time_max_ms > 0.0 && groups.stop_time_max_ms <= 500.0) {
+            let value = groups.stop_time_max_ms.to_string();
+            return Err(self.value("limits.stop_time_max_ms", value, "must be above 0 and at most 500"));
+        }
+        if !(limits.stop_time_s() <= stop_time_max_s) {
+            let bound = format!("at most limits.stop_time_max_ms = {}", groups.stop_time_max_ms);
+            return Err(refuse(
+                "stop time from the highest speed in ms",
+                limits.stop_time_s() * 1e3,
+                bound,
+            ));
+        }
+        Ok(limits)
+    }
+
+    fn tighten(
+        &self,
+        name: &str,
+        prismatic: bool,
+        tighten: &Tighten,
+        limits: &mut JointLimits,
+    ) -> Result<(), RobotError> {
+        let rad = [
+            ("position_min_rad", tighten.position_min_rad),
+            ("position_max_rad", tighten.position_max_rad),
+            ("velocity_max_rad_per_s", tighten.velocity_max_rad_per_s),
+            ("effort_max_n_m", tighten.effort_max_n_m),
+        ];
+        let metre = [
+            ("position_min_m", tighten.position_min_m),
+            ("position_max_m", tighten.position_max_m),
+            ("velocity_max_m_per_s", tighten.velocity_max_m_per_s),
+            ("effort_max_n", tighten.effort_max_n),
+        ];
+        let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
+        let refuse = |key: &str, value: f64, bound: String| {
+            Err(self.joint(self.toml, name, &format!("tighten.{key}"), value, bound))
+        };
+        if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
+            return refuse(key, value, "has the wrong unit for this joint".into());
+        }
+        let [
+            (min_key, min),
+            (max_key, max),
+            (velocity_key, velocity),
+            (effort_key, effort),
+        ] = own;
+        let (lower, upper) = (limits.q_min, limits.q_max);
+        if let Some(min) = min {
+            if !(min >= lower && min < upper) {
+                return refuse(
+                    min_key,
+                    min,
+                    format!("may only tighten: must be within [{lower}, {upper})"),
+                );
+            }
+            limits.q_min = min;
+        }
+        if let Some(max) = max {
+            if !(max <= upper && max > limits.q_min) {
+                return refuse(
+                    max_key,
+                    max,
+                    format!("may only tighten: must be within ({}, {upper}]", limits.q_min),
+                );
+            }
+            limits.q_max = max;
+        }
+        for (key, value, limit) in [
+            (velocity_key, velocity, &mut limits.v_max),
+            (effort_key, effort, &mut limits.effort_max),
+        ] {
+            let Some(value) = value else { continue };
+            if !(value > 0.0 && value <= *limit) {
+                return refuse(
+                    key,
+                    value,
+                    format!("may only tighten: must be above 0 and at most {limit}"),
+                );
+            }
+            *limit = value;
+        }
+        Ok(())
+    }
+
+    fn home(
+        &self,
+        metres: &BTreeMap<String, f64>,
+        radians: &BTreeMap<String, f64>,
+        names: &[String; JOINTS],
+        prismatic: &[bool; JOINTS],
+    ) -> Result<[f64; JOINTS], RobotError> {
+        self.check_names("home_m", metres.keys(), names)?;
+        self.check_names("home_rad", radians.keys(), names)?;
+        let mut home = [0.0; JOINTS];
+        for j in 0..JOINTS {
+            let (table, key, foreign) = if prismatic[j] {
+                (metres, "home_m", radians)
+            } else {
+                (radians, "home_rad", metres)
+            };
+            if let Some(value) = foreign.get(&names[j]) {
+                return Err(self.joint(self.toml, &names[j], "home", *value, format!("belongs into [{key}]")));
+            }
+            home[j] = *table.get(&names[j]).ok_or_else(|| {
+                self.value(
+                    key,
+                    "missing".into(),
+                    format!("joint `{}` must have a home position", names[j]),
+                )
+            })?;
+        }
+        Ok(home)
+    }
+
+    fn reference(
+        &self,
+        table: &BTreeMap<String, f64>,
+        joints: &[usize],
+        names: &[String; JOINTS],
+    ) -> Result<[f64; 5], RobotError> {
+        let mut reference = [0.0; 5];
+        for (value, j) in reference.iter_mut().zip(joints) {
+            let name = &names[*j];
+            *value = *table.get(name).ok_or_else(|| {
+                let bound = format!("joint `{name}` must have a position in the T-pose");
+                self.value("reference_rad", "missing".into(), bound)
+            })?;
+            if !value.is_finite() {
+                return Err(self.joint(self.toml, name, "reference_rad", *value, "must be finite"));
+            }
+        }
+        Ok(reference)
+    }
+
+    /// 1 mm is below what any servo holds, 200 mm is more than a forearm.
+    fn millimetres(&self, key: &str, value: f64) -> Result<f64, RobotError> {
+        if !(1.0..=200.0).contains(&value) {
+            return Err(self.value(key, value.to_string(), "must be 1 to 200"));
+        }
+        Ok(value * 1e-3)
+    }
+
+    /// Home is where everything goes that nothing determines: it must be reachable and free.
+    fn check_home(&self, model: &Model) -> Result<(), RobotError> {
+        if model.d_measured_min_m > model.d_min_m {
+            let value = (model.d_measured_min_m * 1e3).to_string();
+            let bound = format!(
+                "at most clearance_min_mm = {}, or every command at the margin would be a fault",
+                model.d_min_m * 1e3
+            );
+            return Err(self.value("collision.clearance_measured_min_mm", value, bound));
+        }
+        for j in 0..JOINTS {
+            let limits = &model.limits[j];
+            if !limits.contains(model.home[j]) {
+                let bound = format!("must be within [{}, {}]", limits.q_min, limits.q_max);
+                return Err(self.joint(self.toml, &model.joint_names[j], "home", model.home[j], bound));
+            }
+        }
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        let (clearance_m, index) = model.clearance(&frames);
+        if !(clearance_m >= model.d_min_m) {
+            let pair = model.pairs[index];
+            let key = format!(
+                "home: clearance of `{}` and `{}`",
+                model.capsules[pair.a].name, model.capsules[pair.b].name
+            );
+            let bound = format!(
+                "must be at least collision.clearance_min_mm = {} mm",
+                model.d_min_m * 1e3
+            );
+            return Err(self.value(&key, format!("{:.1} mm", clearance_m * 1e3), bound));
+        }
+        Ok(())
+    }
+}
+
+/// Name, soft margin, acceleration and jerk of the group that joint `j` belongs to, SI.
+fn group_of(j: usize, groups: &Limits) -> (&'static str, f64, f64, f64) {
+    let revolute = |name, group: &crate::file::RevoluteGroup| {
+        (
+            name,
+            group.soft_margin_rad,
+            group.acceleration_max_rad_per_s2,
+            group.jerk_max_rad_per_s3,
+        )
+    };
+    if j == TORSO {
+        let group = &groups.torso;
+        (
+            "torso",
+            group.soft_margin_m,
+            group.acceleration_max_m_per_s2,
+            group.jerk_max_m_per_s3,
+        )
+    } else if HEAD.contains(&j) {
+        revolute("head", &groups.head)
+    } else if (j - LEFT_ARM.start) % ARM_JOINTS < 4 {
+        revolute("arm_1_to_4", &groups.arm_1_to_4)
+    } else {
+        revolute("arm_5_to_7", &groups.arm_5_to_7)
+    }
+}

@@ -1,0 +1,244 @@
+//! URDF text to a checked tree of links and joints.
+
+use crate::error::RobotError;
+use crate::pose::Pose;
+use nalgebra::Vector3;
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::collections::HashMap;
+use urdf_rs::JointType;
+
+/// Longest accepted text, bytes: a dual-arm robot with two hands has 0.2 MB.
+pub(crate) const TEXT_BYTES_MAX: usize = 5 << 20;
+/// Most links: a dual-arm robot with two five-fingered hands has 93.
+pub(crate) const LINKS_MAX: usize = 512;
+/// Deepest nesting: robot/link/visual/material/color and extensions of simulators stay below 12; the parser recurses.
+const DEPTH_MAX: usize = 24;
+/// A joint's axis may differ from unit length by rounding of its text, not by more.
+const AXIS_LENGTH_TOLERANCE: f64 = 1e-6;
+
+/// One joint.
+pub(crate) struct UrdfJoint {
+    pub(crate) name: String,
+    pub(crate) kind: JointType,
+    pub(crate) parent: usize,
+    pub(crate) child: usize,
+    /// The joint's frame in the parent link's frame.
+    pub(crate) parent_from_joint: Pose,
+    /// Unit axis in the joint's frame; meaningless for a fixed joint.
+    pub(crate) axis: Vector3<f64>,
+    /// As written; checked where the joint is commanded.
+    pub(crate) limit: urdf_rs::JointLimit,
+    pub(crate) mimics: bool,
+}
+
+/// All links and joints as one tree.
+pub(crate) struct Tree {
+    pub(crate) links: Vec<String>,
+    pub(crate) joints: Vec<UrdfJoint>,
+    /// The joint above each link; none above the root.
+    pub(crate) joint_above: Vec<Option<usize>>,
+    pub(crate) root: usize,
+}
+
+impl Tree {
+    /// Reads and checks a URDF.
+    pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
+        check_text(file, text)?;
+        let robot = urdf_rs::read_from_string(text).map_err(|error| RobotError::Syntax {
+            file: file.into(),
+            cause: error.to_string(),
+        })?;
+        if robot.links.len() > LINKS_MAX {
+            let (key, count) = ("links".into(), robot.links.len());
+            return Err(RobotError::TooMany {
+                file: file.into(),
+                key,
+                count,
+                bound: LINKS_MAX,
+            });
+        }
+        let links: Vec<String> = robot.links.iter().map(|link| link.name.clone()).collect();
+        let index = unique(file, "link", &links)?;
+        let names: Vec<String> = robot.joints.iter().map(|joint| joint.name.clone()).collect();
+        let joint_index = unique(file, "joint", &names)?;
+        let mut joints = Vec::with_capacity(robot.joints.len());
+        for joint in &robot.joints {
+            if let Some(mimic) = &joint.mimic
+                && !joint_index.contains_key(mimic.joint.as_str())
+            {
+                return Err(RobotError::Unknown {
+                    file: file.into(),
+                    key: format!("joint `{}`: mimic", joint.name),
+                    name: mimic.joint.clone(),
+                    expected: "a joint of this file".into(),
+                });
+            }
+            joints.push(read_joint(file, joint, &index)?);
+        }
+        let (joint_above, root) = check_tree(file, &links, &joints)?;
+        Ok(Self {
+            links,
+            joints,
+            joint_above,
+            root,
+        })
+    }
+
+    /// The joint of that name.
+    pub(crate) fn joint(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|joint| joint.name == name)
+    }
+
+    /// The link of that name.
+    pub(crate) fn link(&self, name: &str) -> Option<usize> {
+        self.links.iter().position(|link| link == name)
+    }
+}
+
+/// Refuses what the parsers behind this one must never see: huge or deep texts, document types, entities.
+fn check_text(file: &str, text: &str) -> Result<(), RobotError> {
+    if text.len() > TEXT_BYTES_MAX {
+        return Err(RobotError::TooLong {
+            file: file.into(),
+            bytes: text.len(),
+            bound: TEXT_BYTES_MAX,
+        });
+    }
+    let syntax = |cause: String| RobotError::Syntax {
+        file: file.into(),
+        cause,
+    };
+    let mut reader = Reader::from_str(text);
+    let mut depth = 0_usize;
+    loop {
+        match reader.read_event() {
+            Err(error) => return Err(syntax(format!("byte {}: {error}", reader.error_position()))),
+            Ok(Event::DocType(_)) => {
+                return Err(RobotError::Forbidden {
+                    file: file.into(),
+                    construct: "a document type (DTD)".into(),
+                });
+            }
+            Ok(Event::GeneralRef(_)) => {
+                return Err(RobotError::Forbidden {
+                    file: file.into(),
+                    construct: "an entity reference".into(),
+                });
+            }
+            Ok(Event::Start(_)) => {
+                depth += 1;
+                if depth > DEPTH_MAX {
+                    let key = "depth of nested elements".into();
+                    return Err(RobotError::TooMany {
+                        file: file.into(),
+                        key,
+                        count: depth,
+                        bound: DEPTH_MAX,
+                    });
+                }
+            }
+            Ok(Event::End(_)) => depth = depth.saturating_sub(1),
+            Ok(Event::Eof) if depth > 0 => return Err(syntax("ends inside an element".into())),
+            Ok(Event::Eof) => return Ok(()),
+            Ok(Event::Empty(_) | Event::Text(_) | Event::CData(_) | Event::Comment(_)) => {}
+            Ok(Event::Decl(_) | Event::PI(_)) => {}
+        }
+    }
+}
+
+fn unique<'a>(file: &str, key: &str, names: &'a [String]) -> Result<HashMap<&'a str, usize>, RobotError> {
+    let mut index = HashMap::with_capacity(names.len());
+    for (at, name) in names.iter().enumerate() {
+        if index.insert(name.as_str(), at).is_some() {
+            return Err(RobotError::Duplicate {
+                file: file.into(),
+                key: key.into(),
+                name: name.clone(),
+            });
+        }
+    }
+    Ok(index)
+}
+
+fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) -> Result<UrdfJoint, RobotError> {
+    let link = |key: &str, name: &str| {
+        links.get(name).copied().ok_or_else(|| RobotError::Unknown {
+            file: file.into(),
+            key: format!("joint `{}`: {key}", joint.name),
+            name: name.into(),
+            expected: "a link of this file".into(),
+        })
+    };
+    let refuse = |key: &str, value: f64, bound: &str| RobotError::Joint {
+        file: file.into(),
+        joint: joint.name.clone(),
+        key: key.into(),
+        value,
+        bound: bound.into(),
+    };
+    // 100 m and 100 turns: nothing that is one robot reaches farther.
+    let checked = |key: &str, values: [f64; 3], most: f64| {
+        let wrong = values.into_iter().find(|value| !(value.abs() <= most));
+        wrong.map_or(Ok(values), |value| {
+            Err(refuse(key, value, &format!("at most {most} in magnitude")))
+        })
+    };
+    let xyz = checked("origin xyz", *joint.origin.xyz, 100.0)?;
+    let rpy = checked("origin rpy", *joint.origin.rpy, 628.0)?;
+    let axis = Vector3::from(*joint.axis.xyz);
+    if joint.joint_type != JointType::Fixed && !((axis.norm() - 1.0).abs() <= AXIS_LENGTH_TOLERANCE) {
+        return Err(refuse("length of axis", axis.norm(), "must be 1"));
+    }
+    Ok(UrdfJoint {
+        name: joint.name.clone(),
+        kind: joint.joint_type.clone(),
+        parent: link("parent", &joint.parent.link)?,
+        child: link("child", &joint.child.link)?,
+        parent_from_joint: Pose::from_xyz_rpy(xyz, rpy),
+        axis: if joint.joint_type == JointType::Fixed {
+            Vector3::zeros()
+        } else {
+            axis.normalize()
+        },
+        limit: joint.limit.clone(),
+        mimics: joint.mimic.is_some(),
+    })
+}
+
+/// One root, every other link below exactly one joint, and no loop beside the tree.
+fn check_tree(file: &str, links: &[String], joints: &[UrdfJoint]) -> Result<(Vec<Option<usize>>, usize), RobotError> {
+    let mut joint_above = vec![None; links.len()];
+    for (at, joint) in joints.iter().enumerate() {
+        if joint_above[joint.child].replace(at).is_some() {
+            return Err(RobotError::Loop {
+                file: file.into(),
+                link: links[joint.child].clone(),
+            });
+        }
+    }
+    let roots: Vec<usize> = (0..links.len()).filter(|link| joint_above[*link].is_none()).collect();
+    let &[root] = roots.as_slice() else {
+        let roots = roots.into_iter().map(|link| links[link].clone()).collect();
+        return Err(RobotError::Roots {
+            file: file.into(),
+            roots,
+        });
+    };
+    for start in 0..links.len() {
+        let mut link = start;
+        for _ in 0..links.len() {
+            match joint_above[link] {
+                Some(joint) => link = joints[joint].parent,
+                None => break,
+            }
+        }
+        if link != root {
+            return Err(RobotError::Loop {
+                file: file.into(),
+                link: links[start].clone(),
+            });
+        }
+    }
+    Ok((joint_above, root))
+}

@@ -1,0 +1,160 @@
+//! Forward kinematics, Jacobians and the arms' axes.
+
+mod support;
+
+use messages::JOINTS;
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use robot::{Frames, Model};
+use support::{shipped, uniform};
+
+const VECTORS: &str = include_str!("data/fk_vectors.txt");
+
+/// The links that move with the 17 joints.
+fn joint_links(model: &Model) -> [String; JOINTS] {
+    model.joint_names.clone().map(|name| name.replace("_joint", "_link"))
+}
+
+#[test]
+fn forward_kinematics_agree_with_an_independent_implementation() {
+    let model = shipped();
+    let links = joint_links(&model);
+    let mut frames = Frames::default();
+    let (mut configurations, mut poses) = (0, 0);
+    for line in VECTORS.lines().filter(|line| !line.starts_with('#')) {
+        let (head, rest) = line.split_once(' ').unwrap();
+        let numbers: Vec<f64> = rest.split(' ').map(|text| text.parse().unwrap()).collect();
+        if head == "q" {
+            model.forward(&numbers.try_into().unwrap(), &mut frames);
+            configurations += 1;
+            continue;
+        }
+        let joint: usize = head.parse().unwrap();
+        let pose = model.link_pose(&frames, &links[joint]).unwrap();
+        let [x, y, z, i, j, k, w] = numbers.try_into().unwrap();
+        let r = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)).to_rotation_matrix();
+        let off = (pose.t - Vector3::new(x, y, z))
+            .amax()
+            .max((pose.r - r.matrix()).amax());
+        assert!(off < 1e-12, "{}: {off:e}", links[joint]);
+        poses += 1;
+    }
+    assert_eq!((configurations, poses), (200, 25 * 17 + 175 * 3));
+}
+
+#[test]
+fn jacobian_columns_are_the_derivatives_of_the_pose() {
+    let model = shipped();
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
+    let (mut plus, mut minus, mut frames) = (Frames::default(), Frames::default(), Frames::default());
+    for _ in 0..50 {
+        let q = uniform(&model, &mut rng);
+        model.forward(&q, &mut frames);
+        for body in 0..=JOINTS {
+            let local = Vector3::from_fn(|_, _| rng.random_range(-0.3..0.3));
+            let point = frames.base_from_body[body].transform_point(&local);
+            let jacobian = model.jacobian(&frames, body, &point);
+            for j in 0..JOINTS {
+                let step = 1e-6;
+                let (mut up, mut down) = (q, q);
+                (up[j], down[j]) = (q[j] + step, q[j] - step);
+                model.forward(&up, &mut plus);
+                model.forward(&down, &mut minus);
+                let (p, m) = (&plus.base_from_body[body], &minus.base_from_body[body]);
+                let linear = (p.transform_point(&local) - m.transform_point(&local)) / (2.0 * step);
+                // dR R^T is the cross matrix of the angular velocity.
+                let spin: Matrix3<f64> = (p.r - m.r) / (2.0 * step) * frames.base_from_body[body].r.transpose();
+                let angular = Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
+                let column = Vector3::from_row_slice(&jacobian[j][..3]);
+                let turning = Vector3::from_row_slice(&jacobian[j][3..]);
+                assert!(
+                    (column - linear).amax() < 1e-8,
+                    "body {body} joint {j}: {column} {linear}"
+                );
+                assert!(
+                    (turning - angular).amax() < 1e-8,
+                    "body {body} joint {j}: {turning} {angular}"
+                );
+            }
+        }
+    }
+}
+
+fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    *UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), angle)
+        .to_rotation_matrix()
+        .matrix()
+}
+
+/// U = Rz(-q1) Rx(-q2) Ry(q3 - pi/2) and F = U Rz(-q4) Ry(-q5) for the left arm; the right arm is the mirror image.
+fn formula(q: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
+    let upper = about(Vector3::z(), -q[0])
+        * about(Vector3::x(), -q[1])
+        * about(Vector3::y(), q[2] - std::f64::consts::FRAC_PI_2);
+    (upper, upper * about(Vector3::z(), -q[3]) * about(Vector3::y(), -q[4]))
+}
+
+#[test]
+fn limb_rotations_follow_the_closed_formula_and_the_chain() {
+    let model = shipped();
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
+    let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+    let mut t_pose = [0.0; JOINTS];
+    for arm in &model.arms {
+        (0..5).for_each(|i| t_pose[arm.joints[i]] = arm.reference[i]);
+    }
+    let (mut frames, mut reference) = (Frames::default(), Frames::default());
+    model.forward(&t_pose, &mut reference);
+    for _ in 0..200 {
+        let q = uniform(&model, &mut rng);
+        model.forward(&q, &mut frames);
+        for (side, arm) in model.arms.iter().enumerate() {
+            let angles: [f64; 5] = std::array::from_fn(|i| q[arm.joints[i]]);
+            let (mut upper, mut fore) = formula(&angles);
+            if side == 1 {
+                (upper, fore) = (mirror * upper * mirror, mirror * fore * mirror);
+            }
+            let rotations = arm.limb_rotations(&angles);
+            assert!((rotations.0 - upper).amax() < 1e-12 && (rotations.1 - fore).amax() < 1e-12);
+            for (joint, limb) in [(2, upper), (4, fore)] {
+                let body = arm.joints[joint] + 1;
+                let chain = frames.base_from_body[body].r * reference.base_from_body[body].r.transpose();
+                assert!((chain - limb).amax() < 1e-12, "side {side} joint {joint}");
+            }
+        }
+    }
+}
+
+#[test]
+fn arms_point_outward_in_the_t_pose() {
+    let model = shipped();
+    let mut q = model.home;
+    for arm in &model.arms {
+        (0..5).for_each(|i| q[arm.joints[i]] = arm.reference[i]);
+    }
+    let mut frames = Frames::default();
+    model.forward(&q, &mut frames);
+    for (arm, sign) in model.arms.iter().zip([1.0, -1.0]) {
+        let origin = |joint: usize| frames.base_from_body[arm.joints[joint] + 1].t;
+        let along = (origin(5) - origin(0)).normalize();
+        assert!(along.y * sign > 0.99, "{along}");
+    }
+}
+
+#[test]
+fn every_link_has_a_pose_and_unknown_links_have_none() {
+    let model = shipped();
+    let mut frames = Frames::default();
+    model.forward(&model.home, &mut frames);
+    let base = model.link_pose(&frames, "base_footprint").unwrap();
+    assert_eq!(base, robot::Pose::identity());
+    // A tool link is rigid on its wrist: its distance to the wrist does not depend on the posture.
+    let distance = |frames: &Frames| {
+        let tool = model.link_pose(frames, "hand_left_tool_link").unwrap();
+        (tool.t - model.link_pose(frames, "arm_left_7_link").unwrap().t).norm()
+    };
+    let at_home = distance(&frames);
+    model.forward(&[0.1; JOINTS], &mut frames);
+    assert!((distance(&frames) - at_home).abs() < 1e-12 && at_home > 0.05);
+    assert!(model.link_pose(&frames, "no_such_link").is_none());
+}

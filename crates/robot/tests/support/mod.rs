@@ -1,0 +1,21 @@
+//! What the tests of this crate share.
+#![allow(dead_code)]
+
+use messages::JOINTS;
+use rand::RngExt;
+use robot::Model;
+
+/// The shipped robot file.
+pub const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
+/// The shipped URDF.
+pub const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
+
+/// The shipped robot.
+pub fn shipped() -> Model {
+    Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// A configuration uniform in the URDF's limits, rad and m.
+pub fn uniform(model: &Model, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS] {
+    std::array::from_fn(|j| rng.random_range(model.urdf_limits[j].q_min..model.urdf_limits[j].q_max))
+}
