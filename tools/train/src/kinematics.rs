@@ -1,0 +1,208 @@
+//! The arm as two limb rotations and their metric, in f32 and with an analytic gradient.
+//!
+//! U(q) = R(a1, q1 - r1) R(a2, q2 - r2) R(a3, q3 - r3), F(q) = U R(a4, q4 - r4) R(a5, q5 - r5), all axes in the torso
+//! frame at the reference posture; quaternions are x, y, z, w.
+
+/// Joints of an arm that the limb rotations depend on.
+pub const ARM: usize = 5;
+/// Inputs of the human encoder: bone and hinge axes of upper arm and forearm.
+pub const FEATURES: usize = 12;
+
+/// A unit quaternion, x, y, z, w.
+pub type Quaternion = [f32; 4];
+/// Rotations of the upper arm and the forearm relative to the torso, as differences from the T-pose.
+pub type Limbs = [Quaternion; 2];
+
+/// One arm in the left arm's frame: axes, reference posture and limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arm {
+    /// Unit joint axes at the reference posture, torso frame.
+    pub axes: [[f32; 3]; ARM],
+    /// Joint positions of the reference posture, rad.
+    pub reference: [f32; ARM],
+    /// Middle of each joint's range, rad.
+    pub mid: [f32; ARM],
+    /// Half of each joint's range, rad.
+    pub half: [f32; ARM],
+}
+
+/// Hamilton product.
+#[must_use]
+#[inline]
+pub fn product(a: Quaternion, b: Quaternion) -> Quaternion {
+    let ([ax, ay, az, aw], [bx, by, bz, bw]) = (a, b);
+    [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]
+}
+
+/// The rotation by `angle_rad` about a unit axis.
+#[must_use]
+#[inline]
+pub fn about(axis: [f32; 3], angle_rad: f32) -> Quaternion {
+    let (s, c) = (0.5 * angle_rad).sin_cos();
+    [axis[0] * s, axis[1] * s, axis[2] * s, c]
+}
+
+/// `v` rotated by `q`: v + 2 u x (u x v + w v).
+#[must_use]
+#[inline]
+pub fn rotate(q: Quaternion, v: [f32; 3]) -> [f32; 3] {
+    let u = [q[0], q[1], q[2]];
+    let t = cross(u, v);
+    let t = [t[0] + q[3] * v[0], t[1] + q[3] * v[1], t[2] + q[3] * v[2]];
+    let t = cross(u, t);
+    [v[0] + 2.0 * t[0], v[1] + 2.0 * t[1], v[2] + 2.0 * t[2]]
+}
+
+#[inline]
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// (imag, real) of a b^-1: the error rotation between two limb rotations.
+#[inline]
+fn error(a: Quaternion, b: Quaternion) -> ([f32; 3], f32) {
+    let [x, y, z, w] = product(a, [-b[0], -b[1], -b[2], b[3]]);
+    ([x, y, z], w)
+}
+
+/// S_GR of an arm: the sum over both limbs of 1 - <q_a, q_b>^2 (ImitationNet, equation 1), computed as |imag(q_a q_b^-1)|^2,
+/// which keeps its digits near zero.
+#[must_use]
+pub fn s_gr(a: &Limbs, b: &Limbs) -> f32 {
+    (0..2).map(|limb| error(a[limb], b[limb]).0.iter().map(|v| v * v).sum::<f32>()).sum()
+}
+
+/// Rotation angle between two limb rotations, in degrees, 0..=180.
+#[must_use]
+pub fn limb_degrees(a: Quaternion, b: Quaternion) -> f32 {
+    let (imag, real) = error(a, b);
+    let sine = imag.iter().map(|v| v * v).sum::<f32>().sqrt();
+    2.0 * sine.atan2(real.abs()).to_degrees()
+}
+
+/// Bone axis R (0, 1, 0) and hinge axis R (0, 0, -1) of the upper arm, then of the forearm: the human encoder's input.
+#[must_use]
+pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
+    let mut out = [0.0; FEATURES];
+    for (limb, q) in limbs.iter().enumerate() {
+        out[6 * limb..6 * limb + 3].copy_from_slice(&rotate(*q, [0.0, 1.0, 0.0]));
+        out[6 * limb + 3..6 * limb + 6].copy_from_slice(&rotate(*q, [0.0, 0.0, -1.0]));
+    }
+    out
+}
+
+impl Arm {
+    /// Limb rotations at joint positions `q` (rad).
+    #[must_use]
+    pub fn forward(&self, q: &[f32; ARM]) -> Limbs {
+        self.forward_with_axes(q).0
+    }
+
+    /// Limb rotations and the joint axes where they are now, torso frame.
+    #[inline]
+    fn forward_with_axes(&self, q: &[f32; ARM]) -> (Limbs, [[f32; 3]; ARM]) {
+        let mut rotation = [0.0, 0.0, 0.0, 1.0];
+        let mut limbs = [rotation; 2];
+        let mut axes = [[0.0; 3]; ARM];
+        for joint in 0..ARM {
+            axes[joint] = rotate(rotation, self.axes[joint]);
+            rotation = product(rotation, about(self.axes[joint], q[joint] - self.reference[joint]));
+            if joint == 2 {
+                limbs[0] = rotation;
+            }
+        }
+        limbs[1] = rotation;
+        (limbs, axes)
+    }
+
+    /// S_GR between the human limbs and the arm at `q`, and its gradient over `q` (1/rad).
+    ///
+    /// With e = q_h q_r^-1 = (v, s) and w_i the axis of joint i as it stands: dq_r/dq_i = (w_i/2) q_r, so
+    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i.
+    #[must_use]
+    pub fn s_gr_with_gradient(&self, human: &Limbs, q: &[f32; ARM]) -> (f32, [f32; ARM]) {
+        let (limbs, axes) = self.forward_with_axes(q);
+        let mut value = 0.0;
+        let mut gradient = [0.0; ARM];
+        for (limb, joints) in [(0, 3), (1, ARM)] {
+            let (v, s) = error(human[limb], limbs[limb]);
+            value += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+            for (g, w) in gradient[..joints].iter_mut().zip(&axes) {
+                *g -= s * (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]);
+            }
+        }
+        (value, gradient)
+    }
+
+    /// Joint positions (rad) of positions normalised to -1..1 over the limits.
+    #[must_use]
+    pub fn denormalised(&self, n: &[f32; ARM]) -> [f32; ARM] {
+        std::array::from_fn(|j| self.mid[j] + self.half[j] * n[j])
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use std::f32::consts::{FRAC_PI_2, PI};
+
+    /// A TiaGo-like left arm (axes and reference of the T-pose reach, limits of the same order).
+    pub(crate) fn example_arm() -> Arm {
+        Arm {
+            axes: [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
+            reference: [0.0, 0.0, FRAC_PI_2, 0.0, 0.0],
+            mid: [0.2, 0.0, 1.2, 1.0, 0.0],
+            half: [1.3, 1.1, 2.3, 1.3, 2.0],
+        }
+    }
+
+    fn pose(t: f32) -> [f32; ARM] {
+        std::array::from_fn(|j| (t * (j as f32 + 1.3)).sin() * 1.4)
+    }
+
+    #[test]
+    fn the_gradient_of_the_metric_agrees_with_finite_differences() {
+        let arm = example_arm();
+        for i in 0..50 {
+            let human = arm.forward(&pose(0.37 * i as f32 + 1.0));
+            let q = pose(0.91 * i as f32);
+            let (value, gradient) = arm.s_gr_with_gradient(&human, &q);
+            assert!((value - s_gr(&human, &arm.forward(&q))).abs() < 1e-5);
+            for joint in 0..ARM {
+                let h = 2e-3;
+                let (mut up, mut down) = (q, q);
+                up[joint] += h;
+                down[joint] -= h;
+                let numeric = (s_gr(&human, &arm.forward(&up)) - s_gr(&human, &arm.forward(&down))) / (2.0 * h);
+                assert!((numeric - gradient[joint]).abs() < 1e-3, "joint {joint}: {numeric} {}", gradient[joint]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_reference_posture_is_the_t_pose_and_flexion_goes_forward() {
+        let arm = example_arm();
+        let limbs = arm.forward(&arm.reference);
+        assert!(limbs.iter().all(|q| limb_degrees(*q, [0.0, 0.0, 0.0, 1.0]) < 1e-3));
+        let mut flexed = arm.reference;
+        flexed[3] += FRAC_PI_2;
+        let bone = rotate(arm.forward(&flexed)[1], [0.0, 1.0, 0.0]);
+        assert!(bone[0] > 0.999, "the forearm points forward: {bone:?}");
+        assert_eq!(features(&limbs)[..6], [0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
+    }
+
+    #[test]
+    fn degrees_do_not_depend_on_the_sign_of_a_quaternion() {
+        let a = about([0.0, 0.0, 1.0], 0.3);
+        let b = about([0.0, 0.0, 1.0], 0.3 + PI / 6.0);
+        let flipped = b.map(|v| -v);
+        assert!((limb_degrees(a, b) - 30.0).abs() < 1e-3);
+        assert!((limb_degrees(a, flipped) - 30.0).abs() < 1e-3);
+        assert!((s_gr(&[a, a], &[b, flipped]) - 2.0 * (PI / 12.0).sin().powi(2)).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,74 @@
+//! The three perceptrons of one arm in one parameter vector: Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5.
+
+use crate::kinematics::{ARM, FEATURES};
+use crate::mlp::{Mlp, Shape};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// Dimension of the shared latent space (ImitationNet, section IV).
+pub const LATENT: usize = 8;
+/// Reach of the decoder beyond the limits, as a factor of half the range: tanh only tends to 1, so without it the
+/// limits themselves would be out of reach.
+pub const REACH: f32 = 1.02;
+
+/// Hidden layers of each perceptron.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Size {
+    /// Number of hidden layers; 6 in the paper.
+    pub hidden_layers: usize,
+    /// Units of each; 128 in the paper.
+    pub hidden_width: usize,
+}
+
+/// Layout of the three perceptrons in one parameter vector.
+#[derive(Clone, Debug)]
+pub struct Networks {
+    /// Hidden layers of each.
+    pub size: Size,
+    /// Q_h: human features to latent.
+    pub human: Mlp,
+    /// Q_r: normalised joint positions to latent.
+    pub robot: Mlp,
+    /// D_r: latent to the argument of the output's tanh.
+    pub decoder: Mlp,
+}
+
+impl Networks {
+    /// Lays the three out one after another.
+    #[must_use]
+    pub fn new(size: Size) -> Self {
+        let shape =
+            |input, output| Shape { input, hidden_layers: size.hidden_layers, hidden_width: size.hidden_width, output };
+        let human = Mlp::new(shape(FEATURES, LATENT), 0);
+        let robot = Mlp::new(shape(ARM, LATENT), human.end());
+        let decoder = Mlp::new(shape(LATENT, ARM), robot.end());
+        Self { size, human, robot, decoder }
+    }
+
+    /// Number of parameters of all three.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        self.decoder.end()
+    }
+
+    /// The perceptrons by the names they have in a weights file.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, &Mlp); 3] {
+        [("human", &self.human), ("robot", &self.robot), ("decoder", &self.decoder)]
+    }
+
+    /// Random weights: uniform with variance 2/inputs before a SiLU (He et al. 2015), 1/inputs before an output; no bias.
+    #[must_use]
+    pub fn initial(&self, seed: u64) -> Vec<f32> {
+        let mut rng = Pcg64::new(u128::from(seed), 0x1417);
+        let mut parameters = vec![0.0; self.parameters()];
+        for (_, mlp) in self.named() {
+            for (index, layer) in mlp.layers.iter().enumerate() {
+                let gain = if index == self.size.hidden_layers { 1.0 } else { 2.0 };
+                let bound = (3.0 * gain / layer.input as f32).sqrt();
+                parameters[layer.weight.clone()].fill_with(|| rng.random_range(-bound..bound));
+            }
+        }
+        parameters
+    }
+}

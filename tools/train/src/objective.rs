@@ -1,0 +1,271 @@
+//! The five loss terms and their gradient over one batch, without labels and without pairs.
+//!
+//! L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 5 overrun of the limits + 1 triplet + 1 |x_r - D(Q_r(x_r))|
+//!   + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|, every term a mean. The kinematics see the clamped output, and only what lies
+//! inside the limits is moved by them; what lies outside is brought back by the overrun alone.
+
+use crate::kinematics::{ARM, Arm, s_gr};
+use crate::mlp::Trace;
+use crate::networks::{LATENT, Networks, REACH};
+use crate::sampling::Batch;
+
+/// Weights of the loss terms.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Weighting {
+    /// S_GR of the retargeted pose, summed over the arm's two limbs.
+    pub kinematics: f32,
+    /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
+    pub limits: f32,
+    /// Triplet hinge in the latent space.
+    pub triplet: f32,
+    /// |x_r - D(Q_r(x_r))|, rad, mean over joints.
+    pub reconstruction: f32,
+    /// |z - Q_r(D(z))| of human latents, mean over the latent's components.
+    pub cycle: f32,
+}
+
+impl Default for Weighting {
+    /// The measured best of the prototype; the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
+    fn default() -> Self {
+        Self { kinematics: 10.0, limits: 5.0, triplet: 1.0, reconstruction: 1.0, cycle: 0.2 }
+    }
+}
+
+/// Margin of the triplet loss, latent units (ImitationNet, section III).
+pub const MARGIN: f32 = 0.05;
+
+/// The unweighted value of every term, means over the batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Terms {
+    /// S_GR, 0..=2.
+    pub kinematics: f64,
+    /// rad.
+    pub limits: f64,
+    /// Latent units.
+    pub triplet: f64,
+    /// rad.
+    pub reconstruction: f64,
+    /// Latent units.
+    pub cycle: f64,
+}
+
+impl Terms {
+    /// The loss: the weighted sum.
+    #[must_use]
+    pub fn total(&self, weighting: &Weighting) -> f64 {
+        self.kinematics * f64::from(weighting.kinematics)
+            + self.limits * f64::from(weighting.limits)
+            + self.triplet * f64::from(weighting.triplet)
+            + self.reconstruction * f64::from(weighting.reconstruction)
+            + self.cycle * f64::from(weighting.cycle)
+    }
+
+    /// The mean of two batches of the same size.
+    #[must_use]
+    pub fn mean(a: &Self, b: &Self) -> Self {
+        Self {
+            kinematics: 0.5 * (a.kinematics + b.kinematics),
+            limits: 0.5 * (a.limits + b.limits),
+            triplet: 0.5 * (a.triplet + b.triplet),
+            reconstruction: 0.5 * (a.reconstruction + b.reconstruction),
+            cycle: 0.5 * (a.cycle + b.cycle),
+        }
+    }
+}
+
+/// Everything one thread needs for one batch: the batch, the passes' buffers and the gradient.
+#[derive(Clone, Debug)]
+pub struct Shard {
+    /// The poses.
+    pub batch: Batch,
+    /// dL/dparameters of the last `evaluate`.
+    pub gradient: Vec<f32>,
+    human: Trace,
+    robot: Trace,
+    decoder: Trace,
+    cycle: Trace,
+    grad_human: Vec<f32>,
+    grad_robot: Vec<f32>,
+    grad_cycle: Vec<f32>,
+    grad_output: Vec<f32>,
+    grad_latent: Vec<f32>,
+    grad_cycle_input: Vec<f32>,
+}
+
+impl Shard {
+    /// Buffers for batches of `rows`.
+    #[must_use]
+    pub fn new(networks: &Networks, rows: usize) -> Self {
+        Self {
+            batch: Batch::new(rows),
+            gradient: vec![0.0; networks.parameters()],
+            human: networks.human.trace(rows),
+            robot: networks.robot.trace(rows),
+            decoder: networks.decoder.trace(2 * rows),
+            cycle: networks.robot.trace(rows),
+            grad_human: vec![0.0; rows * LATENT],
+            grad_robot: vec![0.0; rows * LATENT],
+            grad_cycle: vec![0.0; rows * LATENT],
+            grad_output: vec![0.0; 2 * rows * ARM],
+            grad_latent: vec![0.0; 2 * rows * LATENT],
+            grad_cycle_input: vec![0.0; rows * ARM],
+        }
+    }
+
+    /// All five terms of the shard's batch, and `gradient` = dL/dparameters.
+    pub fn evaluate(&mut self, networks: &Networks, arm: &Arm, parameters: &[f32], weighting: &Weighting) -> Terms {
+        let rows = self.batch.rows();
+        self.gradient.fill(0.0);
+        self.grad_human.fill(0.0);
+        self.grad_robot.fill(0.0);
+        self.forward(networks, parameters);
+        let mut terms = Terms::default();
+        terms.cycle = self.cycle_term(weighting.cycle);
+        let cycle_input = Some(self.grad_cycle_input.as_mut_slice());
+        networks.robot.backward(parameters, &mut self.cycle, &self.grad_cycle, &mut self.gradient, cycle_input);
+        (terms.kinematics, terms.limits) = self.human_outputs(arm, weighting);
+        terms.reconstruction = self.robot_outputs(arm, weighting.reconstruction);
+        let latent = Some(self.grad_latent.as_mut_slice());
+        networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
+        terms.triplet = self.triplet_term(weighting.triplet);
+        let (of_human, of_robot) = self.grad_latent.split_at(rows * LATENT);
+        self.grad_human.iter_mut().zip(of_human).for_each(|(g, v)| *g += v);
+        self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
+        networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
+        networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
+        terms
+    }
+
+    /// Both encoders, the decoder on both latents (its output becomes 1.02 tanh, the normalised joint positions), and the
+    /// robot encoder on what the decoder made of the human latents.
+    fn forward(&mut self, networks: &Networks, parameters: &[f32]) {
+        let latents = self.batch.rows() * LATENT;
+        self.human.input.copy_from_slice(&self.batch.features);
+        self.robot.input.copy_from_slice(&self.batch.posture);
+        networks.human.forward(parameters, &mut self.human);
+        networks.robot.forward(parameters, &mut self.robot);
+        self.decoder.input[..latents].copy_from_slice(&self.human.output);
+        self.decoder.input[latents..].copy_from_slice(&self.robot.output);
+        networks.decoder.forward(parameters, &mut self.decoder);
+        self.decoder.output.iter_mut().for_each(|y| *y = REACH * y.tanh());
+        let positions = &self.decoder.output[..self.cycle.input.len()];
+        self.cycle.input.iter_mut().zip(positions).for_each(|(input, n)| *input = n.clamp(-1.0, 1.0));
+        networks.robot.forward(parameters, &mut self.cycle);
+    }
+
+    /// mean |z - Q_r(D(z))|; its gradient goes to `grad_human` (through z) and `grad_cycle` (through Q_r).
+    fn cycle_term(&mut self, weight: f32) -> f64 {
+        let scale = weight / self.grad_cycle.len() as f32;
+        let mut sum = 0.0;
+        for (i, (z, back)) in self.human.output.iter().zip(&self.cycle.output).enumerate() {
+            let difference = z - back;
+            sum += f64::from(difference.abs());
+            self.grad_human[i] += scale * sign(difference);
+            self.grad_cycle[i] = -scale * sign(difference);
+        }
+        sum / self.grad_cycle.len() as f64
+    }
+
+    /// S_GR and overrun of the retargeted poses; fills the human half of `grad_output`.
+    fn human_outputs(&mut self, arm: &Arm, weighting: &Weighting) -> (f64, f64) {
+        let rows = self.batch.rows();
+        let (mut kinematics, mut limits) = (0.0, 0.0);
+        for (row, human) in self.batch.human.iter().enumerate() {
+            let at = row * ARM..(row + 1) * ARM;
+            let n: [f32; ARM] = std::array::from_fn(|j| self.decoder.output[at.start + j]);
+            let q = arm.denormalised(&n.map(|v| v.clamp(-1.0, 1.0)));
+            let (value, gradient) = arm.s_gr_with_gradient(human, &q);
+            kinematics += f64::from(value);
+            let grads = self.grad_output[at.clone()].iter_mut().zip(&self.grad_cycle_input[at]);
+            for (joint, (grad, through_cycle)) in grads.enumerate() {
+                let overrun = (n[joint].abs() - 1.0) * arm.half[joint];
+                let over_n = if overrun > 0.0 {
+                    limits += f64::from(overrun);
+                    weighting.limits / (rows * ARM) as f32 * arm.half[joint] * sign(n[joint])
+                } else {
+                    weighting.kinematics / rows as f32 * gradient[joint] * arm.half[joint] + through_cycle
+                };
+                *grad = over_n * tanh_slope(n[joint]);
+            }
+        }
+        (kinematics / rows as f64, limits / (rows * ARM) as f64)
+    }
+
+    /// mean |x_r - D(Q_r(x_r))| in rad; fills the robot half of `grad_output`.
+    fn robot_outputs(&mut self, arm: &Arm, weight: f32) -> f64 {
+        let count = self.batch.posture.len();
+        let mut sum = 0.0;
+        for (i, want) in self.batch.posture.iter().enumerate() {
+            let n = self.decoder.output[count + i];
+            let half = arm.half[i % ARM];
+            sum += f64::from((n - want).abs() * half);
+            self.grad_output[count + i] = weight / count as f32 * half * sign(n - want) * tanh_slope(n);
+        }
+        sum / count as f64
+    }
+
+    /// mean max(|z_a - z_+| - |z_a - z_-| + margin, 0) over triplets of two humans and one robot, ordered by S_GR to the
+    /// anchor; adds to `grad_human` and `grad_robot`.
+    fn triplet_term(&mut self, weight: f32) -> f64 {
+        let rows = self.batch.rows();
+        let scale = weight / rows as f32;
+        let mut sum = 0.0;
+        for row in 0..rows {
+            let other = (row + self.batch.shift) % rows;
+            // The three members: which latent they have, and their limbs.
+            let members = [
+                (true, row, &self.batch.human[row]),
+                (true, other, &self.batch.human[other]),
+                (false, row, &self.batch.robot[row]),
+            ];
+            let anchor = usize::from(self.batch.anchor[row]);
+            let (mut near, mut far) = ((anchor + 1) % 3, (anchor + 2) % 3);
+            if s_gr(members[anchor].2, members[near].2) > s_gr(members[anchor].2, members[far].2) {
+                std::mem::swap(&mut near, &mut far);
+            }
+            let latent = |member: usize| -> [f32; LATENT] {
+                let (is_human, index, _) = members[member];
+                let of = if is_human { &self.human.output } else { &self.robot.output };
+                std::array::from_fn(|i| of[index * LATENT + i])
+            };
+            let (to_near, near_distance) = direction(&latent(anchor), &latent(near));
+            let (to_far, far_distance) = direction(&latent(anchor), &latent(far));
+            let hinge = near_distance - far_distance + MARGIN;
+            if hinge <= 0.0 {
+                continue;
+            }
+            sum += f64::from(hinge);
+            let mut add = |member: usize, i: usize, value: f32| {
+                let (is_human, index, _) = members[member];
+                let of = if is_human { &mut self.grad_human } else { &mut self.grad_robot };
+                of[index * LATENT + i] += scale * value;
+            };
+            for i in 0..LATENT {
+                add(anchor, i, to_near[i] - to_far[i]);
+                add(near, i, -to_near[i]);
+                add(far, i, to_far[i]);
+            }
+        }
+        sum / rows as f64
+    }
+}
+
+/// d(1.02 tanh y)/dy where n = 1.02 tanh y.
+#[inline]
+fn tanh_slope(n: f32) -> f32 {
+    REACH * (1.0 - (n / REACH).powi(2))
+}
+
+/// -1, 0 or 1: the subgradient of |x| that is 0 at 0.
+#[inline]
+fn sign(x: f32) -> f32 {
+    if x == 0.0 { 0.0 } else { x.signum() }
+}
+
+/// (a - b) / |a - b| and |a - b|; the root is kept off zero, where it has no slope.
+#[inline]
+fn direction(a: &[f32; LATENT], b: &[f32; LATENT]) -> ([f32; LATENT], f32) {
+    let difference: [f32; LATENT] = std::array::from_fn(|i| a[i] - b[i]);
+    let distance = (difference.iter().map(|v| v * v).sum::<f32>() + 1e-12).sqrt();
+    (difference.map(|v| v / distance), distance)
+}

@@ -1,0 +1,115 @@
+//! Adam with warm-up and cosine decay, and an exponential moving average of the parameters.
+
+use crate::wide::widest;
+
+/// The learning rate over a run.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Schedule {
+    /// Peak learning rate.
+    pub peak: f64,
+    /// Steps of linear warm-up.
+    pub warm_up: u64,
+    /// Steps of the whole run; the rate falls to zero there along a cosine.
+    pub steps: u64,
+}
+
+impl Schedule {
+    /// Learning rate of `step`, counted from 0.
+    #[must_use]
+    pub fn rate(&self, step: u64) -> f64 {
+        if step < self.warm_up {
+            return self.peak * (step + 1) as f64 / self.warm_up as f64;
+        }
+        let done = (step - self.warm_up) as f64 / (self.steps.saturating_sub(self.warm_up)).max(1) as f64;
+        0.5 * self.peak * (1.0 + (std::f64::consts::PI * done.min(1.0)).cos())
+    }
+}
+
+/// Parameters with their moments and average: all that a run remembers besides its step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adam {
+    /// The parameters being trained.
+    pub parameters: Vec<f32>,
+    /// Their moving average, which is what ships.
+    pub average: Vec<f32>,
+    /// First moment.
+    pub first: Vec<f32>,
+    /// Second moment.
+    pub second: Vec<f32>,
+}
+
+/// Decay of the moving average (measured best of the prototype).
+const AVERAGE_DECAY: f32 = 0.998;
+/// Moments' decay and the denominator's floor: Kingma and Ba 2015, the defaults.
+const BETA: (f32, f32) = (0.9, 0.999);
+const EPSILON: f32 = 1e-8;
+
+impl Adam {
+    /// Starts from `parameters`.
+    #[must_use]
+    pub fn new(parameters: Vec<f32>) -> Self {
+        let zeros = vec![0.0; parameters.len()];
+        Self { average: parameters.clone(), parameters, first: zeros.clone(), second: zeros }
+    }
+
+    /// One step along the mean of two gradients; `step` counts from 0.
+    pub fn step(&mut self, gradients: [&[f32]; 2], step: u64, rate: f64) {
+        let power = (step + 1) as f64;
+        // Bias corrections 1 - beta^t, folded into the rate and the denominator.
+        let first = 1.0 / (1.0 - f64::from(BETA.0).powf(power));
+        let second = (1.0 / (1.0 - f64::from(BETA.1).powf(power))).sqrt();
+        // The average must not remember the random start: it begins as a plain mean.
+        let decay = AVERAGE_DECAY.min(1.0 - 1.0 / (power as f32 + 1.0));
+        widest(|| update(self, gradients, (rate * first) as f32, second as f32, decay));
+    }
+}
+
+#[inline(always)]
+fn update(adam: &mut Adam, [left, right]: [&[f32]; 2], rate: f32, second_scale: f32, decay: f32) {
+    let n = adam.parameters.len();
+    let (parameters, average) = (&mut adam.parameters[..n], &mut adam.average[..n]);
+    let (first, second) = (&mut adam.first[..n], &mut adam.second[..n]);
+    let (left, right) = (&left[..n], &right[..n]);
+    for i in 0..n {
+        let gradient = 0.5 * (left[i] + right[i]);
+        first[i] = BETA.0 * first[i] + (1.0 - BETA.0) * gradient;
+        second[i] = BETA.1 * second[i] + (1.0 - BETA.1) * gradient * gradient;
+        parameters[i] -= rate * first[i] / (second[i].sqrt() * second_scale + EPSILON);
+        average[i] = decay * average[i] + (1.0 - decay) * parameters[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_rises_over_the_warm_up_and_falls_to_zero() {
+        let schedule = Schedule { peak: 1e-3, warm_up: 500, steps: 40_000 };
+        assert!(schedule.rate(0) < 3e-6);
+        assert!((schedule.rate(500) - 1e-3).abs() < 1e-12);
+        assert!((schedule.rate(20_250) - 5e-4).abs() < 1e-9);
+        assert!(schedule.rate(39_999) < 1e-10);
+        assert!(schedule.rate(90_000) < 1e-10);
+    }
+
+    #[test]
+    fn the_first_step_moves_every_parameter_by_the_rate_against_its_gradient() {
+        let mut adam = Adam::new(vec![1.0, 1.0, 1.0]);
+        adam.step([&[0.5, -2.0, 0.0], &[1.5, -2.0, 0.0]], 0, 0.01);
+        for (got, want) in adam.parameters.iter().zip([0.99, 1.01, 1.0]) {
+            assert!((got - want).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn it_finds_the_bottom_of_a_bowl() {
+        let mut adam = Adam::new(vec![3.0, -2.0]);
+        let schedule = Schedule { peak: 0.1, warm_up: 10, steps: 500 };
+        for step in 0..500 {
+            let gradient: Vec<f32> = adam.parameters.iter().map(|p| 2.0 * (p - 1.0)).collect();
+            adam.step([&gradient, &gradient], step, schedule.rate(step));
+        }
+        assert!(adam.parameters.iter().all(|p| (p - 1.0).abs() < 1e-2), "{:?}", adam.parameters);
+    }
+}

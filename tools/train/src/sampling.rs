@@ -1,0 +1,183 @@
+//! Training poses: recorded human arms, procedural human arms, and robot postures, all from one seed.
+//!
+//! Every batch has its own generator, made from (seed, step, shard): a resumed run therefore draws what an uninterrupted
+//! one would have drawn, and the step is the whole state of the generator.
+
+use crate::kinematics::{ARM, Arm, FEATURES, Limbs, about, features, product};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// Recorded poses: every arm as a left arm.
+#[derive(Clone, Debug, Default)]
+pub struct Recorded {
+    /// Limb rotations, one entry per arm and frame.
+    pub poses: Vec<Limbs>,
+}
+
+/// How human poses are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mixture {
+    /// Share of procedural poses, 0..=1; the rest is recorded. One half cut the error on unseen data from 2.80 to 1.73
+    /// degrees at equal steps.
+    pub procedural: f64,
+    /// Largest common rotation of both limbs about each torso axis, rad: people's torso frames differ by as much.
+    pub torso_jitter_rad: f32,
+    /// Largest rotation of each limb by itself about each torso axis, rad.
+    pub limb_jitter_rad: f32,
+}
+
+impl Default for Mixture {
+    fn default() -> Self {
+        Self { procedural: 0.5, torso_jitter_rad: 5_f32.to_radians(), limb_jitter_rad: 1.5_f32.to_radians() }
+    }
+}
+
+/// One batch: human poses, robot postures and how they form triplets. All vectors have `rows` rows.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// `[rows, 12]` bone and hinge axes.
+    pub features: Vec<f32>,
+    /// Human limb rotations.
+    pub human: Vec<Limbs>,
+    /// `[rows, 5]` joint positions, normalised to -1..1 over the limits.
+    pub posture: Vec<f32>,
+    /// Limb rotations of the postures.
+    pub robot: Vec<Limbs>,
+    /// Row i forms a triplet of human i, human (i + shift) mod rows and robot i.
+    pub shift: usize,
+    /// Which of the three is the anchor: 0 and 1 the humans, 2 the robot.
+    pub anchor: Vec<u8>,
+}
+
+impl Batch {
+    /// A batch of `rows` identity poses, to be filled by `draw`.
+    #[must_use]
+    pub fn new(rows: usize) -> Self {
+        assert!(rows >= 2, "a triplet needs two human poses");
+        let identity = [[0.0, 0.0, 0.0, 1.0]; 2];
+        Self {
+            features: vec![0.0; rows * FEATURES],
+            human: vec![identity; rows],
+            posture: vec![0.0; rows * ARM],
+            robot: vec![identity; rows],
+            shift: 1,
+            anchor: vec![0; rows],
+        }
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.human.len()
+    }
+
+    /// Draws the batch of `shard` at `step`; the same arguments give the same batch.
+    pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
+        let mut rng = Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1);
+        let rows = self.rows();
+        let from_recording =
+            if recorded.poses.is_empty() { 0 } else { ((1.0 - mixture.procedural) * rows as f64).round() as usize };
+        for (row, limbs) in self.human.iter_mut().enumerate() {
+            let pose = if row < from_recording {
+                recorded.poses[rng.random_range(0..recorded.poses.len())]
+            } else {
+                procedural(&mut rng)
+            };
+            *limbs = jittered(&mut rng, &pose, mixture);
+            self.features[row * FEATURES..(row + 1) * FEATURES].copy_from_slice(&features(limbs));
+        }
+        for (row, limbs) in self.robot.iter_mut().enumerate() {
+            let posture: [f32; ARM] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+            self.posture[row * ARM..(row + 1) * ARM].copy_from_slice(&posture);
+            *limbs = arm.forward(&arm.denormalised(&posture));
+            self.anchor[row] = rng.random_range(0..3);
+        }
+        self.shift = rng.random_range(1..rows);
+    }
+}
+
+/// A procedural human left arm: the bone's azimuth -50..130 degrees (0 is straight to the side, 90 to the front), the sine
+/// of its elevation -1..0.95, humeral twist +-100, elbow -3..145, pronation +-85 degrees.
+#[must_use]
+pub fn procedural(rng: &mut Pcg64) -> Limbs {
+    let mut degrees = |low: f32, high: f32| rng.random_range(low..high).to_radians();
+    let azimuth = degrees(-50.0, 130.0);
+    let twist = degrees(-100.0, 100.0);
+    let elbow = degrees(-3.0, 145.0);
+    let pronation = degrees(-85.0, 85.0);
+    let elevation = rng.random_range(-1.0_f32..0.95).asin();
+    let upper = product(
+        product(about([0.0, 0.0, 1.0], -azimuth), about([1.0, 0.0, 0.0], elevation)),
+        about([0.0, 1.0, 0.0], twist),
+    );
+    let fore = product(product(upper, about([0.0, 0.0, 1.0], -elbow)), about([0.0, 1.0, 0.0], -pronation));
+    [upper, fore]
+}
+
+fn jittered(rng: &mut Pcg64, limbs: &Limbs, mixture: &Mixture) -> Limbs {
+    let mut small = |bound: f32| {
+        let mut half = || if bound > 0.0 { 0.5 * rng.random_range(-bound..bound) } else { 0.0 };
+        let v = [half(), half(), half()];
+        let scale = 1.0 / (1.0 + v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        [v[0] * scale, v[1] * scale, v[2] * scale, scale]
+    };
+    let common = small(mixture.torso_jitter_rad);
+    limbs.map(|q| product(product(common, small(mixture.limb_jitter_rad)), q))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinematics::{rotate, tests::example_arm};
+
+    #[test]
+    fn procedural_arms_stay_inside_the_stated_ranges_and_fill_them() {
+        let mut rng = Pcg64::new(1, 1);
+        let (mut lowest, mut highest, mut behind, mut across) = (1.0_f32, -1.0_f32, 0, 0);
+        for _ in 0..4000 {
+            let [upper, fore] = procedural(&mut rng);
+            let bone = rotate(upper, [0.0, 1.0, 0.0]);
+            let elbow = bone.iter().zip(rotate(fore, [0.0, 1.0, 0.0])).map(|(a, b)| a * b).sum::<f32>();
+            assert!(elbow >= 145_f32.to_radians().cos() - 1e-4);
+            assert!(bone[2] <= 0.95 + 1e-4);
+            lowest = lowest.min(bone[2]);
+            highest = highest.max(bone[2]);
+            behind += i32::from(bone[0] < -0.3);
+            across += i32::from(bone[1] < -0.3);
+        }
+        assert!(lowest < -0.99 && highest > 0.94, "{lowest} {highest}");
+        assert!(behind > 100 && across > 100, "{behind} {across}");
+    }
+
+    #[test]
+    fn a_batch_depends_on_its_seed_step_and_shard_alone() {
+        let recorded = Recorded { poses: vec![[[0.0, 0.0, 0.0, 1.0]; 2]; 3] };
+        let draw = |seed, step, shard| {
+            let mut batch = Batch::new(16);
+            batch.draw(seed, step, shard, &example_arm(), &recorded, &Mixture::default());
+            batch
+        };
+        let first = draw(1, 5, 0);
+        let again = draw(1, 5, 0);
+        assert_eq!(first.features, again.features);
+        assert_eq!((first.shift, &first.anchor), (again.shift, &again.anchor));
+        for other in [draw(2, 5, 0), draw(1, 6, 0), draw(1, 5, 1)] {
+            assert_ne!(first.features, other.features);
+            assert_ne!(first.posture, other.posture);
+        }
+    }
+
+    #[test]
+    fn jitter_keeps_rotations_unit_and_within_its_bounds() {
+        let mut rng = Pcg64::new(3, 3);
+        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02 };
+        for _ in 0..200 {
+            let pose = procedural(&mut rng);
+            let moved = jittered(&mut rng, &pose, &mixture);
+            for (a, b) in pose.iter().zip(&moved) {
+                assert!((b.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-5);
+                assert!(crate::kinematics::limb_degrees(*a, *b).to_radians() < 0.12 * 3_f32.sqrt() + 1e-3);
+            }
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Dense products and wide vectors: the one file of the trainer that needs `unsafe`.
+//!
+//! Two things cannot be said in safe Rust: the pointer interface of the `gemm` crate, and entering a function that is
+//! compiled for AVX-512. Both are wrapped here behind slices and checks.
+#![allow(unsafe_code)]
+
+use gemm::Parallelism;
+
+/// A row-major matrix over a slice, optionally read transposed.
+#[derive(Clone, Copy, Debug)]
+pub struct Mat<'a> {
+    data: &'a [f32],
+    rows: usize,
+    cols: usize,
+    transposed: bool,
+}
+
+impl<'a> Mat<'a> {
+    /// The `rows` x `cols` matrix stored row by row at the start of `data`. Panics if `data` is shorter.
+    #[must_use]
+    pub fn new(data: &'a [f32], rows: usize, cols: usize) -> Self {
+        assert!(data.len() >= rows * cols, "matrix {rows} x {cols} over {} values", data.len());
+        Self { data, rows, cols, transposed: false }
+    }
+
+    /// The same storage, read as its transpose.
+    #[must_use]
+    pub fn t(self) -> Self {
+        Self { transposed: !self.transposed, ..self }
+    }
+
+    fn shape(self) -> (usize, usize) {
+        if self.transposed { (self.cols, self.rows) } else { (self.rows, self.cols) }
+    }
+
+    /// (column stride, row stride) in elements, as `gemm` wants them.
+    fn strides(self) -> (isize, isize) {
+        let step = self.cols as isize;
+        if self.transposed { (step, 1) } else { (1, step) }
+    }
+}
+
+/// `dst = a b`, or `dst += a b` when `accumulate`; `dst` is row-major and exactly rows(a) x cols(b).
+/// Panics if the shapes do not agree.
+pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
+    let (m, inner) = a.shape();
+    let (b_rows, n) = b.shape();
+    assert_eq!(inner, b_rows, "inner dimensions of a product");
+    assert_eq!(dst.len(), m * n, "destination of a {m} x {n} product");
+    if m == 0 || n == 0 {
+        return;
+    }
+    let (a_cs, a_rs) = a.strides();
+    let (b_cs, b_rs) = b.strides();
+    // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner: `Mat::new` checked that the storage holds rows * cols
+    // values, and with these strides the largest index is rows * cols - 1 in either reading; the same for b. It writes
+    // dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is an exclusive borrow, so it
+    // overlaps neither input. No parallelism is asked for, so no pointer leaves this thread.
+    unsafe {
+        gemm::gemm(
+            m,
+            n,
+            inner,
+            dst.as_mut_ptr(),
+            1,
+            n as isize,
+            accumulate,
+            a.data.as_ptr(),
+            a_cs,
+            a_rs,
+            b.data.as_ptr(),
+            b_cs,
+            b_rs,
+            1.0_f32,
+            1.0_f32,
+            false,
+            false,
+            false,
+            Parallelism::None,
+        );
+    }
+}
+
+/// Runs `work` compiled for the widest vectors of this machine. What it calls must be `#[inline(always)]`, or it stays
+/// at the baseline instruction set.
+#[inline]
+pub fn widest<R>(work: impl FnOnce() -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512dq")
+        {
+            // SAFETY: the features that the callee is compiled for were just detected on this machine.
+            return unsafe { with_avx512(work) };
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: as above.
+            return unsafe { with_avx2(work) };
+        }
+    }
+    work()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2")]
+fn with_avx512<R>(work: impl FnOnce() -> R) -> R {
+    work()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn with_avx2<R>(work: impl FnOnce() -> R) -> R {
+    work()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn naive(a: &[f32], b: &[f32], m: usize, k: usize, n: usize) -> Vec<f32> {
+        let mut out = vec![0.0; m * n];
+        for i in 0..m {
+            for j in 0..n {
+                out[i * n + j] = (0..k).map(|l| a[i * k + l] * b[l * n + j]).sum();
+            }
+        }
+        out
+    }
+
+    fn transpose(a: &[f32], rows: usize, cols: usize) -> Vec<f32> {
+        (0..cols).flat_map(|j| (0..rows).map(move |i| a[i * cols + j])).collect()
+    }
+
+    #[test]
+    fn products_agree_with_the_textbook_in_every_layout() {
+        let (m, k, n) = (7, 13, 5);
+        let a: Vec<f32> = (0..m * k).map(|i| (i as f32 * 0.37).sin()).collect();
+        let b: Vec<f32> = (0..k * n).map(|i| (i as f32 * 0.91).cos()).collect();
+        let want = naive(&a, &b, m, k, n);
+        let (at, bt) = (transpose(&a, m, k), transpose(&b, k, n));
+        let layouts = [
+            (Mat::new(&a, m, k), Mat::new(&b, k, n)),
+            (Mat::new(&at, k, m).t(), Mat::new(&b, k, n)),
+            (Mat::new(&a, m, k), Mat::new(&bt, n, k).t()),
+            (Mat::new(&at, k, m).t(), Mat::new(&bt, n, k).t()),
+        ];
+        for (left, right) in layouts {
+            let mut got = vec![1.0; m * n];
+            multiply(&mut got, left, right, false);
+            assert!(got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5));
+            multiply(&mut got, left, right, true);
+            assert!(got.iter().zip(&want).all(|(g, w)| (g - 2.0 * w).abs() < 2e-5));
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "inner dimensions")]
+    fn products_of_unlike_shapes_are_refused() {
+        multiply(&mut [0.0; 4], Mat::new(&[0.0; 6], 2, 3), Mat::new(&[0.0; 4], 2, 2), false);
+    }
+}
