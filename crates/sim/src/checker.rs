@@ -1,0 +1,162 @@
+//! Holds every executed step against the limits. Knows only what is executed, and when.
+//!
+//! Between two executed states, `dt = (k - k') T` apart, the motion is not known, but within the jerk limit J it is
+//! bounded, whatever its phases: the trapezoid rule for an integrand with |f'| <= J errs by at most J dt^2 / 4, for one with
+//! |f''| <= J by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical Integration, section 2.1). So
+//!
+//! ```text
+//! |a - a'|                        <= J dt
+//! |v - v' - (a + a') / 2 dt|      <= J dt^2 / 4
+//! |q - q' - (v + v') / 2 dt|      <= J dt^3 / 12
+//! ```
+//!
+//! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
+
+use crate::clearance::Workspace;
+use crate::config::Config;
+use crate::report::{Report, Violation, ViolationKind};
+use driver::Setpoint;
+use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
+
+// The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in doubles
+// (2.2e-16); a plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last place, so
+// values are off by less than 1e-11, and the difference of two accelerations over a tick by 1500 times that.
+
+/// Rounding of a position, rad or m.
+pub const TOLERANCE_Q: f64 = 1e-9;
+/// Rounding of a velocity, rad/s or m/s.
+pub const TOLERANCE_V: f64 = 1e-9;
+/// Rounding of an acceleration, rad/s^2 or m/s^2.
+pub const TOLERANCE_A: f64 = 1e-9;
+/// Rounding of a jerk, rad/s^3 or m/s^3.
+pub const TOLERANCE_J: f64 = 1e-6;
+/// Rounding of a clearance, m: positions of rounding 1e-15 over a chain of 2 m, squared and rooted near zero.
+pub const TOLERANCE_CLEARANCE_M: f64 = 1e-9;
+
+/// Below this speed (rad/s, m/s) and acceleration a robot stands: rounding alone.
+const STANDING: f64 = 1e-9;
+
+/// State of the checker.
+#[derive(Clone, Debug)]
+pub(crate) struct Checker {
+    last: Setpoint,
+    mode: u32,
+    /// Index at which Engaging last began from rest.
+    engaged_k: Option<u64>,
+    room: Workspace,
+}
+
+impl Checker {
+    /// Begins with what is held at the start.
+    pub(crate) fn new(config: &Config, held: Setpoint) -> Self {
+        Self {
+            last: held,
+            mode: Mode::Disengaged as u32,
+            engaged_k: None,
+            room: config.body.workspace(),
+        }
+    }
+
+    /// Checks the step to `to`, executed in `mode`.
+    pub(crate) fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
+        let from = self.last;
+        report.steps += 1;
+        for j in 0..JOINTS {
+            check_joint(config, report, &from, to, j);
+        }
+        let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
+        report.min_clearance_m = report.min_clearance_m.min(clearance_m);
+        let clear = clearance_m >= config.body.d_min_m - TOLERANCE_CLEARANCE_M;
+        if !clear {
+            note(
+                report,
+                ViolationKind::Clearance,
+                to.k,
+                pair,
+                clearance_m,
+                config.body.d_min_m,
+            );
+        }
+        self.engage(config, report, to, mode);
+        (self.last, self.mode) = (*to, mode);
+    }
+
+    /// Watches the first second of every engagement that began at rest.
+    fn engage(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
+        let from = &self.last;
+        let moving = mode == Mode::Engaging as u32 || mode == Mode::Engaged as u32;
+        if mode == Mode::Engaging as u32 && self.mode != mode {
+            let standing = from.v.iter().chain(&from.a).all(|x| x.abs() <= STANDING);
+            self.engaged_k = standing.then_some(to.k);
+            if standing {
+                report.engagements += 1;
+                for j in (0..JOINTS).filter(|&j| !config.model.prismatic[j]) {
+                    report.engage_max_step_rad = report.engage_max_step_rad.max((to.q[j] - from.q[j]).abs());
+                }
+            }
+        }
+        if let Some(engaged_k) = self.engaged_k
+            && moving
+            && to.k.saturating_sub(engaged_k) < TICK_HZ
+        {
+            let ratio = |j: usize| to.v[j].abs() / config.limits[j].v_max;
+            report.engage_velocity_ratio = (0..JOINTS).map(ratio).fold(report.engage_velocity_ratio, f64::max);
+        }
+    }
+}
+
+fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
+    report.counts[kind as usize] += 1;
+    report.first.get_or_insert(Violation {
+        kind,
+        k,
+        which,
+        value,
+        limit,
+    });
+}
+
+/// One joint of one step. What holds is computed, and its absence counted, so that NaN is a violation.
+fn check_joint(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
+    let limits = &config.limits[j];
+    let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
+    let inside = q >= limits.q_min - TOLERANCE_Q && q <= limits.q_max + TOLERANCE_Q;
+    if !inside {
+        let limit = if q < limits.q_min { limits.q_min } else { limits.q_max };
+        note(report, ViolationKind::Position, to.k, j, q, limit);
+    }
+    let peak = peak_velocity(from, to, j);
+    let slow = peak <= limits.v_max + TOLERANCE_V;
+    if !slow {
+        note(report, ViolationKind::Velocity, to.k, j, peak, limits.v_max);
+    }
+    let gentle = a.abs() <= limits.a_max + TOLERANCE_A;
+    if !gentle {
+        note(report, ViolationKind::Acceleration, to.k, j, a, limits.a_max);
+    }
+    let dt = to.k.saturating_sub(from.k) as f64 * TICK_S;
+    let jerk = (a - from.a[j]).abs() / dt;
+    let off_v = (v - from.v[j] - (a + from.a[j]) / 2.0 * dt).abs();
+    let off_q = (q - from.q[j] - (v + from.v[j]) / 2.0 * dt).abs();
+    let within = jerk <= limits.j_max + TOLERANCE_J
+        && off_v <= limits.j_max * dt * dt / 4.0 + TOLERANCE_V
+        && off_q <= limits.j_max * dt * dt * dt / 12.0 + TOLERANCE_Q;
+    if !within {
+        let needed = jerk.max(4.0 * off_v / (dt * dt)).max(12.0 * off_q / (dt * dt * dt));
+        note(report, ViolationKind::Jerk, to.k, j, needed, limits.j_max);
+    }
+}
+
+/// The largest speed of joint `j` on the way: at the ends, and, if the step is one tick of constant jerk, where the
+/// acceleration passes zero: there v = v' - a'^2 / 2J. A plan's tick with a change of phase inside peaks where a phase
+/// ends, at an acceleration of zero only if the ends show it, so its ends are what is checked.
+fn peak_velocity(from: &Setpoint, to: &Setpoint, j: usize) -> f64 {
+    let ends = to.v[j].abs().max(from.v[j].abs());
+    let (a0, a1) = (from.a[j], to.a[j]);
+    let constant_jerk = (to.v[j] - from.v[j] - (a0 + a1) / 2.0 * TICK_S).abs() <= TOLERANCE_V;
+    if to.k == from.k + 1 && constant_jerk && a0 * a1 < 0.0 {
+        let jerk = (a1 - a0) / TICK_S;
+        return ends.max((from.v[j] - a0 * a0 / (2.0 * jerk)).abs());
+    }
+    ends
+}

@@ -1,0 +1,183 @@
+//! What the simulated robot is made of.
+
+use crate::clearance::Body;
+use messages::{JOINTS, TICK_HZ};
+use robot::{JointLimits, Model};
+
+/// The longest transport delay that fits, ticks: 20 ms, the cycle of the slowest interface that the robot offers, and some.
+pub const DELAY_MAX_TICKS: u32 = 31;
+
+/// How often the noise of an encoder may exceed its standard deviation before a posture counts as outside its limits.
+const NOISE_SIGMAS: f64 = 8.0;
+
+/// The servo's acceleration over that of the commands: a drive needs a reserve to correct an error while it executes the
+/// steepest command. Assumption; TIAGo's drives are not published.
+const ACCELERATION_RESERVE: f64 = 1.5;
+
+/// What can be chosen. The manufacturer publishes none of the figures of the joint servos; the defaults are assumptions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Natural frequency of every joint servo, Hz. Assumption: 15, an industrial position loop.
+    pub natural_frequency_hz: f64,
+    /// Damping ratio of every joint servo. Assumption: 1, no overshoot.
+    pub damping_ratio: f64,
+    /// Ticks from the setpoint to the servo. Assumption: 2, one field-bus cycle of 1 ms and its rounding up.
+    pub delay_ticks: u32,
+    /// Standard deviation of a measured position, rad or m. Assumption: one encoder step of 17 bits.
+    pub encoder_noise_rad: f64,
+    /// Step of a measured position, rad or m. Assumption: 17 bits per turn.
+    pub encoder_step_rad: f64,
+    /// Ticks without an acceptable command after which the driver latches its fault.
+    pub silence_ticks: u64,
+    /// Posture at the start, rad or m; the robot's home if none is given.
+    pub initial: Option<[f64; JOINTS]>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let step_rad = std::f64::consts::TAU / f64::from(1 << 17);
+        Self {
+            natural_frequency_hz: 15.0,
+            damping_ratio: 1.0,
+            delay_ticks: 2,
+            encoder_noise_rad: step_rad,
+            encoder_step_rad: step_rad,
+            silence_ticks: driver::SILENCE_TICKS,
+            initial: None,
+        }
+    }
+}
+
+/// Why there is no simulated robot.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimError {
+    /// A figure out of its bounds.
+    #[error("sim: {key} = {value}: must be between {min} and {max}")]
+    OutOfBounds {
+        /// The option.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least value.
+        min: f64,
+        /// Greatest value.
+        max: f64,
+    },
+    /// A start from which the noise of the encoders alone leaves the limits.
+    #[error(
+        "sim: initial posture of {joint} = {value}: must be at least {margin} (noise and step of the encoder) inside [{min}, {max}]"
+    )]
+    InitialOutsideLimits {
+        /// The joint.
+        joint: String,
+        /// Its position.
+        value: f64,
+        /// Least position.
+        min: f64,
+        /// Greatest position.
+        max: f64,
+        /// How far inside it must be.
+        margin: f64,
+    },
+}
+
+/// A simulated robot, checked.
+#[derive(Clone, Debug)]
+pub struct Config {
+    pub(crate) model: Model,
+    pub(crate) follower: driver::Config,
+    /// The stricter of URDF and robot file, joint by joint and limit by limit.
+    pub(crate) limits: [JointLimits; JOINTS],
+    pub(crate) body: Body,
+    pub(crate) initial: [f64; JOINTS],
+    /// Natural frequency, rad/s.
+    pub(crate) omega: f64,
+    pub(crate) damping_ratio: f64,
+    pub(crate) delay_ticks: usize,
+    pub(crate) noise: f64,
+    pub(crate) step: f64,
+    /// Speeds and accelerations that the servos cannot exceed.
+    pub(crate) v_servo: [f64; JOINTS],
+    pub(crate) a_servo: [f64; JOINTS],
+}
+
+impl Config {
+    /// The simulated robot of `model`.
+    pub fn new(model: &Model, options: &Options) -> Result<Self, SimError> {
+        let within = |key, value: f64, min: f64, max: f64| {
+            let inside = value >= min && value <= max;
+            if inside {
+                Ok(value)
+            } else {
+                Err(SimError::OutOfBounds { key, value, min, max })
+            }
+        };
+        // Above a tenth of the tick rate the plant's integration would be the plant.
+        let frequency_max = TICK_HZ as f64 / 10.0;
+        let natural_hz = within("natural_frequency_hz", options.natural_frequency_hz, 1.0, frequency_max)?;
+        let damping_ratio = within("damping_ratio", options.damping_ratio, 0.1, 5.0)?;
+        let delay = within(
+            "delay_ticks",
+            f64::from(options.delay_ticks),
+            0.0,
+            f64::from(DELAY_MAX_TICKS),
+        )?;
+        let noise = within("encoder_noise_rad", options.encoder_noise_rad, 0.0, 0.01)?;
+        let step = within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
+        within(
+            "silence_ticks",
+            options.silence_ticks as f64,
+            1.0,
+            10.0 * TICK_HZ as f64,
+        )?;
+        let limits = std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
+        let initial = options.initial.unwrap_or(model.home);
+        let margin = NOISE_SIGMAS * noise + step;
+        for j in 0..JOINTS {
+            let (min, max) = (limits[j].q_min, limits[j].q_max);
+            if !(initial[j] >= min + margin && initial[j] <= max - margin) {
+                let joint = model.joint_names[j].clone();
+                return Err(SimError::InitialOutsideLimits {
+                    joint,
+                    value: initial[j],
+                    min,
+                    max,
+                    margin,
+                });
+            }
+        }
+        Ok(Self {
+            model: model.clone(),
+            follower: driver::Config {
+                silence_ticks: options.silence_ticks,
+                ..driver::Config::new(limits.map(|limits| limits.v_max))
+            },
+            limits,
+            body: Body::new(model),
+            initial,
+            omega: std::f64::consts::TAU * natural_hz,
+            damping_ratio,
+            delay_ticks: delay as usize,
+            noise,
+            step,
+            v_servo: model.urdf_limits.map(|limits| limits.v_max),
+            a_servo: limits.map(|limits| ACCELERATION_RESERVE * limits.a_max),
+        })
+    }
+
+    /// The posture at the start, rad or m.
+    pub fn initial(&self) -> &[f64; JOINTS] {
+        &self.initial
+    }
+}
+
+fn strictest(a: &JointLimits, b: &JointLimits) -> JointLimits {
+    JointLimits {
+        q_min: a.q_min.max(b.q_min),
+        q_max: a.q_max.min(b.q_max),
+        v_max: a.v_max.min(b.v_max),
+        a_max: a.a_max.min(b.a_max),
+        j_max: a.j_max.min(b.j_max),
+        effort_max: a.effort_max.min(b.effort_max),
+    }
+}

@@ -1,0 +1,159 @@
+//! What a run of the simulated robot amounts to.
+
+use messages::JOINTS;
+
+/// What an executed step can violate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum ViolationKind {
+    /// Position limits.
+    Position = 0,
+    /// Velocity limit, at the ends of a tick and inside it.
+    Velocity = 1,
+    /// Acceleration limit.
+    Acceleration = 2,
+    /// Jerk limit: the acceleration changed by more than it allows, or velocity or position by more than any motion
+    /// within it could.
+    Jerk = 3,
+    /// Clearance of a checked pair.
+    Clearance = 4,
+}
+
+impl ViolationKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [
+        Self::Position,
+        Self::Velocity,
+        Self::Acceleration,
+        Self::Jerk,
+        Self::Clearance,
+    ];
+
+    /// Name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Acceleration => "acceleration",
+            Self::Jerk => "jerk",
+            Self::Clearance => "clearance",
+        }
+    }
+}
+
+/// One violation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Violation {
+    /// What was violated.
+    pub kind: ViolationKind,
+    /// Index of the executed step.
+    pub k: u64,
+    /// The joint, or the index of the pair.
+    pub which: usize,
+    /// The value, SI.
+    pub value: f64,
+    /// The limit that it breaks, SI.
+    pub limit: f64,
+}
+
+/// Counts and extremes since the start.
+#[derive(Clone, Debug)]
+pub struct Report {
+    pub(crate) counts: [u64; ViolationKind::ALL.len()],
+    pub(crate) first: Option<Violation>,
+    pub(crate) steps: u64,
+    pub(crate) min_clearance_m: f64,
+    pub(crate) tracking_max: [f64; JOINTS],
+    pub(crate) tracking_squares: [f64; JOINTS],
+    pub(crate) tracking_samples: u64,
+    pub(crate) prismatic: [bool; JOINTS],
+    pub(crate) engagements: u64,
+    pub(crate) engage_max_step_rad: f64,
+    pub(crate) engage_velocity_ratio: f64,
+}
+
+impl Report {
+    pub(crate) fn new(prismatic: [bool; JOINTS]) -> Self {
+        Self {
+            counts: [0; ViolationKind::ALL.len()],
+            first: None,
+            steps: 0,
+            min_clearance_m: f64::INFINITY,
+            tracking_max: [0.0; JOINTS],
+            tracking_squares: [0.0; JOINTS],
+            tracking_samples: 0,
+            prismatic,
+            engagements: 0,
+            engage_max_step_rad: 0.0,
+            engage_velocity_ratio: 0.0,
+        }
+    }
+
+    /// Violations by kind: name and number of joints or steps.
+    pub fn violations(&self) -> [(&'static str, u64); ViolationKind::ALL.len()] {
+        ViolationKind::ALL.map(|kind| (kind.name(), self.counts[kind as usize]))
+    }
+
+    /// How many violations there were of one kind.
+    pub fn violations_of(&self, kind: ViolationKind) -> u64 {
+        self.counts[kind as usize]
+    }
+
+    /// Violations of all kinds.
+    pub fn violations_total(&self) -> u64 {
+        self.counts.iter().sum()
+    }
+
+    /// The first violation, for whoever has to find out why.
+    pub fn first_violation(&self) -> Option<&Violation> {
+        self.first.as_ref()
+    }
+
+    /// Executed steps that were checked.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Least clearance of the checked pairs over all executed postures, m; infinite before the first.
+    pub fn min_clearance_m(&self) -> f64 {
+        self.min_clearance_m
+    }
+
+    /// Largest |executed - measured| of each joint, rad or m.
+    pub fn tracking_error_max(&self) -> &[f64; JOINTS] {
+        &self.tracking_max
+    }
+
+    /// Largest |executed - measured| of the revolute joints, rad.
+    pub fn tracking_error_max_rad(&self) -> f64 {
+        self.revolute().map(|j| self.tracking_max[j]).fold(0.0, f64::max)
+    }
+
+    /// Root mean square of executed less measured over the revolute joints and all ticks, rad; 0 before the first.
+    pub fn tracking_error_rms_rad(&self) -> f64 {
+        let (sum, joints) = self
+            .revolute()
+            .fold((0.0, 0), |(sum, n), j| (sum + self.tracking_squares[j], n + 1));
+        (sum / (joints * self.tracking_samples).max(1) as f64).sqrt()
+    }
+
+    /// How often the mode became Engaging with the robot at rest.
+    pub fn engagements(&self) -> u64 {
+        self.engagements
+    }
+
+    /// Largest step of a revolute joint in the first tick of Engaging from rest, rad.
+    pub fn engage_max_step_rad(&self) -> f64 {
+        self.engage_max_step_rad
+    }
+
+    /// Largest |v| / v_max of any joint in the first second after Engaging began from rest, while the mode was Engaging or
+    /// Engaged.
+    pub fn engage_first_second_velocity_ratio(&self) -> f64 {
+        self.engage_velocity_ratio
+    }
+
+    fn revolute(&self) -> impl Iterator<Item = usize> {
+        (0..JOINTS).filter(|&j| !self.prismatic[j])
+    }
+}

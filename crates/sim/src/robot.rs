@@ -1,0 +1,142 @@
+//! The simulated robot as a process sees it: a command in, the robot's state out.
+
+use crate::checker::Checker;
+use crate::config::Config;
+use crate::plant::{Injection, Plant, Port};
+use crate::report::Report;
+use driver::{Accepted, Driver, Refusal, StepKind};
+use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp};
+
+/// Everything remembered.
+#[derive(Clone, Debug)]
+pub struct State {
+    follower: driver::State,
+    plant: Plant,
+    checker: Checker,
+    report: Report,
+    sequence: u64,
+    port_fault: bool,
+}
+
+impl State {
+    /// At rest in the initial posture at index `k`, holding what its encoders read; `seed` is that of the noise.
+    pub fn new(config: &Config, k: u64, seed: u64) -> Self {
+        let mut plant = Plant::new(config, k, seed);
+        let measured = Port {
+            config,
+            plant: &mut plant,
+        }
+        .read(Stamp::NONE);
+        let follower =
+            driver::State::hold(k, &measured.q).expect("the initial posture was checked, and the noise is finite");
+        let checker = Checker::new(config, follower.setpoint());
+        let report = Report::new(config.model.prismatic);
+        Self {
+            follower,
+            plant,
+            checker,
+            report,
+            sequence: 0,
+            port_fault: false,
+        }
+    }
+
+    /// What the run amounts to so far.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// The driver's side.
+    pub fn follower(&self) -> &driver::State {
+        &self.follower
+    }
+
+    /// Where the joints are in truth, rad or m.
+    pub fn q(&self) -> &[f64; JOINTS] {
+        self.plant.q()
+    }
+
+    /// Switches a fault of the robot on.
+    pub fn inject(&mut self, fault: Injection) {
+        self.plant.inject(fault);
+    }
+
+    /// Switches all injected faults off.
+    pub fn repair(&mut self) {
+        self.plant.repair();
+    }
+}
+
+/// What a tick is given.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// The last index whose deadline and grace are not after now.
+    pub due_k: u64,
+    /// The newest command; one that was given before is ignored.
+    pub command: Option<&'a JointCommand>,
+}
+
+/// What a tick results in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// To be published; of its header, sequence, stamp and origin are filled.
+    pub state: RobotState,
+    /// Indices by which the executed state is newer than before; zero if nothing was due.
+    pub advanced: u64,
+    /// The command that was accepted in this tick, and its latencies.
+    pub accepted: Option<Accepted>,
+    /// Why the command of this tick was refused.
+    pub refused: Option<Refusal>,
+    /// `DriverFault` while latched.
+    pub faults: Faults,
+}
+
+/// Executes up to the index that is due, moves the joints, measures, and checks every step.
+pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
+    let State {
+        follower,
+        plant,
+        checker,
+        report,
+        port_fault,
+        ..
+    } = state;
+    let mut port = Port { config, plant };
+    let mut mode = follower.mode;
+    let mut rejected = false;
+    let follow = driver::Input {
+        due_k: input.due_k,
+        command: input.command,
+        port_fault: *port_fault,
+    };
+    let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
+        if step.kind == StepKind::Command {
+            mode = input.command.map_or(mode, |command| command.mode);
+        }
+        checker.step(config, report, &step.setpoint, mode);
+        rejected |= !port.write(now, &step.setpoint);
+    });
+    let measured = port.read(now);
+    if out.advanced > 0 {
+        *port_fault = rejected;
+        report.tracking_samples += 1;
+        for j in 0..JOINTS {
+            let error = (out.executed.q[j] - measured.q[j]).abs();
+            report.tracking_max[j] = report.tracking_max[j].max(error);
+            report.tracking_squares[j] += error * error;
+        }
+    }
+    state.sequence += 1;
+    let header = Header {
+        sequence: state.sequence,
+        stamp: now,
+        ..Header::ZERO
+    };
+    Output {
+        state: state.follower.echo(header, &measured),
+        advanced: out.advanced,
+        accepted: out.accepted,
+        refused: out.refused,
+        faults: out.faults,
+    }
+}
