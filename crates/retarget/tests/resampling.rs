@@ -351,3 +351,72 @@ fn both_arms_mirror() {
     assert_eq!(out.latents[0], out.latents[1]);
     assert_eq!(retarget::mirror(out.target.human_limbs[0]), out.target.human_limbs[2]);
 }
+
+#[test]
+fn a_quaternion_may_change_its_sign_between_frames() {
+    let config = config(Method::Network, Resample::Interpolate, 40.0);
+    let steady = source(60.0, 1.0, true, |_| 0);
+    let mut flipping = steady.clone();
+    for (i, (_, skeleton)) in flipping.iter_mut().enumerate() {
+        skeleton.limbs[i % 4] = skeleton.limbs[i % 4].map(|x| -x);
+    }
+    for ((_, a), (_, b)) in run(&config, &steady, 1.0).iter().zip(run(&config, &flipping, 1.0)) {
+        let off = (0..17)
+            .map(|j| (a.target.q[j] - b.target.q[j]).abs())
+            .fold(0.0, f64::max);
+        assert!(off < 1e-6, "joints differ by {off} rad");
+    }
+}
+
+#[test]
+fn a_client_whose_clock_runs_wrong_is_still_followed() {
+    let arm = support::arm();
+    for speed in [0.0, 0.3, 0.9, 1.5, 4.0] {
+        let mut arrivals = source(60.0, 5.0, true, |_| 0);
+        for (at, skeleton) in &mut arrivals {
+            skeleton.header.origin = Stamp(START_NS + ((*at - START_NS) as f64 * speed) as u64);
+        }
+        let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &arrivals, 5.0);
+        for (now, output) in &outputs[300..] {
+            // Source time may be off by the longest silence, beside the delay.
+            let nearest = (0..50).map(|step| {
+                let then = (now.0 - START_NS) as f64 * 1e-9 - 0.005 * f64::from(step);
+                let upper = arm.forward(&human(then)[0]).upper;
+                angle(output.target.human_limbs[0], retarget::xyzw_from_rotation(&upper)).to_degrees()
+            });
+            let nearest = nearest.fold(f64::INFINITY, f64::min);
+            assert!(
+                nearest < 3.0,
+                "speed {speed}: {nearest} degrees from any posture of the last 250 ms"
+            );
+        }
+        assert!(
+            fastest(&outputs) < HURRY_UNSTAMPED * fastest_human(60.0, 5.0),
+            "speed {speed}"
+        );
+    }
+}
+
+#[test]
+fn a_stamp_of_the_future_is_not_fresh_for_ever() {
+    let config = config(Method::ClosedForm, Resample::Interpolate, 40.0);
+    let mut state = State::default();
+    let early = skeleton(1, u64::MAX, 0, &human(0.0));
+    let flags = |state: &mut State, ms: u64| {
+        let now = Stamp(START_NS + ms * MS);
+        tick(
+            &config,
+            state,
+            now,
+            Input {
+                k: ms,
+                skeleton: Some(&early),
+            },
+        )
+        .target
+        .flags
+    };
+    assert_eq!(flags(&mut state, 0), target_flag::INPUT_FRESH);
+    assert_eq!(flags(&mut state, 99), target_flag::INPUT_FRESH);
+    assert_eq!(flags(&mut state, 101), 0);
+}
