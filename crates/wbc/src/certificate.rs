@@ -6,13 +6,17 @@
 //! of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the joints that
 //! move both alike drop out.
 //!
-//! *Chord.* A point x(t) with |x''| <= B on [t0, t1] leaves its chord by at most B dt^2 / 8. For x on A's axis and y on
-//! B's, n.(x - y) is therefore at least the smaller of its end values less (B_A + B_B) dt^2 / 8, and the end values are at
-//! least sep_n(t0) + r_A + r_B and sep_n(t1) + r_A + r_B. So the segment is safe if one n satisfies
+//! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s) / 2.
+//! For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at t1. So,
+//! with S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B, the segment is safe if for one n
 //!
 //! ```text
-//! min(sep_n(t0), sep_n(t1)) >= d_min + (B_A + B_B) dt^2 / 8
+//! d_min <= min over s in [0, dt] of  S0 + (S1 - S0) s / dt - B s (dt - s) / 2
+//!        = S0 or S1, whichever is smaller,               if |S1 - S0| >= B dt^2 / 2,
+//!          (S0 + S1) / 2 - c - (S1 - S0)^2 / (16 c)      else, with c = B dt^2 / 8
 //! ```
+//!
+//! which is at least min(S0, S1) - B dt^2 / 8, and lets a motion begin at d_min if it leads away.
 //!
 //! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
 //! distance of the point from the joint's axis over all configurations, see [`Chain::reach`](crate::chain::Chain::reach));
@@ -50,6 +54,12 @@ const SHORTEST_S: f64 = 1.5e-3;
 const EVALUATIONS_MAX: u32 = 80;
 /// What a pair must have to spare beyond its path to be culled, m: far above the rounding of the kinematics.
 const CULL_MARGIN_M: f64 = 1e-9;
+/// Where a new decision may bring a pair to rest: d_min and this, m; where less is left, not closer than it is. On the way
+/// there half of what is left may be used. A motion that starts at its own bound could not be proved even if it leads
+/// away, because its chord sags by B dt^2 / 8 (0.0003 mm for the shortest one), and the arm could never leave.
+const SLACK_M: f64 = 5e-4;
+/// Rounding of a distance that a motion leaves unchanged, m; at 1500 decisions a second it could add up to 5 um an hour.
+const REST_ROUNDING_M: f64 = 1e-12;
 /// Halvings: 1.5 ms * 2^11 = 3 s, longer than any stop.
 const DEPTH_MAX: usize = 12;
 /// Pairs in flight at all depths; a motion that needs more is rejected. 322 pairs at full depth need far fewer, since
@@ -99,6 +109,9 @@ struct Entry {
     pair: usize,
     n: [Vector3<f64>; 2],
     sep: [f64; 2],
+    /// The distance to keep on the way and at rest, m: see [`floors`].
+    floor: f64,
+    rest_floor: f64,
 }
 
 /// Bounds on the motion of one capsule over a segment, per first joint of the chain's rest.
@@ -132,6 +145,8 @@ impl Scratch {
             pair: 0,
             n: [Vector3::zeros(); 2],
             sep: [0.0; 2],
+            floor: 0.0,
+            rest_floor: 0.0,
         };
         Self {
             nodes: vec![Node::new(capsules); DEPTH_MAX + 2],
@@ -176,6 +191,25 @@ pub(crate) fn certify(
     }
 }
 
+/// What a new decision keeps on its way and where it comes to rest, m, for a pair that is now `separation` apart: see
+/// [`SLACK_M`].
+#[inline]
+fn floors(d_min: f64, separation: f64) -> (f64, f64) {
+    let slack = (separation - d_min).clamp(0.0, SLACK_M);
+    (d_min + 0.5 * slack, d_min + slack - REST_ROUNDING_M)
+}
+
+/// The lower bound of the separation between two ends whose chord sags by at most `sag` (B dt^2 / 8) in the middle.
+#[inline]
+fn lowest(from: f64, to: f64, sag: f64) -> f64 {
+    let rise = to - from;
+    if rise.abs() >= 4.0 * sag {
+        from.min(to)
+    } else {
+        0.5 * (from + to) - sag - rise * rise / (16.0 * sag)
+    }
+}
+
 struct Proof<'a> {
     geometry: &'a Geometry,
     motion: &'a Motion,
@@ -200,7 +234,8 @@ impl Proof<'_> {
                 continue;
             }
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;
-            if anchor.separation[i] - path >= self.geometry.d_min_m + CULL_MARGIN_M {
+            let (floor, rest_floor) = floors(self.geometry.d_min_m, anchor.separation[i]);
+            if anchor.separation[i] - path >= rest_floor + CULL_MARGIN_M {
                 continue;
             }
             if self.s.top == ENTRIES {
@@ -210,6 +245,8 @@ impl Proof<'_> {
                 pair: i,
                 n: [Vector3::zeros(); 2],
                 sep: [0.0; 2],
+                floor,
+                rest_floor,
             };
             self.s.top += 1;
             needed |= pair.needed;
@@ -221,9 +258,15 @@ impl Proof<'_> {
         self.evaluate(1, self.motion.end_s(), needed, None);
         for e in 0..self.s.top {
             for side in [1, 0] {
-                let (n, sep) = self.direction(side, self.s.entries[e].pair);
-                if sep < self.geometry.d_min_m {
-                    return self.blame(self.s.entries[e].pair);
+                let Entry {
+                    pair,
+                    floor,
+                    rest_floor,
+                    ..
+                } = self.s.entries[e];
+                let (n, sep) = self.direction(side, pair);
+                if sep < if side == 1 { rest_floor } else { floor } {
+                    return self.blame(pair);
                 }
                 self.s.entries[e].n[side] = n;
                 self.s.entries[e].sep[side] = sep;
@@ -249,7 +292,7 @@ impl Proof<'_> {
         for e in first..kept {
             let entry = self.s.entries[e];
             let (n, sep) = self.direction(middle, entry.pair);
-            if sep < self.geometry.d_min_m {
+            if sep < entry.floor {
                 return self.blame(entry.pair);
             }
             // The right half waits in place while the left half is proved on top of it.
@@ -306,13 +349,16 @@ impl Proof<'_> {
         let pair = &self.geometry.pairs[entry.pair];
         let (curve_a, path_a) = self.reach(pair.a);
         let (curve_b, path_b) = self.reach(pair.b);
-        let d_min = self.geometry.d_min_m;
-        if entry.sep[0].max(entry.sep[1]) - (path_a + path_b) >= d_min + CULL_MARGIN_M {
+        if entry.sep[0].max(entry.sep[1]) - (path_a + path_b) >= entry.floor + CULL_MARGIN_M {
             return true;
         }
-        let wanted = d_min + (curve_a + curve_b) * dt * dt / 8.0;
-        (entry.sep[0] >= wanted && self.separation_along(to, entry.pair, &entry.n[0]) >= wanted)
-            || (entry.sep[1] >= wanted && self.separation_along(from, entry.pair, &entry.n[1]) >= wanted)
+        let sag = (curve_a + curve_b) * dt * dt / 8.0;
+        let other = self.separation_along(to, entry.pair, &entry.n[0]);
+        if lowest(entry.sep[0], other, sag) >= entry.floor {
+            return true;
+        }
+        let other = self.separation_along(from, entry.pair, &entry.n[1]);
+        lowest(other, entry.sep[1], sag) >= entry.floor
     }
 
     fn begin_segment(&mut self) {
@@ -326,19 +372,7 @@ impl Proof<'_> {
         if known.segment != self.s.segment {
             known.segment = self.s.segment;
             let shape = &self.geometry.shapes[side.capsule];
-            let links = self.geometry.chain.links();
-            let (mut curve, mut path, mut speed) = (0.0, 0.0, 0.0);
-            let tip = shape.chain.len();
-            (known.curve[tip], known.path[tip]) = (0.0, 0.0);
-            for s in (0..tip).rev() {
-                let (j, r) = (shape.chain[s], shape.reach[s]);
-                let Swing { v, a, path: length } = self.s.swings[j];
-                let turning = if links[j].prismatic { 0.0 } else { v };
-                curve += r * a + turning * (r * v + 2.0 * speed);
-                speed += r * v;
-                path += r * length;
-                (known.curve[s], known.path[s]) = (curve, path);
-            }
+            shape.curves(&self.geometry.chain, &self.s.swings, &mut known.curve, &mut known.path);
         }
         (known.curve[side.from], known.path[side.from])
     }

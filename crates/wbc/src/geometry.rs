@@ -3,6 +3,7 @@
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::config::WbcError;
+use crate::motion::Swing;
 use messages::JOINTS;
 use nalgebra::Vector3;
 
@@ -65,6 +66,32 @@ pub(crate) struct Shape {
     pub(crate) sphere: f64,
 }
 
+impl Shape {
+    /// For each first joint s of the rest of the chain: the bound B_s on the acceleration of any point of the axis
+    /// (m/s^2), and the bound on its path (m), against the body that carries joint s. The recursion of
+    /// [`certificate`](crate::certificate).
+    #[inline]
+    pub(crate) fn curves(
+        &self,
+        chain: &Chain,
+        swings: &[Swing; JOINTS],
+        curve: &mut [f64; JOINTS + 1],
+        path: &mut [f64; JOINTS + 1],
+    ) {
+        let tip = self.chain.len();
+        (curve[tip], path[tip]) = (0.0, 0.0);
+        let mut speed = 0.0;
+        for s in (0..tip).rev() {
+            let (j, r) = (self.chain[s], self.reach[s]);
+            let Swing { v, a, path: length } = swings[j];
+            let turning = if chain.links()[j].prismatic { 0.0 } else { v };
+            curve[s] = curve[s + 1] + r * a + turning * (r * v + 2.0 * speed);
+            path[s] = path[s + 1] + r * length;
+            speed += r * v;
+        }
+    }
+}
+
 /// The collision model.
 #[derive(Clone, Debug)]
 pub struct Geometry {
@@ -107,6 +134,14 @@ impl Geometry {
             pairs: checked,
             d_min_m,
         })
+    }
+
+    /// Bounds on the acceleration (m/s^2) and the path (m) of any point of a capsule's axis in the base frame while the
+    /// joints stay within `swings`.
+    pub fn curve_bound(&self, capsule: usize, swings: &[Swing; JOINTS]) -> (f64, f64) {
+        let (mut curve, mut path) = ([0.0; JOINTS + 1], [0.0; JOINTS + 1]);
+        self.shapes[capsule].curves(&self.chain, swings, &mut curve, &mut path);
+        (curve[0], path[0])
     }
 
     /// Number of pairs.

@@ -29,4 +29,4 @@ pub mod track;
 
 pub use config::{Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, Parts, WbcError};
 pub use plan::{JointState, JointStop, Planned};
-pub use tick::{Candidate, Input, Output, Permit, State, Target, certify_rest, tick};
+pub use tick::{Candidate, Input, Output, Permit, State, Target, certify_plan, certify_rest, tick};

@@ -1,7 +1,7 @@
 //! One period of whole-body control: what each joint would like, what it may, and what all of them together are proved
 //! to survive.
 
-use crate::certificate::{Scratch, certify};
+use crate::certificate::{Scratch, Verdict, certify};
 use crate::chain::JointSet;
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M};
@@ -155,6 +155,19 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2])
     let anchor = Anchor::new(&config.geometry, *q);
     let clear = anchor.clearance_m >= config.geometry.d_min_m + ENGAGE_MARGIN_M;
     (clear, anchor.clearance_m, nearest_pair(config, &anchor))
+}
+
+/// Whether a plan is proved to keep d_min from now to rest, whatever it was made by. Not for a tick: it allocates.
+pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
+    let anchor = Anchor::new(&config.geometry, planned.q);
+    let mut scratch = Scratch::new(&config.geometry);
+    certify(
+        &config.geometry,
+        &Motion::stops(planned),
+        ALL_JOINTS,
+        &anchor,
+        &mut scratch,
+    )
 }
 
 /// What the joints should do: per joint an aim, none to hold.

@@ -1,0 +1,347 @@
+//! What the stage promises, against targets that try to break it.
+
+mod support;
+
+use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use support::attack::Attacker;
+use support::checker::{Checker, play};
+use support::{D_MIN_M, config, home, limits};
+use wbc::{
+    Candidate, Config, Input, JointStop, Options, Permit, Planned, State, Target, certify_plan, certify_rest, tick,
+};
+
+fn attack(config: &Config, seed: u64, ticks: u64, dense: u64) -> Checker {
+    let mut state = State::at_rest(config, home());
+    let mut checker = Checker::new(state.planned());
+    let mut attacker = Attacker::new(seed);
+    for k in 0..ticks {
+        attacker.next(k, state.planned(), &checker);
+        let target = Target {
+            q: &attacker.q,
+            dq: &attacker.dq,
+            valid_mask: attacker.valid_mask,
+        };
+        let input = Input {
+            k,
+            target: Some(target),
+            permit: attacker.permit,
+        };
+        let out = tick(config, &mut state, Stamp::NONE, input);
+        checker.command(k, &out, k.is_multiple_of(dense));
+        let exact = (checker.clearance(&out.q) - out.clearance_m).abs();
+        assert!(
+            exact < 1e-6 || !k.is_multiple_of(64),
+            "k {k}: reported clearance is off by {exact}"
+        );
+    }
+    checker
+}
+
+#[test]
+fn no_attack_breaks_a_limit_or_the_clearance() {
+    let config = config(Options::default());
+    for seed in 100..105 {
+        let checker = attack(&config, seed, 20_000, 300);
+        assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
+        assert!(
+            checker.clearance_m < D_MIN_M + 1e-3,
+            "seed {seed} never came close: {}",
+            checker.clearance_m
+        );
+    }
+}
+
+#[test]
+fn without_the_certificate_the_same_attack_succeeds() {
+    let checker = attack(&config(Options::without_certificate_for_tests()), 100, 5_000, u64::MAX);
+    assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
+    assert!(
+        checker.first.iter().all(|words| words.contains("clearance")),
+        "{:#?}",
+        checker.first
+    );
+}
+
+/// A random motion of all joints with its stop, near the limits of speed and acceleration.
+fn random_plan(rng: &mut Pcg64) -> Planned {
+    let mut planned = Planned::at_rest([0.0; JOINTS]);
+    for (j, l) in limits().iter().enumerate() {
+        let mut x = wbc::JointState {
+            q: rng.random_range(l.q_min..=l.q_max),
+            ..Default::default()
+        };
+        x.v = l.v_max * rng.random_range(-1.0..=1.0);
+        x.a = l.a_max * rng.random_range(-1.0..=1.0);
+        planned.set_joint(j, x, JointStop::new(x.v, x.a, l.a_max, l.j_max));
+    }
+    planned
+}
+
+#[test]
+fn a_certified_plan_is_clear_at_every_sample() {
+    let config = config(Options::default());
+    let mut rng = Pcg64::seed_from_u64(3);
+    let checker = Checker::new(&Planned::at_rest(home()));
+    let (mut certified, mut close) = (0, 0);
+    while certified < 400 {
+        let planned = random_plan(&mut rng);
+        let verdict = certify_plan(&config, &planned);
+        assert!(verdict.evaluations <= 80);
+        if verdict.blamed.is_some() {
+            continue;
+        }
+        certified += 1;
+        let mut least = f64::INFINITY;
+        for i in 0..250 {
+            let t = f64::from(i) * 2e-3;
+            least = least.min(checker.clearance(&std::array::from_fn(|j| play(&planned, j, t).0)));
+        }
+        assert!(least >= D_MIN_M, "{least} on a certified plan");
+        close += u32::from(least < D_MIN_M + 0.02);
+    }
+    assert!(close > 10, "only {close} plans came near anything");
+}
+
+fn wave(t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
+    let w = |j: usize| 1.5 + 0.15 * j as f64;
+    // The lift is slow: its sine stays below 0.07 m/s.
+    let size = |j: usize| if j == 0 { 0.01 } else { 0.12 };
+    (
+        std::array::from_fn(|j| home()[j] + size(j) * (w(j) * t).sin()),
+        std::array::from_fn(|j| size(j) * w(j) * (w(j) * t).cos()),
+    )
+}
+
+#[test]
+fn smooth_motion_in_the_open_is_tracked_and_not_altered() {
+    let configs = [
+        config(Options::default()),
+        config(Options::without_certificate_for_tests()),
+    ];
+    let mut states = configs.each_ref().map(|c| State::at_rest(c, home()));
+    let (mut squares, mut count) = (0.0, 0.0);
+    for k in 0..9000 {
+        let (q, dq) = wave(k as f64 * TICK_S);
+        let target = Target {
+            q: &q,
+            dq: &dq,
+            valid_mask: ALL_JOINTS,
+        };
+        let input = Input {
+            k,
+            target: Some(target),
+            permit: Permit::Follow { speed_scale: 1.0 },
+        };
+        let [with, without] = [0, 1].map(|i| tick(&configs[i], &mut states[i], Stamp::NONE, input));
+        assert_eq!(with.candidate, Candidate::All);
+        for j in 0..JOINTS {
+            assert!((with.q[j] - without.q[j]).abs() < 1e-9, "k {k} joint {j}");
+            if k >= 1500 {
+                squares += (with.q[j] - q[j]).powi(2);
+                count += 1.0;
+            }
+        }
+    }
+    let rms = (squares / count).sqrt();
+    assert!(rms < 2e-3, "{rms} rad RMS");
+    println!("smooth tracking {:.3} mrad RMS", rms * 1e3);
+}
+
+#[test]
+fn a_scaled_speed_is_never_exceeded_from_rest() {
+    let config = config(Options::default());
+    let mut rng = Pcg64::seed_from_u64(9);
+    let mut state = State::at_rest(&config, home());
+    let mut fastest = 0.0_f64;
+    for k in 0..1500 {
+        let q = limits().map(|l| rng.random_range(l.q_min..=l.q_max));
+        let target = Target {
+            q: if k % 300 < 150 { &q } else { &home() },
+            dq: &[5.0; JOINTS],
+            valid_mask: ALL_JOINTS,
+        };
+        let permit = Permit::Follow { speed_scale: 0.05 };
+        let out = tick(
+            &config,
+            &mut state,
+            Stamp::NONE,
+            Input {
+                k,
+                target: Some(target),
+                permit,
+            },
+        );
+        for (j, l) in limits().iter().enumerate() {
+            fastest = fastest.max(out.v[j].abs() / l.v_max);
+        }
+    }
+    assert!(fastest <= 0.05, "{fastest}");
+    assert!(fastest > 0.04, "{fastest}: never tried");
+}
+
+#[test]
+fn nonsense_holds_and_a_stop_ends_in_exact_rest() {
+    let config = config(Options::default());
+    let mut state = State::at_rest(&config, home());
+    let (mut q, dq) = (home(), [0.0; JOINTS]);
+    q[5] += 1.0;
+    let follow = Permit::Follow { speed_scale: 1.0 };
+    let good = Target {
+        q: &q,
+        dq: &dq,
+        valid_mask: ALL_JOINTS,
+    };
+    for k in 0..300 {
+        tick(
+            &config,
+            &mut state,
+            Stamp::NONE,
+            Input {
+                k,
+                target: Some(good),
+                permit: follow,
+            },
+        );
+    }
+    assert!(state.planned().v[5].abs() > 0.5, "moving before the nonsense");
+    let expected = state.planned().rest_posture();
+    let bad = [f64::NAN; JOINTS];
+    let nonsense = Target {
+        q: &bad,
+        dq: &bad,
+        valid_mask: ALL_JOINTS,
+    };
+    let endings = [
+        Input {
+            k: 0,
+            target: Some(nonsense),
+            permit: follow,
+        },
+        Input {
+            k: 0,
+            target: None,
+            permit: follow,
+        },
+        Input {
+            k: 0,
+            target: Some(good),
+            permit: Permit::Stop,
+        },
+        Input {
+            k: 0,
+            target: Some(good),
+            permit: Permit::Follow { speed_scale: f64::NAN },
+        },
+    ];
+    for (i, input) in endings.into_iter().enumerate() {
+        let mut state = state.clone();
+        let mut out = tick(&config, &mut state, Stamp::NONE, input);
+        for _ in 0..900 {
+            out = tick(&config, &mut state, Stamp::NONE, input);
+        }
+        let off = (0..JOINTS).fold(0.0_f64, |m, j| m.max((out.q[j] - expected[j]).abs()));
+        if i < 3 {
+            assert!(out.at_rest && off < 1e-9, "ending {i}: off {off}");
+        }
+    }
+}
+
+#[test]
+fn a_target_that_stands_still_is_reached_to_exact_rest() {
+    let config = config(Options::default());
+    let mut state = State::at_rest(&config, home());
+    let mut q = home();
+    q[4] += 0.3;
+    q[12] -= 0.2;
+    let target = Target {
+        q: &q,
+        dq: &[0.0; JOINTS],
+        valid_mask: ALL_JOINTS & !(1 << 8),
+    };
+    let input = Input {
+        k: 0,
+        target: Some(target),
+        permit: Permit::Follow { speed_scale: 1.0 },
+    };
+    let mut out = tick(&config, &mut state, Stamp::NONE, input);
+    for _ in 0..3000 {
+        out = tick(&config, &mut state, Stamp::NONE, input);
+    }
+    assert!(out.at_rest && out.on_target && out.settled);
+    assert!((0..JOINTS).all(|j| (out.q[j] - q[j]).abs() < 1e-8));
+}
+
+#[test]
+fn a_blocked_arm_leaves_the_other_free() {
+    let config = config(Options::default());
+    let mut state = State::at_rest(&config, home());
+    let mut q = home();
+    // The left hand into the chest.
+    (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
+    q[13] += 0.5;
+    let target = Target {
+        q: &q,
+        dq: &[0.0; JOINTS],
+        valid_mask: ALL_JOINTS,
+    };
+    let input = Input {
+        k: 0,
+        target: Some(target),
+        permit: Permit::Follow { speed_scale: 1.0 },
+    };
+    let mut out = tick(&config, &mut state, Stamp::NONE, input);
+    for _ in 0..6000 {
+        out = tick(&config, &mut state, Stamp::NONE, input);
+    }
+    let left_off = (3..10).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
+    let right_off = (10..17).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
+    assert!(left_off > 0.02 && right_off < 1e-3, "left {left_off}, right {right_off}");
+    assert!(!out.on_target);
+}
+
+#[test]
+fn a_reseeded_state_continues_the_plan_it_is_given() {
+    let config = config(Options::default());
+    let mut state = State::at_rest(&config, home());
+    let mut q = home();
+    q[5] += 1.0;
+    let target = Target {
+        q: &q,
+        dq: &[0.0; JOINTS],
+        valid_mask: ALL_JOINTS,
+    };
+    let input = Input {
+        k: 0,
+        target: Some(target),
+        permit: Permit::Follow { speed_scale: 1.0 },
+    };
+    for _ in 0..300 {
+        tick(&config, &mut state, Stamp::NONE, input);
+    }
+    let seen = state.planned().advanced(5.0 * TICK_S);
+    let mut fresh = State::at_rest(&config, home());
+    fresh.reseed(&seen);
+    let out = tick(
+        &config,
+        &mut fresh,
+        Stamp::NONE,
+        Input {
+            permit: Permit::Stop,
+            ..input
+        },
+    );
+    let next = seen.advanced(TICK_S);
+    assert_eq!((out.q, out.v, out.a, out.plan), (next.q, next.v, next.a, next.plan));
+}
+
+#[test]
+fn a_resting_posture_is_clear_or_not() {
+    let config = config(Options::default());
+    assert!(certify_rest(&config, &home()).0);
+    let mut q = home();
+    (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
+    let (clear, clearance_m, pair) = certify_rest(&config, &q);
+    assert!(!clear && clearance_m < 0.0, "{clearance_m} {pair:?}");
+}

@@ -1,0 +1,108 @@
+//! The jerk interval against brute force: what it admits is safe, and nothing beyond its ends is.
+
+mod support;
+
+use messages::TICK_S;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use support::limits;
+use wbc::interval::Bounds;
+use wbc::{JointState, JointStop};
+
+/// Judges a jerk by sampling the tick and the stop after it.
+fn admissible(b: &Bounds, x: JointState, j: f64) -> bool {
+    let mut fits = j.abs() <= b.j_max;
+    let mut judge = |q: f64, v: f64, a: f64| {
+        fits &= q <= b.q_max && q >= b.q_min && v.abs() <= b.v_max && a.abs() <= b.a_max * (1.0 + 1e-12);
+    };
+    for i in 0..=40 {
+        let t = TICK_S * f64::from(i) / 40.0;
+        let a = x.a + j * t;
+        judge(
+            x.q + x.v * t + x.a * t * t / 2.0 + j * t * t * t / 6.0,
+            x.v + x.a * t + j * t * t / 2.0,
+            a,
+        );
+    }
+    let next = x.after(j, TICK_S);
+    let stop = JointStop::new(next.v, next.a, b.a_max, b.j_max);
+    // A grid of the stop, and its phases' ends: velocity is extreme where phases meet or acceleration vanishes.
+    let total = stop.total_s();
+    for i in 0..=400 {
+        let at = stop.advance(next, total * f64::from(i) / 400.0).0;
+        judge(at.q, at.v, at.a);
+    }
+    judge(stop.stop_position(next), next.coasting_velocity(b.j_max), 0.0);
+    fits
+}
+
+/// A state that its own stop keeps within the bounds, often at one of them.
+fn state(rng: &mut Pcg64, b: &Bounds) -> Option<JointState> {
+    let share = |rng: &mut Pcg64| {
+        if rng.random_bool(0.3) {
+            1.0
+        } else {
+            rng.random_range(-1.0..=1.0)
+        }
+    };
+    let a = b.a_max * share(rng);
+    let v = b.v_max * share(rng);
+    let mut x = JointState { q: 0.0, v, a };
+    if x.coasting_velocity(b.j_max).abs() > b.v_max {
+        return None;
+    }
+    let stop = JointStop::new(v, a, b.a_max, b.j_max);
+    let (low, high) = stop.extremes(x);
+    x.q = match rng.random_range(0..3) {
+        0 => b.q_max - high - rng.random_range(0.0..1e-3),
+        1 => b.q_min - low + rng.random_range(0.0..1e-3),
+        _ => rng.random_range(b.q_min..b.q_max),
+    };
+    (x.q + low >= b.q_min && x.q + high <= b.q_max).then_some(x)
+}
+
+#[test]
+fn ends_are_admissible_and_nothing_beyond_them_is() {
+    let mut rng = Pcg64::seed_from_u64(5);
+    let (mut bounded, mut empty, mut tried) = (0, 0, 0);
+    while tried < 6000 {
+        let b = limits()[[0, 1, 3, 5, 7][rng.random_range(0..5)]];
+        let Some(x) = state(&mut rng, &b) else { continue };
+        tried += 1;
+        let grid = (0..=64).map(|i| b.j_max * (f64::from(i) / 32.0 - 1.0));
+        let Some([low, high]) = b.interval(x) else {
+            empty += 1;
+            assert!(
+                grid.into_iter().all(|j| !admissible(&b, x, j)),
+                "{x:?} in {b:?} has a jerk"
+            );
+            continue;
+        };
+        assert!(
+            admissible(&b, x, low) && admissible(&b, x, high),
+            "[{low}, {high}] of {x:?} in {b:?}"
+        );
+        assert!(b.admits(x, low) && b.admits(x, high) && b.admits(x, 0.5 * (low + high)));
+        // Sampling sees a violation later than the exact test, by the position that a parabola hides between samples.
+        let beyond = 2e-2 * b.j_max;
+        for j in grid.chain([low - beyond, high + beyond]) {
+            let outside = j < low - beyond * 0.999 || j > high + beyond * 0.999;
+            assert!(
+                !outside || !admissible(&b, x, j),
+                "{j} outside [{low}, {high}] of {x:?} in {b:?}"
+            );
+        }
+        bounded += u32::from(high - low < 1.999 * b.j_max);
+        for wanted in [low - 1.0, high + 1.0, 0.3 * low + 0.7 * high, f64::MAX] {
+            let taken = b.nearest_admissible(x, wanted).expect("the interval is not empty");
+            assert!(
+                (taken - wanted.clamp(low, high)).abs() < 1e-6 * b.j_max,
+                "{wanted} -> {taken} of [{low}, {high}]"
+            );
+        }
+    }
+    assert!(
+        bounded > 1000,
+        "{bounded} states were bounded by anything but the jerk, {empty} empty"
+    );
+}

@@ -1,0 +1,170 @@
+//! A made-up two-armed robot, attackers, and a checker that shares no code with the crate.
+#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(unreachable_pub, reason = "an example includes this file too")]
+
+pub mod attack;
+pub mod checker;
+
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+use wbc::chain::{Chain, Link, Placement};
+use wbc::geometry::BodyCapsule;
+use wbc::interval::Bounds;
+use wbc::{Config, Options, Parts};
+
+/// Names no robot: proportions of a person on a column, d_min 10 mm.
+pub const D_MIN_M: f64 = 0.01;
+
+/// Joint as (parent body, origin in the parent, axis, prismatic), all frames parallel at zero.
+pub type JointRow = (usize, [f64; 3], [f64; 3], bool);
+
+/// The tree: a lift, two head joints, two mirrored arms whose zero is a T-pose.
+pub fn joint_rows() -> [JointRow; JOINTS] {
+    let mut rows = [(0, [0.0; 3], [0.0, 0.0, 1.0], false); JOINTS];
+    rows[0] = (0, [-0.05, 0.0, 0.8], [0.0, 0.0, 1.0], true);
+    rows[1] = (1, [0.18, 0.0, 0.0], [0.0, 0.0, 1.0], false);
+    rows[2] = (2, [0.0, 0.0, 0.1], [0.0, 1.0, 0.0], false);
+    let arm: [([f64; 3], [f64; 3]); 7] = [
+        ([0.03, 0.2, -0.16], [0.0, 0.0, -1.0]),
+        ([0.0, 0.12, 0.02], [-1.0, 0.0, 0.0]),
+        ([0.0, 0.09, 0.0], [0.0, 1.0, 0.0]),
+        ([0.02, 0.22, 0.02], [0.0, 0.0, -1.0]),
+        ([-0.02, 0.16, -0.02], [0.0, -1.0, 0.0]),
+        ([0.0, 0.15, 0.0], [1.0, 0.0, 0.0]),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
+    ];
+    for (i, (origin, axis)) in arm.into_iter().enumerate() {
+        let parent = |first: usize| if i == 0 { 1 } else { first + i };
+        rows[3 + i] = (parent(3), origin, axis, false);
+        // A mirror image turns the other way: the axis is an axial vector.
+        let (mirrored, turned) = ([origin[0], -origin[1], origin[2]], [-axis[0], axis[1], -axis[2]]);
+        rows[10 + i] = (parent(10), mirrored, turned, false);
+    }
+    rows
+}
+
+/// Limits in joint order.
+pub fn limits() -> [Bounds; JOINTS] {
+    let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds {
+        q_min,
+        q_max,
+        v_max,
+        a_max,
+        j_max,
+    };
+    let arm = [
+        bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
+        bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
+        bounds(-0.7, 3.8, 2.35, 8.0, 320.0),
+        bounds(-0.3, 2.3, 2.35, 8.0, 320.0),
+        bounds(-2.0, 2.0, 1.95, 10.0, 400.0),
+        bounds(-1.4, 1.4, 1.76, 10.0, 400.0),
+        bounds(-2.0, 2.0, 1.76, 10.0, 400.0),
+    ];
+    let head = bounds(-1.0, 0.8, 3.0, 10.0, 400.0);
+    let mut all = [bounds(0.0, 0.35, 0.07, 0.3, 12.0); JOINTS];
+    all[1..3].fill(head);
+    all[3..10].copy_from_slice(&arm);
+    all[10..].copy_from_slice(&arm);
+    all
+}
+
+/// A posture with both arms hanging forward and clear of everything.
+pub fn home() -> [f64; JOINTS] {
+    let arm = [0.2, 0.6, 1.0, 0.9, 0.0, 0.0, 0.0];
+    let mut q = [0.15; JOINTS];
+    q[1..3].fill(0.0);
+    q[3..10].copy_from_slice(&arm);
+    q[10..].copy_from_slice(&arm);
+    q
+}
+
+/// Capsules as (body, a, b, radius).
+pub fn capsules() -> Vec<BodyCapsule> {
+    let capsule = |body, a: [f64; 3], b: [f64; 3], radius_m| BodyCapsule {
+        body,
+        a: a.into(),
+        b: b.into(),
+        radius_m,
+    };
+    let mut all = vec![
+        capsule(0, [-0.1, -0.15, 0.15], [-0.1, 0.15, 0.15], 0.16),
+        capsule(0, [0.1, -0.15, 0.15], [0.1, 0.15, 0.15], 0.16),
+        capsule(0, [-0.06, 0.0, 0.2], [-0.06, 0.0, 0.65], 0.17),
+        capsule(1, [0.0, 0.0, -0.4], [0.0, 0.0, 0.0], 0.14),
+        capsule(1, [0.06, -0.09, -0.12], [0.06, 0.09, -0.12], 0.12),
+        capsule(1, [0.03, -0.15, -0.16], [0.03, 0.15, -0.16], 0.07),
+        capsule(2, [0.0, 0.0, 0.0], [0.0, 0.0, 0.08], 0.07),
+        capsule(3, [0.0, -0.03, 0.08], [0.0, 0.03, 0.08], 0.11),
+    ];
+    for (first, s) in [(4, 1.0), (11, -1.0)] {
+        all.extend([
+            capsule(first, [0.0, 0.0, 0.0], [0.0, 0.1 * s, 0.0], 0.06),
+            capsule(first + 1, [0.0, 0.0, 0.0], [0.0, 0.08 * s, 0.0], 0.06),
+            capsule(first + 2, [0.0, 0.04 * s, 0.0], [0.02, 0.21 * s, 0.02], 0.055),
+            capsule(first + 3, [0.0, 0.0, 0.0], [-0.02, 0.15 * s, -0.02], 0.055),
+            capsule(first + 4, [0.0, 0.03 * s, 0.0], [0.0, 0.13 * s, 0.0], 0.05),
+            capsule(first + 5, [0.0, 0.0, 0.0], [0.0, 0.01 * s, 0.0], 0.05),
+            capsule(first + 6, [0.0, 0.08 * s, 0.02], [0.02, 0.15 * s, 0.0], 0.055),
+            capsule(first + 6, [0.0, 0.15 * s, 0.0], [-0.02, 0.2 * s, 0.0], 0.05),
+        ]);
+    }
+    all
+}
+
+/// All pairs but those of bodies at most two joints apart, whose capsules touch by construction.
+pub fn pairs(capsules: &[BodyCapsule]) -> Vec<[usize; 2]> {
+    let rows = joint_rows();
+    let up = |body: usize| if body == 0 { 0 } else { rows[body - 1].0 };
+    let mut all = Vec::new();
+    for i in 0..capsules.len() {
+        for k in i + 1..capsules.len() {
+            let (a, b) = (capsules[i].body, capsules[k].body);
+            let near = |a: usize, b: usize| a == b || up(b) == a || up(up(b)) == a;
+            let shoulder = a <= 1 && (b == 6 || b == 13);
+            let torso_head = a <= 3 && b <= 3;
+            if !(near(a, b) || near(b, a) || shoulder || torso_head) {
+                all.push([i, k]);
+            }
+        }
+    }
+    all
+}
+
+/// The tree as the crate wants it.
+pub fn chain() -> Chain {
+    let limits = limits();
+    let links = std::array::from_fn(|j| {
+        let (parent, origin, axis, prismatic) = joint_rows()[j];
+        Link {
+            parent,
+            parent_from_body: Placement {
+                r: Matrix3::identity(),
+                t: Vector3::from(origin),
+            },
+            axis: Vector3::from(axis),
+            prismatic,
+            stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
+        }
+    });
+    Chain::new(links).expect("a tree in order")
+}
+
+/// The robot's parts.
+pub fn parts() -> Parts {
+    let capsules = capsules();
+    let pairs = pairs(&capsules);
+    Parts {
+        chain: chain(),
+        limits: limits(),
+        home: home(),
+        capsules,
+        pairs,
+        d_min_m: D_MIN_M,
+    }
+}
+
+/// The robot's configuration.
+pub fn config(options: Options) -> Config {
+    Config::from_parts(parts(), options).expect("a valid robot")
+}
