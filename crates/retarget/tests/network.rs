@@ -107,7 +107,7 @@ fn written_weights_read_back() {
 type Case = (&'static str, &'static str, fn(&mut Vec<u8>, &mut String));
 
 /// Text in the header is replaced by text of equal length, and the manifest signs the result.
-fn forge(bytes: &mut Vec<u8>, manifest: &mut String, from: &str, to: &str) {
+fn forge(bytes: &mut [u8], manifest: &mut String, from: &str, to: &str) {
     assert_eq!(from.len(), to.len());
     let at = bytes
         .windows(from.len())
