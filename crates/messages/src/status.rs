@@ -16,7 +16,8 @@ message! {
         pub from: u32,
         /// `Mode` after.
         pub to: u32,
-        /// `Fault` index that caused it, or `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`, `CLEARED`.
+        /// `Fault` index that caused it, or one of `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`,
+        /// `CLEARED`, `SETTLED`.
         pub why: u32,
         /// Zero.
         pub reserved: u32,
@@ -31,6 +32,7 @@ impl Transition {
     pub const AT_REST: u32 = 1003;
     pub const RESET: u32 = 1004;
     pub const CLEARED: u32 = 1005;
+    pub const SETTLED: u32 = 1006;
 
     /// Name of the cause in reports.
     pub const fn why_name(&self) -> &'static str {

@@ -1,0 +1,204 @@
+//! Distances of the capsule model, with arithmetic of its own: neither whole-body control's nor `robot`'s.
+
+use messages::JOINTS;
+use nalgebra::Vector3;
+use robot::{CAPSULES_MAX, Frames, Model, Pose};
+
+/// The least distance of the checked pairs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Clearance {
+    /// Surface to surface, m; negative where capsules overlap, NaN for a posture that is no posture.
+    pub distance_m: f64,
+    /// Indices of the two capsules in the robot file.
+    pub pair: [u32; 2],
+}
+
+impl Clearance {
+    /// Whether every pair is at least so far apart, m. False for NaN.
+    pub fn is_at_least(&self, distance_m: f64) -> bool {
+        self.distance_m >= distance_m
+    }
+}
+
+/// Capsules and pairs of one robot.
+#[derive(Clone, Debug)]
+pub(crate) struct Geometry {
+    model: Model,
+}
+
+impl Geometry {
+    pub(crate) fn new(model: &Model) -> Self {
+        Self { model: model.clone() }
+    }
+
+    /// Least distance at posture `q` (rad, m). No allocation.
+    pub(crate) fn clearance(&self, q: &[f64; JOINTS]) -> Clearance {
+        let mut frames = Frames {
+            base_from_body: [Pose::identity(); JOINTS + 1],
+        };
+        clearance(&self.model, &mut frames, q)
+    }
+}
+
+/// A capsule in the base frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    ends: [Vector3<f64>; 2],
+    middle: Vector3<f64>,
+    half_m: f64,
+    radius_m: f64,
+}
+
+impl Axis {
+    fn new(a: Vector3<f64>, b: Vector3<f64>, radius_m: f64) -> Self {
+        Self {
+            ends: [a, b],
+            middle: (a + b) / 2.0,
+            half_m: (b - a).norm() / 2.0,
+            radius_m,
+        }
+    }
+
+    /// Distance of the balls around two capsules, m: never more than that of the capsules.
+    fn around(&self, other: &Self) -> f64 {
+        (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
+    }
+}
+
+/// Least distance of the checked pairs of `model` at posture `q` (rad, m); `frames` is working memory. No allocation.
+pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clearance {
+    if q.iter().any(|q| !q.is_finite()) {
+        return Clearance {
+            distance_m: f64::NAN,
+            pair: [0; 2],
+        };
+    }
+    model.forward(q, frames);
+    let mut axes = [Axis::default(); CAPSULES_MAX];
+    for (axis, capsule) in axes.iter_mut().zip(&model.capsules) {
+        let pose = &frames.base_from_body[capsule.body];
+        *axis = Axis::new(
+            pose.r * capsule.a + pose.t,
+            pose.r * capsule.b + pose.t,
+            capsule.radius_m,
+        );
+    }
+    let mut least = Clearance {
+        distance_m: f64::INFINITY,
+        pair: [0; 2],
+    };
+    for pair in &model.pairs {
+        let (first, second) = (&axes[pair.a], &axes[pair.b]);
+        if first.around(second) >= least.distance_m {
+            continue;
+        }
+        let distance_m = between_segments(&first.ends, &second.ends) - first.radius_m - second.radius_m;
+        // Written so that NaN is taken, and stays.
+        if !(distance_m >= least.distance_m) && !least.distance_m.is_nan() {
+            least = Clearance {
+                distance_m,
+                pair: [pair.a as u32, pair.b as u32],
+            };
+        }
+    }
+    least
+}
+
+/// Distance of two segments, m: where the infinite lines are closest inside both segments, that; else the least of the
+/// four distances from an end of one to the other segment. (The distance is convex, so its least value over the square
+/// of parameters is inside or on an edge, and an edge is an end against a segment.)
+fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> f64 {
+    let (u, w) = (first[1] - first[0], second[1] - second[0]);
+    let mut squared = from_point(&first[0], second);
+    for (point, segment) in [(&first[1], second), (&second[0], first), (&second[1], first)] {
+        squared = squared.min(from_point(point, segment));
+    }
+    let normal = u.cross(&w);
+    let area = normal.norm_squared();
+    // sin^2 of the angle below 1e-20: parallel, and then an end is closest.
+    if area > 1e-20 * u.norm_squared() * w.norm_squared() {
+        let r = second[0] - first[0];
+        let s = r.cross(&w).dot(&normal) / area;
+        let t = r.cross(&u).dot(&normal) / area;
+        if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
+            squared = squared.min((r + w * t - u * s).norm_squared());
+        }
+    }
+    squared.sqrt()
+}
+
+/// Squared distance from a point to a segment, m^2.
+fn from_point(point: &Vector3<f64>, segment: &[Vector3<f64>; 2]) -> f64 {
+    let along = segment[1] - segment[0];
+    let length = along.norm_squared();
+    let offset = point - segment[0];
+    let s = if length > 0.0 {
+        (offset.dot(&along) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (offset - along * s).norm_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    fn point(rng: &mut rand_pcg::Pcg64, size: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| rng.random_range(-size..size))
+    }
+
+    #[test]
+    fn distances_are_those_of_the_other_implementation() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
+        for n in 0..1_000_000 {
+            let first = [point(&mut rng, 1.0), point(&mut rng, 1.0)];
+            let start = point(&mut rng, 1.0);
+            // Every third pair is almost parallel, every seventh has a segment that is almost a point.
+            let mut along = if n % 3 == 0 {
+                (first[1] - first[0]) + point(&mut rng, 1e-7)
+            } else {
+                point(&mut rng, 1.0)
+            };
+            if n % 7 == 0 {
+                along *= 1e-9;
+            }
+            let second = [start, start + along];
+            let own = between_segments(&first, &second);
+            let other = robot::segment_distance(&first[0], &first[1], &second[0], &second[1]).distance_m;
+            assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {first:?} {second:?}");
+        }
+    }
+
+    #[test]
+    fn known_distances() {
+        let segment = |a: [f64; 3], b: [f64; 3]| [Vector3::from(a), Vector3::from(b)];
+        let x = segment([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        assert_eq!(
+            between_segments(&x, &segment([0.0, -1.0, 0.5], [0.0, 1.0, 0.5])),
+            0.5,
+            "crossing"
+        );
+        assert_eq!(
+            between_segments(&x, &segment([-3.0, 2.0, 0.0], [3.0, 2.0, 0.0])),
+            2.0,
+            "parallel"
+        );
+        assert_eq!(
+            between_segments(&x, &segment([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])),
+            1.0,
+            "in line"
+        );
+        assert_eq!(
+            between_segments(&x, &segment([0.0, 0.0, 3.0], [0.0, 0.0, 3.0])),
+            3.0,
+            "a point"
+        );
+        assert_eq!(
+            between_segments(&x, &segment([0.0, -1.0, 0.0], [0.0, 1.0, 0.0])),
+            0.0,
+            "meeting"
+        );
+    }
+}

@@ -1,0 +1,337 @@
+//! The state machine that owns engagement.
+//!
+//! ```text
+//!               enable edge, no fault                aligned
+//!  Disengaged --------------------------> Engaging ------------> Engaged
+//!      ^                                  |    ^                   |
+//!      |          Hold/Release fault, or  |    | cleared in time,  | Hold/Release fault,
+//!      |          operator release        |    | enable still held | or operator release
+//!      |                                  v    |                   |
+//!      +-------- at rest, not resumable - Holding <----------------+
+//!  any -- Stop fault --> Faulted -- reset edge, cause gone, at rest, enable not held --> Disengaged
+//! ```
+//!
+//! Edges grant authority, levels withdraw it. A stop beats everything else in the same tick. No restart ever engages:
+//! a fresh `State` is Disengaged, and has yet to see the enable released.
+
+mod config;
+mod input;
+mod watch;
+
+use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
+
+pub use config::{Config, ConfigError, Settings};
+pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, TargetView};
+
+use watch::{ModeView, Watch, charged_ns};
+
+/// Share of the velocity limits in the first second of engaging (design, "Engaging": at most 5 %).
+const SPEED_SCALE_FIRST: f64 = 0.05;
+/// How long that lasts, ns.
+const FIRST_NS: u64 = 1_000_000_000;
+/// How long the ramp to full speed then takes, ns.
+const RAMP_NS: u64 = 2_000_000_000;
+/// How long a blocked motion must have settled at full speed scale before the target counts as reached, ns.
+const SETTLED_NS: u64 = 500_000_000;
+/// How long an accepted reset waits for the driver to clear its own latch: the echo of a command takes two ticks, and
+/// 100 ms leave room for a loaded machine, ns.
+const RESET_PENDING_NS: u64 = 100_000_000;
+
+/// Internal states, with the data that exists only in them. Times count while the own process is awake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Disengaged,
+    Engaging {
+        elapsed_ns: u64,
+        settled_ns: u64,
+    },
+    Engaged,
+    Holding {
+        elapsed_ns: u64,
+        resumable: bool,
+    },
+    Faulted {
+        cause: Fault,
+        reset_pending_ns: Option<u64>,
+    },
+}
+
+impl Phase {
+    const fn engaging() -> Self {
+        Self::Engaging {
+            elapsed_ns: 0,
+            settled_ns: 0,
+        }
+    }
+
+    const fn holding(resumable: bool) -> Self {
+        Self::Holding {
+            elapsed_ns: 0,
+            resumable,
+        }
+    }
+
+    const fn mode(self) -> Mode {
+        match self {
+            Self::Disengaged => Mode::Disengaged,
+            Self::Engaging { .. } => Mode::Engaging,
+            Self::Engaged => Mode::Engaged,
+            Self::Holding { .. } => Mode::Holding,
+            Self::Faulted { .. } => Mode::Faulted,
+        }
+    }
+}
+
+/// All that is remembered between ticks.
+#[derive(Clone, Debug)]
+pub struct State {
+    phase: Phase,
+    watch: Watch,
+    latched: Faults,
+    /// None until the driver has said which reset edge it saw last.
+    reset_count: Option<u32>,
+}
+
+impl State {
+    /// Disengaged, nothing seen yet.
+    pub fn new() -> Self {
+        Self {
+            phase: Phase::Disengaged,
+            watch: Watch::default(),
+            latched: Faults::NONE,
+            reset_count: None,
+        }
+    }
+
+    /// The mode after the last tick.
+    pub const fn mode(&self) -> Mode {
+        self.phase.mode()
+    }
+
+    /// The fault that led to Faulted, while Faulted.
+    pub const fn cause(&self) -> Option<Fault> {
+        match self.phase {
+            Phase::Faulted { cause, .. } => Some(cause),
+            Phase::Disengaged | Phase::Engaging { .. } | Phase::Engaged | Phase::Holding { .. } => None,
+        }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Share of the velocity limits, `elapsed_ns` after engaging began: with s = (t - 1 s) / 2 s clamped to [0, 1],
+/// 0.05 + 0.95 (3 s^2 - 2 s^3), so neither the scale nor its slope jumps.
+pub fn speed_scale(elapsed_ns: u64) -> f64 {
+    let s = elapsed_ns.saturating_sub(FIRST_NS).min(RAMP_NS) as f64 / RAMP_NS as f64;
+    SPEED_SCALE_FIRST + (1.0 - SPEED_SCALE_FIRST) * s * s * (3.0 - 2.0 * s)
+}
+
+/// Judges tick `input.k`. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Output {
+    if state.reset_count.is_none() && input.robot.received != Stamp::NONE {
+        state.reset_count = Some(input.robot.reset_count);
+    }
+    let before = state.phase;
+    let mode = ModeView {
+        has_authority: match before {
+            Phase::Engaging { .. } | Phase::Engaged => true,
+            Phase::Holding { resumable, .. } => resumable,
+            Phase::Disengaged | Phase::Faulted { .. } => false,
+        },
+        hold_expired: matches!(before, Phase::Holding { elapsed_ns, .. } if elapsed_ns >= config.hold_timeout_ns),
+    };
+    let active = state.watch.judge(config, mode, now, &input);
+    let stops = active.of(Response::Stop);
+    state.latched = state.latched.union(stops);
+
+    let (phase, why) = if stops.is_empty() {
+        next(state, &input, active)
+    } else {
+        stop(state, &input, stops)
+    };
+    let refused = input.operator.enable_edge && before == Phase::Disengaged && phase == Phase::Disengaged;
+    let transition = (before.mode() != phase.mode()).then(|| Transition {
+        k: input.k,
+        from: before.mode() as u32,
+        to: phase.mode() as u32,
+        why,
+        reserved: 0,
+    });
+    state.phase = phase;
+    Output {
+        mode: phase.mode(),
+        permit: permit(phase),
+        active,
+        latched: state.latched,
+        transition,
+        refused,
+        reset_count: state.reset_count.unwrap_or(0),
+        fault_counts: state.watch.counts,
+    }
+}
+
+/// What a phase permits. Engaged is at full scale at once: it is reached aligned, or with the ramp at its end.
+fn permit(phase: Phase) -> Permit {
+    match phase {
+        Phase::Engaging { elapsed_ns, .. } => Permit::Follow {
+            speed_scale: speed_scale(elapsed_ns),
+        },
+        Phase::Engaged => Permit::Follow { speed_scale: 1.0 },
+        Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
+    }
+}
+
+/// A Stop fault holds: whatever else happens at this tick, the next phase is Faulted.
+fn stop(state: &mut State, input: &Input, stops: Faults) -> (Phase, u32) {
+    if let Phase::Faulted {
+        cause,
+        reset_pending_ns,
+    } = state.phase
+    {
+        let only_driver = stops == Faults::NONE.with(Fault::DriverFault);
+        let pending = if only_driver {
+            waiting(state, input, reset_pending_ns)
+        } else {
+            None
+        };
+        return (
+            Phase::Faulted {
+                cause,
+                reset_pending_ns: pending,
+            },
+            0,
+        );
+    }
+    // The operator's stop is named first: it is what he expects to read.
+    let first = if stops.has(Fault::EmergencyStop) {
+        Some(Fault::EmergencyStop)
+    } else {
+        stops.iter().next()
+    };
+    let cause = first.unwrap_or(Fault::EmergencyStop);
+    (
+        Phase::Faulted {
+            cause,
+            reset_pending_ns: None,
+        },
+        cause as u32,
+    )
+}
+
+/// The driver keeps its latch until a command carries a new reset count, so its fault alone does not refuse a reset:
+/// the reset is passed on, and Faulted is left once the driver's flag is gone.
+fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<u64> {
+    if may_reset(input) {
+        state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
+        return Some(0);
+    }
+    let left = pending_ns.map(|ns| ns.saturating_add(charged_ns(input.own_gap_ns)));
+    left.filter(|&ns| ns <= RESET_PENDING_NS && input.motion.at_rest && !input.operator.enable_level)
+}
+
+fn may_reset(input: &Input) -> bool {
+    input.operator.reset_edge && input.motion.at_rest && !input.operator.enable_level
+}
+
+/// No Stop fault holds.
+fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
+    match state.phase {
+        Phase::Disengaged => disengaged(state, input, active),
+        Phase::Engaging { elapsed_ns, settled_ns } => {
+            withdrawn(input, active).unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns))
+        }
+        Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
+        Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
+        Phase::Faulted {
+            cause,
+            reset_pending_ns,
+        } => faulted(state, input, cause, reset_pending_ns),
+    }
+}
+
+fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
+    let operator = &input.operator;
+    let asked = operator.enable_edge && operator.enable_level && !operator.release_edge;
+    let allowed = state.watch.armed() && state.watch.operator_alive && input.motion.at_rest && active.is_empty();
+    if asked && allowed {
+        (Phase::engaging(), Transition::ENABLED)
+    } else {
+        (Phase::Disengaged, 0)
+    }
+}
+
+/// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
+fn withdrawn(input: &Input, active: Faults) -> Option<(Phase, u32)> {
+    if let Some(fault) = active.of(Response::Release).iter().next() {
+        return Some((Phase::holding(false), fault as u32));
+    }
+    if let Some(fault) = active.of(Response::Hold).iter().next() {
+        return Some((Phase::holding(!released(input)), fault as u32));
+    }
+    released(input).then_some((Phase::holding(false), Transition::RELEASED))
+}
+
+fn released(input: &Input) -> bool {
+    input.operator.release_edge || !input.operator.enable_level
+}
+
+fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64) -> (Phase, u32) {
+    let charged = charged_ns(input.own_gap_ns);
+    let elapsed_ns = elapsed_ns.saturating_add(charged);
+    let full_speed = elapsed_ns >= FIRST_NS + RAMP_NS;
+    let settled_ns = if full_speed && input.motion.settled {
+        settled_ns.saturating_add(charged)
+    } else {
+        0
+    };
+    if elapsed_ns >= FIRST_NS && input.motion.aligned {
+        (Phase::Engaged, Transition::ALIGNED)
+    } else if settled_ns >= SETTLED_NS {
+        (Phase::Engaged, Transition::SETTLED)
+    } else {
+        (Phase::Engaging { elapsed_ns, settled_ns }, 0)
+    }
+}
+
+fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (Phase, u32) {
+    let elapsed_ns = elapsed_ns.saturating_add(charged_ns(input.own_gap_ns));
+    let resumable = resumable && !released(input) && active.of(Response::Release).is_empty();
+    if !input.motion.at_rest {
+        (Phase::Holding { elapsed_ns, resumable }, 0)
+    } else if !resumable {
+        let expired = active.has(Fault::HoldTimeout);
+        (
+            Phase::Disengaged,
+            if expired {
+                Fault::HoldTimeout as u32
+            } else {
+                Transition::AT_REST
+            },
+        )
+    } else if active.is_empty() {
+        (Phase::engaging(), Transition::CLEARED)
+    } else {
+        (Phase::Holding { elapsed_ns, resumable }, 0)
+    }
+}
+
+fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u64>) -> (Phase, u32) {
+    let driver_cleared = pending_ns.is_some() && input.motion.at_rest && !input.operator.enable_level;
+    if may_reset(input) {
+        state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
+    } else if !driver_cleared {
+        return (
+            Phase::Faulted {
+                cause,
+                reset_pending_ns: None,
+            },
+            0,
+        );
+    }
+    state.latched = Faults::NONE;
+    (Phase::Disengaged, Transition::RESET)
+}

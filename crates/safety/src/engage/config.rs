@@ -1,0 +1,186 @@
+//! Thresholds of the state machine: validated once, bounded by ceilings that no configuration can loosen.
+
+use thiserror::Error;
+
+/// A setting that is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum ConfigError {
+    /// Outside what the program allows.
+    #[error("safety.{key} = {value}: must lie in [{min}, {max}]")]
+    OutOfRange {
+        /// Key of the configuration file.
+        key: &'static str,
+        /// Value given.
+        value: f64,
+        /// Smallest value allowed.
+        min: f64,
+        /// Largest value allowed.
+        max: f64,
+    },
+    /// Two settings contradict each other.
+    #[error("safety.{lesser} = {lesser_value} must be below safety.{greater} = {greater_value}")]
+    Order {
+        /// Key that must be smaller.
+        lesser: &'static str,
+        /// Its value.
+        lesser_value: f64,
+        /// Key that must be greater.
+        greater: &'static str,
+        /// Its value.
+        greater_value: f64,
+    },
+}
+
+/// What the configuration file says; the names are its keys. There is no default: every value is the integrator's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Silence of `retarget` that holds, ms.
+    pub target_stale_ms: f64,
+    /// Silence of the driver that holds, ms.
+    pub state_late_ms: f64,
+    /// Silence of the driver that stops, ms.
+    pub state_stale_ms: f64,
+    /// Silence of the human's skeleton that holds, ms.
+    pub input_stale_ms: f64,
+    /// Silence of the operator's heartbeat that releases, ms.
+    pub operator_silent_ms: f64,
+    /// How long the enable must have been seen released since start before an edge counts, ms.
+    pub enable_released_ms: f64,
+    /// How long Holding may last, ms.
+    pub hold_timeout_ms: f64,
+    /// Largest |command - measured| of a revolute joint that is tolerated for longer than `tracking_error_ms`, rad.
+    pub tracking_error_rad: f64,
+    /// Largest |command - measured| of a revolute joint that is tolerated at all, rad.
+    pub tracking_error_now_rad: f64,
+    /// As `tracking_error_rad`, prismatic joints, m.
+    pub tracking_error_m: f64,
+    /// As `tracking_error_now_rad`, prismatic joints, m.
+    pub tracking_error_now_m: f64,
+    /// How long the lesser tracking error is tolerated, ms.
+    pub tracking_error_ms: f64,
+    /// Missed deadlines in a row that stop.
+    pub deadlines_missed_max: u32,
+}
+
+/// Validated thresholds, in the integers that the tick compares.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    pub(super) target_stale_ns: u64,
+    pub(super) state_late_ns: u64,
+    pub(super) state_stale_ns: u64,
+    pub(super) input_stale_ns: u64,
+    pub(super) operator_silent_ns: u64,
+    pub(super) enable_released_ns: u64,
+    pub(super) hold_timeout_ns: u64,
+    pub(super) tracking_error_rad: f64,
+    pub(super) tracking_error_now_rad: f64,
+    pub(super) tracking_error_m: f64,
+    pub(super) tracking_error_now_m: f64,
+    pub(super) tracking_error_ns: u64,
+    pub(super) deadlines_missed_max: u32,
+}
+
+/// Relaxation of the real-time streams where scheduling is not real-time: a 2-core machine under load was seen to
+/// oversleep by tens of ms (2026-11), and a factor of 100 would already be a second.
+const RELAX_MAX: f64 = 100.0;
+
+impl Settings {
+    /// (key, value, least, most). The ceilings are twice to ten times the figures of the design: a configuration may
+    /// adapt to a robot, not switch a monitor off.
+    fn bounds(&self) -> [(&'static str, f64, f64, f64); 13] {
+        [
+            ("target_stale_ms", self.target_stale_ms, 1.0, 50.0),
+            ("state_late_ms", self.state_late_ms, 1.0, 50.0),
+            ("state_stale_ms", self.state_stale_ms, 2.0, 100.0),
+            ("input_stale_ms", self.input_stale_ms, 10.0, 500.0),
+            ("operator_silent_ms", self.operator_silent_ms, 40.0, 1000.0),
+            ("enable_released_ms", self.enable_released_ms, 200.0, 5000.0),
+            ("hold_timeout_ms", self.hold_timeout_ms, 100.0, 60_000.0),
+            ("tracking_error_rad", self.tracking_error_rad, 0.001, 0.25),
+            ("tracking_error_now_rad", self.tracking_error_now_rad, 0.001, 0.5),
+            ("tracking_error_m", self.tracking_error_m, 0.0005, 0.05),
+            ("tracking_error_now_m", self.tracking_error_now_m, 0.0005, 0.1),
+            ("tracking_error_ms", self.tracking_error_ms, 1.0, 500.0),
+            ("deadlines_missed_max", f64::from(self.deadlines_missed_max), 1.0, 50.0),
+        ]
+    }
+
+    /// Checks every value against its bounds and its partner; NaN is outside all bounds.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        for (key, value, min, max) in self.bounds() {
+            if !(value >= min && value <= max) {
+                return Err(ConfigError::OutOfRange { key, value, min, max });
+            }
+        }
+        let ordered = [
+            (
+                "state_late_ms",
+                self.state_late_ms,
+                "state_stale_ms",
+                self.state_stale_ms,
+            ),
+            (
+                "tracking_error_rad",
+                self.tracking_error_rad,
+                "tracking_error_now_rad",
+                self.tracking_error_now_rad,
+            ),
+            (
+                "tracking_error_m",
+                self.tracking_error_m,
+                "tracking_error_now_m",
+                self.tracking_error_now_m,
+            ),
+        ];
+        for (lesser, lesser_value, greater, greater_value) in ordered {
+            if lesser_value >= greater_value {
+                return Err(ConfigError::Order {
+                    lesser,
+                    lesser_value,
+                    greater,
+                    greater_value,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Config {
+    /// Thresholds for real-time scheduling.
+    pub fn new(settings: &Settings) -> Result<Self, ConfigError> {
+        Self::relaxed(settings, 1.0)
+    }
+
+    /// Thresholds with `factor` (1 to 100) times the patience towards the 1500 Hz streams and the own deadlines, for a
+    /// simulated driver without real-time scheduling. Human-scale times and tracking bounds are never relaxed.
+    pub fn relaxed(settings: &Settings, factor: f64) -> Result<Self, ConfigError> {
+        settings.validate()?;
+        if !(1.0..=RELAX_MAX).contains(&factor) {
+            let key = "stale_factor_without_realtime";
+            return Err(ConfigError::OutOfRange {
+                key,
+                value: factor,
+                min: 1.0,
+                max: RELAX_MAX,
+            });
+        }
+        // Bounded above: 60 s times 100 is 6e12 ns.
+        let ns = |ms: f64| (ms * 1e6) as u64;
+        Ok(Self {
+            target_stale_ns: ns(settings.target_stale_ms * factor),
+            state_late_ns: ns(settings.state_late_ms * factor),
+            state_stale_ns: ns(settings.state_stale_ms * factor),
+            input_stale_ns: ns(settings.input_stale_ms),
+            operator_silent_ns: ns(settings.operator_silent_ms),
+            enable_released_ns: ns(settings.enable_released_ms),
+            hold_timeout_ns: ns(settings.hold_timeout_ms),
+            tracking_error_rad: settings.tracking_error_rad,
+            tracking_error_now_rad: settings.tracking_error_now_rad,
+            tracking_error_m: settings.tracking_error_m,
+            tracking_error_now_m: settings.tracking_error_now_m,
+            tracking_error_ns: ns(settings.tracking_error_ms),
+            deadlines_missed_max: (f64::from(settings.deadlines_missed_max) * factor) as u32,
+        })
+    }
+}

@@ -1,0 +1,329 @@
+//! The last gate: every command passes here, and what does not hold is replaced by the stored stop plan, for all joints.
+//!
+//! The gate proposes nothing and has no stop profile of its own. It judges in integers (see `fixed`): per joint that the
+//! command is finite, within position, velocity and acceleration limits also inside its tick, one tick of admissible
+//! jerk after the last one (or the next point of the stored plan), and that its plan comes to rest inside the limits. It
+//! judges by plain distances that the command and the plan's rest posture are clear of self-collision. What lies between
+//! the two is the certificate of whole-body control.
+
+mod check;
+mod fixed;
+mod stored;
+
+use messages::{JOINTS, Stamp, StopPlan};
+use robot::Model;
+
+pub use check::{Check, ConfigError};
+
+use crate::clearance::Geometry;
+use crate::engage::Permit;
+use check::{Limits, all_limits, comes_to_rest, same_stop};
+use fixed::{Point, UNITS};
+use stored::{Phases, Stored, quantised_phases, write_phases};
+
+/// Granted to the distance routine, m: it errs by less than 1e-12 m at the size of a robot (`clearance` tests).
+const CLEARANCE_SLACK_M: f64 = 1e-9;
+
+/// Limits and geometry, validated.
+#[derive(Clone, Debug)]
+pub struct Config {
+    limits: [Limits; JOINTS],
+    geometry: Geometry,
+    d_min_m: f64,
+}
+
+impl Config {
+    /// The effective limits of `model`, its collision pairs and its least clearance.
+    pub fn new(model: &Model) -> Result<Self, ConfigError> {
+        if !(model.d_min_m > 0.0 && model.d_min_m.is_finite()) {
+            return Err(ConfigError::Clearance(model.d_min_m));
+        }
+        Ok(Self {
+            limits: all_limits(&model.joint_names, &model.limits)?,
+            geometry: Geometry::new(model),
+            d_min_m: model.d_min_m,
+        })
+    }
+}
+
+/// What is remembered: the last state that was sent, with its plan.
+#[derive(Clone, Debug)]
+pub struct State {
+    stored: Stored,
+    /// Index of that state; None after a seed, which is the state of the tick before the next one.
+    k: Option<u64>,
+    /// The last seed could not be used.
+    seed_refused: bool,
+    /// Commands denied since start.
+    denials: u64,
+}
+
+impl State {
+    /// At rest at `q` (rad, m). What is no position becomes zero, and nothing passes before a seed that is one.
+    pub fn at_rest(q: [f64; JOINTS]) -> Self {
+        let points = q.map(|q| Point::quantised(q, 0.0, 0.0));
+        let origin = points.map(Option::unwrap_or_default);
+        let seed_refused = points.contains(&None);
+        Self {
+            stored: Stored::new(origin, [Phases::default(); JOINTS]),
+            k: None,
+            seed_refused,
+            denials: 0,
+        }
+    }
+
+    /// Continues from the state that the driver says it executes, and the stop it would play from there: the state of
+    /// the tick before the next one. A seed need not lie within the limits (the robot is where it is), but it must be
+    /// finite and come to rest; until a usable one arrives, every command is denied.
+    pub fn reseed(&mut self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS], plan: &StopPlan) {
+        let mut origin = [Point::default(); JOINTS];
+        let mut phases = [Phases::default(); JOINTS];
+        self.seed_refused = true;
+        for j in 0..JOINTS {
+            let (Some(point), Some(stop)) = (Point::quantised(q[j], v[j], a[j]), quantised_phases(plan, j)) else {
+                return;
+            };
+            if !comes_to_rest(point, &stop) {
+                return;
+            }
+            (origin[j], phases[j]) = (point, stop);
+        }
+        self.seed_refused = false;
+        self.stored = Stored::new(origin, phases);
+        self.k = None;
+    }
+
+    /// Commands denied since start.
+    pub const fn denials(&self) -> u64 {
+        self.denials
+    }
+
+    /// Positions last sent, rad or m.
+    pub fn q(&self) -> [f64; JOINTS] {
+        self.sent().q
+    }
+
+    /// Velocities last sent, rad/s or m/s.
+    pub fn v(&self) -> [f64; JOINTS] {
+        self.sent().v
+    }
+
+    /// Accelerations last sent, rad/s^2 or m/s^2.
+    pub fn a(&self) -> [f64; JOINTS] {
+        self.sent().a
+    }
+
+    /// What is left of the stop from there.
+    pub fn plan(&self) -> StopPlan {
+        self.sent().plan
+    }
+
+    fn sent(&self) -> Decision {
+        play(&self.stored, Verdict::OnPlan, f64::NAN)
+    }
+}
+
+/// What whole-body control wants to send for tick `k`.
+#[derive(Clone, Copy, Debug)]
+pub struct Proposed {
+    /// Tick index.
+    pub k: u64,
+    /// What the state machine permits at this tick.
+    pub permit: Permit,
+    /// Positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Accelerations, rad/s^2 or m/s^2.
+    pub a: [f64; JOINTS],
+    /// The stop from there.
+    pub plan: StopPlan,
+}
+
+/// Why a command was denied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Denial {
+    /// The last seed was not finite or does not come to rest.
+    Seed,
+    /// The command is not for the tick after the last one.
+    Index,
+    /// A new motion without permission to move.
+    Permit,
+    /// A joint fails a check.
+    Joint {
+        /// Its index.
+        joint: usize,
+        /// What it fails.
+        check: Check,
+    },
+    /// Two capsules are too close at the command.
+    ClearanceAtCommand {
+        /// Indices of the capsules in the robot file.
+        pair: [u32; 2],
+    },
+    /// Two capsules are too close where the plan rests.
+    ClearanceAtRest {
+        /// Indices of the capsules in the robot file.
+        pair: [u32; 2],
+    },
+}
+
+/// What the gate decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// A new motion, as proposed.
+    Accept,
+    /// The proposal is the next point of the stored plan.
+    OnPlan,
+    /// Denied: every joint plays the stored plan.
+    Deny(Denial),
+}
+
+/// What is to be sent for this tick; always a complete command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// What was decided.
+    pub verdict: Verdict,
+    /// Positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Accelerations, rad/s^2 or m/s^2.
+    pub a: [f64; JOINTS],
+    /// The stop from there.
+    pub plan: StopPlan,
+    /// Least clearance of the command by the gate's own measure, m; NaN where a plan is played and none was taken.
+    pub clearance_m: f64,
+}
+
+impl Decision {
+    /// Whether the proposal was sent, and not the stored plan in its stead.
+    pub const fn accepted(&self) -> bool {
+        matches!(self.verdict, Verdict::Accept | Verdict::OnPlan)
+    }
+}
+
+/// Judges the command of tick `k`. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed) -> Decision {
+    let ticks = match state.k {
+        // Any number of ticks may lie behind a seed: it is the state of the tick before this one by agreement.
+        None => 1,
+        Some(last) => proposed.k.saturating_sub(last),
+    };
+    let last: [Point; JOINTS] = core::array::from_fn(|j| state.stored.joint(j).0);
+    let on_plan = state.stored.later(ticks);
+    let decision = match judge(config, state, &last, &on_plan, ticks, &proposed) {
+        Ok(Passed::OnPlan) => {
+            state.stored = on_plan;
+            play(&on_plan, Verdict::OnPlan, f64::NAN)
+        }
+        Ok(Passed::New { stored, clearance_m }) => {
+            state.stored = stored;
+            let Proposed { q, v, a, plan, .. } = proposed;
+            Decision {
+                verdict: Verdict::Accept,
+                q,
+                v,
+                a,
+                plan,
+                clearance_m,
+            }
+        }
+        Err(denial) => {
+            state.stored = on_plan;
+            state.denials = state.denials.saturating_add(1);
+            play(&on_plan, Verdict::Deny(denial), f64::NAN)
+        }
+    };
+    state.k = Some(state.k.map_or(proposed.k, |last| last.max(proposed.k)));
+    decision
+}
+
+/// A command that may be sent.
+enum Passed {
+    OnPlan,
+    New { stored: Stored, clearance_m: f64 },
+}
+
+fn judge(
+    config: &Config,
+    state: &State,
+    last: &[Point; JOINTS],
+    on_plan: &Stored,
+    ticks: u64,
+    proposed: &Proposed,
+) -> Result<Passed, Denial> {
+    if state.seed_refused {
+        return Err(Denial::Seed);
+    }
+    if ticks != 1 {
+        return Err(Denial::Index);
+    }
+    let mut next = [Point::default(); JOINTS];
+    let mut phases = [Phases::default(); JOINTS];
+    let mut all_on_plan = true;
+    for j in 0..JOINTS {
+        let point = Point::quantised(proposed.q[j], proposed.v[j], proposed.a[j]);
+        let stop = quantised_phases(&proposed.plan, j);
+        let denial = Denial::Joint {
+            joint: j,
+            check: Check::Finite,
+        };
+        (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
+        let (plan_point, plan_rest) = on_plan.joint(j);
+        all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
+    }
+    if all_on_plan {
+        // A denial would send the same, so there is nothing to judge, and the gate's own figures are sent.
+        return Ok(Passed::OnPlan);
+    }
+    let Permit::Follow { speed_scale } = proposed.permit else {
+        return Err(Denial::Permit);
+    };
+    let mut rest = [0.0; JOINTS];
+    for j in 0..JOINTS {
+        let limits = &config.limits[j];
+        let plan_point = on_plan.joint(j).0;
+        let judged = limits
+            .step(last[j], next[j], plan_point)
+            .and_then(|()| limits.slow(last[j], next[j], speed_scale))
+            .and_then(|()| limits.stop(next[j], &phases[j]));
+        rest[j] = judged.map_err(|check| Denial::Joint { joint: j, check })? as f64 / UNITS;
+    }
+    let least = config.d_min_m - CLEARANCE_SLACK_M;
+    let at_command = config.geometry.clearance(&proposed.q);
+    if !at_command.is_at_least(least) {
+        return Err(Denial::ClearanceAtCommand { pair: at_command.pair });
+    }
+    let at_rest = config.geometry.clearance(&rest);
+    if !at_rest.is_at_least(least) {
+        return Err(Denial::ClearanceAtRest { pair: at_rest.pair });
+    }
+    Ok(Passed::New {
+        stored: Stored::new(next, phases),
+        clearance_m: at_command.distance_m,
+    })
+}
+
+/// The command that plays `stored`.
+fn play(stored: &Stored, verdict: Verdict, clearance_m: f64) -> Decision {
+    let mut out = Decision {
+        verdict,
+        q: [0.0; JOINTS],
+        v: [0.0; JOINTS],
+        a: [0.0; JOINTS],
+        plan: StopPlan {
+            jerk: [[0.0; 3]; JOINTS],
+            duration_s: [[0.0; 3]; JOINTS],
+        },
+        clearance_m,
+    };
+    for j in 0..JOINTS {
+        let (point, rest) = stored.joint(j);
+        out.q[j] = point.q as f64 / UNITS;
+        out.v[j] = point.v as f64 / UNITS;
+        out.a[j] = point.a as f64 / UNITS;
+        write_phases(&mut out.plan, j, &rest);
+    }
+    out
+}

@@ -1,0 +1,248 @@
+//! The checks of one joint.
+
+use messages::JOINTS;
+use robot::JointLimits;
+use thiserror::Error;
+
+use super::fixed::{
+    ACCELERATION_CEILING, Extremes, JERK_CEILING, MOTION_CEILING, Phase, Point, TICK, TIME_UNITS, UNITS, quantise,
+};
+use super::stored::Phases;
+
+/// Rounding that is granted to every comparison, in units: 5.8e-11 rad, rad/s, rad/s^2. Positions rounded to the
+/// nearest unit and three phases of integration err by less than 8 (`integration_agrees_with_the_polynomial`); the
+/// rest is for sender and driver, who keep books in `f64`.
+pub(super) const SLACK: i64 = 64;
+
+/// What may be left of velocity and acceleration when a plan ends, in units: 9.5e-7 rad/s and rad/s^2, a hundred
+/// thousandth of the change of one tick at 10 rad/s^2 or 320 rad/s^3. The joint is then at rest by definition.
+pub(super) const REST_SLACK: i64 = 1 << 20;
+
+/// Jerk is judged by the change of acceleration over a tick; rounding of its two ends, in units of jerk.
+const JERK_SLACK: i64 = 1500 * SLACK;
+
+/// What a joint's command fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Check {
+    /// A value is NaN, infinite or beyond the ceilings of the arithmetic, or a duration is negative.
+    Finite,
+    /// The command leaves the position limits, or does within its tick.
+    Position,
+    /// The command leaves the velocity limits, or does within its tick.
+    Velocity,
+    /// The command leaves the acceleration limits.
+    Acceleration,
+    /// The command needs more jerk than allowed.
+    Jerk,
+    /// The command is neither a tick of constant jerk after the last one, nor the next point of the stored plan.
+    Step,
+    /// The command is faster than the permit allows.
+    SpeedScale,
+    /// The plan leaves the limits on its way.
+    PlanLimits,
+    /// The plan does not end at rest, or later than any stop has to.
+    Braking,
+}
+
+/// Limits that the gate cannot work with.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ConfigError {
+    /// A limit is not finite, not positive, or beyond the arithmetic.
+    #[error("joint {joint}: {limit} = {value}, must lie in ({min}, {max}]")]
+    Limit {
+        /// Name of the joint.
+        joint: String,
+        /// Which limit.
+        limit: &'static str,
+        /// Its value, SI.
+        value: f64,
+        /// It must be above this.
+        min: f64,
+        /// And at most this.
+        max: f64,
+    },
+    /// Clearance that keeps nothing apart.
+    #[error("clearance_min = {0} m, must be finite and above zero")]
+    Clearance(f64),
+}
+
+/// The limits of one joint in units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    pub(super) q: [i64; 2],
+    pub(super) v: i64,
+    pub(super) a: i64,
+    pub(super) jerk: i64,
+    /// Longest stop from any state within the limits, in units of time.
+    stop: i64,
+}
+
+/// Planning with a little less than the limits takes a little longer.
+const STOP_TIME_MARGIN: f64 = 1.05;
+
+impl Limits {
+    pub(super) fn new(name: &str, limits: &JointLimits) -> Result<Self, ConfigError> {
+        let units = |limit: &'static str, value: f64, min: f64, max: f64| {
+            let inside = value > min && value <= max;
+            let refused = || ConfigError::Limit {
+                joint: name.to_owned(),
+                limit,
+                value,
+                min,
+                max,
+            };
+            quantise(value, max, UNITS).filter(|_| inside).ok_or_else(refused)
+        };
+        let q_min = units("q_min", limits.q_min, -MOTION_CEILING, MOTION_CEILING)?;
+        let q_max = units("q_max", limits.q_max, limits.q_min, MOTION_CEILING)?;
+        let v = units("v_max", limits.v_max, 0.0, MOTION_CEILING)?;
+        let a = units("a_max", limits.a_max, 0.0, ACCELERATION_CEILING)?;
+        let jerk = units("j_max", limits.j_max, 0.0, JERK_CEILING)?;
+        // The time-optimal stop from (v, a) with v + a^2 / 2J <= V and |a| <= A takes at most V/A + 2 A/J: A/J to lose
+        // the acceleration, V/A + A/J from the highest speed (2 sqrt(V/J) where A is never reached, which is less).
+        let stop_s = limits.v_max / limits.a_max + 2.0 * limits.a_max / limits.j_max;
+        // A conversion that saturates: with any positive limits it only grows the bound.
+        let stop = (stop_s * STOP_TIME_MARGIN * TIME_UNITS) as i64;
+        Ok(Self {
+            q: [q_min, q_max],
+            v,
+            a,
+            jerk,
+            stop: stop.saturating_add(TICK),
+        })
+    }
+
+    fn holds_position(&self, q: [i64; 2]) -> bool {
+        q[0] >= self.q[0] - SLACK && q[1] <= self.q[1] + SLACK
+    }
+
+    fn holds_velocity(&self, v: [i64; 2]) -> bool {
+        v[0] >= -self.v - SLACK && v[1] <= self.v + SLACK
+    }
+
+    fn within(&self, extremes: &Extremes) -> Result<(), Check> {
+        if !self.holds_velocity(extremes.v) {
+            return Err(Check::Velocity);
+        }
+        if !self.holds_position(extremes.q) {
+            return Err(Check::Position);
+        }
+        Ok(())
+    }
+
+    /// The step from `last` to `next`, of which `on_plan` is the point that the stored plan has for this tick.
+    pub(super) fn step(&self, last: Point, next: Point, on_plan: Point) -> Result<(), Check> {
+        if next.a.abs() > self.a + SLACK {
+            return Err(Check::Acceleration);
+        }
+        self.within(&Extremes {
+            q: [next.q; 2],
+            v: [next.v; 2],
+        })?;
+        if next.is_near(on_plan, SLACK) {
+            // Checked, with all that lies between, when the plan was accepted.
+            return Ok(());
+        }
+        // |a| is within 2^52 on both sides: the product stays below 2^63 in magnitude.
+        let jerk = i128::from(next.a - last.a) * 1500;
+        if jerk.abs() > i128::from(self.jerk + JERK_SLACK) {
+            return Err(Check::Jerk);
+        }
+        if !next.is_near(last.reaching(next.a, TICK), SLACK) {
+            return Err(Check::Step);
+        }
+        let (_, extremes) = Phase {
+            jerk: jerk as i64,
+            duration: TICK,
+        }
+        .play(last);
+        self.within(&extremes)
+    }
+
+    /// Speed in a tick with only part of the velocity limit: no faster than that part, or than before.
+    pub(super) fn slow(&self, last: Point, next: Point, speed_scale: f64) -> Result<(), Check> {
+        if speed_scale >= 1.0 {
+            return Ok(());
+        }
+        // NaN becomes zero: nothing may get faster.
+        let share = if speed_scale > 0.0 {
+            (speed_scale * self.v as f64) as i64
+        } else {
+            0
+        };
+        let slower = next.v.abs() <= share + SLACK || next.v.abs() <= last.v.abs() + SLACK;
+        if slower { Ok(()) } else { Err(Check::SpeedScale) }
+    }
+
+    /// The stop from `start`: where it rests.
+    pub(super) fn stop(&self, start: Point, phases: &Phases) -> Result<i64, Check> {
+        if phases.iter().map(|phase| phase.duration).sum::<i64>() > self.stop {
+            return Err(Check::Braking);
+        }
+        let mut point = start;
+        for phase in phases.iter().filter(|phase| phase.duration > 0) {
+            if phase.jerk.abs() > self.jerk + SLACK {
+                return Err(Check::PlanLimits);
+            }
+            let (end, extremes) = phase.play(point);
+            if end.a.abs() > self.a + SLACK || self.within(&extremes).is_err() {
+                return Err(Check::PlanLimits);
+            }
+            point = end;
+        }
+        at_rest(point).then_some(point.q).ok_or(Check::Braking)
+    }
+}
+
+fn at_rest(point: Point) -> bool {
+    point.v.abs() <= REST_SLACK && point.a.abs() <= REST_SLACK
+}
+
+/// Whether a stop ends at rest, wherever that is: what is asked of a state that the driver is already in.
+pub(super) fn comes_to_rest(start: Point, phases: &Phases) -> bool {
+    at_rest(
+        phases
+            .iter()
+            .fold(start, |point, phase| point.after(phase.jerk, phase.duration)),
+    )
+}
+
+/// What two plans may differ by and still be the same one: 0.1 ns, and the jerk that rounding of a sum leaves.
+const SAME_DURATION: i64 = 1 << 15;
+const SAME_JERK: i64 = 1 << 20;
+
+/// Whether two stops are the same up to rounding; phases without duration do not count.
+pub(super) fn same_stop(x: &Phases, y: &Phases) -> bool {
+    let mut x = x.iter().filter(|phase| phase.duration > SAME_DURATION);
+    let mut y = y.iter().filter(|phase| phase.duration > SAME_DURATION);
+    loop {
+        match (x.next(), y.next()) {
+            (None, None) => return true,
+            (Some(x), Some(y)) => {
+                let same = (x.duration - y.duration).abs() <= SAME_DURATION && (x.jerk - y.jerk).abs() <= SAME_JERK;
+                if !same {
+                    return false;
+                }
+            }
+            (None, Some(_)) | (Some(_), None) => return false,
+        }
+    }
+}
+
+/// Limits of all joints.
+pub(super) fn all_limits(
+    names: &[String; JOINTS],
+    limits: &[JointLimits; JOINTS],
+) -> Result<[Limits; JOINTS], ConfigError> {
+    let mut out = [Limits {
+        q: [0; 2],
+        v: 0,
+        a: 0,
+        jerk: 0,
+        stop: 0,
+    }; JOINTS];
+    for (j, limits) in limits.iter().enumerate() {
+        out[j] = Limits::new(&names[j], limits)?;
+    }
+    Ok(out)
+}

@@ -1,0 +1,268 @@
+//! Kinematics in integers: the same result on every machine.
+//!
+//! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the like),
+//! times in 2^-48 s. A tick of 1/1500 s is no whole number of them, and is 0.8e-15 s off. Scaling an `f64` by a power of
+//! two is exact, so the only rounding is to the nearest unit. Ceilings keep every intermediate inside its type:
+//!
+//! | quantity | ceiling, SI | units |
+//! |---|---|---|
+//! | position, velocity | 2^6 | 2^46 |
+//! | acceleration | 2^12 | 2^52 |
+//! | jerk | 2^20 | 2^60 |
+//! | time | 2^4 s | 2^52 |
+//!
+//! Products are taken in `i128`: the greatest is (6 v + (2 a + a') t) t < 2^59 * 2^52. Results beyond a ceiling are
+//! clamped to just above it, which no limit admits.
+
+use messages::TICK_HZ;
+
+/// Units per SI unit of position, velocity, acceleration and jerk.
+pub(super) const UNITS: f64 = (1_u64 << 40) as f64;
+/// Units of time per second, as a power of two.
+const TIME_BITS: u32 = 48;
+/// Units of time per second.
+pub(super) const TIME_UNITS: f64 = (1_u64 << TIME_BITS) as f64;
+/// A tick, in units of time, to the nearest.
+pub(super) const TICK: i64 = (((1_i64 << TIME_BITS) + TICK_HZ as i64 / 2) / TICK_HZ as i64) as i64;
+
+/// Highest position and velocity, SI.
+pub(super) const MOTION_CEILING: f64 = 64.0;
+/// Highest acceleration, SI.
+pub(super) const ACCELERATION_CEILING: f64 = 4096.0;
+/// Highest jerk, SI.
+pub(super) const JERK_CEILING: f64 = 1_048_576.0;
+/// Longest phase, s.
+pub(super) const TIME_CEILING_S: f64 = 16.0;
+
+const MOTION_CLAMP: i64 = (1 << 46) + 1;
+const ACCELERATION_CLAMP: i64 = (1 << 52) + 1;
+
+/// `value` in units, or None where it is not finite or beyond the ceiling.
+pub(super) fn quantise(value: f64, ceiling: f64, units: f64) -> Option<i64> {
+    (value.abs() <= ceiling).then(|| (value * units).round_ties_even() as i64)
+}
+
+/// x t / 2^bits, rounded to the nearest.
+fn scaled(x: i64, t: i64, bits: u32) -> i128 {
+    (i128::from(x) * i128::from(t) + (1 << (bits - 1))) >> bits
+}
+
+fn clamped(value: i128, clamp: i64) -> i64 {
+    value.clamp(-i128::from(clamp), i128::from(clamp)) as i64
+}
+
+/// Position, velocity and acceleration of a joint, in units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Point {
+    pub(super) q: i64,
+    pub(super) v: i64,
+    pub(super) a: i64,
+}
+
+/// A stretch of constant jerk, in units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Phase {
+    pub(super) jerk: i64,
+    pub(super) duration: i64,
+}
+
+/// Least and greatest position and velocity of a stretch, in units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Extremes {
+    pub(super) q: [i64; 2],
+    pub(super) v: [i64; 2],
+}
+
+impl Point {
+    /// None where a value is not finite or beyond its ceiling.
+    pub(super) fn quantised(q: f64, v: f64, a: f64) -> Option<Self> {
+        Some(Self {
+            q: quantise(q, MOTION_CEILING, UNITS)?,
+            v: quantise(v, MOTION_CEILING, UNITS)?,
+            a: quantise(a, ACCELERATION_CEILING, UNITS)?,
+        })
+    }
+
+    /// After `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t) t / 6.
+    pub(super) fn after(self, jerk: i64, t: i64) -> Self {
+        let a = clamped(i128::from(self.a) + scaled(jerk, t, TIME_BITS), ACCELERATION_CLAMP);
+        self.reaching(a, t)
+    }
+
+    /// After `t` in which the acceleration goes evenly to `a`.
+    pub(super) fn reaching(self, a: i64, t: i64) -> Self {
+        let v = i128::from(self.v) + scaled(self.a + a, t, TIME_BITS + 1);
+        // |2 a + a'| < 2^54 and t <= 2^52, so the sum stays below 2^59.
+        let slope = 6 * self.v + scaled(2 * self.a + a, t, TIME_BITS) as i64;
+        let six = scaled(slope, t, TIME_BITS);
+        let q = i128::from(self.q) + (six + 3).div_euclid(6);
+        Self {
+            q: clamped(q, MOTION_CLAMP),
+            v: clamped(v, MOTION_CLAMP),
+            a,
+        }
+    }
+
+    /// Whether the two differ by at most `slack` units each.
+    pub(super) fn is_near(self, other: Self, slack: i64) -> bool {
+        let near = |x: i64, y: i64| (x - y).abs() <= slack;
+        near(self.q, other.q) && near(self.v, other.v) && near(self.a, other.a)
+    }
+}
+
+impl Phase {
+    /// When, within the phase, a quantity that starts at `value` and changes at the jerk crosses zero.
+    fn crossing(self, a: i64, end: i64) -> Option<i64> {
+        let crosses = (a < 0 && end > 0) || (a > 0 && end < 0);
+        (crosses && self.jerk != 0)
+            .then(|| ((-i128::from(a) << TIME_BITS) / i128::from(self.jerk)).clamp(0, i128::from(self.duration)) as i64)
+    }
+
+    /// Where the phase leads from `start`, and how far it reaches on the way: velocity is extreme at the ends and where
+    /// the acceleration is zero, position at the ends and where the velocity is.
+    pub(super) fn play(self, start: Point) -> (Point, Extremes) {
+        let end = start.after(self.jerk, self.duration);
+        let mut extremes = Extremes {
+            q: sorted(start.q, end.q),
+            v: sorted(start.v, end.v),
+        };
+        match self.crossing(start.a, end.a) {
+            None => extremes.note_turn(start, self.jerk, [0, self.duration], [start.v, end.v]),
+            Some(turn) => {
+                let v = start.after(self.jerk, turn).v;
+                extremes.v = [extremes.v[0].min(v), extremes.v[1].max(v)];
+                extremes.note_turn(start, self.jerk, [0, turn], [start.v, v]);
+                extremes.note_turn(start, self.jerk, [turn, self.duration], [v, end.v]);
+            }
+        }
+        (end, extremes)
+    }
+}
+
+fn sorted(x: i64, y: i64) -> [i64; 2] {
+    [x.min(y), x.max(y)]
+}
+
+/// The bisection below stops at 2^20 units of time, 3.7 ns: from there to the turning point the position changes by at
+/// most a t^2 / 2, 7e-15 rad at 1000 rad/s^2.
+const BISECTION_END: i64 = 1 << 20;
+
+impl Extremes {
+    /// Notes the position where the velocity, monotone over `span` of time and `v` at its ends, passes zero.
+    fn note_turn(&mut self, start: Point, jerk: i64, span: [i64; 2], v: [i64; 2]) {
+        if v[0].signum() * v[1].signum() >= 0 {
+            return;
+        }
+        let [mut low, mut high] = span;
+        while high - low > BISECTION_END {
+            let middle = low + (high - low) / 2;
+            if start.after(jerk, middle).v.signum() == v[0].signum() {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let q = start.after(jerk, high).q;
+        self.q = [self.q[0].min(q), self.q[1].max(q)];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    fn random(rng: &mut rand_pcg::Pcg64, ceiling: f64) -> f64 {
+        rng.random_range(-ceiling..=ceiling)
+    }
+
+    #[test]
+    fn integration_agrees_with_the_polynomial() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+        for _ in 0..100_000 {
+            let (q, v, a, j) = (
+                random(&mut rng, 3.0),
+                random(&mut rng, 3.0),
+                random(&mut rng, 10.0),
+                random(&mut rng, 400.0),
+            );
+            let t: f64 = rng.random_range(0.0..0.5);
+            let end = Point::quantised(q, v, a)
+                .unwrap()
+                .after((j * UNITS) as i64, (t * TIME_UNITS) as i64);
+            let expected = [
+                q + t * (v + t * (a / 2.0 + t * j / 6.0)),
+                v + t * (a + t * j / 2.0),
+                a + t * j,
+            ];
+            for (got, expected) in [end.q, end.v, end.a].into_iter().zip(expected) {
+                assert!((got as f64 / UNITS - expected).abs() < 8.0 / UNITS, "{got} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_overflows_at_the_ceilings() {
+        // Debug and test builds panic on overflow: this test is what the ceilings are chosen for.
+        let signs = [-1.0, 1.0];
+        for (sq, sv, sa, sj) in signs.iter().flat_map(|q| {
+            signs.iter().flat_map(move |v| {
+                signs
+                    .iter()
+                    .flat_map(move |a| signs.iter().map(move |j| (*q, *v, *a, *j)))
+            })
+        }) {
+            let start = Point::quantised(sq * MOTION_CEILING, sv * MOTION_CEILING, sa * ACCELERATION_CEILING).unwrap();
+            let jerk = quantise(sj * JERK_CEILING, JERK_CEILING, UNITS).unwrap();
+            let phase = Phase {
+                jerk,
+                duration: quantise(TIME_CEILING_S, TIME_CEILING_S, TIME_UNITS).unwrap(),
+            };
+            let mut point = start;
+            for _ in 0..4 {
+                (point, _) = phase.play(point);
+            }
+            assert!(point.a.abs() == ACCELERATION_CLAMP && point.v.abs() == MOTION_CLAMP);
+        }
+    }
+
+    #[test]
+    fn extremes_are_those_of_a_dense_walk() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
+        for _ in 0..5_000 {
+            let start = Point::quantised(0.0, random(&mut rng, 1.0), random(&mut rng, 8.0)).unwrap();
+            let phase = Phase {
+                jerk: (random(&mut rng, 320.0) * UNITS) as i64,
+                duration: (rng.random_range(0.0..0.1) * TIME_UNITS) as i64,
+            };
+            let (_, extremes) = phase.play(start);
+            let mut walk = Extremes {
+                q: [start.q; 2],
+                v: [start.v; 2],
+            };
+            for n in 0..=400 {
+                let at = start.after(phase.jerk, phase.duration / 400 * n);
+                walk.q = [walk.q[0].min(at.q), walk.q[1].max(at.q)];
+                walk.v = [walk.v[0].min(at.v), walk.v[1].max(at.v)];
+            }
+            // Between two of the 400 steps of at most 0.25 ms the walk misses at most a t^2 / 8 and J t^2 / 8.
+            let near = |exact: i64, walked: i64, missed: f64| {
+                assert!((exact - walked).abs() as f64 <= missed * UNITS, "{start:?} {phase:?}");
+            };
+            near(extremes.q[0], walk.q[0], 40.0 * 6.25e-8 / 8.0);
+            near(extremes.q[1], walk.q[1], 40.0 * 6.25e-8 / 8.0);
+            near(extremes.v[0], walk.v[0], 320.0 * 6.25e-8 / 8.0);
+            near(extremes.v[1], walk.v[1], 320.0 * 6.25e-8 / 8.0);
+            assert!(extremes.q[0] <= walk.q[0] + 8 && extremes.q[1] >= walk.q[1] - 8);
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_refused() {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, 64.1, -64.1] {
+            assert_eq!(quantise(value, MOTION_CEILING, UNITS), None);
+        }
+        assert_eq!(quantise(-0.0, MOTION_CEILING, UNITS), Some(0));
+        assert_eq!(quantise(f64::MIN_POSITIVE / 4.0, MOTION_CEILING, UNITS), Some(0));
+    }
+}
