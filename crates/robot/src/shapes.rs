@@ -17,3 +17,12 @@ pub fn capsule_distance_oracle(
         .ok()
         .map(|found| found.distance)
 }
+
+/// Volume of the convex hull of points by parry, m^3. `None` where they span no volume.
+pub fn hull_volume_oracle(points: &[Vector3<f64>]) -> Option<f64> {
+    let points: Vec<Vector> = points.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
+    let (vertices, triangles) = parry3d_f64::transformation::try_convex_hull(&points).ok()?;
+    let corner = |index: u32| vertices[index as usize];
+    let volume = |[a, b, c]: &[u32; 3]| corner(*a).dot(corner(*b).cross(corner(*c))) / 6.0;
+    Some(triangles.iter().map(volume).sum())
+}

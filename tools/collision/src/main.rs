@@ -1,2 +1,206 @@
-//! Under construction.
-fn main() {}
+//! `collision fit` writes the capsules of a robot file; `collision check` verifies them.
+
+use clap::{Parser, Subcommand};
+use collision::check::{capsules_in_frame, collision_share, reasons, sticks_out_m};
+use collision::error::{CollisionError, read_text};
+use collision::plan::{Plan, SIDE};
+use collision::prove::Verdict;
+use collision::scene::Scene;
+use collision::write::{fit_all, robot_file};
+use robot::{AllowedReason, Frames, Model};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Fits and checks the capsules of a robot file.
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Fits capsules around the meshes and primitives of a URDF and decides which pairs need no check.
+    Fit {
+        #[command(flatten)]
+        source: Source,
+        /// Write the robot file here instead of to standard output.
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
+    /// Verifies containment and the reason of every pair that is not checked.
+    Check {
+        #[command(flatten)]
+        source: Source,
+    },
+}
+
+#[derive(clap::Args)]
+struct Source {
+    /// URDF whose links have the meshes or primitives; may be the manufacturer's, if links and joints agree.
+    #[arg(long)]
+    urdf: PathBuf,
+    /// Folder of the meshes: what follows `/meshes/` in the URDF's file names is looked up in it.
+    #[arg(long)]
+    meshes: Option<PathBuf>,
+    /// Robot file; names the URDF whose limits and kinematics count.
+    #[arg(long, default_value = "config/robots/tiago_dual.toml")]
+    robot: PathBuf,
+    /// Which links share capsules, and how many.
+    #[arg(long, default_value = "tools/collision/plans/tiago_dual.toml")]
+    plan: PathBuf,
+}
+
+/// sysexits: the input's data is wrong; and the exit code of a check that failed.
+const EX_DATAERR: u8 = 65;
+const FAILED: u8 = 1;
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Fit { source, out } => fit(&source, out.as_deref()),
+        Command::Check { source } => check(&source),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(FAILED),
+        Err(error) => {
+            eprintln!("collision: {error}");
+            ExitCode::from(EX_DATAERR)
+        }
+    }
+}
+
+/// All texts that both commands read.
+struct Texts {
+    plan: Plan,
+    shapes: urdf_rs::Robot,
+    toml: (String, String),
+    urdf: (String, String),
+}
+
+fn read_all(source: &Source) -> Result<Texts, CollisionError> {
+    let name = |path: &Path| path.display().to_string();
+    let plan = Plan::parse(&name(&source.plan), &read_text(&source.plan)?)?;
+    let shapes = urdf_rs::read_from_string(&read_text(&source.urdf)?)
+        .map_err(|error| CollisionError::content(name(&source.urdf), error.to_string()))?;
+    let toml = (name(&source.robot), read_text(&source.robot)?);
+    let folder = source.robot.parent().unwrap_or(Path::new("."));
+    let urdf_path = folder.join(robot::urdf_file(&toml.0, &toml.1)?);
+    let urdf = (name(&urdf_path), read_text(&urdf_path)?);
+    Ok(Texts {
+        plan,
+        shapes,
+        toml,
+        urdf,
+    })
+}
+
+fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
+    let texts = read_all(source)?;
+    let scene = Scene::new(&texts.shapes, source.meshes.as_deref(), &texts.plan.fingers);
+    let capsules = fit_all(&texts.plan, &scene)?;
+    for capsule in &capsules {
+        eprintln!(
+            "{:24} radius {:5.1} mm  length {:5.1} mm  volume ratio {:.2}",
+            capsule.name,
+            capsule.shape.radius_m * 1e3,
+            (capsule.shape.b - capsule.shape.a).norm() * 1e3,
+            capsule.volume_ratio
+        );
+    }
+    let mut ratios: Vec<f64> = capsules.iter().map(|capsule| capsule.volume_ratio).collect();
+    ratios.sort_by(f64::total_cmp);
+    eprintln!(
+        "{} capsules, median volume ratio {:.2}",
+        ratios.len(),
+        ratios[ratios.len() / 2]
+    );
+    let (toml, urdf) = (&texts.toml, &texts.urdf);
+    let text = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
+    match out {
+        Some(path) => std::fs::write(path, &text).map_err(|cause| CollisionError::File {
+            file: path.display().to_string(),
+            cause,
+        })?,
+        None => println!("{text}"),
+    }
+    // Last, so that a refused file can be looked at.
+    summary(&Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?);
+    Ok(true)
+}
+
+fn check(source: &Source) -> Result<bool, CollisionError> {
+    let texts = read_all(source)?;
+    let model = Model::from_text(&texts.toml.0, &texts.toml.1, &texts.urdf.0, &texts.urdf.1)?;
+    let scene = Scene::new(&texts.shapes, source.meshes.as_deref(), &texts.plan.fingers);
+    let mut good = true;
+    for group in &texts.plan.groups {
+        // The right side of a pair of groups is mirrored into the left one, matter and capsules alike.
+        let side = if group.frame.contains(SIDE) { "left" } else { "" };
+        let stem = group.name.replace(SIDE, side);
+        let shapes = capsules_in_frame(&model, &group.frame.replace(SIDE, side), |name| belongs(name, &stem));
+        let out = sticks_out_m(&scene.matter(group)?, &shapes);
+        println!(
+            "{:20} {} capsules, worst point {:+.2} mm from the surface",
+            group.name,
+            shapes.len(),
+            out * 1e3
+        );
+        good &= out <= 0.0;
+    }
+    for reason in reasons(&model, texts.plan.clear_mm * 1e-3) {
+        let why = match (&reason.reason, &reason.verdict) {
+            (AllowedReason::SameBody, _) => "same body".to_owned(),
+            (AllowedReason::Adjacent, _) => "adjacent".to_owned(),
+            (AllowedReason::ProvedClear, Some(Verdict::Clear { at_least_m })) => {
+                format!("proved clear by at least {:.1} mm", at_least_m * 1e3)
+            }
+            (AllowedReason::ProvedClear, other) => format!("NOT PROVED: {other:?}"),
+        };
+        println!("{} - {}: {why}", reason.names.0, reason.names.1);
+        good &= reason.holds();
+    }
+    summary(&model);
+    Ok(good)
+}
+
+/// Whether a capsule's name is the stem, or the stem and a number.
+fn belongs(name: &str, stem: &str) -> bool {
+    let rest = name.strip_prefix(stem);
+    rest.is_some_and(|rest| {
+        rest.is_empty()
+            || rest
+                .strip_prefix('_')
+                .is_some_and(|number| number.parse::<usize>().is_ok())
+    })
+}
+
+fn summary(model: &Model) {
+    let mut frames = Frames::default();
+    model.forward(&model.home, &mut frames);
+    let (clearance_m, index) = model.clearance(&frames);
+    let name = |capsule: usize| model.capsules[capsule].name.as_str();
+    let count = |reason| model.allowed.iter().filter(|pair| pair.reason == reason).count();
+    eprintln!(
+        "{} capsules, {} pairs checked, {} on one body, {} adjacent, {} proved clear",
+        model.capsules.len(),
+        model.pairs.len(),
+        count(AllowedReason::SameBody),
+        count(AllowedReason::Adjacent),
+        count(AllowedReason::ProvedClear)
+    );
+    if let Some(pair) = model.pairs.get(index) {
+        eprintln!(
+            "home: {:.1} mm between {} and {}",
+            clearance_m * 1e3,
+            name(pair.a),
+            name(pair.b)
+        );
+    }
+    let share = collision_share(model, 20_000);
+    eprintln!(
+        "{:.1} % of uniform configurations are in self-collision by capsules",
+        share * 100.0
+    );
+}

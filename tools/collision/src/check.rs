@@ -1,0 +1,136 @@
+//! Containment of meshes and primitives in capsules, and the reasons of all pairs that are not checked.
+
+use crate::fit::Shape;
+use crate::mesh::Points;
+use crate::prove::{Verdict, prove};
+use crate::split::Matter;
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use robot::{AllowedReason, Frames, Model};
+
+/// Edges are halved down to this length before a surface counts as not contained, m.
+const EDGE_MIN_M: f64 = 5e-4;
+/// A vertex may stick out by rounding of the file's decimals, m.
+const ROUNDING_M: f64 = 1e-9;
+
+/// How far the worst point of the matter sticks out of all capsules, m; negative or zero: all is contained.
+///
+/// Not only vertices: a polygon is contained when its corners lie in one capsule (capsules are convex); else it is
+/// halved until that is so, or until it is too small.
+pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
+    let mut worst = f64::NEG_INFINITY;
+    for piece in &matter.pieces {
+        let fits = |shape: &Shape| {
+            piece
+                .iter()
+                .map(|point| shape.outside_m(point))
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        worst = worst.max(capsules.iter().map(fits).fold(f64::INFINITY, f64::min));
+    }
+    let mut open: Vec<Points> = matter.surface.clone();
+    while let Some(polygon) = open.pop() {
+        let [first, rest @ ..] = polygon.as_slice() else {
+            continue;
+        };
+        if rest.len() > 2 {
+            open.extend(rest.windows(2).map(|edge| vec![*first, edge[0], edge[1]]));
+            continue;
+        }
+        let reach = |point: &Vector3<f64>| {
+            capsules
+                .iter()
+                .map(|c| c.outside_m(point))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let out = polygon.iter().map(reach).fold(f64::NEG_INFINITY, f64::max);
+        worst = worst.max(out);
+        let inside = |shape: &Shape| polygon.iter().all(|point| shape.outside_m(point) <= ROUNDING_M);
+        if out > ROUNDING_M || capsules.iter().any(inside) {
+            continue;
+        }
+        let edge = |i: usize| (polygon[(i + 1) % polygon.len()] - polygon[i]).norm();
+        let longest = (0..polygon.len())
+            .max_by(|a, b| edge(*a).total_cmp(&edge(*b)))
+            .unwrap_or(0);
+        if edge(longest) < EDGE_MIN_M {
+            worst = worst.max(EDGE_MIN_M);
+            continue;
+        }
+        let (p, next) = (polygon[longest], polygon[(longest + 1) % polygon.len()]);
+        let other = polygon[(longest + 2) % polygon.len()];
+        let middle = (p + next) * 0.5;
+        open.push(vec![p, middle, other]);
+        open.push(vec![middle, next, other]);
+    }
+    worst
+}
+
+/// The capsules of a model that lie on the body of `link`, in the frame of that link.
+pub fn capsules_in_frame(model: &Model, link: &str, names: impl Fn(&str) -> bool) -> Vec<Shape> {
+    let Some((body, body_from_link)) = model.link_body(link) else {
+        return Vec::new();
+    };
+    let link_from_body = body_from_link.inverse();
+    let own = model
+        .capsules
+        .iter()
+        .filter(|capsule| capsule.body == body && names(&capsule.name));
+    own.map(|capsule| Shape {
+        a: link_from_body.transform_point(&capsule.a),
+        b: link_from_body.transform_point(&capsule.b),
+        radius_m: capsule.radius_m,
+    })
+    .collect()
+}
+
+/// One allowed pair, with what holds it up.
+#[derive(Clone, Debug)]
+pub struct Reason {
+    /// Names of the capsules.
+    pub names: (String, String),
+    /// What the robot file says.
+    pub reason: AllowedReason,
+    /// Proof, where the reason is a proof.
+    pub verdict: Option<Verdict>,
+}
+
+impl Reason {
+    /// Whether the reason holds.
+    pub fn holds(&self) -> bool {
+        match (&self.reason, &self.verdict) {
+            (AllowedReason::SameBody | AllowedReason::Adjacent, _) => true,
+            (AllowedReason::ProvedClear, verdict) => matches!(verdict, Some(Verdict::Clear { .. })),
+        }
+    }
+}
+
+/// Proves every pair again that the robot file calls clear by more than `clear_m`.
+pub fn reasons(model: &Model, clear_m: f64) -> Vec<Reason> {
+    let reason = |pair: &robot::AllowedPair| {
+        let (a, b) = (&model.capsules[pair.a], &model.capsules[pair.b]);
+        let proof = pair.reason == AllowedReason::ProvedClear;
+        Reason {
+            names: (a.name.clone(), b.name.clone()),
+            reason: pair.reason,
+            verdict: proof.then(|| prove(model, a, b, clear_m)),
+        }
+    };
+    model.allowed.iter().map(reason).collect()
+}
+
+/// The share of configurations uniform in the URDF's limits in which a checked pair overlaps.
+pub fn collision_share(model: &Model, samples: usize) -> f64 {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
+    let mut frames = Frames::default();
+    let mut colliding = 0;
+    for _ in 0..samples {
+        let q = std::array::from_fn(|j| {
+            let limits = &model.urdf_limits[j];
+            rng.random_range(limits.q_min..limits.q_max)
+        });
+        model.forward(&q, &mut frames);
+        colliding += usize::from(model.clearance(&frames).0 < 0.0);
+    }
+    colliding as f64 / samples as f64
+}

@@ -1,0 +1,51 @@
+//! What can go wrong with the input.
+
+/// Why nothing was fitted or checked.
+#[derive(Debug, thiserror::Error)]
+pub enum CollisionError {
+    /// A file could not be read or written.
+    #[error("{file}: {cause}")]
+    File {
+        /// Its path.
+        file: String,
+        /// The system's words.
+        cause: std::io::Error,
+    },
+    /// A file's content makes no sense.
+    #[error("{file}: {cause}")]
+    Content {
+        /// Its path.
+        file: String,
+        /// What is wrong, with key, value and bound.
+        cause: String,
+    },
+    /// The robot's files were refused.
+    #[error(transparent)]
+    Robot(#[from] robot::RobotError),
+}
+
+impl CollisionError {
+    /// A complaint about a file's content.
+    pub fn content(file: impl Into<String>, cause: impl Into<String>) -> Self {
+        Self::Content {
+            file: file.into(),
+            cause: cause.into(),
+        }
+    }
+}
+
+/// Reads a whole file.
+pub fn read(path: &std::path::Path) -> Result<Vec<u8>, CollisionError> {
+    std::fs::read(path).map_err(|cause| CollisionError::File {
+        file: path.display().to_string(),
+        cause,
+    })
+}
+
+/// Reads a whole text file.
+pub fn read_text(path: &std::path::Path) -> Result<String, CollisionError> {
+    std::fs::read_to_string(path).map_err(|cause| CollisionError::File {
+        file: path.display().to_string(),
+        cause,
+    })
+}

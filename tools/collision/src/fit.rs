@@ -1,0 +1,161 @@
+//! The smallest capsule around a set of points.
+
+use nalgebra::{SymmetricEigen, Vector3};
+use robot::segment_distance;
+
+/// A capsule in the frame of its group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// One end of the axis, m.
+    pub a: Vector3<f64>,
+    /// The other end, m.
+    pub b: Vector3<f64>,
+    /// Radius, m.
+    pub radius_m: f64,
+}
+
+impl Shape {
+    /// pi r^2 l + 4/3 pi r^3, m^3.
+    pub fn volume_m3(&self) -> f64 {
+        let r = self.radius_m;
+        std::f64::consts::PI * r * r * ((self.b - self.a).norm() + 4.0 / 3.0 * r)
+    }
+
+    /// How far a point lies outside, m; negative inside.
+    pub fn outside_m(&self, point: &Vector3<f64>) -> f64 {
+        segment_distance(&self.a, &self.b, point, point).distance_m - self.radius_m
+    }
+}
+
+/// Points that decide about a capsule: the extreme ones in this many directions.
+const DIRECTIONS: usize = 192;
+/// Iterations of one simplex search; it stalls well before.
+const ITERATIONS: usize = 400;
+
+/// A capsule of locally smallest volume that contains all points; the best of several starts. `None` without points.
+pub fn smallest_capsule(points: &[Vector3<f64>]) -> Option<Shape> {
+    if points.is_empty() {
+        return None;
+    }
+    let extreme = extremes(points);
+    let (center, axes) = principal_axes(&extreme);
+    let mut best: Option<(f64, [f64; 6])> = None;
+    let coordinate = [Vector3::x(), Vector3::y(), Vector3::z()];
+    for axis in axes.iter().chain(&coordinate) {
+        let mut start = along(&extreme, &center, axis);
+        // A simplex that has collapsed too early recovers from a fresh one.
+        for _ in 0..3 {
+            start = simplex(&|x| volume_of(&extreme, x), start, 0.02).1;
+        }
+        let value = volume_of(&extreme, &start);
+        if best.is_none_or(|(least, _)| value < least) {
+            best = Some((value, start));
+        }
+    }
+    best.map(|(_, x)| around(points, &x))
+}
+
+/// The capsule about the axis `x` = (a, b) that contains all points.
+fn around(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
+    let (a, b) = (Vector3::from_row_slice(&x[..3]), Vector3::from_row_slice(&x[3..]));
+    let mut shape = Shape { a, b, radius_m: 0.0 };
+    shape.radius_m = points.iter().map(|point| shape.outside_m(point)).fold(0.0, f64::max);
+    shape
+}
+
+fn volume_of(points: &[Vector3<f64>], x: &[f64; 6]) -> f64 {
+    around(points, x).volume_m3()
+}
+
+/// The extreme points in evenly spread directions (a Fibonacci spiral).
+fn extremes(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    if points.len() <= DIRECTIONS {
+        return points.to_vec();
+    }
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let mut chosen: Vec<usize> = (0..DIRECTIONS)
+        .map(|i| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / DIRECTIONS as f64;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let direction = Vector3::new(r * cos, r * sin, z);
+            let extreme = points
+                .iter()
+                .enumerate()
+                .max_by(|a, b| a.1.dot(&direction).total_cmp(&b.1.dot(&direction)));
+            extreme.map_or(0, |(at, _)| at)
+        })
+        .collect();
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.into_iter().map(|at| points[at]).collect()
+}
+
+/// Mean and principal axes of points.
+pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 3]) {
+    let center = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let spread = points
+        .iter()
+        .map(|point| (point - center) * (point - center).transpose())
+        .sum();
+    let axes = SymmetricEigen::new(spread).eigenvectors;
+    (center, [0, 1, 2].map(|i| axes.column(i).into_owned()))
+}
+
+/// A first axis through the middle of the points along `axis`, shortened by their thickness.
+fn along(points: &[Vector3<f64>], center: &Vector3<f64>, axis: &Vector3<f64>) -> [f64; 6] {
+    let places = points.iter().map(|point| (point - center).dot(axis));
+    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+    let thickness = points
+        .iter()
+        .map(|point| (point - center).cross(axis).norm())
+        .fold(0.0, f64::max);
+    let half = (0.5 * (high - low) - 0.7 * thickness).max(0.01 * (high - low));
+    let middle = center + axis * (0.5 * (low + high));
+    let (a, b) = (middle - axis * half, middle + axis * half);
+    [a.x, a.y, a.z, b.x, b.y, b.z]
+}
+
+/// Minimum of `f` near `start` by the simplex method of Nelder and Mead (1965), first simplex of size `scale`.
+fn simplex(f: &dyn Fn(&[f64; 6]) -> f64, start: [f64; 6], scale: f64) -> (f64, [f64; 6]) {
+    let mut vertices: Vec<(f64, [f64; 6])> = (0..7)
+        .map(|i| {
+            let mut x = start;
+            if i > 0 {
+                x[i - 1] += scale;
+            }
+            (f(&x), x)
+        })
+        .collect();
+    for _ in 0..ITERATIONS {
+        vertices.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if vertices[6].0 - vertices[0].0 < 1e-12 * vertices[0].0 {
+            break;
+        }
+        let centroid: [f64; 6] = std::array::from_fn(|k| vertices[..6].iter().map(|v| v.1[k]).sum::<f64>() / 6.0);
+        let at = |step: f64| {
+            let x = std::array::from_fn(|k| centroid[k] + step * (centroid[k] - vertices[6].1[k]));
+            (f(&x), x)
+        };
+        let reflected = at(1.0);
+        let next = if reflected.0 < vertices[0].0 {
+            let expanded = at(2.0);
+            if expanded.0 < reflected.0 { expanded } else { reflected }
+        } else if reflected.0 < vertices[5].0 {
+            reflected
+        } else {
+            at(if reflected.0 < vertices[6].0 { 0.5 } else { -0.5 })
+        };
+        if next.0 < vertices[6].0 {
+            vertices[6] = next;
+        } else {
+            let best = vertices[0].1;
+            for vertex in &mut vertices[1..] {
+                vertex.1 = std::array::from_fn(|k| 0.5 * (vertex.1[k] + best[k]));
+                vertex.0 = f(&vertex.1);
+            }
+        }
+    }
+    vertices.sort_by(|a, b| a.0.total_cmp(&b.0));
+    vertices[0]
+}

@@ -1,0 +1,207 @@
+//! Reads what is needed of collision meshes: triangles of binary STL and of COLLADA.
+
+use crate::error::{CollisionError, read};
+use nalgebra::Vector3;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// A triangle, or any small set of points whose convex hull is meant.
+pub type Points = Vec<Vector3<f64>>;
+
+/// Triangles of a mesh file, in the file's frame and unit (m).
+///
+/// COLLADA: geometries are taken as they stand, as the ROS tools do, without the document's up axis; node transforms and
+/// units other than the metre are refused rather than guessed.
+pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
+    let name = path.display().to_string();
+    let bytes = read(path)?;
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("stl" | "STL") => stl(&name, &bytes),
+        Some("dae" | "DAE") => {
+            let text = std::str::from_utf8(&bytes).map_err(|_| CollisionError::content(&name, "is not UTF-8 text"))?;
+            dae(&name, text)
+        }
+        _ => Err(CollisionError::content(name, "only .stl (binary) and .dae are read")),
+    }
+}
+
+/// Binary STL: 80 bytes, a count, then 50 bytes per triangle (normal, three corners as f32, two bytes).
+fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
+    let count = bytes
+        .get(80..84)
+        .map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize);
+    let body = bytes.get(84..).unwrap_or_default();
+    if count.is_none_or(|count| count == 0 || body.len() != count * 50) {
+        return Err(CollisionError::content(
+            name,
+            "is not a binary STL: length and triangle count disagree",
+        ));
+    }
+    let number = |bytes: &[u8]| f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
+    let corner = |bytes: &[u8]| Vector3::new(number(bytes), number(&bytes[4..]), number(&bytes[8..]));
+    let triangles: Vec<Points> = body
+        .chunks_exact(50)
+        .map(|record| vec![corner(&record[12..]), corner(&record[24..]), corner(&record[36..])])
+        .collect();
+    finite(name, triangles)
+}
+
+fn finite(name: &str, triangles: Vec<Points>) -> Result<Vec<Points>, CollisionError> {
+    // 10 m from its link is no part of a robot.
+    if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
+        return Err(CollisionError::content(
+            name,
+            "a coordinate is not finite or above 10 m",
+        ));
+    }
+    Ok(triangles)
+}
+
+/// What one `<triangles>` or `<polylist>` says.
+#[derive(Default)]
+struct Primitive {
+    stride: usize,
+    vertex_offset: usize,
+    source: String,
+    /// Corners of each polygon; empty for triangles.
+    counts: Vec<usize>,
+    indices: Vec<usize>,
+}
+
+/// The elements that matter, whatever their order.
+#[derive(Default)]
+struct Collada {
+    arrays: HashMap<String, Vec<f64>>,
+    /// From a `<vertices>` id to the source of its positions.
+    positions: HashMap<String, String>,
+    primitives: Vec<Primitive>,
+}
+
+fn dae(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
+    let wrong = |cause: String| CollisionError::content(name, cause);
+    let mut reader = Reader::from_str(text);
+    let (mut collada, mut open): (Collada, Vec<String>) = Default::default();
+    let (mut source, mut vertices) = (String::new(), String::new());
+    loop {
+        let event = reader.read_event().map_err(|error| wrong(error.to_string()))?;
+        let (start, empty) = match &event {
+            Event::Start(start) => (start, false),
+            Event::Empty(start) => (start, true),
+            Event::End(_) => {
+                open.pop();
+                continue;
+            }
+            Event::Text(text) => {
+                let text = text.decode().map_err(|error| wrong(error.to_string()))?;
+                collada
+                    .take_text(open.last().map_or("", String::as_str), &source, &text)
+                    .map_err(wrong)?;
+                continue;
+            }
+            Event::Eof => return finite(name, collada.triangles().map_err(wrong)?),
+            _ => continue,
+        };
+        let tag = String::from_utf8_lossy(start.local_name().as_ref()).into_owned();
+        match tag.as_str() {
+            "source" => source = attribute(start, "id"),
+            "vertices" => vertices = attribute(start, "id"),
+            "triangles" | "polylist" => collada.primitives.push(Primitive::default()),
+            "input" => collada.take_input(start, &vertices, open.last().map_or("", String::as_str)),
+            "matrix" | "translate" | "rotate" | "scale" | "skew" | "lookat" => {
+                return Err(wrong(format!("<{tag}> of a node is not supported")));
+            }
+            "polygons" | "trifans" | "tristrips" => return Err(wrong(format!("<{tag}> is not supported"))),
+            "unit" if attribute(start, "meter").parse::<f64>().unwrap_or(1.0) != 1.0 => {
+                return Err(wrong(format!("unit meter = {}, must be 1", attribute(start, "meter"))));
+            }
+            _ => {}
+        }
+        if !empty {
+            open.push(tag);
+        }
+    }
+}
+
+fn attribute(start: &BytesStart<'_>, key: &str) -> String {
+    let found = start
+        .attributes()
+        .flatten()
+        .find(|attribute| attribute.key.local_name().as_ref() == key.as_bytes());
+    found
+        .map(|attribute| String::from_utf8_lossy(&attribute.value).into_owned())
+        .unwrap_or_default()
+}
+
+fn numbers<T: std::str::FromStr>(text: &str) -> Result<Vec<T>, String> {
+    let parse = |word: &str| word.parse().map_err(|_| format!("`{word}` is not a number"));
+    text.split_ascii_whitespace().map(parse).collect()
+}
+
+impl Collada {
+    fn take_text(&mut self, tag: &str, source: &str, text: &str) -> Result<(), String> {
+        match (tag, self.primitives.last_mut()) {
+            ("float_array", _) => {
+                self.arrays.insert(source.into(), numbers(text)?);
+            }
+            ("vcount", Some(primitive)) => primitive.counts = numbers(text)?,
+            ("p", Some(primitive)) => primitive.indices = numbers(text)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn take_input(&mut self, start: &BytesStart<'_>, vertices: &str, inside: &str) {
+        let target = attribute(start, "source").trim_start_matches('#').to_owned();
+        let semantic = attribute(start, "semantic");
+        if inside == "vertices" {
+            if semantic == "POSITION" {
+                self.positions.insert(vertices.into(), target);
+            }
+        } else if let Some(primitive) = self.primitives.last_mut() {
+            let offset = attribute(start, "offset").parse().unwrap_or(0);
+            primitive.stride = primitive.stride.max(offset + 1);
+            if semantic == "VERTEX" {
+                (primitive.vertex_offset, primitive.source) = (offset, target);
+            }
+        }
+    }
+
+    fn triangles(&self) -> Result<Vec<Points>, String> {
+        let mut triangles = Vec::new();
+        for primitive in &self.primitives {
+            let array = self.positions.get(&primitive.source).and_then(|id| self.arrays.get(id));
+            let array = array.ok_or_else(|| format!("positions of `{}` are missing", primitive.source))?;
+            let point = |corner: usize| {
+                let at = primitive
+                    .indices
+                    .get(corner * primitive.stride + primitive.vertex_offset)?;
+                let xyz = array.get(3 * at..3 * at + 3)?;
+                Some(Vector3::new(xyz[0], xyz[1], xyz[2]))
+            };
+            let corners = primitive.indices.len() / primitive.stride.max(1);
+            let counts = if primitive.counts.is_empty() {
+                vec![3; corners / 3]
+            } else {
+                primitive.counts.clone()
+            };
+            let mut first = 0;
+            for count in counts {
+                // A polygon is the fan of triangles around its first corner.
+                for k in 1..count.saturating_sub(1) {
+                    let triangle = [first, first + k, first + k + 1]
+                        .map(point)
+                        .into_iter()
+                        .collect::<Option<Points>>();
+                    triangles.push(triangle.ok_or("an index points nowhere")?);
+                }
+                first += count;
+            }
+        }
+        if triangles.is_empty() {
+            return Err("holds no triangles".into());
+        }
+        Ok(triangles)
+    }
+}

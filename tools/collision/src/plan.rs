@@ -1,0 +1,100 @@
+//! The plan of a fit: which links share capsules, how many, with what margin.
+
+use crate::error::CollisionError;
+use serde::Deserialize;
+
+/// What stands for `left` and `right` in names of a plan.
+pub const SIDE: &str = "{side}";
+
+/// A whole plan.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Added to every fitted radius, mm.
+    pub margin_mm: f64,
+    /// A pair is proved clear if it stays farther apart than this, mm.
+    pub clear_mm: f64,
+    /// Groups of links that share capsules.
+    pub groups: Vec<Group>,
+    /// Joints that move inside a group and are swept.
+    #[serde(default)]
+    pub fingers: Vec<Finger>,
+}
+
+/// Links that move as one body and share capsules. `{side}` in its names makes it a pair of groups, left and right, with
+/// mirrored capsules.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Group {
+    /// Its capsules are called `name_0`, `name_1`, ..., or `name` if there is one.
+    pub name: String,
+    /// The link in whose frame the capsules are given.
+    pub frame: String,
+    /// What is contained.
+    pub parts: Vec<Part>,
+    /// Number of capsules.
+    pub capsules: usize,
+    /// Exact splits instead of searched ones: planes in the link frame. Empty: the split is searched.
+    #[serde(default)]
+    pub planes: Vec<Plane>,
+}
+
+/// A plane {x : normal . x = offset} in the frame of its group.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plane {
+    /// Normal, any length.
+    pub normal: [f64; 3],
+    /// Offset along the normal, m.
+    pub offset_m: f64,
+}
+
+/// One link of a group.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// The link.
+    pub link: String,
+    /// Indices of its collision elements; all if absent.
+    pub elements: Option<Vec<usize>>,
+    /// Whether everything below the link belongs to it, swept over its fingers' joints.
+    #[serde(default)]
+    pub below: bool,
+}
+
+/// One finger: a free joint, and joints that a tendon moves together in proportion to their ranges.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Finger {
+    /// The free joint.
+    pub free: String,
+    /// Positions tried of it, both limits included.
+    pub free_steps: usize,
+    /// The coupled joints.
+    pub coupled: Vec<String>,
+    /// Positions tried of them, both limits included.
+    pub coupled_steps: usize,
+}
+
+impl Plan {
+    /// Reads a plan; `file` names it in errors.
+    pub fn parse(file: &str, text: &str) -> Result<Self, CollisionError> {
+        let plan: Self = toml::from_str(text).map_err(|error| CollisionError::content(file, error.to_string()))?;
+        let bounds = [("margin_mm", plan.margin_mm, 0.0), ("clear_mm", plan.clear_mm, 1.0)];
+        for (key, value, least) in bounds {
+            if !(value >= least && value <= 100.0) {
+                return Err(CollisionError::content(
+                    file,
+                    format!("{key} = {value}, must be {least} to 100"),
+                ));
+            }
+        }
+        for group in &plan.groups {
+            if group.capsules == 0 || group.capsules > 16 || group.parts.is_empty() {
+                let cause = format!("group `{}`: needs parts and 1 to 16 capsules", group.name);
+                return Err(CollisionError::content(file, cause));
+            }
+        }
+        Ok(plan)
+    }
+}
