@@ -1,4 +1,4 @@
-//! Attacks the stage for many ticks and judges every command: `adversarial --ticks N --seed S [--dense EVERY]
+//! Attacks the stage for many ticks and judges every command: `adversarial --ticks N --seed S [--robot FILE] [--dense EVERY]
 //! [--without-certificate] [--smooth]`. Exits with 1 if a promise was broken.
 
 #[path = "../tests/support/mod.rs"]
@@ -6,14 +6,18 @@ mod support;
 
 use messages::Stamp;
 use std::time::Instant;
+use support::Subject;
 use support::attack::Attacker;
 use support::checker::Checker;
 use wbc::{Candidate, Input, Options, Permit, State, Target, tick};
 
-fn number(name: &str, default: u64) -> u64 {
+fn text(name: &str) -> Option<String> {
     let mut arguments = std::env::args();
-    let found = arguments.find(|a| a == name).and_then(|_| arguments.next());
-    found.map_or(default, |text| {
+    arguments.find(|a| a == name).and_then(|_| arguments.next())
+}
+
+fn number(name: &str, default: u64) -> u64 {
+    text(name).map_or(default, |text| {
         text.parse().unwrap_or_else(|_| panic!("{name} {text}: not a number"))
     })
 }
@@ -29,16 +33,17 @@ fn main() {
     } else {
         Options::default()
     };
-    let config = support::config(options);
-    let mut state = State::at_rest(&config, support::home());
-    let mut checker = Checker::new(state.planned());
-    let mut attacker = Attacker::new(seed);
+    let subject = text("--robot").map_or_else(Subject::made_up, |path| Subject::load(&path));
+    let config = subject.config(options);
+    let mut state = State::at_rest(&config, subject.home);
+    let mut checker = Checker::new(&subject, state.planned());
+    let mut attacker = Attacker::new(&subject, seed);
     let mut times = Vec::with_capacity(ticks as usize);
     let (mut candidates, mut evaluations, mut most) = ([0_u64; 4], 0_u64, 0);
     for k in 0..ticks {
         if flag("--smooth") {
             let t = k as f64 / 1500.0;
-            attacker.q = std::array::from_fn(|j| support::home()[j] + 0.1 * ((2.0 + 0.1 * j as f64) * t).sin());
+            attacker.q = std::array::from_fn(|j| subject.home[j] + 0.1 * ((2.0 + 0.1 * j as f64) * t).sin());
             attacker.dq = std::array::from_fn(|j| {
                 let w = 2.0 + 0.1 * j as f64;
                 0.1 * w * (w * t).cos()

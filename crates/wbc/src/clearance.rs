@@ -1,7 +1,7 @@
 //! Distances of all checked pairs at one posture: where every certificate of a tick begins.
 
 use crate::chain::{BODIES, Placement, Placements};
-use crate::geometry::{Geometry, Segment, normal};
+use crate::geometry::{Geometry, Segment, closest_points, normal};
 use messages::JOINTS;
 use nalgebra::Vector3;
 
@@ -58,5 +58,30 @@ impl Anchor {
                 (self.clearance_m, self.nearest) = (self.separation[i], i);
             }
         }
+    }
+
+    /// Gradient of a pair's distance by the joint positions, m per rad or m: for each joint between them the velocity of
+    /// the closest point that it carries, along the direction from B to A.
+    pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS] {
+        let pair = &geometry.pairs[pair];
+        let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);
+        let (on_a, on_b) = closest_points(a, b);
+        let (n, _) = normal(a, b);
+        let carries_a = geometry.chain.ancestors(geometry.shapes[pair.a.capsule].capsule.body);
+        std::array::from_fn(|j| {
+            if pair.between & 1 << j == 0 {
+                return 0.0;
+            }
+            let (link, placement) = (&geometry.chain.links()[j], &self.placements[j + 1]);
+            let axis = placement.r * link.axis;
+            let of_a = carries_a & 1 << j != 0;
+            let point = if of_a { on_a } else { on_b };
+            let velocity = if link.prismatic {
+                axis
+            } else {
+                axis.cross(&(point - placement.t))
+            };
+            if of_a { n.dot(&velocity) } else { -n.dot(&velocity) }
+        })
     }
 }

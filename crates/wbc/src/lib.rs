@@ -8,6 +8,7 @@
 //! - [`plan`]: the stop of a joint in closed form, and playing it.
 //! - [`interval`]: the jerks a joint may take.
 //! - [`track`]: the jerk it would like to take.
+//! - `slide`: what it would like instead where the way is blocked.
 //! - [`chain`], [`geometry`]: kinematics and the collision model as the proof needs them.
 //! - [`motion`]: the motion that is to be proved.
 //! - [`certificate`]: the proof, with its derivation.
@@ -24,6 +25,7 @@ pub mod interval;
 mod model;
 pub mod motion;
 pub mod plan;
+mod slide;
 mod tick;
 pub mod track;
 

@@ -8,7 +8,8 @@ use crate::config::{Config, ENGAGE_MARGIN_M};
 use crate::interval::Bounds;
 use crate::motion::{JointMotion, Motion};
 use crate::plan::{JointState, JointStop, Planned};
-use crate::track::{JointAim, wanted_jerk};
+use crate::slide::{ROWS_MAX, Rows};
+use crate::track::{JointAim, wanted_jerk, wanted_velocity};
 use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, Stamp, StopPlan, TICK_S};
 
 /// Share of the way from the plan's jerk to the wanted one that the first candidate is tried with. The share 0 is the
@@ -192,6 +193,34 @@ impl Choice {
             evaluations: 0,
         }
     }
+
+    /// The pair for which an attempt could not be proved, if any.
+    fn try_out(&mut self, config: &Config, state: &mut State, attempt: &Attempt) -> Option<usize> {
+        if !config.certificate {
+            return None;
+        }
+        let verdict = certify(
+            &config.geometry,
+            &attempt.motion,
+            attempt.fresh,
+            &state.anchor,
+            &mut state.scratch,
+        );
+        self.evaluations += verdict.evaluations;
+        self.fallbacks += u32::from(verdict.blamed.is_some());
+        verdict.blamed
+    }
+
+    fn taken(self, attempt: &Attempt, candidate: Candidate) -> Self {
+        // Without a new decision it is the plan, whatever it was called.
+        let candidate = if attempt.fresh == 0 { Candidate::Plan } else { candidate };
+        Self {
+            next: attempt.next,
+            candidate,
+            fresh: attempt.fresh,
+            ..self
+        }
+    }
 }
 
 fn aims(config: &Config, input: &Input<'_>) -> Aims {
@@ -215,7 +244,91 @@ fn aims(config: &Config, input: &Input<'_>) -> Aims {
     })
 }
 
-/// The first candidate that is proved.
+/// What the candidates of one tick are made from.
+struct Wishes {
+    /// Bounds of this tick, and the same with the scaled speed.
+    bounds: [Bounds; JOINTS],
+    asked: [Bounds; JOINTS],
+    /// Wanted velocities; none: the joint plays its plan.
+    velocity: [Option<f64>; JOINTS],
+    /// Admissible jerks.
+    jerks: [Option<f64>; JOINTS],
+}
+
+impl Wishes {
+    fn new(config: &Config, before: &Planned, aims: &Aims, scale: f64) -> Self {
+        let mut wishes = Self {
+            bounds: config.bounds,
+            asked: config.bounds,
+            velocity: [None; JOINTS],
+            jerks: [None; JOINTS],
+        };
+        for j in 0..JOINTS {
+            let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
+            wishes.bounds[j] = relaxed(&config.bounds[j], config.hard_range[j], scale, x, &stop);
+            // The speed asked for is what the scale allows, not what the state makes unavoidable.
+            wishes.asked[j].v_max = scale * config.bounds[j].v_max;
+            wishes.velocity[j] = aims[j].and_then(|aim| wanted_velocity(x, aim, &wishes.asked[j]));
+        }
+        let velocity = wishes.velocity;
+        wishes.follow(before, &velocity);
+        wishes
+    }
+
+    fn follow(&mut self, before: &Planned, velocity: &[Option<f64>; JOINTS]) {
+        for j in 0..JOINTS {
+            let x = before.joint(j);
+            let wanted = velocity[j].map(|v| wanted_jerk(x, v, &self.asked[j]));
+            self.jerks[j] = wanted.and_then(|wanted| self.bounds[j].nearest_admissible(x, wanted));
+        }
+    }
+
+    /// The same wishes, slid along the rows. Joints without a target stay on their plan.
+    fn slid(&self, config: &Config, before: &Planned, aims: &Aims, rows: &Rows) -> Self {
+        let mut v = self.velocity.map(|v| v.unwrap_or(0.0));
+        rows.slide(config, &mut v);
+        let velocity = std::array::from_fn(|j| {
+            let v_max = self.asked[j].v_max;
+            aims[j].map(|_| v[j].clamp(-v_max, v_max))
+        });
+        let mut slid = Self { ..*self };
+        slid.follow(before, &velocity);
+        slid
+    }
+}
+
+/// One attempt: a group of joints takes jerks, the others play the plan.
+struct Attempt {
+    next: Planned,
+    motion: Motion,
+    fresh: JointSet,
+}
+
+impl Attempt {
+    fn new(wishes: &Wishes, before: &Planned, on_plan: &Planned, group: JointSet, step: f64) -> Self {
+        let mut attempt = Self {
+            next: *on_plan,
+            motion: Motion::stops(before),
+            fresh: 0,
+        };
+        for j in (0..JOINTS).filter(|&j| group & 1 << j != 0) {
+            let (x, bounds) = (before.joint(j), &wishes.bounds[j]);
+            let Some(full) = wishes.jerks[j] else { continue };
+            let Some(jerk) = stepped(bounds, x, full, on_plan.a[j], step) else {
+                continue;
+            };
+            let after = x.after(jerk, TICK_S);
+            let stop = JointStop::new(after.v, after.a, bounds.a_max, bounds.j_max);
+            attempt.next.set_joint(j, after, stop);
+            attempt.motion.joints[j] = JointMotion::tick_then_stop(x, jerk, &stop);
+            attempt.fresh |= 1 << j;
+        }
+        attempt
+    }
+}
+
+/// The first candidate that is proved: all joints as they wish, at a smaller step, slid along what was in the way; then
+/// each arm alone; then the plan.
 fn choose(config: &Config, state: &mut State, aims: &Aims, speed_scale: f64, on_plan: &Planned) -> Choice {
     let scale = if speed_scale.is_finite() {
         speed_scale.clamp(0.0, 1.0)
@@ -223,67 +336,38 @@ fn choose(config: &Config, state: &mut State, aims: &Aims, speed_scale: f64, on_
         0.0
     };
     let before = state.planned;
-    let plan_motion = Motion::stops(&before);
+    let wishes = Wishes::new(config, &before, aims, scale);
     let mut choice = Choice::plan(*on_plan);
-    let mut bounds = config.bounds;
-    let mut jerks = [None; JOINTS];
-    for j in 0..JOINTS {
-        let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
-        bounds[j] = relaxed(&config.bounds[j], config.hard_range[j], scale, x, &stop);
-        // The speed asked for is what the scale allows, not what the state makes unavoidable.
-        let asked = Bounds {
-            v_max: scale * config.bounds[j].v_max,
-            ..config.bounds[j]
+    let mut rows = Rows::NONE;
+    let mut blamed = None;
+    for step in STEPS {
+        let attempt = Attempt::new(&wishes, &before, on_plan, ALL_JOINTS, step);
+        blamed = choice.try_out(config, state, &attempt);
+        let Some(pair) = blamed else {
+            return choice.taken(&attempt, Candidate::All);
         };
-        let wanted = aims[j].and_then(|aim| wanted_jerk(x, aim, &asked));
-        jerks[j] = wanted.and_then(|wanted| bounds[j].nearest_admissible(x, wanted));
+        rows.add(config, &state.anchor, pair);
     }
-    let mut blamed = ALL_JOINTS;
-    for (candidate, group, step) in [
-        (Candidate::All, ALL_JOINTS, STEPS[0]),
-        (Candidate::All, ALL_JOINTS, STEPS[1]),
-        (Candidate::Left, LEFT, STEPS[0]),
-        (Candidate::Right, RIGHT, STEPS[0]),
-    ] {
+    let first = blamed;
+    for _ in 0..ROWS_MAX {
+        let slid = wishes.slid(config, &before, aims, &rows);
+        let attempt = Attempt::new(&slid, &before, on_plan, ALL_JOINTS, 1.0);
+        let Some(pair) = choice.try_out(config, state, &attempt) else {
+            return choice.taken(&attempt, Candidate::All);
+        };
+        if !rows.add(config, &state.anchor, pair) {
+            break;
+        }
+    }
+    for (candidate, group) in [(Candidate::Left, LEFT), (Candidate::Right, RIGHT)] {
         // A pair that failed and that only this group moves would fail again.
-        if step == STEPS[0] && blamed & !group == 0 && candidate != Candidate::All {
+        if first.is_some_and(|pair| config.geometry.pairs[pair].between & !group == 0) {
             continue;
         }
-        let mut next = *on_plan;
-        let mut motion = plan_motion.clone();
-        let mut fresh = 0;
-        for j in (0..JOINTS).filter(|&j| group & 1 << j != 0) {
-            let Some(full) = jerks[j] else { continue };
-            let x = before.joint(j);
-            let Some(jerk) = stepped(&bounds[j], x, full, on_plan.a[j], step) else {
-                continue;
-            };
-            let after = x.after(jerk, TICK_S);
-            let stop = JointStop::new(after.v, after.a, bounds[j].a_max, bounds[j].j_max);
-            next.set_joint(j, after, stop);
-            motion.joints[j] = JointMotion::tick_then_stop(x, jerk, &stop);
-            fresh |= 1 << j;
+        let attempt = Attempt::new(&wishes, &before, on_plan, group, 1.0);
+        if attempt.fresh != 0 && choice.try_out(config, state, &attempt).is_none() {
+            return choice.taken(&attempt, candidate);
         }
-        if fresh == 0 {
-            continue;
-        }
-        let verdict = if config.certificate {
-            let verdict = certify(&config.geometry, &motion, fresh, &state.anchor, &mut state.scratch);
-            choice.evaluations += verdict.evaluations;
-            verdict.blamed
-        } else {
-            None
-        };
-        let Some(pair) = verdict else {
-            return Choice {
-                next,
-                candidate,
-                fresh,
-                ..choice
-            };
-        };
-        blamed = config.geometry.pairs[pair].between;
-        choice.fallbacks += 1;
     }
     choice
 }

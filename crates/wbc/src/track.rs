@@ -53,9 +53,9 @@ impl JointAim {
     }
 }
 
-/// The jerk that the law asks for, rad/s^3 or m/s^3, not yet limited; none where the joint has arrived and its own stop
-/// brings it to exact rest. `bounds.v_max` caps the speed that is asked for.
-pub fn wanted_jerk(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64> {
+/// The speed that the law asks for, v_ff + v_fb, rad/s or m/s, within `bounds.v_max`; none where the joint has arrived and
+/// its own stop brings it to exact rest.
+pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64> {
     let e = aim.q - x.q;
     let arrived = e.abs() < ARRIVED_ERROR && x.v.abs() < ARRIVED_SPEED && x.a.abs() < ARRIVED_ACCELERATION;
     if arrived && aim.dq == 0.0 {
@@ -69,7 +69,11 @@ pub fn wanted_jerk(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64>
             .sqrt()
             .copysign(e)
     };
-    let v_ref = (aim.dq + v_fb).clamp(-bounds.v_max, bounds.v_max);
-    let a_ref = (VELOCITY_GAIN_PER_S * (v_ref - x.v)).clamp(-bounds.a_max, bounds.a_max);
-    Some((a_ref - x.a) / TICK_S)
+    Some((aim.dq + v_fb).clamp(-bounds.v_max, bounds.v_max))
+}
+
+/// The jerk towards a wanted velocity, rad/s^3 or m/s^3, not yet limited.
+pub fn wanted_jerk(x: JointState, velocity: f64, bounds: &Bounds) -> f64 {
+    let a_ref = (VELOCITY_GAIN_PER_S * (velocity - x.v)).clamp(-bounds.a_max, bounds.a_max);
+    (a_ref - x.a) / TICK_S
 }

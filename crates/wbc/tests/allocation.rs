@@ -35,10 +35,11 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn ten_thousand_ticks_allocate_nothing() {
-    let config = support::config(Options::default());
-    let mut state = State::at_rest(&config, support::home());
-    let checker = Checker::new(state.planned());
-    let mut attacker = Attacker::new(77);
+    let subject = support::Subject::made_up();
+    let config = subject.config(Options::default());
+    let mut state = State::at_rest(&config, subject.home);
+    let checker = Checker::new(&subject, state.planned());
+    let mut attacker = Attacker::new(&subject, 77);
     let mut in_ticks = 0;
     for k in 0..10_000 {
         attacker.next(k, state.planned(), &checker);

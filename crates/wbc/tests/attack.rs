@@ -7,15 +7,16 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::attack::Attacker;
 use support::checker::{Checker, play};
-use support::{D_MIN_M, config, home, limits};
+use support::{D_MIN_M, Subject, config, home, limits};
 use wbc::{
     Candidate, Config, Input, JointStop, Options, Permit, Planned, State, Target, certify_plan, certify_rest, tick,
 };
 
-fn attack(config: &Config, seed: u64, ticks: u64, dense: u64) -> Checker {
-    let mut state = State::at_rest(config, home());
-    let mut checker = Checker::new(state.planned());
-    let mut attacker = Attacker::new(seed);
+fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64) -> Checker {
+    let config = &subject.config(options);
+    let mut state = State::at_rest(config, subject.home);
+    let mut checker = Checker::new(subject, state.planned());
+    let mut attacker = Attacker::new(subject, seed);
     for k in 0..ticks {
         attacker.next(k, state.planned(), &checker);
         let target = Target {
@@ -41,9 +42,8 @@ fn attack(config: &Config, seed: u64, ticks: u64, dense: u64) -> Checker {
 
 #[test]
 fn no_attack_breaks_a_limit_or_the_clearance() {
-    let config = config(Options::default());
     for seed in 100..105 {
-        let checker = attack(&config, seed, 20_000, 300);
+        let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
         assert!(
             checker.clearance_m < D_MIN_M + 1e-3,
@@ -54,8 +54,26 @@ fn no_attack_breaks_a_limit_or_the_clearance() {
 }
 
 #[test]
+fn no_attack_breaks_them_on_the_shipped_robot() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
+    let subject = Subject::load(path);
+    assert!(
+        certify_rest(&subject.config(Options::default()), &subject.home).0,
+        "home is clear"
+    );
+    let checker = attack(&subject, Options::default(), 7, 20_000, 300);
+    assert_eq!(checker.violations, 0, "{:#?}", checker.first);
+}
+
+#[test]
 fn without_the_certificate_the_same_attack_succeeds() {
-    let checker = attack(&config(Options::without_certificate_for_tests()), 100, 5_000, u64::MAX);
+    let checker = attack(
+        &Subject::made_up(),
+        Options::without_certificate_for_tests(),
+        100,
+        5_000,
+        u64::MAX,
+    );
     assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
     assert!(
         checker.first.iter().all(|words| words.contains("clearance")),
@@ -83,7 +101,7 @@ fn random_plan(rng: &mut Pcg64) -> Planned {
 fn a_certified_plan_is_clear_at_every_sample() {
     let config = config(Options::default());
     let mut rng = Pcg64::seed_from_u64(3);
-    let checker = Checker::new(&Planned::at_rest(home()));
+    let checker = Checker::new(&Subject::made_up(), &Planned::at_rest(home()));
     let (mut certified, mut close) = (0, 0);
     while certified < 400 {
         let planned = random_plan(&mut rng);
@@ -297,7 +315,10 @@ fn a_blocked_arm_leaves_the_other_free() {
     }
     let left_off = (3..10).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
     let right_off = (10..17).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
-    assert!(left_off > 0.02 && right_off < 1e-3, "left {left_off}, right {right_off}");
+    assert!(
+        left_off > 0.02 && right_off < 1e-3,
+        "left {left_off}, right {right_off}"
+    );
     assert!(!out.on_target);
 }
 

@@ -9,29 +9,35 @@ use support::limits;
 use wbc::interval::Bounds;
 use wbc::{JointState, JointStop};
 
+/// Samples a path, and between samples the instants where, by linear interpolation, velocity or acceleration vanish.
+fn judge_path(total: f64, samples: u32, at: &mut dyn FnMut(f64) -> JointState, judge: &mut dyn FnMut(f64, f64, f64)) {
+    let mut before: Option<(f64, JointState)> = None;
+    for i in 0..=samples {
+        let t = total * f64::from(i) / f64::from(samples);
+        let x = at(t);
+        judge(x.q, x.v, x.a);
+        if let Some((t0, x0)) = before {
+            for (y0, y1) in [(x0.v, x.v), (x0.a, x.a)] {
+                if y0 * y1 < 0.0 {
+                    let turn = at(t0 + (t - t0) * y0 / (y0 - y1));
+                    judge(turn.q, turn.v, turn.a);
+                }
+            }
+        }
+        before = Some((t, x));
+    }
+}
+
 /// Judges a jerk by sampling the tick and the stop after it.
 fn admissible(b: &Bounds, x: JointState, j: f64) -> bool {
     let mut fits = j.abs() <= b.j_max;
     let mut judge = |q: f64, v: f64, a: f64| {
         fits &= q <= b.q_max && q >= b.q_min && v.abs() <= b.v_max && a.abs() <= b.a_max * (1.0 + 1e-12);
     };
-    for i in 0..=40 {
-        let t = TICK_S * f64::from(i) / 40.0;
-        let a = x.a + j * t;
-        judge(
-            x.q + x.v * t + x.a * t * t / 2.0 + j * t * t * t / 6.0,
-            x.v + x.a * t + j * t * t / 2.0,
-            a,
-        );
-    }
+    judge_path(TICK_S, 40, &mut |t| x.after(j, t), &mut judge);
     let next = x.after(j, TICK_S);
     let stop = JointStop::new(next.v, next.a, b.a_max, b.j_max);
-    // A grid of the stop, and its phases' ends: velocity is extreme where phases meet or acceleration vanishes.
-    let total = stop.total_s();
-    for i in 0..=400 {
-        let at = stop.advance(next, total * f64::from(i) / 400.0).0;
-        judge(at.q, at.v, at.a);
-    }
+    judge_path(stop.total_s(), 400, &mut |t| stop.advance(next, t).0, &mut judge);
     judge(stop.stop_position(next), next.coasting_velocity(b.j_max), 0.0);
     fits
 }
@@ -45,17 +51,31 @@ fn state(rng: &mut Pcg64, b: &Bounds) -> Option<JointState> {
             rng.random_range(-1.0..=1.0)
         }
     };
-    let a = b.a_max * share(rng);
-    let v = b.v_max * share(rng);
+    let mut a = b.a_max * share(rng);
+    let mut v = b.v_max * share(rng);
+    match rng.random_range(0..4) {
+        // About to reach the highest speed within this tick.
+        0 => {
+            a = 1.5 * b.j_max * TICK_S * rng.random_range(0.0..1.0);
+            v = b.v_max - a * a / (2.0 * b.j_max) - 1e-9;
+        }
+        // About to turn round.
+        1 => v = -0.6 * a * a.abs() / (2.0 * b.j_max) * rng.random_range(0.0..1.0),
+        _ => {}
+    }
+    if rng.random_bool(0.5) {
+        (v, a) = (-v, -a);
+    }
     let mut x = JointState { q: 0.0, v, a };
     if x.coasting_velocity(b.j_max).abs() > b.v_max {
         return None;
     }
     let stop = JointStop::new(v, a, b.a_max, b.j_max);
     let (low, high) = stop.extremes(x);
+    let near = 10.0_f64.powf(rng.random_range(-10.0..-3.0));
     x.q = match rng.random_range(0..3) {
-        0 => b.q_max - high - rng.random_range(0.0..1e-3),
-        1 => b.q_min - low + rng.random_range(0.0..1e-3),
+        0 => b.q_max - high - near,
+        1 => b.q_min - low + near,
         _ => rng.random_range(b.q_min..b.q_max),
     };
     (x.q + low >= b.q_min && x.q + high <= b.q_max).then_some(x)

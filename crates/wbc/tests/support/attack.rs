@@ -1,10 +1,11 @@
 //! Targets that try to make the robot break a promise.
 
+use super::Subject;
 use super::checker::Checker;
-use super::{home, limits};
 use messages::{ALL_JOINTS, JOINTS};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use wbc::interval::Bounds;
 use wbc::{Permit, Planned};
 
 /// What the attacker does for a while.
@@ -31,6 +32,7 @@ enum Mode {
 /// A source of targets and permits.
 pub struct Attacker {
     rng: Pcg64,
+    limits: [Bounds; JOINTS],
     mode: Mode,
     until: u64,
     base: [f64; JOINTS],
@@ -41,13 +43,14 @@ pub struct Attacker {
 }
 
 impl Attacker {
-    pub fn new(seed: u64) -> Self {
+    pub fn new(subject: &Subject, seed: u64) -> Self {
         Self {
             rng: Pcg64::seed_from_u64(seed),
+            limits: subject.limits,
             mode: Mode::Jump,
             until: 0,
-            base: home(),
-            q: home(),
+            base: subject.home,
+            q: subject.home,
             dq: [0.0; JOINTS],
             valid_mask: ALL_JOINTS,
             permit: Permit::Follow { speed_scale: 1.0 },
@@ -55,7 +58,7 @@ impl Attacker {
     }
 
     fn posture(&mut self) -> [f64; JOINTS] {
-        limits().map(|l| self.rng.random_range(l.q_min..=l.q_max))
+        self.limits.map(|l| self.rng.random_range(l.q_min..=l.q_max))
     }
 
     /// The target of tick `k`, with the last command in sight.
@@ -128,7 +131,7 @@ impl Attacker {
         };
         match self.mode {
             Mode::Limits => {
-                for (j, l) in limits().iter().enumerate() {
+                for (j, l) in self.limits.iter().enumerate() {
                     let beyond = if self.rng.random_bool(0.5) { 5.0 } else { 0.0 };
                     self.q[j] = if self.rng.random_bool(0.5) {
                         l.q_min - beyond
@@ -143,7 +146,9 @@ impl Attacker {
                     self.q[10 + i] = self.q[3 + i];
                 }
                 // Forward and inward, where the hands meet.
-                (self.q[3], self.q[10]) = (1.4, 1.4);
+                for j in [3, 10] {
+                    self.q[j] = self.limits[j].q_max - 0.1;
+                }
             }
             _ => {}
         }

@@ -1,10 +1,9 @@
 //! Judges every command by arithmetic of its own: limits, continuity, the plan, and plain distances.
 
-use super::{D_MIN_M, capsules, joint_rows, limits, pairs};
+use super::Subject;
 use messages::{JOINTS, StopPlan, TICK_S};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
 use wbc::geometry::BodyCapsule;
-use wbc::interval::Bounds;
 use wbc::{Output, Planned};
 
 /// Rounding of positions, velocities and accelerations that are recomputed by another formula.
@@ -12,9 +11,7 @@ const ROUNDING: f64 = 1e-11;
 
 /// Postures and commands are judged by this.
 pub struct Checker {
-    limits: [Bounds; JOINTS],
-    capsules: Vec<BodyCapsule>,
-    pairs: Vec<[usize; 2]>,
+    subject: Subject,
     before: Planned,
     /// Smallest clearance seen, m.
     pub clearance_m: f64,
@@ -24,13 +21,9 @@ pub struct Checker {
 }
 
 impl Checker {
-    pub fn new(start: &Planned) -> Self {
-        let capsules = capsules();
-        let pairs = pairs(&capsules);
+    pub fn new(subject: &Subject, start: &Planned) -> Self {
         Self {
-            limits: limits(),
-            capsules,
-            pairs,
+            subject: subject.clone(),
             before: *start,
             clearance_m: f64::INFINITY,
             violations: 0,
@@ -75,7 +68,7 @@ impl Checker {
     }
 
     fn joint_state(&mut self, k: u64, j: usize, now: &Planned) {
-        let l = self.limits[j];
+        let l = self.subject.limits[j];
         let inside = now.q[j] >= l.q_min && now.q[j] <= l.q_max;
         if !(inside && now.v[j].abs() <= l.v_max && now.a[j].abs() <= l.a_max) {
             self.violated(|| {
@@ -92,7 +85,7 @@ impl Checker {
         let jerk = (now.a[j] - a0) / TICK_S;
         let v = v0 + a0 * TICK_S + jerk * TICK_S.powi(2) / 2.0;
         let q = q0 + v0 * TICK_S + a0 * TICK_S.powi(2) / 2.0 + jerk * TICK_S.powi(3) / 6.0;
-        let l = self.limits[j];
+        let l = self.subject.limits[j];
         if jerk.abs() > l.j_max || (v - now.v[j]).abs() > ROUNDING || (q - now.q[j]).abs() > ROUNDING {
             self.violated(|| {
                 format!(
@@ -116,7 +109,7 @@ impl Checker {
     }
 
     fn joint_plan(&mut self, k: u64, j: usize, now: &Planned) {
-        let l = self.limits[j];
+        let l = self.subject.limits[j];
         let (mut worst_q, mut worst_a, mut fastest, mut t) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0);
         let total: f64 = now.plan.duration_s[j].iter().sum();
         for i in 0..=24 {
@@ -139,31 +132,19 @@ impl Checker {
     fn posture(&mut self, k: u64, q: &[f64; JOINTS], what: &str) {
         let d = self.clearance(q);
         self.clearance_m = self.clearance_m.min(d);
-        if d < D_MIN_M {
+        if d < self.subject.d_min_m {
             self.violated(|| format!("k {k}: clearance of the {what} {d}"));
         }
     }
 
     /// Smallest distance of all pairs at a posture.
     pub fn clearance(&self, q: &[f64; JOINTS]) -> f64 {
-        let mut bodies = [Isometry3::identity(); JOINTS + 1];
-        for (j, (parent, origin, axis, prismatic)) in joint_rows().into_iter().enumerate() {
-            let (origin, axis) = (Vector3::from(origin), Vector3::from(axis));
-            let own = if prismatic {
-                Isometry3::from_parts(Translation3::from(origin + axis * q[j]), UnitQuaternion::identity())
-            } else {
-                Isometry3::from_parts(
-                    Translation3::from(origin),
-                    UnitQuaternion::from_scaled_axis(axis * q[j]),
-                )
-            };
-            bodies[j + 1] = bodies[parent] * own;
-        }
+        let bodies = self.subject.bodies(q);
         let axis = |c: &BodyCapsule| [c.a, c.b].map(|p| (bodies[c.body] * Point3::from(p)).coords);
-        let axes: Vec<_> = self.capsules.iter().map(axis).collect();
+        let axes: Vec<_> = self.subject.capsules.iter().map(axis).collect();
         let mut smallest = f64::INFINITY;
-        for &[a, b] in &self.pairs {
-            let radii = self.capsules[a].radius_m + self.capsules[b].radius_m;
+        for &[a, b] in &self.subject.pairs {
+            let radii = self.subject.capsules[a].radius_m + self.subject.capsules[b].radius_m;
             smallest = smallest.min(axis_distance(axes[a], axes[b]) - radii);
         }
         smallest

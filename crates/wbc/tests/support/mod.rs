@@ -6,7 +6,9 @@ pub mod attack;
 pub mod checker;
 
 use messages::JOINTS;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use std::path::Path;
+use std::rc::Rc;
 use wbc::chain::{Chain, Link, Placement};
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
@@ -167,4 +169,97 @@ pub fn parts() -> Parts {
 /// The robot's configuration.
 pub fn config(options: Options) -> Config {
     Config::from_parts(parts(), options).expect("a valid robot")
+}
+
+/// What is attacked and judged: the made-up robot, or a model whose own kinematics then judge.
+#[derive(Clone)]
+pub struct Subject {
+    pub limits: [Bounds; JOINTS],
+    pub home: [f64; JOINTS],
+    pub capsules: Vec<BodyCapsule>,
+    pub pairs: Vec<[usize; 2]>,
+    pub d_min_m: f64,
+    model: Option<Rc<robot::Model>>,
+}
+
+impl Subject {
+    pub fn made_up() -> Self {
+        let Parts {
+            limits,
+            home,
+            capsules,
+            pairs,
+            d_min_m,
+            ..
+        } = parts();
+        Self {
+            limits,
+            home,
+            capsules,
+            pairs,
+            d_min_m,
+            model: None,
+        }
+    }
+
+    pub fn of(model: robot::Model) -> Self {
+        let Parts {
+            limits,
+            home,
+            capsules,
+            pairs,
+            d_min_m,
+            ..
+        } = Parts::of(&model).expect("a valid robot");
+        Self {
+            limits,
+            home,
+            capsules,
+            pairs,
+            d_min_m,
+            model: Some(Rc::new(model)),
+        }
+    }
+
+    /// The robot of a robot file; its URDF lies beside it.
+    pub fn load(path: &str) -> Self {
+        let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        let toml = read(Path::new(path));
+        let urdf = robot::urdf_file(path, &toml).expect("a robot file");
+        let beside = Path::new(path).with_file_name(&urdf);
+        Self::of(robot::Model::from_text(path, &toml, &urdf, &read(&beside)).expect("a robot"))
+    }
+
+    pub fn config(&self, options: Options) -> Config {
+        match &self.model {
+            Some(model) => Config::new(model, options).expect("a valid robot"),
+            None => config(options),
+        }
+    }
+
+    /// Poses of all bodies in the base frame, by code that is not the crate's.
+    pub fn bodies(&self, q: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
+        let mut bodies = [Isometry3::identity(); JOINTS + 1];
+        if let Some(model) = &self.model {
+            let mut frames = robot::Frames::default();
+            model.forward(q, &mut frames);
+            return frames.base_from_body.map(|pose| {
+                let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.r));
+                Isometry3::from_parts(Translation3::from(pose.t), turn)
+            });
+        }
+        for (j, (parent, origin, axis, prismatic)) in joint_rows().into_iter().enumerate() {
+            let (origin, axis) = (Vector3::from(origin), Vector3::from(axis));
+            let own = if prismatic {
+                Isometry3::from_parts(Translation3::from(origin + axis * q[j]), UnitQuaternion::identity())
+            } else {
+                Isometry3::from_parts(
+                    Translation3::from(origin),
+                    UnitQuaternion::from_scaled_axis(axis * q[j]),
+                )
+            };
+            bodies[j + 1] = bodies[parent] * own;
+        }
+        bodies
+    }
 }
