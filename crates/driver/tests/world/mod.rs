@@ -1,0 +1,161 @@
+//! Two processes, two slots of shared memory and one clock of quarter ticks, in which anything may be late.
+
+mod control;
+mod oracle;
+
+pub(crate) use control::Control;
+use driver::{Config, Input, State, tick_each};
+use messages::{Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, deadline};
+use oracle::Oracle;
+
+/// Quarters of a tick after its deadline at which a command is due.
+const GRACE_QUARTERS: u64 = 2;
+/// The index at which every run begins.
+pub(crate) const FIRST_K: u64 = 1000;
+/// Largest joint speed, rad/s; the motions of `Control` stay below it.
+pub(crate) const V_MAX: f64 = 3.0;
+
+/// What happens in one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moment {
+    /// The quarter in which `control` wakes, or never.
+    pub(crate) control: Option<u64>,
+    /// The quarters in which the driver wakes, as bits.
+    pub(crate) driver: u8,
+    /// Quarters that a command takes to arrive.
+    pub(crate) command_delay: u64,
+    /// Quarters that an echo takes to arrive.
+    pub(crate) echo_delay: u64,
+}
+
+impl Moment {
+    /// Everybody on time.
+    pub(crate) const CALM: Self = Self {
+        control: Some(0),
+        driver: 0b1111,
+        command_delay: 0,
+        echo_delay: 0,
+    };
+}
+
+/// What a tick came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Tally {
+    pub(crate) commands: u64,
+    pub(crate) plan_ticks: u64,
+    pub(crate) refused: u64,
+}
+
+#[derive(Clone)]
+pub(crate) struct World {
+    pub(crate) config: Config,
+    pub(crate) control: Control,
+    pub(crate) follower: State,
+    pub(crate) tally: Tally,
+    pub(crate) oracle: Oracle,
+    quarter: u64,
+    commands: Slot<JointCommand>,
+    echoes: Slot<RobotState>,
+}
+
+/// A slot of shared memory: holds the newest of what has arrived.
+#[derive(Clone)]
+struct Slot<T> {
+    under_way: Vec<(u64, T)>,
+    held: Option<T>,
+}
+
+impl<T: Copy> Slot<T> {
+    fn new() -> Self {
+        Self {
+            under_way: Vec::with_capacity(16),
+            held: None,
+        }
+    }
+
+    fn read(&mut self, quarter: u64) -> Option<T> {
+        // What was sent later but arrived earlier is overwritten by what arrives last: reordering.
+        while let Some(next) = (0..self.under_way.len())
+            .filter(|&i| self.under_way[i].0 <= quarter)
+            .min_by_key(|&i| (self.under_way[i].0, i))
+        {
+            self.held = Some(self.under_way.remove(next).1);
+        }
+        self.held
+    }
+}
+
+impl World {
+    /// A driver that has held a posture for a while, and a `control` that has just started.
+    pub(crate) fn new(seed: u64) -> Self {
+        let follower = State::hold(FIRST_K, &[0.1; JOINTS]).expect("finite");
+        Self {
+            config: Config::new([V_MAX; JOINTS]),
+            control: Control::new(seed, 1),
+            oracle: Oracle::new(&follower),
+            follower,
+            tally: Tally::default(),
+            quarter: 4 * (FIRST_K + 1),
+            commands: Slot::new(),
+            echoes: Slot::new(),
+        }
+    }
+
+    /// Runs the next tick.
+    pub(crate) fn run(&mut self, moment: &Moment) -> Tally {
+        self.tally = Tally::default();
+        for quarter in 0..4 {
+            if moment.control == Some(quarter) {
+                let echo = self.echoes.read(self.quarter);
+                if let Some(command) = self.control.tick(self.quarter / 4, echo.as_ref()) {
+                    self.commands
+                        .under_way
+                        .push((self.quarter + moment.command_delay, command));
+                }
+            }
+            if moment.driver & (1 << quarter) != 0 {
+                self.drive(moment.echo_delay);
+            }
+            self.quarter += 1;
+        }
+        self.tally
+    }
+
+    fn drive(&mut self, echo_delay: u64) {
+        let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
+        let command = self.commands.read(self.quarter);
+        let input = Input {
+            due_k: (self.quarter - GRACE_QUARTERS) / 4,
+            command: command.as_ref(),
+            port_fault: false,
+        };
+        let (oracle, control, tally) = (&mut self.oracle, &self.control, &mut self.tally);
+        let out = tick_each(&self.config, &mut self.follower, now, input, |step| {
+            oracle.step(control, step, command.as_ref(), tally);
+        });
+        tally.refused += u64::from(out.refused.is_some());
+        assert_eq!(out.executed, self.follower.setpoint());
+        assert!(self.follower.index() >= input.due_k, "what is due is executed");
+        let measured = driver::Measured {
+            stamp: now,
+            q: out.executed.q,
+            dq: out.executed.v,
+        };
+        self.echoes
+            .under_way
+            .push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
+    }
+
+    /// Replaces the driver by one that has just started and holds where the last one was.
+    pub(crate) fn restart_driver(&mut self) {
+        let q = self.follower.motion.q;
+        self.follower = State::hold(self.quarter / 4, &q).expect("finite");
+        self.oracle = Oracle::new(&self.follower);
+        self.echoes = Slot::new();
+    }
+
+    /// Replaces `control` by one that has just started.
+    pub(crate) fn restart_control(&mut self) {
+        self.control.restart();
+    }
+}
