@@ -2,13 +2,13 @@
 //!
 //! # Derivation
 //!
-//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the distance
-//! of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the joints that
-//! move both alike drop out.
+//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the
+//! distance of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the
+//! joints that move both alike drop out.
 //!
-//! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s) / 2.
-//! For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at t1. So,
-//! with S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B, the segment is safe if for one n
+//! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s)
+//! / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at
+//! t1. So, with S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B, the segment is safe if for one n
 //!
 //! ```text
 //! d_min <= min over s in [0, dt] of  S0 + (S1 - S0) s / dt - B s (dt - s) / 2
@@ -19,10 +19,11 @@
 //! which is at least min(S0, S1) - B dt^2 / 8, and lets a motion begin at d_min if it leads away.
 //!
 //! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
-//! distance of the point from the joint's axis over all configurations, see [`Chain::reach`](crate::chain::Chain::reach));
-//! for a prismatic one J_k = z_k, R_k = 1. For i before k in the chain, dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute
-//! (everything after it, J_k and x, turns with it) and 0 if i is prismatic; dJ_k/dq_k = z_k x J_k if k is revolute, else 0.
-//! Hence, with |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k for a revolute, 0 for a prismatic joint,
+//! distance of the point from the joint's axis over all configurations, see
+//! [`Chain::reach`](crate::chain::Chain::reach)); for a prismatic one J_k = z_k, R_k = 1. For i before k in the chain,
+//! dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute (everything after it, J_k and x, turns with it) and 0 if i is
+//! prismatic; dJ_k/dq_k = z_k x J_k if k is revolute, else 0. Hence, with |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k
+//! for a revolute, 0 for a prismatic joint,
 //!
 //! ```text
 //! x'' = sum_k J_k q_k'' + sum_i sum_k dJ_k/dq_i q_i' q_k'
@@ -54,11 +55,12 @@ const SHORTEST_S: f64 = 1.5e-3;
 const EVALUATIONS_MAX: u32 = 80;
 /// What a pair must have to spare beyond its path to be culled, m: far above the rounding of the kinematics.
 const CULL_MARGIN_M: f64 = 1e-9;
-/// Where a new decision may bring a pair to rest: d_min and this, m; where less is left, not closer than it is. On the way
-/// there half of what is left may be used. A motion that starts at its own bound could not be proved even if it leads
-/// away, because its chord sags by B dt^2 / 8 (0.0003 mm for the shortest one), and the arm could never leave.
+/// Where a new decision may bring a pair to rest: d_min and this, m; where less is left, not closer than it is. On the
+/// way there half of what is left may be used. A motion that starts at its own bound could not be proved even if it
+/// leads away, because its chord sags by B dt^2 / 8 (0.0003 mm for the shortest one), and the arm could never leave.
 const SLACK_M: f64 = 5e-4;
-/// Rounding of a distance that a motion leaves unchanged, m; at 1500 decisions a second it could add up to 5 um an hour.
+/// Rounding of a distance that a motion leaves unchanged, m; at 1500 decisions a second it could add up to 5 um an
+/// hour.
 const REST_ROUNDING_M: f64 = 1e-12;
 /// Halvings: 1.5 ms * 2^11 = 3 s, longer than any stop.
 const DEPTH_MAX: usize = 12;

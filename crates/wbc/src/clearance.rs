@@ -5,8 +5,8 @@ use crate::geometry::{Geometry, Segment, closest_points, normal};
 use messages::JOINTS;
 use nalgebra::Vector3;
 
-/// Pairs farther apart than this by their bounding spheres keep the spheres' distance: no stop reaches that far often, and
-/// where one does, the certificate looks closer.
+/// Pairs farther apart than this by their bounding spheres keep the spheres' distance: no stop reaches that far often,
+/// and where one does, the certificate looks closer.
 const FAR_M: f64 = 0.3;
 
 /// A posture with its placements and separations.
@@ -60,8 +60,8 @@ impl Anchor {
         }
     }
 
-    /// Gradient of a pair's distance by the joint positions, m per rad or m: for each joint between them the velocity of
-    /// the closest point that it carries, along the direction from B to A.
+    /// Gradient of a pair's distance by the joint positions, m per rad or m: for each joint between them the velocity
+    /// of the closest point that it carries, along the direction from B to A.
     pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS] {
         let pair = &geometry.pairs[pair];
         let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);

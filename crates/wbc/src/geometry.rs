@@ -205,8 +205,8 @@ fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedP
     }
 }
 
-/// The points of two segments that are closest to each other. Bounded work, no allocation; near parallel axes the points
-/// may be off the optimum, so callers use the direction between them and never their distance.
+/// The points of two segments that are closest to each other. Bounded work, no allocation; near parallel axes the
+/// points may be off the optimum, so callers use the direction between them and never their distance.
 #[inline]
 pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3<f64>) {
     let (d1, d2, r) = (p.b - p.a, q.b - q.a, p.a - q.a);

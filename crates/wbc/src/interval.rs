@@ -3,12 +3,13 @@
 //! With x' the state after a tick of jerk j, the upper conditions are
 //!
 //! ```text
-//! a' <= A,   max(velocity in the tick, v' + a' |a'| / (2 J)) <= V,   max(position in the tick and along S(x')) <= q_max
+//! a' <= A,   max(velocity in the tick, v' + a' |a'| / (2 J)) <= V,
+//! max(position in the tick and along S(x')) <= q_max
 //! ```
 //!
-//! and the lower ones their mirror image. Position, velocity and acceleration at every instant grow with j, so the upper
-//! conditions hold up to some j_hi and the lower ones from some j_lo on. Bisection finds the ends; what it returns has
-//! itself been checked, so safety does not rest on that monotonicity, only tightness does.
+//! and the lower ones their mirror image. Position, velocity and acceleration at every instant grow with j, so the
+//! upper conditions hold up to some j_hi and the lower ones from some j_lo on. Bisection finds the ends; what it
+//! returns has itself been checked, so safety does not rest on that monotonicity, only tightness does.
 
 use crate::plan::{JointState, JointStop, highest_of_phase, negated};
 use messages::TICK_S;

@@ -1,9 +1,10 @@
 //! Whole-body control with a certified stop plan. Never performs IO, never reads a clock, and a tick never allocates,
 //! locks, blocks or panics.
 //!
-//! Every tick proposes a new jerk for each joint and accepts it only if the tick and the stop after it are proved to keep
-//! all limits and the clearance of the collision model at every instant. Otherwise the robot continues the plan that was
-//! proved before. At rest the plan is to stay, so there is always a proved plan, and it travels with every command.
+//! Every tick proposes a new jerk for each joint and accepts it only if the tick and the stop after it are proved to
+//! keep all limits and the clearance of the collision model at every instant. Otherwise the robot continues the plan
+//! that was proved before. At rest the plan is to stay, so there is always a proved plan, and it travels with every
+//! command.
 //!
 //! - [`plan`]: the stop of a joint in closed form, and playing it.
 //! - [`interval`]: the jerks a joint may take.
@@ -13,8 +14,13 @@
 //! - [`motion`]: the motion that is to be proved.
 //! - [`certificate`]: the proof, with its derivation.
 //!
-//! Words: a *stop* brings a joint to rest; a *plan* is the stops of all joints, started together; *fresh* is a joint that
-//! took a new decision in this tick; an *anchor* is the posture with the distances that a proof starts from.
+//! Words: a *stop* brings a joint to rest; a *plan* is the stops of all joints, started together; *fresh* is a joint
+//! that took a new decision in this tick; an *anchor* is the posture with the distances that a proof starts from.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "a joint index runs over several arrays at once"
+)]
 
 pub mod certificate;
 pub mod chain;

@@ -115,9 +115,9 @@ impl JointMotion {
         Swing { v, a, path: v * dt }
     }
 
-    /// Length of the whole path to rest. In a piece whose velocity keeps its sign it is |q1 - q0|; a piece is split where
-    /// its acceleration vanishes, so that the velocity is monotone, and a half whose velocity changes sign counts as
-    /// max|v| dt.
+    /// Length of the whole path to rest. In a piece whose velocity keeps its sign it is |q1 - q0|; a piece is split
+    /// where its acceleration vanishes, so that the velocity is monotone, and a half whose velocity changes sign counts
+    /// as max|v| dt.
     pub fn path(&self) -> f64 {
         let mut path = 0.0;
         for pair in self.knots[..self.len].windows(2) {

@@ -1,8 +1,8 @@
 //! The stop of one joint: three phases of constant jerk, in closed form.
 //!
-//! With the jerk bound J and the acceleration cap A, a joint at (v, a) that only brings its acceleration to zero ends at
-//! the velocity v_c = v + a |a| / (2 J). The time-optimal stop brakes against the sign s of v_c. In coordinates where
-//! s = +1:
+//! With the jerk bound J and the acceleration cap A, a joint at (v, a) that only brings its acceleration to zero ends
+//! at the velocity v_c = v + a |a| / (2 J). The time-optimal stop brakes against the sign s of v_c. In coordinates
+//! where s = +1:
 //!
 //! ```text
 //! phase 1: a -> -a_p     a_p = min(A, sqrt(J v + a^2 / 2)),   t1 = |a + a_p| / J
@@ -10,8 +10,8 @@
 //! phase 3: -a_p -> 0     t3 = a_p / J
 //! ```
 //!
-//! a_p without the cap follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal, so what is left of it after a
-//! while is the stop of the state then: a tick along the plan never lengthens it.
+//! a_p without the cap follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal, so what is left of it after
+//! a while is the stop of the state then: a tick along the plan never lengthens it.
 
 use messages::{JOINTS, StopPlan};
 
@@ -59,8 +59,8 @@ impl JointState {
 }
 
 impl JointStop {
-    /// The time-optimal stop from velocity `v` and acceleration `a` with |jerk| <= `j_max` and |acceleration| <= `a_max`
-    /// (an acceleration beyond `a_max` is first brought back to it).
+    /// The time-optimal stop from velocity `v` and acceleration `a` with |jerk| <= `j_max` and |acceleration| <=
+    /// `a_max` (an acceleration beyond `a_max` is first brought back to it).
     #[inline]
     pub fn new(v: f64, a: f64, a_max: f64, j_max: f64) -> Self {
         let coasting = v + a * a.abs() / (2.0 * j_max);
@@ -106,8 +106,8 @@ impl JointStop {
         self.duration_s == [0.0; 3]
     }
 
-    /// Plays `dt` seconds of the stop: the state then, and what is left. At the end velocity and acceleration are set to
-    /// zero, because what remains there is rounding and would drift.
+    /// Plays `dt` seconds of the stop: the state then, and what is left. At the end velocity and acceleration are set
+    /// to zero, because what remains there is rounding and would drift.
     pub fn advance(mut self, mut x: JointState, dt: f64) -> (JointState, Self) {
         let mut left = dt;
         for phase in 0..3 {

@@ -1,10 +1,10 @@
 //! Sliding along an obstacle: the wanted velocity without the part that leads into the pairs that could not be proved.
 //!
-//! For each such pair with distance d and gradient g = dd/dq, a row g . v >= c with c = -rate (d - d_min - margin): approach
-//! slows down with the distance that is left, and below the margin the pair opens. A violated row is met by the smallest
-//! change of v, measured in shares of each joint's largest speed: v += W g (c - g . v) / (g . W g), W = diag(v_max^2). The
-//! rows are visited in turn for a bounded number of rounds. Whether the result is safe is for the certificate to say; this
-//! only proposes.
+//! For each such pair with distance d and gradient g = dd/dq, a row g . v >= c with c = -rate (d - d_min - margin):
+//! approach slows down with the distance that is left, and below the margin the pair opens. A violated row is met by
+//! the smallest change of v, measured in shares of each joint's largest speed: v += W g (c - g . v) / (g . W g), W =
+//! diag(v_max^2). The rows are visited in turn for a bounded number of rounds. Whether the result is safe is for the
+//! certificate to say; this only proposes.
 
 use crate::clearance::Anchor;
 use crate::config::Config;
@@ -12,7 +12,8 @@ use messages::JOINTS;
 
 /// Pairs that are slid along at once: hand against torso, forearm against base, and the other arm.
 pub(crate) const ROWS_MAX: usize = 3;
-/// Rounds over the rows: with three rows the remaining violation is then far below what the certificate's slack forgives.
+/// Rounds over the rows: with three rows the remaining violation is then far below what the certificate's slack
+/// forgives.
 const ROUNDS: usize = 8;
 /// Approach per distance left, 1/s: a tenth of the position gain's bandwidth would be timid, all of it would be denied.
 const RATE_PER_S: f64 = 8.0;

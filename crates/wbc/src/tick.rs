@@ -41,7 +41,8 @@ pub struct Target<'a> {
 pub enum Permit {
     /// Towards the target.
     Follow {
-        /// Share of each joint's largest speed, (0, 1].
+        /// Share of each joint's largest speed, (0, 1]; anything that is not above zero stops. While a joint is faster
+        /// than a scale that fell, it does not get faster.
         speed_scale: f64,
     },
     /// Play the stop and stay.
@@ -142,16 +143,18 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
     let on_plan = state.planned.advanced(TICK_S);
     let aims = aims(config, &input);
     let choice = match input.permit {
-        Permit::Follow { speed_scale } => choose(config, state, &aims, speed_scale, &on_plan),
-        Permit::Stop => Choice::plan(on_plan),
+        Permit::Follow { speed_scale } if speed_scale > 0.0 => {
+            choose(config, state, &aims, speed_scale.min(1.0), &on_plan)
+        }
+        Permit::Follow { .. } | Permit::Stop => Choice::plan(on_plan),
     };
     state.planned = choice.next;
     state.anchor.place(geometry, choice.next.q);
     output(config, state, &choice, &aims)
 }
 
-/// Whether `q`, held at rest, is clear enough to engage: every pair keeps d_min and 3 mm. Also the smallest distance (m)
-/// and the capsules of that pair. Not for a tick: it allocates.
+/// Whether `q`, held at rest, is clear enough to engage: every pair keeps d_min and 3 mm. Also the smallest distance
+/// (m) and the capsules of that pair. Not for a tick: it allocates.
 pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2]) {
     let anchor = Anchor::new(&config.geometry, *q);
     let clear = anchor.clearance_m >= config.geometry.d_min_m + ENGAGE_MARGIN_M;
@@ -329,7 +332,7 @@ impl Attempt {
 
 /// The first candidate that is proved: all joints as they wish, at a smaller step, slid along what was in the way; then
 /// each arm alone; then the plan.
-fn choose(config: &Config, state: &mut State, aims: &Aims, speed_scale: f64, on_plan: &Planned) -> Choice {
+fn choose(config: &Config, state: &mut State, aims: &Aims, scale: f64, on_plan: &Planned) -> Choice {
     let scale = if speed_scale.is_finite() {
         speed_scale.clamp(0.0, 1.0)
     } else {
@@ -381,8 +384,8 @@ fn stepped(bounds: &Bounds, x: JointState, full: f64, plan_a: f64, step: f64) ->
     bounds.nearest_admissible(x, plan + step * (full - plan))
 }
 
-/// The bounds of this tick: where the plan already reaches further than the planned range or the scaled speed (a posture
-/// at its limit, a scale that fell), not beyond the plan, and never beyond the limits themselves.
+/// The bounds of this tick: where the plan already reaches further than the planned range or the scaled speed (a
+/// posture at its limit, a scale that fell), not beyond the plan, and never beyond the limits themselves.
 fn relaxed(nominal: &Bounds, hard: [f64; 2], scale: f64, x: JointState, stop: &JointStop) -> Bounds {
     let fastest = x.v.abs().max(x.coasting_velocity(nominal.j_max).abs());
     let (low, high) = stop.extremes(x);

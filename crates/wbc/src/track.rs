@@ -53,8 +53,8 @@ impl JointAim {
     }
 }
 
-/// The speed that the law asks for, v_ff + v_fb, rad/s or m/s, within `bounds.v_max`; none where the joint has arrived and
-/// its own stop brings it to exact rest.
+/// The speed that the law asks for, v_ff + v_fb, rad/s or m/s, within `bounds.v_max`; none where the joint has arrived
+/// and its own stop brings it to exact rest.
 pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64> {
     let e = aim.q - x.q;
     let arrived = e.abs() < ARRIVED_ERROR && x.v.abs() < ARRIVED_SPEED && x.a.abs() < ARRIVED_ACCELERATION;

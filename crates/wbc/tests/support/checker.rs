@@ -165,7 +165,8 @@ pub fn play(p: &Planned, j: usize, t: f64) -> (f64, f64, f64) {
     (q, v, a)
 }
 
-/// Distance of two segments: of an end and a segment, or of both lines where the feet of their common normal lie inside.
+/// Distance of two segments: of an end and a segment, or of both lines where the feet of their common normal lie
+/// inside.
 pub fn axis_distance(p: [Vector3<f64>; 2], q: [Vector3<f64>; 2]) -> f64 {
     let to_segment = |x: Vector3<f64>, s: [Vector3<f64>; 2]| {
         let d = s[1] - s[0];
