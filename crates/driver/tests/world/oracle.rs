@@ -99,10 +99,10 @@ fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
         Made::Jerk(jerk) => {
             let from = on_plan(base, played);
             let mut to = from;
-            for j in 0..JOINTS {
-                to.q[j] += from.v[j] * TICK_S + from.a[j] * TICK_S.powi(2) / 2.0 + jerk[j] * TICK_S.powi(3) / 6.0;
-                to.v[j] += from.a[j] * TICK_S + jerk[j] * TICK_S.powi(2) / 2.0;
-                to.a[j] += jerk[j] * TICK_S;
+            for (j, jerk) in jerk.iter().enumerate() {
+                to.q[j] += from.v[j] * TICK_S + from.a[j] * TICK_S.powi(2) / 2.0 + jerk * TICK_S.powi(3) / 6.0;
+                to.v[j] += from.a[j] * TICK_S + jerk * TICK_S.powi(2) / 2.0;
+                to.a[j] += jerk * TICK_S;
             }
             to
         }

@@ -1,0 +1,398 @@
+//! The socket itself: who may bind, who may connect, whose word counts.
+
+use messages::{Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
+use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
+use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+/// A server in a folder of its own, with a clock that stands still unless told otherwise.
+struct House {
+    _folder: TempDir,
+    path: PathBuf,
+    server: Server,
+    now: Stamp,
+}
+
+impl House {
+    fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("control.sock");
+        let server = Server::bind(&path).unwrap();
+        Self {
+            _folder: folder,
+            path,
+            server,
+            now: Stamp(1_000_000_000),
+        }
+    }
+
+    fn poll(&mut self) -> OperatorView {
+        self.server.poll(self.now, &Status { k: 42, ..Status::ZERO })
+    }
+
+    fn raw(&self) -> Raw {
+        let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+        rustix::net::connect(&socket, &SocketAddrUnix::new(&self.path).unwrap()).unwrap();
+        Raw {
+            socket,
+            request: OperatorRequest {
+                version: OPERATOR_VERSION,
+                ..OperatorRequest::ZERO
+            },
+        }
+    }
+}
+
+/// A client that waits for no reply, so that one thread can play both sides.
+struct Raw {
+    socket: OwnedFd,
+    request: OperatorRequest,
+}
+
+impl Raw {
+    fn say(&mut self, change: impl Fn(&mut OperatorRequest)) {
+        change(&mut self.request);
+        self.request.sequence += 1;
+        self.send(&operator::encode_request(&self.request));
+    }
+
+    fn send(&self, bytes: &[u8]) {
+        rustix::net::send(&self.socket, bytes, SendFlags::empty()).unwrap();
+    }
+
+    fn press(&mut self) {
+        self.say(|r| (r.enable_level, r.enable_count) = (1, r.enable_count + 1));
+    }
+}
+
+#[test]
+fn the_first_edge_holds_and_others_are_refused() {
+    let mut house = House::new();
+    let (mut first, mut second) = (house.raw(), house.raw());
+    first.press();
+    second.say(|_| {});
+    let view = house.poll();
+    assert_eq!((view.connections, view.enable_level, view.enable_edges), (2, true, 1));
+    second.press();
+    let view = house.poll();
+    assert_eq!(
+        (view.enable_level, view.enable_edges, view.enables_refused),
+        (true, 1, 1)
+    );
+    // Letting go what one does not hold is a release all the same; a level that stays up grants nothing.
+    first.say(|r| (r.enable_level, r.release_count) = (0, 1));
+    assert!(!house.poll().enable_level);
+    second.say(|_| {});
+    let view = house.poll();
+    assert_eq!(
+        (view.enable_level, view.enable_edges, view.release_edges),
+        (false, 1, 1)
+    );
+    second.press();
+    let view = house.poll();
+    assert_eq!((view.enable_level, view.enable_edges), (true, 2));
+}
+
+#[test]
+fn everybody_may_stop_reset_and_release() {
+    let mut house = House::new();
+    let (mut holder, mut other) = (house.raw(), house.raw());
+    holder.press();
+    house.poll();
+    other.say(|r| r.estop_count += 1);
+    other.say(|r| r.reset_count += 2);
+    let view = house.poll();
+    assert_eq!((view.estop_edges, view.reset_edges, view.enable_level), (1, 2, true));
+    other.say(|r| r.release_count += 1);
+    let view = house.poll();
+    assert_eq!(
+        (view.release_edges, view.enable_level, view.holders_lost),
+        (1, false, 0)
+    );
+}
+
+#[test]
+fn a_release_beats_an_enable_of_the_same_round_in_any_order() {
+    for releaser_first in [true, false] {
+        let mut house = House::new();
+        let (mut a, mut b) = (house.raw(), house.raw());
+        a.say(|_| {});
+        house.poll();
+        let (releaser, presser) = if releaser_first {
+            (&mut a, &mut b)
+        } else {
+            (&mut b, &mut a)
+        };
+        releaser.say(|r| r.release_count += 1);
+        presser.press();
+        let view = house.poll();
+        assert_eq!((view.enable_level, view.release_edges), (false, 1), "{releaser_first}");
+    }
+}
+
+#[test]
+fn a_press_that_was_let_go_before_its_heartbeat_grants_nothing() {
+    let mut house = House::new();
+    let mut client = house.raw();
+    client.say(|r| (r.enable_count, r.release_count) = (1, 1));
+    let view = house.poll();
+    assert_eq!(
+        (view.enable_level, view.enable_edges, view.release_edges),
+        (false, 0, 1)
+    );
+    // Let go and pressed again between two heartbeats: both edges count, and it is held.
+    client.say(|r| (r.enable_level, r.enable_count, r.release_count) = (1, 2, 2));
+    let view = house.poll();
+    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (true, 1, 2));
+}
+
+#[test]
+fn a_holder_that_goes_away_or_falls_silent_loses_the_enable() {
+    let mut house = House::new();
+    let mut client = house.raw();
+    client.press();
+    house.poll();
+    drop(client);
+    let view = house.poll();
+    assert_eq!(
+        (
+            view.enable_level,
+            view.release_edges,
+            view.holders_lost,
+            view.connections
+        ),
+        (false, 0, 1, 0)
+    );
+
+    let mut client = house.raw();
+    client.press();
+    assert!(house.poll().enable_level);
+    let heard = house.now;
+    house.now = Stamp(heard.0 + LEASE_NS);
+    assert!(
+        house.poll().enable_level,
+        "a heartbeat as old as the lease is not too old"
+    );
+    house.now = Stamp(heard.0 + LEASE_NS + 1);
+    let view = house.poll();
+    assert_eq!(
+        (view.enable_level, view.heartbeat, view.holders_lost),
+        (false, heard, 2)
+    );
+    client.say(|_| {});
+    assert!(!house.poll().enable_level, "after a lapse it takes a new edge");
+    client.press();
+    assert!(house.poll().enable_level);
+}
+
+#[test]
+fn the_last_words_of_a_client_that_left_replies_unread_count() {
+    let mut house = House::new();
+    let mut client = house.raw();
+    client.say(|_| {});
+    house.poll();
+    client.say(|r| r.estop_count += 1);
+    drop(client);
+    let view = house.poll();
+    assert_eq!((view.estop_edges, view.connections), (1, 0));
+}
+
+#[test]
+fn nonsense_is_refused_counted_and_disconnected() {
+    let house = &mut House::new();
+    let good = OperatorRequest {
+        version: OPERATOR_VERSION,
+        sequence: 1,
+        ..OperatorRequest::ZERO
+    };
+    let bytes = operator::encode_request(&good);
+    let long = [0_u8; REQUEST_BYTES * 40];
+    let old = operator::encode_request(&OperatorRequest {
+        version: OPERATOR_VERSION + 1,
+        ..good
+    });
+    let level = operator::encode_request(&OperatorRequest {
+        enable_level: 7,
+        ..good
+    });
+    let stuck = operator::encode_request(&OperatorRequest { sequence: 0, ..good });
+    let back = operator::encode_request(&OperatorRequest {
+        reset_count: u32::MAX,
+        ..good
+    });
+    let nonsense: [&[u8]; 7] = [&bytes[..31], &bytes[..1], &long, &old, &level, &stuck, &back];
+    for (count, bytes) in nonsense.into_iter().enumerate() {
+        let client = house.raw();
+        client.send(bytes);
+        let view = house.poll();
+        assert_eq!(
+            (view.requests_refused, view.connections),
+            (count as u64 + 1, 0),
+            "{} bytes",
+            bytes.len()
+        );
+        assert_eq!((view.reset_edges, view.enable_level), (0, false));
+    }
+}
+
+#[test]
+fn a_full_house_keeps_its_talkers_and_gives_the_place_of_the_silent() {
+    let mut house = House::new();
+    let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
+    clients.iter_mut().for_each(|client| client.say(|_| {}));
+    clients[0].press();
+    assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
+    let mut late = house.raw();
+    late.say(|r| r.estop_count += 1);
+    let view = house.poll();
+    assert_eq!(
+        (view.connections_refused, view.estop_edges),
+        (1, 0),
+        "all others are alive"
+    );
+    house.now = Stamp(house.now.0 + 1_000_000_000);
+    clients[1..].iter_mut().skip(1).for_each(|client| client.say(|_| {}));
+    house.poll();
+    let mut late = house.raw();
+    late.say(|r| r.estop_count += 1);
+    let view = house.poll();
+    assert_eq!(
+        (view.connections, view.estop_edges),
+        (CLIENTS_MAX as u32, 1),
+        "a silent one made place"
+    );
+}
+
+#[test]
+fn a_client_gets_the_status_for_each_heartbeat() {
+    let mut house = House::new();
+    let mut client = Client::connect(&house.path).unwrap();
+    let asking = std::thread::spawn(move || {
+        client.enable();
+        let first = client.heartbeat();
+        let second = client.reset().heartbeat();
+        (client, first, second)
+    });
+    while !asking.is_finished() {
+        house.poll();
+        std::thread::yield_now();
+    }
+    let (_client, first, second) = asking.join().unwrap();
+    assert_eq!((first.unwrap().k, second.unwrap().operators), (42, 1));
+    let view = house.poll();
+    assert_eq!((view.enable_edges, view.reset_edges, view.enable_level), (1, 1, true));
+}
+
+#[test]
+fn a_late_reply_answers_no_later_request() {
+    let mut house = House::new();
+    let mut client = Client::connect_within(&house.path, 20).unwrap();
+    assert!(matches!(
+        client.heartbeat(),
+        Err(OperatorError::Timeout { timeout_ms: 20, .. })
+    ));
+    house.poll();
+    assert!(
+        matches!(client.heartbeat(), Err(OperatorError::Timeout { .. })),
+        "the reply to the first is dropped"
+    );
+    drop(house);
+    let error = client.heartbeat().unwrap_err();
+    assert!(
+        matches!(error, OperatorError::Closed { .. } | OperatorError::Timeout { .. }),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_socket_of_mode_0660_that_goes_with_its_server() {
+    let house = House::new();
+    let metadata = std::fs::metadata(&house.path).unwrap();
+    assert!(metadata.file_type().is_socket());
+    assert_eq!(metadata.permissions().mode() & 0o777, 0o660);
+    let path = house.path.clone();
+    drop(house.server);
+    assert!(!path.exists());
+    let error = Client::connect(&path).err().unwrap();
+    assert!(matches!(error, OperatorError::NoSocket { .. }));
+    assert!(error.to_string().contains("is teleopd control running?"), "{error}");
+}
+
+#[test]
+fn only_a_socket_without_anybody_behind_it_is_replaced() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("control.sock");
+    let server = Server::bind(&path).unwrap();
+    assert!(matches!(
+        Server::bind(&path).err().unwrap(),
+        OperatorError::InUse { .. }
+    ));
+    drop(server);
+
+    // Left behind by a server that was killed: bound once, and nobody listens.
+    let address = SocketAddrUnix::new(&path).unwrap();
+    let dead = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+    rustix::net::bind(&dead, &address).unwrap();
+    drop(dead);
+    assert!(matches!(
+        Client::connect(&path).err().unwrap(),
+        OperatorError::NobodyAnswers { .. }
+    ));
+    drop(Server::bind(&path).unwrap());
+
+    // Somebody else listens, without our lock.
+    let foreign = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+    rustix::net::bind(&foreign, &address).unwrap();
+    rustix::net::listen(&foreign, 1).unwrap();
+    assert!(matches!(
+        Server::bind(&path).err().unwrap(),
+        OperatorError::InUse { .. }
+    ));
+    assert!(path.exists());
+    std::fs::remove_file(&path).unwrap();
+
+    std::fs::write(&path, "precious").unwrap();
+    assert!(matches!(
+        Server::bind(&path).err().unwrap(),
+        OperatorError::NotASocket { .. }
+    ));
+    assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+}
+
+#[test]
+fn a_missing_folder_and_a_long_path_are_named() {
+    let folder = TempDir::new().unwrap();
+    let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
+    assert!(
+        matches!(&error, OperatorError::NoDirectory { path } if path.ends_with("absent")),
+        "{error}"
+    );
+    let long = folder.path().join("x".repeat(120));
+    assert!(matches!(
+        Server::bind(&long).err().unwrap(),
+        OperatorError::PathTooLong { .. }
+    ));
+    assert!(matches!(
+        Client::connect(&long).err().unwrap(),
+        OperatorError::PathTooLong { .. }
+    ));
+}
+
+#[test]
+fn a_forbidden_socket_is_named() {
+    if rustix::process::geteuid().is_root() {
+        println!("skipped: nothing is forbidden to root");
+        return;
+    }
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("control.sock");
+    let _server = Server::bind(&path).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0)).unwrap();
+    assert!(matches!(
+        Client::connect(&path).err().unwrap(),
+        OperatorError::PermissionDenied { .. }
+    ));
+}
