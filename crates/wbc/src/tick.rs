@@ -333,11 +333,6 @@ impl Attempt {
 /// The first candidate that is proved: all joints as they wish, at a smaller step, slid along what was in the way; then
 /// each arm alone; then the plan.
 fn choose(config: &Config, state: &mut State, aims: &Aims, scale: f64, on_plan: &Planned) -> Choice {
-    let scale = if speed_scale.is_finite() {
-        speed_scale.clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
     let before = state.planned;
     let wishes = Wishes::new(config, &before, aims, scale);
     let mut choice = Choice::plan(*on_plan);
