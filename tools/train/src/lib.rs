@@ -1,12 +1,22 @@
 //! The trainer of the shared latent space: data, networks, losses, optimiser, checkpoints and weights files.
 //!
-//! One arm is trained, unsupervised and unpaired; a mirrored right arm uses the same networks.
+//! One arm is trained, unsupervised and unpaired; a mirrored right arm uses the same networks. Glossary: a *pose* is the
+//! rotations of an arm's two limbs, a *posture* its joint positions; a *shard* is one thread's half of a batch; *K* is the
+//! number of refinement steps after the network.
 
+pub mod checkpoint;
+pub mod cli;
+pub mod clips;
+pub mod error;
+pub mod evaluation;
 pub mod kinematics;
 pub mod mlp;
 pub mod networks;
 pub mod objective;
 pub mod optimiser;
+pub mod robot_file;
+pub mod run;
 pub mod sampling;
 pub mod session;
+pub mod weights_file;
 pub mod wide;

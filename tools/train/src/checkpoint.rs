@@ -1,0 +1,155 @@
+//! Checkpoints: everything that a run remembers, in one safetensors file that appears at once or not at all.
+//!
+//! Parameters, average and both moments are tensors; options and step are JSON in the header. The generators need
+//! nothing: they are made from seed and step. A resumed run therefore equals an uninterrupted one bit for bit.
+
+use crate::error::TrainError;
+use crate::session::{Options, Session};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Layout version of the header.
+const FORMAT: u32 = 1;
+const KEY: &str = "teleopd.train";
+
+/// What a run must share with the checkpoint that it resumes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Origin {
+    /// Hash of the arm's kinematics and limits, as in the weights' manifest.
+    pub robot_hash: String,
+    /// SHA-256 of the recorded poses.
+    pub poses: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    format: u32,
+    step: u64,
+    options: Options,
+    origin: Origin,
+}
+
+/// Writes `bytes` to `path` so that the file is either the old one or the new one, never a part.
+///
+/// # Errors
+/// If the folder cannot be written.
+pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
+    let failed = |source| TrainError::File {
+        path: path.to_path_buf(),
+        action: "write",
+        source,
+    };
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    let write = || {
+        let mut file = std::fs::File::create(&partial)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        // Renamed before its contents are on disk, a power cut could leave an empty file under the final name.
+        file.sync_all()?;
+        std::fs::rename(&partial, path)
+    };
+    write().map_err(failed)
+}
+
+/// Saves the run.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), TrainError> {
+    let damaged = |reason: String| TrainError::Checkpoint {
+        path: path.to_path_buf(),
+        reason,
+    };
+    let header = Header {
+        format: FORMAT,
+        step: session.step,
+        options: session.options,
+        origin: origin.clone(),
+    };
+    let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
+    let adam = &session.adam;
+    let named = [
+        ("parameters", &adam.parameters),
+        ("average", &adam.average),
+        ("first", &adam.first),
+        ("second", &adam.second),
+    ];
+    let views = named
+        .iter()
+        .map(|(name, values)| {
+            Ok((
+                *name,
+                TensorView::new(Dtype::F32, vec![values.len()], bytemuck::cast_slice(values))?,
+            ))
+        })
+        .collect::<Result<Vec<_>, safetensors::SafeTensorError>>();
+    let bytes = views
+        .and_then(|views| safetensors::serialize(views, Some(HashMap::from([(KEY.to_owned(), header)]))))
+        .map_err(|error| damaged(error.to_string()))?;
+    write_at_once(path, &bytes)
+}
+
+/// Continues a saved run for the same arm and poses.
+///
+/// # Errors
+/// If the file cannot be read, is damaged, or belongs to another arm or other poses.
+pub fn resume(path: &Path, arm: crate::kinematics::Arm, origin: &Origin) -> Result<Session, TrainError> {
+    let damaged = |reason: String| TrainError::Checkpoint {
+        path: path.to_path_buf(),
+        reason,
+    };
+    let bytes = std::fs::read(path).map_err(|source| TrainError::File {
+        path: path.to_path_buf(),
+        action: "read",
+        source,
+    })?;
+    let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
+    let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
+    let text = text.ok_or_else(|| damaged("is not a checkpoint of this trainer".into()))?;
+    let header: Header = serde_json::from_str(text).map_err(|error| damaged(error.to_string()))?;
+    if header.format != FORMAT {
+        return Err(damaged(format!("format is {}, expected {FORMAT}", header.format)));
+    }
+    if header.origin.robot_hash != origin.robot_hash {
+        let (theirs, ours) = (&header.origin.robot_hash, &origin.robot_hash);
+        return Err(damaged(format!(
+            "is for an arm of hash {theirs}, the robot file's is {ours}"
+        )));
+    }
+    if header.origin.poses != origin.poses {
+        return Err(damaged(
+            "was trained on other recorded poses; give it the same --human and --calibration".into(),
+        ));
+    }
+    let mut session = Session::new(header.options, arm);
+    let tensors = SafeTensors::deserialize(&bytes).map_err(|error| damaged(error.to_string()))?;
+    let adam = &mut session.adam;
+    for (name, values) in [
+        ("parameters", &mut adam.parameters),
+        ("average", &mut adam.average),
+        ("first", &mut adam.first),
+        ("second", &mut adam.second),
+    ] {
+        let view = tensors.tensor(name).map_err(|error| damaged(error.to_string()))?;
+        let (words, rest) = view.data().as_chunks::<4>();
+        if view.dtype() != Dtype::F32 || words.len() != values.len() || !rest.is_empty() {
+            return Err(damaged(format!(
+                "{name} has {} values, expected {}",
+                words.len(),
+                values.len()
+            )));
+        }
+        values
+            .iter_mut()
+            .zip(words)
+            .for_each(|(value, word)| *value = f32::from_le_bytes(*word));
+    }
+    session.step = header.step;
+    Ok(session)
+}

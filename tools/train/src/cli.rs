@@ -1,0 +1,148 @@
+//! The command line.
+
+use crate::error::TrainError;
+use crate::networks::Size;
+use crate::objective::Weighting;
+use crate::optimiser::Schedule;
+use crate::sampling::Mixture;
+use crate::session::Options;
+use clap::{Parser, ValueEnum};
+use motion::CalibrationMode;
+use std::path::PathBuf;
+
+/// Trains the shared latent space of one robot's arms from motion files and procedural poses, without labels.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "train", version)]
+pub struct Cli {
+    /// Folder of .bvh files; every fifth, starting with the third, is kept for validation
+    #[arg(long, value_name = "DIR")]
+    pub human: PathBuf,
+    /// Robot file
+    #[arg(long, value_name = "FILE")]
+    pub robot: PathBuf,
+    /// Where the weights go: OUT.safetensors and OUT.toml; checkpoints go to OUT.checkpoint
+    #[arg(long, value_name = "OUT", required_unless_present = "evaluate")]
+    pub out: Option<PathBuf>,
+    /// How long to train
+    #[arg(long, value_enum, default_value = "full")]
+    pub preset: Preset,
+    /// Steps instead of the preset's
+    #[arg(long)]
+    pub steps: Option<u64>,
+    /// Seed of weights and poses
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Poses per step, even
+    #[arg(long, default_value_t = 512)]
+    pub batch: usize,
+    /// Leave a loss term out, to see what it is worth; may be repeated
+    #[arg(long, value_enum, value_name = "TERM")]
+    pub without: Vec<Term>,
+    /// Continue a checkpoint with the options it was made with
+    #[arg(long, value_name = "FILE")]
+    pub resume: Option<PathBuf>,
+    /// Where each clip's elbow hinges are estimated
+    #[arg(long, value_enum, default_value = "clip")]
+    pub calibration: Calibration,
+    /// Do not train: print the figures of these weights (path without extension) on the validation clips
+    #[arg(long, value_name = "WEIGHTS", conflicts_with_all = ["out", "resume"])]
+    pub evaluate: Option<PathBuf>,
+}
+
+/// How long to train.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Minutes, for a first look.
+    Quick,
+    /// What ships.
+    Full,
+}
+
+/// A loss term that can be left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Term {
+    /// The triplet term.
+    Triplet,
+    /// The reconstruction of robot postures.
+    Rec,
+    /// The latent cycle.
+    Ltc,
+}
+
+/// Frames that hinges are estimated from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Calibration {
+    /// The whole clip.
+    Clip,
+    /// The first 10 seconds, as live.
+    #[value(name = "first-10s")]
+    First10s,
+}
+
+impl Calibration {
+    /// The same of the motion crate.
+    #[must_use]
+    pub const fn mode(self) -> CalibrationMode {
+        match self {
+            Self::Clip => CalibrationMode::Clip,
+            Self::First10s => CalibrationMode::First10s,
+        }
+    }
+}
+
+impl Preset {
+    /// Steps: the quick preset is the least that is below 4 degrees with room to spare; the full one goes on until more
+    /// steps stop paying.
+    const fn steps(self) -> u64 {
+        match self {
+            Self::Quick => 6_000,
+            Self::Full => 60_000,
+        }
+    }
+}
+
+impl Cli {
+    /// The options of a new run.
+    ///
+    /// # Errors
+    /// If steps or batch are out of bounds.
+    pub fn options(&self) -> Result<Options, TrainError> {
+        let steps = self.steps.unwrap_or(self.preset.steps());
+        let bounds = |option, value: String, expected: &str| {
+            Err(TrainError::Option {
+                option,
+                value,
+                expected: expected.to_owned(),
+            })
+        };
+        if !(1..=10_000_000).contains(&steps) {
+            return bounds("steps", steps.to_string(), "1 to 10000000");
+        }
+        if self.batch < 4 || self.batch % 2 != 0 || self.batch > 65_536 {
+            return bounds("batch", self.batch.to_string(), "an even number from 4 to 65536");
+        }
+        let mut weighting = Weighting::default();
+        for term in &self.without {
+            match term {
+                Term::Triplet => weighting.triplet = 0.0,
+                Term::Rec => weighting.reconstruction = 0.0,
+                Term::Ltc => weighting.cycle = 0.0,
+            }
+        }
+        Ok(Options {
+            size: Size {
+                hidden_layers: 6,
+                hidden_width: 128,
+            },
+            batch: self.batch,
+            schedule: Schedule {
+                peak: 1e-3,
+                warm_up: 500.min(steps / 4),
+                steps,
+            },
+            seed: self.seed,
+            weighting,
+            mixture: Mixture::default(),
+        })
+    }
+}

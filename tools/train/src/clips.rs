@@ -1,0 +1,149 @@
+//! Recorded motion from a folder: which clips train, which are kept for validation, and what each arm does in them.
+
+use crate::error::TrainError;
+use crate::kinematics::Limbs;
+use crate::sampling::Recorded;
+use messages::{LIMBS, Limb};
+use motion::CalibrationMode;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Of the files sorted by name, every fifth starting with the third is kept for validation (so that figures of different
+/// versions compare).
+const VALIDATION_EVERY: usize = 5;
+const VALIDATION_FIRST: usize = 2;
+
+/// One clip, both arms as left arms.
+#[derive(Clone, Debug)]
+pub struct Clip {
+    /// File name without extension.
+    pub name: String,
+    /// Frames of the left arm, then of the mirrored right arm, x y z w.
+    pub arms: [Vec<Limbs>; 2],
+}
+
+/// What a folder holds.
+#[derive(Clone, Debug)]
+pub struct Clips {
+    /// Clips to train on.
+    pub training: Vec<Clip>,
+    /// Clips kept out.
+    pub validation: Vec<Clip>,
+    /// File and reason of those that could not be used.
+    pub skipped: Vec<(String, String)>,
+}
+
+impl Clips {
+    /// Reads all .bvh files of `folder`. A file that cannot be read is skipped and listed.
+    ///
+    /// # Errors
+    /// If the folder cannot be listed, or has no clip to train on or none to validate with.
+    pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, TrainError> {
+        let files = motion_files(folder)?;
+        let mut clips = Self {
+            training: Vec::new(),
+            validation: Vec::new(),
+            skipped: Vec::new(),
+        };
+        for (index, file) in files.iter().enumerate() {
+            match read_clip(file, calibration) {
+                Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
+                Ok(clip) if index % VALIDATION_EVERY == VALIDATION_FIRST => clips.validation.push(clip),
+                Ok(clip) => clips.training.push(clip),
+            }
+        }
+        if clips.training.is_empty() || clips.validation.is_empty() {
+            let mut reasons = String::new();
+            for (file, reason) in &clips.skipped {
+                // Writing to a String cannot fail.
+                let _ = write!(reasons, "\n  {file}: {reason}");
+            }
+            return Err(TrainError::TooFewClips {
+                folder: folder.to_path_buf(),
+                found: files.len(),
+                usable: clips.training.len() + clips.validation.len(),
+                needed: VALIDATION_FIRST + 1,
+                reasons,
+            });
+        }
+        Ok(clips)
+    }
+
+    /// The training clips' poses in one list.
+    #[must_use]
+    pub fn recorded(&self) -> Recorded {
+        Recorded {
+            poses: self
+                .training
+                .iter()
+                .flat_map(|clip| clip.arms.iter().flatten().copied())
+                .collect(),
+        }
+    }
+
+    /// At most `count` poses spread evenly over the validation clips.
+    #[must_use]
+    pub fn validation_sample(&self, count: usize) -> Vec<Limbs> {
+        let all: Vec<Limbs> = self
+            .validation
+            .iter()
+            .flat_map(|clip| clip.arms.iter().flatten().copied())
+            .collect();
+        let stride = all.len().div_ceil(count.max(1)).max(1);
+        all.into_iter().step_by(stride).collect()
+    }
+}
+
+fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
+    let list = |source| TrainError::File {
+        path: folder.to_path_buf(),
+        action: "list",
+        source,
+    };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(list)? {
+        let path = entry.map_err(list)?.path();
+        if path
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"))
+        {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> {
+    let motion = motion::load(file).map_err(|error| error.to_string())?;
+    if !motion.has_rotations {
+        return Err("has no rotations, so the twist of its limbs is unknown".into());
+    }
+    let hinges = motion::calibrate(&motion, calibration);
+    let frames = motion::limbs(&motion, &hinges);
+    if frames.is_empty() {
+        return Err("has no frame of motion".into());
+    }
+    if frames.iter().flatten().flatten().any(|value| !value.is_finite()) {
+        return Err("has limb rotations that are not finite".into());
+    }
+    Ok(Clip {
+        name: motion.name,
+        arms: arms(&frames),
+    })
+}
+
+/// Both arms as left arms: the right one mirrored at the plane between left and right.
+fn arms(frames: &[[[f32; 4]; LIMBS]]) -> [Vec<Limbs>; 2] {
+    let mirror = |[x, y, z, w]: [f32; 4]| [-x, y, -z, w];
+    let left = frames
+        .iter()
+        .map(|limbs| [limbs[Limb::LeftUpper as usize], limbs[Limb::LeftFore as usize]]);
+    let right = frames.iter().map(|limbs| {
+        [
+            mirror(limbs[Limb::RightUpper as usize]),
+            mirror(limbs[Limb::RightFore as usize]),
+        ]
+    });
+    [left.collect(), right.collect()]
+}

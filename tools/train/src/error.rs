@@ -1,0 +1,85 @@
+//! What can go wrong before, between and after the steps.
+
+use std::path::PathBuf;
+
+/// Why training or evaluation cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A file cannot be read or written.
+    #[error("{path}: cannot {action}: {source}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What was tried: "read", "write", "list".
+        action: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The folder of motion files has too few of them.
+    #[error("{folder}: {usable} of {found} motion files are usable, at least {needed} are needed{reasons}")]
+    TooFewClips {
+        /// The folder.
+        folder: PathBuf,
+        /// Files with the extension .bvh.
+        found: usize,
+        /// Of these, how many have arm poses.
+        usable: usize,
+        /// Enough for one validation clip.
+        needed: usize,
+        /// A line for each unusable file.
+        reasons: String,
+    },
+    /// The robot file or its URDF was refused.
+    #[error("{0}")]
+    Robot(#[from] robot::RobotError),
+    /// A weights file was refused.
+    #[error("{path}: {source}")]
+    Weights {
+        /// Its path without extension.
+        path: PathBuf,
+        /// Why.
+        source: retarget::WeightsError,
+    },
+    /// A weights file could not be composed.
+    #[error("weights: {0}")]
+    Compose(#[from] retarget::WriteError),
+    /// A checkpoint is damaged, or belongs to another run.
+    #[error("{path}: {reason}")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        reason: String,
+    },
+    /// A value of the command line is out of bounds.
+    #[error("--{option} is {value}, expected {expected}")]
+    Option {
+        /// Its name.
+        option: &'static str,
+        /// Its value.
+        value: String,
+        /// The bound.
+        expected: String,
+    },
+    /// The loss left the numbers.
+    #[error("the loss is not finite at step {step}; a lower learning rate or another seed may help")]
+    Diverged {
+        /// Steps done.
+        step: u64,
+    },
+}
+
+impl TrainError {
+    /// The exit code of sysexits.h.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::File { action: "write", .. } => 73,
+            Self::File { .. } => 66,
+            Self::TooFewClips { .. } | Self::Weights { .. } | Self::Checkpoint { .. } => 65,
+            Self::Robot(_) => 78,
+            Self::Option { .. } => 64,
+            Self::Compose(_) | Self::Diverged { .. } => 70,
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! What the command does: read, train with a progress bar and checkpoints, evaluate, write.
+
+use crate::checkpoint::{self, Origin};
+use crate::cli::Cli;
+use crate::clips::Clips;
+use crate::error::TrainError;
+use crate::evaluation::{Evaluation, evaluate};
+use crate::objective::Terms;
+use crate::robot_file::{arm_of, read_model, read_text};
+use crate::sampling::Recorded;
+use crate::session::{Options, Session};
+use crate::weights_file::{layers, with_suffix, write};
+use indicatif::{ProgressBar, ProgressStyle};
+use retarget::{ArmIdentity, Manifest, Network, Weights};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Steps between validations: the figure moves slowly, and 4000 poses cost as much as 5 steps.
+const VALIDATION_STEPS: u64 = 1_000;
+const VALIDATION_POSES: usize = 4_000;
+/// Steps between checkpoints: half a minute of work at most is lost.
+const CHECKPOINT_STEPS: u64 = 2_000;
+/// Steps that the loss shown is averaged over.
+const SHOWN_STEPS: u64 = 20;
+/// Every how many frames the optimum is sought: at 60 frames/s neighbours hardly differ.
+const OPTIMUM_STRIDE: usize = 3;
+
+/// Trains or evaluates, as asked.
+///
+/// # Errors
+/// The first thing that made it impossible, with the file or option at fault.
+pub fn run(cli: &Cli) -> Result<(), TrainError> {
+    let (identity, arm) = arm_of(&read_model(&cli.robot)?);
+    let clips = Clips::read(&cli.human, cli.calibration.mode())?;
+    report(&clips);
+    let Some(out) = &cli.out else {
+        return match &cli.evaluate {
+            Some(base) => print_evaluation(base, &identity, &clips),
+            None => Ok(()),
+        };
+    };
+    let recorded = clips.recorded();
+    let origin = Origin {
+        robot_hash: format!("{:016x}", identity.robot_hash),
+        poses: recorded.digest(),
+    };
+    let mut session = match &cli.resume {
+        Some(path) => checkpoint::resume(path, arm, &origin)?,
+        None => Session::new(cli.options()?, arm),
+    };
+    train(
+        &mut session,
+        &recorded,
+        &clips,
+        &with_suffix(out, ".checkpoint"),
+        &origin,
+    )?;
+    let networks = layers(&session.networks, &session.adam.average);
+    let network = Network::new(&networks, &identity.arm);
+    let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
+    let mut manifest = Manifest::new(&identity, &networks);
+    manifest.seed = session.options.seed;
+    manifest.steps = session.step;
+    manifest.trained_on = description(&session.options, &clips, &recorded, cli.calibration.mode().name());
+    manifest.validation = evaluation.table();
+    manifest
+        .validation
+        .insert("calibration".into(), cli.calibration.mode().name().into());
+    write(out, &networks, &manifest)?;
+    // The run is complete and its schedule has ended: there is nothing to resume.
+    let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
+    print!("{evaluation}");
+    println!("wrote {}.safetensors and .toml", out.display());
+    Ok(())
+}
+
+fn report(clips: &Clips) {
+    for (file, reason) in &clips.skipped {
+        eprintln!("skipped {file}: {reason}");
+    }
+    println!(
+        "{} clips to train on, {} for validation, {} skipped",
+        clips.training.len(),
+        clips.validation.len(),
+        clips.skipped.len()
+    );
+}
+
+fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibration: &str) -> String {
+    format!(
+        "{} recorded clips ({} arm poses, hinges calibrated by {calibration}) and procedural human arms ({:.0} % of each \
+         batch of {}); robot postures uniform within the limits",
+        clips.training.len(),
+        recorded.poses.len(),
+        100.0 * options.mixture.procedural,
+        options.batch
+    )
+}
+
+fn print_evaluation(base: &Path, identity: &ArmIdentity, clips: &Clips) -> Result<(), TrainError> {
+    let manifest = read_text(&with_suffix(base, ".toml"))?;
+    let tensors = with_suffix(base, ".safetensors");
+    let bytes = std::fs::read(&tensors).map_err(|source| TrainError::File {
+        path: tensors,
+        action: "read",
+        source,
+    })?;
+    let weights = Weights::read(&manifest, &bytes, identity).map_err(|source| TrainError::Weights {
+        path: base.to_path_buf(),
+        source,
+    })?;
+    let evaluation: Evaluation = evaluate(&identity.arm, &weights.network, &clips.validation, OPTIMUM_STRIDE);
+    print!("{evaluation}");
+    Ok(())
+}
+
+fn train(
+    session: &mut Session,
+    recorded: &Recorded,
+    clips: &Clips,
+    checkpoint: &Path,
+    origin: &Origin,
+) -> Result<(), TrainError> {
+    let poses = clips.validation_sample(VALIDATION_POSES);
+    let steps = session.options.schedule.steps;
+    let bar = ProgressBar::new(steps).with_position(session.step);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} (eta {eta}) {msg}") {
+        bar.set_style(style);
+    }
+    let (start, first) = (Instant::now(), session.step);
+    let mut shown = Terms::default();
+    let mut degrees = session.mean_limb_degrees(&poses);
+    while session.step < steps {
+        let terms = session.advance(recorded);
+        if !terms.total(&session.options.weighting).is_finite() {
+            return Err(TrainError::Diverged { step: session.step });
+        }
+        shown = if session.step == first + 1 {
+            terms
+        } else {
+            blended(&shown, &terms)
+        };
+        let last = session.step == steps;
+        if session.step.is_multiple_of(SHOWN_STEPS) || last {
+            let rate = (session.step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
+            bar.set_position(session.step);
+            bar.set_message(line(&shown, degrees, rate));
+            if session.step.is_multiple_of(VALIDATION_STEPS) || last {
+                degrees = session.mean_limb_degrees(&poses);
+                bar.suspend(|| println!("step {:>6}  {}", session.step, line(&shown, degrees, rate)));
+            }
+        }
+        if session.step.is_multiple_of(CHECKPOINT_STEPS) || last {
+            checkpoint::save(checkpoint, session, origin)?;
+        }
+    }
+    bar.finish_and_clear();
+    println!(
+        "{} steps in {:.0} s",
+        session.step - first,
+        start.elapsed().as_secs_f64()
+    );
+    Ok(())
+}
+
+/// A running mean of the terms: a single batch is too noisy to read.
+fn blended(mean: &Terms, new: &Terms) -> Terms {
+    let blend = |a: f64, b: f64| a + (b - a) / SHOWN_STEPS as f64;
+    Terms {
+        kinematics: blend(mean.kinematics, new.kinematics),
+        limits: blend(mean.limits, new.limits),
+        triplet: blend(mean.triplet, new.triplet),
+        reconstruction: blend(mean.reconstruction, new.reconstruction),
+        cycle: blend(mean.cycle, new.cycle),
+    }
+}
+
+fn line(terms: &Terms, degrees: f64, rate: f64) -> String {
+    format!(
+        "S_GR {:.5} limits {:.5} triplet {:.4} rec {:.4} ltc {:.4} | validation {degrees:.3} deg | {rate:.1} steps/s",
+        terms.kinematics, terms.limits, terms.triplet, terms.reconstruction, terms.cycle
+    )
+}

@@ -1,0 +1,66 @@
+//! What a folder of motion files is read as.
+
+use motion::CalibrationMode;
+use std::path::Path;
+use train::clips::Clips;
+use train::kinematics::{limb_degrees, rotate};
+
+fn folder_of(count: usize) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    for i in 0..count {
+        std::fs::write(folder.path().join(format!("{i}.bvh")), "HIERARCHY\nnonsense").expect("a file can be written");
+    }
+    folder
+}
+
+#[test]
+fn a_missing_folder_is_named() {
+    let error = Clips::read(Path::new("/nowhere/at/all"), CalibrationMode::Clip).expect_err("is refused");
+    assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
+    assert_eq!(error.exit_code(), 66);
+}
+
+#[test]
+fn a_folder_without_usable_clips_is_refused_with_every_file_and_its_reason() {
+    let folder = folder_of(4);
+    let text = Clips::read(folder.path(), CalibrationMode::Clip)
+        .expect_err("is refused")
+        .to_string();
+    assert!(text.contains("0 of 4 motion files are usable"), "{text}");
+    assert!((0..4).all(|i| text.contains(&format!("{i}.bvh:"))), "{text}");
+}
+
+#[test]
+fn recorded_clips_are_split_as_in_the_published_figures() {
+    let recorded = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
+    if !recorded.is_dir() {
+        println!("skipped: {} is not there", recorded.display());
+        return;
+    }
+    let clips = Clips::read(&recorded, CalibrationMode::Clip).expect("the clips can be read");
+    let names: Vec<&str> = clips.validation.iter().map(|clip| clip.name.as_str()).collect();
+    let published = [
+        "001_14", "002_05", "002_10", "005_03", "005_08", "005_13", "005_18", "006_03", "006_08", "006_14", "007_04",
+        "007_09",
+    ];
+    assert_eq!(names, published);
+    assert_eq!((clips.training.len(), clips.skipped.len()), (49, 0));
+    // People mostly let both arms hang: as left arms, both bones then point down, and alike.
+    let walk = clips
+        .training
+        .iter()
+        .find(|clip| clip.name == "002_01")
+        .expect("a walk is among them");
+    for arm in &walk.arms {
+        let down = arm
+            .iter()
+            .filter(|pose| rotate(pose[0], [0.0, 1.0, 0.0])[2] < -0.7)
+            .count();
+        assert!(down > arm.len() * 9 / 10, "{down} of {} frames hang", arm.len());
+    }
+    let apart = walk.arms[0]
+        .iter()
+        .zip(&walk.arms[1])
+        .map(|(left, right)| limb_degrees(left[0], right[0]));
+    assert!(apart.sum::<f32>() / (walk.arms[0].len() as f32) < 60.0);
+}

@@ -1,0 +1,247 @@
+//! The analytic gradients against those of a general library's automatic differentiation, in f64.
+
+use candle_core::{DType, Device, Result, Tensor, Var};
+use train::kinematics::{ARM, Arm, FEATURES, Limbs, s_gr};
+use train::mlp::Mlp;
+use train::networks::{LATENT, Networks, REACH, Size};
+use train::objective::{MARGIN, Shard, Weighting};
+use train::sampling::{Mixture, Recorded};
+
+const ROWS: usize = 24;
+
+fn arm() -> Arm {
+    Arm {
+        axes: [
+            [0.0, 0.0, -1.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, -1.0],
+            [0.0, -1.0, 0.0],
+        ],
+        reference: [0.0, 0.0, std::f32::consts::FRAC_PI_2, 0.0, 0.0],
+        // Narrow limits, so that some outputs overrun them.
+        mid: [0.2, 0.1, 1.2, 1.0, -0.1],
+        half: [0.9, 0.8, 1.3, 1.1, 1.0],
+    }
+}
+
+fn tensor(values: &[f32], shape: &[usize]) -> Result<Tensor> {
+    let values: Vec<f64> = values.iter().map(|v| f64::from(*v)).collect();
+    Tensor::from_vec(values, shape, &Device::Cpu)
+}
+
+fn perceptron(mlp: &Mlp, parameters: &Tensor, input: &Tensor) -> Result<Tensor> {
+    let mut x = input.clone();
+    for (index, layer) in mlp.layers.iter().enumerate() {
+        let weight = parameters.narrow(0, layer.weight.start, layer.weight.len())?;
+        let weight = weight.reshape((layer.output, layer.input))?;
+        let bias = parameters.narrow(0, layer.bias.start, layer.bias.len())?;
+        x = x.matmul(&weight.t()?)?.broadcast_add(&bias)?;
+        if index < mlp.shape.hidden_layers {
+            x = x.silu()?;
+        }
+    }
+    Ok(x)
+}
+
+/// Quaternions as four columns x, y, z, w of `[rows]`.
+type Columns = [Tensor; 4];
+
+fn product(a: &Columns, b: &Columns) -> Result<Columns> {
+    let sum = |terms: [(f64, usize, usize); 4]| -> Result<Tensor> {
+        let mut total = ((&a[terms[0].1] * &b[terms[0].2])? * terms[0].0)?;
+        for (sign, i, j) in &terms[1..] {
+            total = (total + ((&a[*i] * &b[*j])? * *sign)?)?;
+        }
+        Ok(total)
+    };
+    Ok([
+        sum([(1.0, 3, 0), (1.0, 0, 3), (1.0, 1, 2), (-1.0, 2, 1)])?,
+        sum([(1.0, 3, 1), (-1.0, 0, 2), (1.0, 1, 3), (1.0, 2, 0)])?,
+        sum([(1.0, 3, 2), (1.0, 0, 1), (-1.0, 1, 0), (1.0, 2, 3)])?,
+        sum([(1.0, 3, 3), (-1.0, 0, 0), (-1.0, 1, 1), (-1.0, 2, 2)])?,
+    ])
+}
+
+/// 1 - <human, robot>^2 summed over both limbs, per row.
+fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<Tensor> {
+    let mut rotation: Option<Columns> = None;
+    let mut total = Tensor::zeros(human.len(), DType::F64, &Device::Cpu)?;
+    for joint in 0..ARM {
+        let half = ((q.narrow(1, joint, 1)?.squeeze(1)? - f64::from(arm.reference[joint]))? * 0.5)?;
+        let (sine, cosine) = (half.sin()?, half.cos()?);
+        let axis = arm.axes[joint].map(f64::from);
+        let turn = [(&sine * axis[0])?, (&sine * axis[1])?, (&sine * axis[2])?, cosine];
+        let next = match &rotation {
+            None => turn,
+            Some(before) => product(before, &turn)?,
+        };
+        if let Some(limb) = [2, 4].iter().position(|j| *j == joint) {
+            let mut dot = Tensor::zeros(human.len(), DType::F64, &Device::Cpu)?;
+            for (i, column) in next.iter().enumerate() {
+                let target: Vec<f32> = human.iter().map(|limbs| limbs[limb][i]).collect();
+                dot = (dot + (column * tensor(&target, &[human.len()])?)?)?;
+            }
+            total = ((total + 1.0)? - dot.sqr()?)?;
+        }
+        rotation = Some(next);
+    }
+    Ok(total)
+}
+
+/// n inside -1..1, the bound outside; candle's own rule for the slope at the bounds never matters here.
+fn clamped(n: &Tensor) -> Result<Tensor> {
+    let excess = ((n - 1.0)?.relu()? - (n.neg()? - 1.0)?.relu()?)?;
+    n - excess
+}
+
+/// The five terms as the module's documentation states them, on the shard's batch.
+fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 5]> {
+    let batch = &shard.batch;
+    let features = tensor(&batch.features, &[ROWS, FEATURES])?;
+    let posture = tensor(&batch.posture, &[ROWS, ARM])?;
+    let half = tensor(&arm.half, &[1, ARM])?;
+    let mid = tensor(&arm.mid, &[1, ARM])?;
+    let z_human = perceptron(&networks.human, parameters, &features)?;
+    let z_robot = perceptron(&networks.robot, parameters, &posture)?;
+    let decode = |z: &Tensor| perceptron(&networks.decoder, parameters, z)?.tanh()? * f64::from(REACH);
+    let n = decode(&z_human)?;
+    let inside = clamped(&n)?;
+    let q = inside.broadcast_mul(&half)?.broadcast_add(&mid)?;
+    let kinematics = metric(arm, &q, &batch.human)?.mean_all()?;
+    let limits = (n.abs()? - 1.0)?.relu()?.broadcast_mul(&half)?.mean_all()?;
+    let reconstruction = (decode(&z_robot)? - &posture)?
+        .broadcast_mul(&half)?
+        .abs()?
+        .mean_all()?;
+    let cycle = (&z_human - perceptron(&networks.robot, parameters, &inside)?)?
+        .abs()?
+        .mean_all()?;
+    let mut triplet = Tensor::zeros((), DType::F64, &Device::Cpu)?;
+    for row in 0..ROWS {
+        let other = (row + batch.shift) % ROWS;
+        let members = [
+            (z_human.get(row)?, batch.human[row]),
+            (z_human.get(other)?, batch.human[other]),
+            (z_robot.get(row)?, batch.robot[row]),
+        ];
+        let anchor = usize::from(batch.anchor[row]);
+        let mut rest = [(anchor + 1) % 3, (anchor + 2) % 3];
+        rest.sort_by(|a, b| {
+            s_gr(&members[anchor].1, &members[*a].1).total_cmp(&s_gr(&members[anchor].1, &members[*b].1))
+        });
+        let distance = |i: usize| (&members[anchor].0 - &members[i].0)?.sqr()?.sum_all()?.sqrt();
+        let hinge = ((distance(rest[0])? - distance(rest[1])?)? + f64::from(MARGIN))?.relu()?;
+        triplet = (triplet + (hinge / ROWS as f64)?)?;
+    }
+    Ok([kinematics, limits, triplet, reconstruction, cycle])
+}
+
+fn weightings() -> [(&'static str, Weighting); 6] {
+    let none = Weighting {
+        kinematics: 0.0,
+        limits: 0.0,
+        triplet: 0.0,
+        reconstruction: 0.0,
+        cycle: 0.0,
+    };
+    [
+        (
+            "kinematics",
+            Weighting {
+                kinematics: 10.0,
+                ..none
+            },
+        ),
+        ("limits", Weighting { limits: 5.0, ..none }),
+        ("triplet", Weighting { triplet: 1.0, ..none }),
+        (
+            "reconstruction",
+            Weighting {
+                reconstruction: 1.0,
+                ..none
+            },
+        ),
+        ("cycle", Weighting { cycle: 0.2, ..none }),
+        ("all", Weighting::default()),
+    ]
+}
+
+#[test]
+fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() -> Result<()> {
+    let networks = Networks::new(Size {
+        hidden_layers: 3,
+        hidden_width: 20,
+    });
+    let arm = arm();
+    let mut parameters = networks.initial(11);
+    // A steep last layer of the decoder drives some outputs over the limits; biases away from zero test their gradient.
+    let last = networks.decoder.layers.last().expect("the decoder has layers");
+    parameters[last.weight.clone()].iter_mut().for_each(|w| *w *= 6.0);
+    for layer in networks.named().iter().flat_map(|(_, mlp)| &mlp.layers) {
+        parameters[layer.bias.clone()]
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, b)| *b = 0.1 * (i as f32).sin());
+    }
+    let mut shard = Shard::new(&networks, ROWS);
+    shard
+        .batch
+        .draw(5, 3, 0, &arm, &Recorded::default(), &Mixture::default());
+    let variable = Var::from_tensor(&tensor(&parameters, &[parameters.len()])?)?;
+    for (name, weighting) in weightings() {
+        let terms = shard.evaluate(&networks, &arm, &parameters, &weighting);
+        let values = reference(&networks, &arm, variable.as_tensor(), &shard)?;
+        let of = [
+            terms.kinematics,
+            terms.limits,
+            terms.triplet,
+            terms.reconstruction,
+            terms.cycle,
+        ];
+        for (ours, theirs) in of.iter().zip(&values) {
+            let theirs = theirs.to_scalar::<f64>()?;
+            assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");
+            assert!(
+                (ours - theirs).abs() <= 1e-5 * theirs.abs().max(1e-3),
+                "{name}: value {ours} against {theirs}"
+            );
+        }
+        let weights = [
+            weighting.kinematics,
+            weighting.limits,
+            weighting.triplet,
+            weighting.reconstruction,
+            weighting.cycle,
+        ];
+        let mut loss = Tensor::zeros((), DType::F64, &Device::Cpu)?;
+        for (value, weight) in values.iter().zip(weights) {
+            loss = (loss + (value * f64::from(weight))?)?;
+        }
+        let gradients = loss.backward()?;
+        let want = gradients
+            .get(&variable)
+            .expect("the loss depends on the parameters")
+            .to_vec1::<f64>()?;
+        for (network, mlp) in networks.named() {
+            let range = mlp.layers[0].weight.start..mlp.end();
+            let norm = want[range.clone()].iter().map(|v| v * v).sum::<f64>().sqrt();
+            let off = shard.gradient[range.clone()].iter().zip(&want[range]);
+            let off = off
+                .map(|(ours, theirs)| (f64::from(*ours) - theirs).powi(2))
+                .sum::<f64>()
+                .sqrt();
+            assert!(
+                off <= 2e-5 * norm + 1e-9,
+                "{name}, {network}: off by {off:e} of {norm:e}"
+            );
+            let idle = (name == "triplet" && network == "decoder")
+                || (name == "reconstruction" && network == "human")
+                || (["kinematics", "limits"].contains(&name) && network == "robot");
+            assert_eq!(norm == 0.0, idle, "{name}, {network}: which networks a term reaches");
+        }
+    }
+    // The latent must be as wide as the tests assume.
+    assert_eq!(networks.decoder.shape.input, LATENT);
+    Ok(())
+}
