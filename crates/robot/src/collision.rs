@@ -42,7 +42,7 @@ pub enum AllowedReason {
     SameBody,
     /// On two bodies with one joint between them, whose stops keep them apart.
     Adjacent,
-    /// Proved by the collision tool to keep the clearance over the whole box of the position limits.
+    /// Proved by the collision tool to keep the clearance over the whole box of the position limits in force.
     ProvedClear,
 }
 

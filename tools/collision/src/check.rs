@@ -2,8 +2,8 @@
 
 use crate::fit::Shape;
 use crate::mesh::Points;
-use crate::prove::{Verdict, prove};
 use crate::split::Matter;
+use crate::write::Judge;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{AllowedReason, Frames, Model};
@@ -91,29 +91,33 @@ pub struct Reason {
     pub names: (String, String),
     /// What the robot file says.
     pub reason: AllowedReason,
-    /// Proof, where the reason is a proof.
-    pub verdict: Option<Verdict>,
+    /// The bound that was proved, m, and whether convex hulls were needed; absent where nothing is or can be proved.
+    pub proof: Option<(f64, bool)>,
 }
 
 impl Reason {
     /// Whether the reason holds.
     pub fn holds(&self) -> bool {
-        match (&self.reason, &self.verdict) {
-            (AllowedReason::SameBody | AllowedReason::Adjacent, _) => true,
-            (AllowedReason::ProvedClear, verdict) => matches!(verdict, Some(Verdict::Clear { .. })),
+        match self.reason {
+            AllowedReason::SameBody | AllowedReason::Adjacent => true,
+            AllowedReason::ProvedClear => self.proof.is_some(),
         }
     }
 }
 
-/// Proves every pair again that the robot file calls clear by more than `clear_m`.
-pub fn reasons(model: &Model, clear_m: f64) -> Vec<Reason> {
+/// Proves every pair again that the robot file calls clear.
+pub fn reasons(model: &Model, judge: &mut Judge<'_>, names: &[String]) -> Vec<Reason> {
+    let index = |name: &String| names.iter().position(|known| known == name);
     let reason = |pair: &robot::AllowedPair| {
-        let (a, b) = (&model.capsules[pair.a], &model.capsules[pair.b]);
-        let proof = pair.reason == AllowedReason::ProvedClear;
+        let (a, b) = (model.capsules[pair.a].name.clone(), model.capsules[pair.b].name.clone());
+        let proof = match (pair.reason, index(&a), index(&b)) {
+            (AllowedReason::ProvedClear, Some(first), Some(second)) => judge.prove(first, second),
+            _ => None,
+        };
         Reason {
-            names: (a.name.clone(), b.name.clone()),
+            names: (a, b),
             reason: pair.reason,
-            verdict: proof.then(|| prove(model, a, b, clear_m)),
+            proof,
         }
     };
     model.allowed.iter().map(reason).collect()

@@ -32,8 +32,9 @@ const DIRECTIONS: usize = 192;
 /// Iterations of one simplex search; it stalls well before.
 const ITERATIONS: usize = 400;
 
-/// A capsule of locally smallest volume that contains all points; the best of several starts. `None` without points.
-pub fn smallest_capsule(points: &[Vector3<f64>]) -> Option<Shape> {
+/// A capsule that contains all points, with locally smallest volume times radius^slimness; the best of several starts.
+/// `None` without points. Slimness 0 is the smallest volume; 2 is a capsule that is longer, where length does no harm.
+pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape> {
     if points.is_empty() {
         return None;
     }
@@ -45,9 +46,9 @@ pub fn smallest_capsule(points: &[Vector3<f64>]) -> Option<Shape> {
         let mut start = along(&extreme, &center, axis);
         // A simplex that has collapsed too early recovers from a fresh one.
         for _ in 0..3 {
-            start = simplex(&|x| volume_of(&extreme, x), start, 0.02).1;
+            start = simplex(&|x| cost(&extreme, x, slimness), start, 0.02).1;
         }
-        let value = volume_of(&extreme, &start);
+        let value = cost(&extreme, &start, slimness);
         if best.is_none_or(|(least, _)| value < least) {
             best = Some((value, start));
         }
@@ -63,8 +64,9 @@ fn around(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
     shape
 }
 
-fn volume_of(points: &[Vector3<f64>], x: &[f64; 6]) -> f64 {
-    around(points, x).volume_m3()
+fn cost(points: &[Vector3<f64>], x: &[f64; 6], slimness: f64) -> f64 {
+    let shape = around(points, x);
+    shape.volume_m3() * shape.radius_m.powf(slimness)
 }
 
 /// The extreme points in evenly spread directions (a Fibonacci spiral).

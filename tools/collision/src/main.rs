@@ -4,9 +4,8 @@ use clap::{Parser, Subcommand};
 use collision::check::{capsules_in_frame, collision_share, reasons, sticks_out_m};
 use collision::error::{CollisionError, read_text};
 use collision::plan::{Plan, SIDE};
-use collision::prove::Verdict;
 use collision::scene::Scene;
-use collision::write::{fit_all, robot_file};
+use collision::write::{Judge, fit_all, robot_file};
 use robot::{AllowedReason, Frames, Model};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -117,7 +116,11 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
         ratios[ratios.len() / 2]
     );
     let (toml, urdf) = (&texts.toml, &texts.urdf);
-    let text = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
+    let decided = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
+    for (a, b, clearance_m) in &decided.near_home {
+        eprintln!("near at home: {a} - {b} {:.1} mm", clearance_m * 1e3);
+    }
+    let text = decided.text;
     match out {
         Some(path) => std::fs::write(path, &text).map_err(|cause| CollisionError::File {
             file: path.display().to_string(),
@@ -149,14 +152,18 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         );
         good &= out <= 0.0;
     }
-    for reason in reasons(&model, texts.plan.clear_mm * 1e-3) {
-        let why = match (&reason.reason, &reason.verdict) {
+    // The fit is deterministic: it tells again what each capsule was made to contain.
+    let capsules = fit_all(&texts.plan, &scene)?;
+    let names: Vec<String> = capsules.iter().map(|capsule| capsule.name.clone()).collect();
+    for reason in reasons(&model, &mut Judge::new(&model, &texts.plan, &capsules), &names) {
+        let why = match (reason.reason, reason.proof) {
             (AllowedReason::SameBody, _) => "same body".to_owned(),
             (AllowedReason::Adjacent, _) => "adjacent".to_owned(),
-            (AllowedReason::ProvedClear, Some(Verdict::Clear { at_least_m })) => {
-                format!("proved clear by at least {:.1} mm", at_least_m * 1e3)
+            (AllowedReason::ProvedClear, None) => "NOT PROVED".to_owned(),
+            (AllowedReason::ProvedClear, Some((at_least_m, hulls))) => {
+                let what = if hulls { "convex hulls" } else { "capsules" };
+                format!("proved clear by at least {:.1} mm ({what})", at_least_m * 1e3)
             }
-            (AllowedReason::ProvedClear, other) => format!("NOT PROVED: {other:?}"),
         };
         println!("{} - {}: {why}", reason.names.0, reason.names.1);
         good &= reason.holds();

@@ -14,6 +14,8 @@ pub struct Plan {
     pub margin_mm: f64,
     /// A pair is proved clear if it stays farther apart than this, mm.
     pub clear_mm: f64,
+    /// Failing that, it is proved clear if the convex hulls of what both capsules contain stay farther apart than this, mm.
+    pub clear_hull_mm: f64,
     /// Groups of links that share capsules.
     pub groups: Vec<Group>,
     /// Joints that move inside a group and are swept.
@@ -34,16 +36,21 @@ pub struct Group {
     pub parts: Vec<Part>,
     /// Number of capsules.
     pub capsules: usize,
-    /// Exact splits instead of searched ones: planes in the link frame. Empty: the split is searched.
+    /// Exponent that makes capsules slim, see `fit::smallest_capsule`.
     #[serde(default)]
-    pub planes: Vec<Plane>,
+    pub slimness: f64,
+    /// Cuts that are given; those still missing for the number of capsules are searched.
+    #[serde(default)]
+    pub cuts: Vec<Cut>,
 }
 
-/// A plane {x : normal . x = offset} in the frame of its group.
+/// A cut at the plane {x : normal . x = offset} in the frame of its group.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plane {
-    /// Normal, any length.
+pub struct Cut {
+    /// The part that is cut: 0 is the whole; what lies above the plane becomes a new part with the next number.
+    pub part: usize,
+    /// Normal of unit length.
     pub normal: [f64; 3],
     /// Offset along the normal, m.
     pub offset_m: f64,
@@ -80,7 +87,11 @@ impl Plan {
     /// Reads a plan; `file` names it in errors.
     pub fn parse(file: &str, text: &str) -> Result<Self, CollisionError> {
         let plan: Self = toml::from_str(text).map_err(|error| CollisionError::content(file, error.to_string()))?;
-        let bounds = [("margin_mm", plan.margin_mm, 0.0), ("clear_mm", plan.clear_mm, 1.0)];
+        let bounds = [
+            ("margin_mm", plan.margin_mm, 0.0),
+            ("clear_mm", plan.clear_mm, 1.0),
+            ("clear_hull_mm", plan.clear_hull_mm, 0.0),
+        ];
         for (key, value, least) in bounds {
             if !(value >= least && value <= 100.0) {
                 return Err(CollisionError::content(
@@ -93,6 +104,15 @@ impl Plan {
             if group.capsules == 0 || group.capsules > 16 || group.parts.is_empty() {
                 let cause = format!("group `{}`: needs parts and 1 to 16 capsules", group.name);
                 return Err(CollisionError::content(file, cause));
+            }
+            for (index, cut) in group.cuts.iter().enumerate() {
+                if cut.part > index || index + 2 > group.capsules {
+                    let cause = format!(
+                        "group `{}`: cut {index}: part or number of cuts is too high",
+                        group.name
+                    );
+                    return Err(CollisionError::content(file, cause));
+                }
             }
         }
         Ok(plan)

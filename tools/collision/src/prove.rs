@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{Capsule, Frames, Model, segment_distance};
 
-/// What is known of a pair over all joint positions within the URDF's limits.
+/// What is known of a pair over all joint positions within the limits in force, which no command leaves.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
     /// Never closer than this, m: proved for every configuration.
@@ -21,10 +21,10 @@ pub enum Verdict {
     Open,
 }
 
-/// Random configurations tried before a proof is tried.
-const SAMPLES: usize = 3_000;
+/// Random configurations tried per deciding joint before a proof is tried: cheap where many joints make proofs dear.
+const SAMPLES_PER_JOINT: usize = 20;
 /// Cells of the joint box that a proof may visit.
-const CELLS_MAX: usize = 400_000;
+const CELLS_MAX: usize = 200_000;
 
 /// Joints that move `body` against the base, from the base outward.
 fn chain(model: &Model, body: usize) -> Vec<usize> {
@@ -55,21 +55,22 @@ pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
 }
 
-/// How far a capsule's axis can move against the common ancestor when its joints leave the middle of a cell by at most
+/// How far points of a body can move against the common ancestor when its joints leave the middle of a cell by at most
 /// their half widths, m.
 ///
 /// From the far end inward: turning joint j by h moves a point at distance p from its axis by at most h p; the joints
-/// beyond j may have moved it by D before, so p grows by D. A sliding joint adds h.
-fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], capsule: &Capsule) -> f64 {
-    let pose = &frames.base_from_body[capsule.body];
-    let ends = [pose.transform_point(&capsule.a), pose.transform_point(&capsule.b)];
+/// beyond j may have moved it by D before, so p grows by D. A sliding joint adds h. The distance from an axis is convex,
+/// so what holds for the points holds for their convex hull.
+fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &Part<'_>) -> f64 {
+    let pose = &frames.base_from_body[part.body];
+    let points: Vec<Vector3<f64>> = part.points.iter().map(|point| pose.transform_point(point)).collect();
     let mut moved = 0.0;
     for (j, half) in joints.iter().zip(half).rev() {
         let body = &frames.base_from_body[j + 1];
         let axis: Vector3<f64> = body.r * model.joint_at_zero(*j).1;
-        let far = ends
+        let far = points
             .iter()
-            .map(|end| axis.cross(&(end - body.t)).norm())
+            .map(|point| axis.cross(&(point - body.t)).norm())
             .fold(0.0, f64::max);
         moved += if model.prismatic[*j] {
             *half
@@ -80,26 +81,59 @@ fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], capsule
     moved
 }
 
-/// Decides about one pair: is it always farther apart than `clear_m`?
+/// What moves: the convex hull of points of a body.
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
+    /// The body.
+    pub body: usize,
+    /// Points in the body's frame, m.
+    pub points: &'a [Vector3<f64>],
+}
+
+/// Decides about two capsules: are they always farther apart than `clear_m`?
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
+    let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
+    let (a_part, b_part) = (
+        Part {
+            body: a.body,
+            points: &of_a,
+        },
+        Part {
+            body: b.body,
+            points: &of_b,
+        },
+    );
+    prove_parts(model, &a_part, &b_part, clear_m, &|frames| clearance(frames, a, b))
+}
+
+/// Decides about two parts whose clearance (m) in a configuration is `distance`: is it always above `clear_m`?
+///
+/// Branch and bound over the box of the limits in force: a cell is done when the clearance in its middle, less all that
+/// both parts can move inside the cell, is still enough; else it is halved across the joint that moves them most.
+pub fn prove_parts(
+    model: &Model,
+    a: &Part<'_>,
+    b: &Part<'_>,
+    clear_m: f64,
+    distance: &dyn Fn(&Frames) -> f64,
+) -> Verdict {
     let (of_a, of_b) = deciding_joints(model, a.body, b.body);
     let joints: Vec<usize> = of_a.iter().chain(&of_b).copied().collect();
-    let limits = |j: usize| (model.urdf_limits[j].q_min, model.urdf_limits[j].q_max);
+    let limits = |j: usize| (model.limits[j].q_min, model.limits[j].q_max);
     let mut frames = Frames::default();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     let mut q = model.home;
-    for _ in 0..SAMPLES {
+    for _ in 0..SAMPLES_PER_JOINT * joints.len() * joints.len() {
         for j in &joints {
             q[*j] = rng.random_range(limits(*j).0..limits(*j).1);
         }
         model.forward(&q, &mut frames);
-        let clearance_m = clearance(&frames, a, b);
+        let clearance_m = distance(&frames);
         if clearance_m <= clear_m {
             return Verdict::Meets { clearance_m };
         }
     }
-    let whole: Vec<(f64, f64)> = joints.iter().map(|j| limits(*j)).collect();
-    let mut open = vec![whole];
+    let mut open: Vec<Vec<(f64, f64)>> = vec![joints.iter().map(|j| limits(*j)).collect()];
     let mut least = f64::INFINITY;
     for _ in 0..CELLS_MAX {
         let Some(cell) = open.pop() else {
@@ -110,7 +144,7 @@ pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
             q[*j] = 0.5 * (low + high);
         }
         model.forward(&q, &mut frames);
-        let middle = clearance(&frames, a, b);
+        let middle = distance(&frames);
         if middle <= clear_m {
             return Verdict::Meets { clearance_m: middle };
         }
@@ -121,8 +155,8 @@ pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
             continue;
         }
         let widest = |i: usize| {
-            let capsule = if i < of_a.len() { a } else { b };
-            drift(model, &frames, &joints[i..=i], &half[i..=i], capsule)
+            let part = if i < of_a.len() { a } else { b };
+            drift(model, &frames, &joints[i..=i], &half[i..=i], part)
         };
         let Some(at) = (0..joints.len()).max_by(|x, y| widest(*x).total_cmp(&widest(*y))) else {
             return Verdict::Open;

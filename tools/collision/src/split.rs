@@ -2,7 +2,7 @@
 
 use crate::fit::{Shape, principal_axes, smallest_capsule};
 use crate::mesh::Points;
-use crate::plan::Plane;
+use crate::plan::Cut;
 use nalgebra::Vector3;
 
 /// What must be contained: surface that may be cut, and pieces that may not.
@@ -15,6 +15,15 @@ pub struct Matter {
 }
 
 impl Matter {
+    /// The same matter elsewhere.
+    pub fn map(&self, place: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Self {
+        let map = |sets: &[Points]| sets.iter().map(|points| points.iter().map(&place).collect()).collect();
+        Self {
+            surface: map(&self.surface),
+            pieces: map(&self.pieces),
+        }
+    }
+
     /// All points.
     pub fn points(&self) -> Points {
         self.surface.iter().chain(&self.pieces).flatten().copied().collect()
@@ -66,24 +75,25 @@ pub struct Cell {
     pub shape: Shape,
 }
 
-fn cell(matter: Matter) -> Option<Cell> {
-    smallest_capsule(&matter.points()).map(|shape| Cell { matter, shape })
+fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
+    smallest_capsule(&matter.points(), slimness).map(|shape| Cell { matter, shape })
 }
 
 /// Places of the cuts that are tried, as a share of a cell's extent.
 const CUTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 
-/// At most `count` cells of little volume: first along the given planes, then always the cut that saves the most.
-pub fn split(matter: Matter, count: usize, planes: &[Plane]) -> Vec<Cell> {
+/// At most `count` cells of little volume: first by the given cuts, then always by the cut that saves the most.
+pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<Cell> {
     let mut parts = vec![matter];
-    for plane in planes {
-        let normal = Vector3::from(plane.normal);
-        parts = parts
-            .iter()
-            .flat_map(|part| part.cut(&normal, plane.offset_m))
-            .collect();
+    for cut in cuts {
+        let [below, above] = parts[cut.part].cut(&Vector3::from(cut.normal), cut.offset_m);
+        parts[cut.part] = below;
+        parts.push(above);
     }
-    let mut cells: Vec<Cell> = parts.into_iter().filter_map(cell).collect();
+    let mut cells: Vec<Cell> = parts.into_iter().filter_map(|part| slim_cell(part, slimness)).collect();
+    if cells.len() >= count {
+        return cells;
+    }
     let mut cuts: Vec<Option<(f64, [Cell; 2])>> = cells.iter().map(best_cut).collect();
     while cells.len() < count {
         let saved = |at: &usize| cuts[*at].as_ref().map_or(f64::NEG_INFINITY, |cut| cut.0);
@@ -108,7 +118,7 @@ fn best_cut(whole: &Cell) -> Option<(f64, [Cell; 2])> {
         let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         for share in CUTS {
             let [below, above] = whole.matter.cut(axis, low + share * (high - low));
-            let (Some(below), Some(above)) = (cell(below), cell(above)) else {
+            let (Some(below), Some(above)) = (slim_cell(below, 0.0), slim_cell(above, 0.0)) else {
                 continue;
             };
             let saved = whole.shape.volume_m3() - below.shape.volume_m3() - above.shape.volume_m3();

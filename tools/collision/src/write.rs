@@ -4,10 +4,11 @@ use crate::error::CollisionError;
 use crate::fit::Shape;
 use crate::mesh::Points;
 use crate::plan::{Plan, SIDE};
-use crate::prove::{Verdict, prove};
+use crate::prove::{Part, Verdict, clearance, deciding_joints, prove, prove_parts};
 use crate::scene::Scene;
-use crate::split::split;
-use robot::{AllowedReason, Capsule, Model};
+use crate::split::{Matter, split};
+use robot::{AllowedReason, Capsule, Frames, Hull, Model};
+use std::collections::HashMap;
 use std::fmt::Write;
 
 /// Everything from this line on is written by this tool.
@@ -26,13 +27,15 @@ pub struct Named {
     pub shape: Shape,
     /// Volume of the capsule without margin over the volume of the convex hull inside.
     pub volume_ratio: f64,
+    /// What it contains, in the frame of the link.
+    pub matter: Matter,
 }
 
 /// Fits every group.
 pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionError> {
     let mut capsules = Vec::new();
     for group in &plan.groups {
-        let cells = split(scene.matter(group)?, group.capsules, &group.planes);
+        let cells = split(scene.matter(group)?, group.capsules, &group.cuts, group.slimness);
         let sides: &[&str] = if group.frame.contains(SIDE) {
             &["left", "right"]
         } else {
@@ -58,11 +61,13 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
                 let radius_m = ((cell.shape.radius_m + plan.margin_mm * 1e-3 + unit) / unit).ceil() * unit;
                 let shape = Shape { a, b, radius_m };
                 let volume_ratio = ratio(&cell.matter.points(), &cell.shape);
+                let matter = cell.matter.map(|point| place(*point));
                 capsules.push(Named {
                     name,
                     link: group.frame.replace(SIDE, side),
                     shape,
                     volume_ratio,
+                    matter,
                 });
             }
         }
@@ -113,15 +118,115 @@ pub fn capsules_text(capsules: &[Named]) -> String {
     text
 }
 
-/// Why a pair needs no check, if it needs none.
-pub fn decide(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Option<AllowedReason> {
-    if a.body == b.body {
-        return Some(AllowedReason::SameBody);
+/// Decides about pairs; remembers convex hulls.
+pub struct Judge<'a> {
+    model: &'a Model,
+    plan: &'a Plan,
+    capsules: &'a [Named],
+    hulls: HashMap<usize, Option<Hull>>,
+}
+
+/// A proof by hulls is tried where at most this many joints decide: parts of one shoulder or wrist, or a neck.
+const HULL_JOINTS_MAX: usize = 3;
+
+impl<'a> Judge<'a> {
+    /// A judge of these capsules on this robot.
+    pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
+        Self {
+            model,
+            plan,
+            capsules,
+            hulls: HashMap::new(),
+        }
     }
-    if model.parent_body(a.body) == Some(b.body) || model.parent_body(b.body) == Some(a.body) {
-        return Some(AllowedReason::Adjacent);
+
+    /// A shape of capsule `index` as a capsule on its body.
+    fn on_body(&self, index: usize, shape: &Shape) -> Option<Capsule> {
+        let named = &self.capsules[index];
+        let (body, pose) = self.model.link_body(&named.link)?;
+        let (a, b) = (pose.transform_point(&shape.a), pose.transform_point(&shape.b));
+        Some(Capsule {
+            name: named.name.clone(),
+            body,
+            a,
+            b,
+            radius_m: shape.radius_m,
+        })
     }
-    matches!(prove(model, a, b, clear_m), Verdict::Clear { .. }).then_some(AllowedReason::ProvedClear)
+
+    /// The convex hull, in the body's frame, of what a capsule contains.
+    fn hull(&mut self, index: usize) -> Option<Hull> {
+        if !self.hulls.contains_key(&index) {
+            let named = &self.capsules[index];
+            let hull = self.model.link_body(&named.link).and_then(|(_, pose)| {
+                let points: Vec<_> = named
+                    .matter
+                    .points()
+                    .iter()
+                    .map(|point| pose.transform_point(point))
+                    .collect();
+                Hull::new(&points)
+            });
+            self.hulls.insert(index, hull);
+        }
+        self.hulls[&index].clone()
+    }
+
+    /// Proves, by the capsules or by the convex hulls of what they contain, that two capsules' contents stay apart; the
+    /// bound that holds, m, and whether the hulls were needed.
+    pub fn prove(&mut self, first: usize, second: usize) -> Option<(f64, bool)> {
+        let a = self.on_body(first, &self.capsules[first].shape)?;
+        let b = self.on_body(second, &self.capsules[second].shape)?;
+        if let Verdict::Clear { at_least_m } = prove(self.model, &a, &b, self.plan.clear_mm * 1e-3) {
+            return Some((at_least_m, false));
+        }
+        let (of_a, of_b) = deciding_joints(self.model, a.body, b.body);
+        if of_a.len() + of_b.len() > HULL_JOINTS_MAX {
+            return None;
+        }
+        let (hull_a, hull_b) = (self.hull(first)?, self.hull(second)?);
+        let (corners_a, corners_b) = (hull_a.corners(), hull_b.corners());
+        let distance = |frames: &Frames| {
+            let pose = |body: usize| &frames.base_from_body[body];
+            hull_a.distance_m(pose(a.body), &hull_b, pose(b.body))
+        };
+        let (part_a, part_b) = (
+            Part {
+                body: a.body,
+                points: &corners_a,
+            },
+            Part {
+                body: b.body,
+                points: &corners_b,
+            },
+        );
+        match prove_parts(self.model, &part_a, &part_b, self.plan.clear_hull_mm * 1e-3, &distance) {
+            Verdict::Clear { at_least_m } => Some((at_least_m, true)),
+            Verdict::Meets { .. } | Verdict::Open => None,
+        }
+    }
+
+    /// Why a pair needs no check, if it needs none.
+    pub fn decide(&mut self, first: usize, second: usize) -> Option<AllowedReason> {
+        let body = |index: usize| self.model.link_body(&self.capsules[index].link).map(|(body, _)| body);
+        let (a, b) = (body(first)?, body(second)?);
+        if a == b {
+            return Some(AllowedReason::SameBody);
+        }
+        if self.model.parent_body(a) == Some(b) || self.model.parent_body(b) == Some(a) {
+            return Some(AllowedReason::Adjacent);
+        }
+        self.prove(first, second).map(|_| AllowedReason::ProvedClear)
+    }
+}
+
+/// A robot file with all pairs decided.
+#[derive(Clone, Debug)]
+pub struct Decided {
+    /// Its whole text.
+    pub text: String,
+    /// Checked pairs that are closer than 5 cm at home, with their clearance, m.
+    pub near_home: Vec<(String, String, f64)>,
 }
 
 /// The whole text of the robot file with these capsules, all pairs decided.
@@ -130,13 +235,16 @@ pub fn robot_file(
     capsules: &[Named],
     toml: (&str, &str),
     urdf: (&str, &str),
-) -> Result<String, CollisionError> {
+) -> Result<Decided, CollisionError> {
+    let mut frames = Frames::default();
+    let mut near_home = Vec::new();
     let head = head(toml.1).trim_end();
     // Bodies and limits do not depend on capsules, but a model needs one: a stand-in of one capsule without pairs.
     let stand_in = capsules_text(&capsules[..1.min(capsules.len())]);
     let empty = "\n[collision.allowed.adjacent]\n\n[collision.allowed.proved_clear]\n";
     let skeleton = format!("{head}\n{stand_in}{empty}");
     let model = Model::from_text(toml.0, &skeleton, urdf.0, urdf.1)?;
+    model.forward(&model.home, &mut frames);
     let mut bodies = Vec::with_capacity(capsules.len());
     for capsule in capsules {
         let link = model.link_body(&capsule.link);
@@ -154,6 +262,7 @@ pub fn robot_file(
             radius_m: capsule.shape.radius_m,
         });
     }
+    let mut judge = Judge::new(&model, plan, capsules);
     let mut text = format!("{head}\n\n{MARK}\n{}", capsules_text(capsules));
     let mut tables = [
         (AllowedReason::Adjacent, String::new()),
@@ -161,11 +270,17 @@ pub fn robot_file(
     ];
     for (first, a) in bodies.iter().enumerate() {
         let mut others: [Vec<String>; 2] = Default::default();
-        for b in &bodies[first + 1..] {
-            match decide(&model, a, b, plan.clear_mm * 1e-3) {
+        for (second, b) in bodies.iter().enumerate().skip(first + 1) {
+            match judge.decide(first, second) {
                 Some(AllowedReason::Adjacent) => others[0].push(format!("\"{}\"", b.name)),
                 Some(AllowedReason::ProvedClear) => others[1].push(format!("\"{}\"", b.name)),
-                Some(AllowedReason::SameBody) | None => {}
+                Some(AllowedReason::SameBody) => {}
+                None => {
+                    let clearance_m = clearance(&frames, a, b);
+                    if clearance_m < 0.05 {
+                        near_home.push((a.name.clone(), b.name.clone(), clearance_m));
+                    }
+                }
             }
         }
         for (table, others) in tables.iter_mut().zip(&others).filter(|(_, others)| !others.is_empty()) {
@@ -179,10 +294,10 @@ pub fn robot_file(
     );
     let _ = write!(
         text,
-        "\n# Proved to stay more than {} mm apart everywhere within the URDF's limits.\n[collision.allowed.proved_clear]\n{}",
-        plan.clear_mm, tables[1].1
+        "\n# Proved to stay apart everywhere within the limits in force: the capsules by {} mm, or what they contain by {} mm.\n[collision.allowed.proved_clear]\n{}",
+        plan.clear_mm, plan.clear_hull_mm, tables[1].1
     );
-    Ok(text)
+    Ok(Decided { text, near_home })
 }
 
 /// Names in lines of at most 120 columns.
