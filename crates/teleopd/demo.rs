@@ -186,7 +186,7 @@ impl Show {
             skeletons: domain.reader(Service::Skeleton).map_err(bus_failure)?,
             states: domain.reader(Service::RobotState).map_err(bus_failure)?,
             model: loaded.model,
-            frames: robot::Frames::ZERO,
+            frames: robot::Frames::default(),
             skeleton: None,
             state: None,
             terminal: std::io::stdout().is_terminal(),

@@ -20,10 +20,11 @@ impl Timeline {
 
     /// Notes that tick `k` ran; `k` must not go back.
     pub fn note(&mut self, k: u64) {
+        let room = self.runs.len() < RUNS_MAX;
         match self.runs.last_mut() {
             Some((first, length)) if *first + *length == k => *length += 1,
             Some((first, length)) if k < *first + *length => {}
-            _ if self.runs.len() < RUNS_MAX => self.runs.push((k, 1)),
+            _ if room => self.runs.push((k, 1)),
             _ => self.lost += 1,
         }
     }

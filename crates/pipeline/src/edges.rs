@@ -7,15 +7,20 @@ use safety::engage::OperatorView;
 pub struct OperatorEdges {
     seen: operator::OperatorView,
     now: OperatorView,
+    /// The last holder fell silent or went away, and nobody has enabled since.
+    lost: bool,
 }
 
 impl OperatorEdges {
     /// Takes the socket's view; edges add up until they are taken.
     pub fn note(&mut self, view: &operator::OperatorView) {
-        self.now.connected = view.enable_level;
+        let enabled = view.enable_edges != self.seen.enable_edges;
+        // A holder that is lost did not let go: the state machine must see silence, not a release.
+        self.lost = (self.lost && !enabled) || view.holders_lost != self.seen.holders_lost;
+        self.now.connected = view.connections > 0 && !self.lost;
         self.now.enable_level = view.enable_level;
         self.now.heartbeat_received = view.heartbeat;
-        self.now.enable_edge |= view.enable_edges != self.seen.enable_edges;
+        self.now.enable_edge |= enabled;
         self.now.release_edge |= view.release_edges != self.seen.release_edges;
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
         self.now.estop_edge |= view.estop_edges != self.seen.estop_edges;
@@ -40,5 +45,41 @@ impl OperatorEdges {
             ..view
         };
         view
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_is_taken_once_and_never_lost() {
+        let mut edges = OperatorEdges::default();
+        let mut view = operator::OperatorView { connections: 1, ..Default::default() };
+        edges.note(&view);
+        view.estop_edges = 1;
+        edges.note(&view);
+        edges.note(&view);
+        assert!(edges.take().estop_edge);
+        assert!(!edges.take().estop_edge);
+    }
+
+    #[test]
+    fn a_lost_holder_is_silence_and_a_release_is_not() {
+        let mut edges = OperatorEdges::default();
+        let mut view = operator::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
+        edges.note(&view);
+        assert!(edges.take().connected);
+        (view.enable_level, view.release_edges) = (false, 1);
+        edges.note(&view);
+        let released = edges.take();
+        assert!(released.connected && released.release_edge && !released.enable_level);
+        (view.enable_level, view.enable_edges) = (true, 2);
+        edges.note(&view);
+        edges.take();
+        (view.enable_level, view.holders_lost) = (false, 1);
+        edges.note(&view);
+        let lost = edges.take();
+        assert!(!lost.connected && !lost.release_edge);
     }
 }

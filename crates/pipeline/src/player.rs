@@ -38,7 +38,7 @@ impl Player {
     pub fn new(motion: &Motion, options: PlayOptions, session_nonce: u64, incarnation: u32) -> Self {
         let calibration = motion::calibrate(motion, options.calibration);
         let mut motion = if motion.frame_rate_hz < motion::RATE_MIN_HZ {
-            motion::upsample(motion, motion::RATE_UPSAMPLED_HZ)
+            motion::upsample(motion)
         } else {
             motion.clone()
         };

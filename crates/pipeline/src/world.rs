@@ -3,7 +3,7 @@
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::load::Loaded;
-use crate::{Authority, ConfigError, OperatorEdges};
+use crate::{Authority, ConfigError};
 use bus::{FaultPlan, Faulty, Latest, Publish};
 use messages::{Header, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
@@ -101,7 +101,6 @@ pub struct World {
     retarget: retarget::State,
     retarget_header: Header,
     control: ControlState,
-    edges: OperatorEdges,
     sim: sim::State,
     sim_header: Header,
     raw: Faulty<RawSkeleton>,
@@ -145,7 +144,6 @@ impl World {
             retarget: retarget::State::default(),
             retarget_header: header(&mut incarnations),
             control: ControlState::new(&config.control, incarnations.draw()),
-            edges: OperatorEdges::default(),
             sim: sim::State::new(&config.sim, FIRST_TICK - 1, seed),
             sim_header: header(&mut incarnations),
             raw: Faulty::new(links.raw, seed ^ 1),

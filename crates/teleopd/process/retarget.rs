@@ -17,7 +17,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let mut skeletons = core.reader::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let mut targets = core.writer::<JointTarget>(Service::JointTarget).map_err(bus_failure)?;
 
-    let mut state = retarget::State::new(&config);
+    let mut state = retarget::State::default();
     let mut warm = state.clone();
     for k in 0..WARM_TICKS {
         std::hint::black_box(retarget::tick(&config, &mut warm, deadline(k), retarget::Input { k, skeleton: None }));

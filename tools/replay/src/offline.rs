@@ -71,7 +71,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), String> {
         "limb error {:.2} deg, smallest clearance {:.1} mm, violations {}",
         report.limb_error_deg_mean,
         report.min_clearance_mm,
-        serde_json::Value::from(report.violations.clone())
+        json!(report.violations)
     );
     match end {
         OfflineEnd::AtRest => Ok(()),

@@ -29,7 +29,7 @@ impl Stream {
     /// Prepares the command of index `k`. `echo` is the newest robot state, of any age.
     pub(super) fn prepare(stream: &mut Option<Self>, echo: Option<&RobotState>, k: u64, incarnation: u32) -> Continue {
         let Some(echo) = echo else { return Continue::Nothing };
-        match stream {
+        match *stream {
             // Nothing this process has sent: only a driver at rest may be taken over.
             None => {
                 let resting = echo.v.iter().chain(&echo.a).all(|value| value.abs() <= REST);
@@ -43,8 +43,8 @@ impl Stream {
                     let missing = k.saturating_sub(1).saturating_sub(known.last_k);
                     let mut motion = known.last;
                     motion.play(missing);
-                    let seed = Seed { seed_k: known.last_k, seed_played: missing, motion };
-                    Self::begin(stream, (k > known.last_k).then_some(seed), incarnation)
+                    let seed = (k > known.last_k).then_some(Seed { seed_k: known.last_k, seed_played: missing, motion });
+                    Self::begin(stream, seed, incarnation)
                 }
             },
         }

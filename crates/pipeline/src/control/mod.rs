@@ -10,7 +10,7 @@ use crate::ConfigError;
 use chain::{Continue, Stream};
 use driver::Motion;
 use messages::{
-    ARM_JOINTS, Fault, Faults, Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status,
+    Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Stamp, Status,
     command_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
@@ -31,6 +31,8 @@ pub struct ControlConfig {
     wbc: wbc::Config,
     gate: gate::Config,
     arm: ArmModel,
+    /// Known delay from a setpoint to its measurement, s: what the command is ahead by is no tracking error.
+    servo_lag_s: f64,
     config_hash: u64,
 }
 
@@ -48,6 +50,7 @@ impl ControlConfig {
                 .map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
             arm: ArmModel::of(&model),
+            servo_lag_s: f64::from(loaded.settings.sim.delay_ticks) * messages::TICK_S,
             config_hash: loaded.hash,
             model,
         })
@@ -105,7 +108,7 @@ impl ControlState {
             incarnation,
             sequence: 0,
             engage: engage::State::new(),
-            wbc: wbc::State::at_rest(config.model.home),
+            wbc: wbc::State::at_rest(&config.wbc, config.model.home),
             gate: gate::State::at_rest(config.model.home),
             near: monitor::Near::new(),
             stream: None,
@@ -113,7 +116,7 @@ impl ControlState {
             target: None,
             robot: None,
             motion: MotionView::default(),
-            frames: Frames::ZERO,
+            frames: Frames::default(),
             status: Status::ZERO,
         }
     }
@@ -137,11 +140,12 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     let echo = state.robot.map(|(echo, _)| echo);
     let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
     if let Continue::From(motion) = from {
-        state.wbc.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+        state.wbc.reseed(&planned(&motion));
         state.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
     }
 
-    let decided = engage::tick(&config.engage, &mut state.engage, now, observe(config, state, &input, missed));
+    let observed = observe(config, state, &input, missed);
+    let decided = engage::tick(&config.engage, &mut state.engage, now, observed);
     let target = state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
     let command = match from {
         Continue::Nothing => None,
@@ -165,7 +169,10 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
     let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
         state.status.clearance_measured_m = clearance.distance_m;
-        let (error_rad, error_m) = tracking_error(&config.model, &robot);
+        // These two inhibit a start; in motion it is the certificate and `CollisionNear` that watch over the robot.
+        let may_start = state.engage.mode() == messages::Mode::Disengaged;
+        let (error_rad, error_m) =
+            monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
         state.status.tracking_error = error_rad.max(error_m);
         RobotView {
             received,
@@ -174,8 +181,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
             commanded: robot.flags & state_flag::COMMANDED != 0,
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
             reset_count: robot.reset_count,
-            outside_limits: monitor::outside_limits(&config.model, &robot.q_measured),
-            in_collision: clearance.distance_m < config.model.d_min_m,
+            outside_limits: may_start && monitor::outside_limits(&config.model, &robot.q_measured),
+            in_collision: may_start && !clearance.is_at_least(config.model.d_min_m),
             collision_near: state.near.update(&config.model, clearance.distance_m),
             tracking_error_rad: error_rad,
             tracking_error_m: error_m,
@@ -191,17 +198,6 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         robot,
         motion: state.motion,
     }
-}
-
-/// Largest |executed - measured| of the revolute (rad) and prismatic (m) joints.
-fn tracking_error(model: &Model, robot: &RobotState) -> (f64, f64) {
-    let (mut rad, mut m) = (0.0_f64, 0.0_f64);
-    for j in 0..JOINTS {
-        let error = (robot.q[j] - robot.q_measured[j]).abs();
-        let kind = if model.prismatic[j] { &mut m } else { &mut rad };
-        *kind = kind.max(error);
-    }
-    (rad, m)
 }
 
 /// Values that no retargeting produces: not finite, or far outside any joint's range.
@@ -224,25 +220,26 @@ fn command(
         engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
         engage::Permit::Stop => wbc::Permit::Stop,
     };
-    let wanted = target.map(|target| wbc::Target { q: target.q, dq: target.dq, valid_mask: target.valid_mask });
-    let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted.as_ref(), permit });
-    let offer = gate::Proposed { k: input.k, q: proposed.q, v: proposed.v, a: proposed.a, plan: proposed.plan };
+    let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
+    let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted, permit });
+    let offer =
+        gate::Proposed { k: input.k, permit: decided.permit, q: proposed.q, v: proposed.v, a: proposed.a, plan: proposed.plan };
     let decision = gate::tick(&config.gate, &mut state.gate, now, offer);
     let denied = !decision.accepted();
+    let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
     if denied {
-        state.wbc.reseed(&decision.q, &decision.v, &decision.a, &decision.plan);
+        state.wbc.reseed(&planned(&motion));
         state.status.gate_denials += 1;
     }
     state.motion = MotionView {
         at_rest: decision.v.iter().chain(&decision.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
-        aligned: wanted.is_some_and(|wanted| aligned(&config.model, &wanted, &decision.q)),
+        aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
         settled: proposed.settled,
         gate_denied: denied,
     };
     state.status.clearance_command_m = proposed.clearance_m;
     state.status.nearest_pair = proposed.nearest_pair;
-    state.status.fallbacks += u32::from(proposed.fallback);
-    let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
+    state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     let chain = state.stream.as_mut().map(|stream| {
         stream.sent(input.k, motion);
         stream.chain()
@@ -266,14 +263,18 @@ fn command(
         plan: motion.plan,
         target_stamp: target.map_or(Stamp::NONE, |target| target.header.stamp),
         mode: decided.mode as u32,
-        flags: if denied || proposed.on_plan { command_flag::ON_PLAN } else { 0 },
+        flags: if denied || proposed.candidate == wbc::Candidate::Plan { command_flag::ON_PLAN } else { 0 },
         reset_count: decided.reset_count,
         reserved: 0,
     }
 }
 
+fn planned(motion: &Motion) -> wbc::Planned {
+    wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: motion.plan }
+}
+
 /// Whether every valid joint of the command is near its target, as far as the limits let the target be reached.
-fn aligned(model: &Model, target: &wbc::Target, q: &[f64; JOINTS]) -> bool {
+fn aligned(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> bool {
     (0..JOINTS).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
         let limits = &model.limits[j];
         (target.q[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() <= ALIGNED_RAD

@@ -1,0 +1,76 @@
+//! No stage allocates in a tick: counted over 10,000 ticks of each, in motion.
+
+use messages::{Header, JointCommand, JointTarget, Layout, Mode, RobotState, Skeleton, Stamp, TICK_HZ, deadline};
+use motion::CalibrationMode;
+use pipeline::{ControlConfig, ControlInput, ControlState, Overrides, PlayOptions, Player};
+use rt::{CountingAllocator, count_allocations};
+use safety::engage::OperatorView;
+use std::path::Path;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Ticks counted, after engaging.
+const TICKS: u64 = 10_000;
+/// Ticks before: 1 s of a released enable, and engaging.
+const BEFORE: u64 = 6 * TICK_HZ;
+
+#[test]
+fn the_counter_counts() {
+    let (boxed, counted) = count_allocations(|| Box::new(7));
+    assert_eq!((*boxed, counted.allocated), (7, 1));
+}
+
+#[test]
+fn no_stage_allocates_in_a_tick() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+    let loaded = pipeline::load(&path, Overrides::default()).expect("settings");
+    let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");
+    let control_config = ControlConfig::new(&loaded, true).expect("control");
+    let sim_config = pipeline::sim_config(&loaded).expect("sim");
+    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+    let mut player = Player::new(&motion::builtin(), play, 5, 1);
+    let skeleton_config = skeleton::Config::default();
+    let mut skeleton_state = skeleton::State::new();
+    let mut retarget_state = retarget::State::default();
+    let mut control_state = ControlState::new(&control_config, 2);
+    let mut sim_state = sim::State::new(&sim_config, TICK_HZ - 1, 1);
+    let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
+    let mut robot: Option<RobotState> = None;
+    for tick in 0..BEFORE + TICKS {
+        let (k, now) = (TICK_HZ + tick, deadline(TICK_HZ + tick));
+        let counting = tick >= BEFORE;
+        let mut note = |stage: usize, allocated: u64| counts[stage] += if counting { allocated } else { 0 };
+        let mut person: Option<Skeleton> = None;
+        if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
+            let input = skeleton::Input { raw: &raw };
+            let (out, counted) = count_allocations(|| skeleton::tick(&skeleton_config, &mut skeleton_state, now, input));
+            note(0, counted.allocated);
+            person = out.skeleton;
+        }
+        let input = retarget::Input { k, skeleton: person.as_ref() };
+        let (out, counted) = count_allocations(|| retarget::tick(&retarget_config, &mut retarget_state, now, input));
+        note(1, counted.allocated);
+        let header = Header { sequence: tick + 1, stamp: now, config_hash: loaded.hash, incarnation: 3, ..Header::ZERO };
+        let target = JointTarget { header: Header { origin: out.target.header.origin, ..header }, ..out.target };
+        let operator = OperatorView {
+            connected: true,
+            enable_level: tick > TICK_HZ,
+            enable_edge: tick == TICK_HZ + 1,
+            heartbeat_received: now,
+            ..OperatorView::default()
+        };
+        let input = ControlInput { k, target: Some(&target), robot: robot.as_ref(), operator, realtime_ok: true };
+        let (out, counted) = count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
+        note(2, counted.allocated);
+        mode = Mode::from_u32(out.status.mode).expect("a mode");
+        engaged += u64::from(counting && mode == Mode::Engaged);
+        let command: Option<JointCommand> = out.command;
+        let input = sim::Input { due_k: k, command: command.as_ref() };
+        let (out, counted) = count_allocations(|| sim::tick(&sim_config, &mut sim_state, Stamp(now.0 + 100_000), input));
+        note(3, counted.allocated);
+        robot = Some(RobotState { header: Header { incarnation: 4, ..header }, ..out.state });
+    }
+    assert_eq!(counts, [0; 4], "allocations of skeleton, retarget, control, sim");
+    assert_eq!(engaged, TICKS, "the ticks counted are ticks in motion");
+}

@@ -1,0 +1,254 @@
+//! Real processes over real shared memory: what a user sees, and what happens when a process dies.
+
+mod rig;
+
+use messages::{Fault, Mode, state_flag};
+use rig::{Rig, assert_no_violations, config, repository};
+use std::process::Command;
+use std::time::Duration;
+
+#[test]
+fn engages_follows_and_stops_at_rest() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let before = eyes.wait_at_rest();
+    let client = rig.client(&motion::builtin(), 11);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    let moved = |a: &[f64; 17], b: &[f64; 17]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    eyes.wait("moving with the person", |state| moved(&state.q, &before.q) > 0.5);
+    std::thread::sleep(Duration::from_secs(4));
+    hand.release();
+    hand.wait_mode(Mode::Disengaged);
+    eyes.wait_at_rest();
+    let control = rig.end("control");
+    let sim = rig.end("sim");
+    assert_no_violations(&sim);
+    assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
+    let step = sim["engage"]["max_step_rad"].as_f64().unwrap();
+    assert!(step < 1e-4, "the first step of engaging was {step} rad");
+    let ratio = sim["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
+    assert!(ratio > 0.0 && ratio <= 0.05, "the first second ran at {ratio} of the velocity limit");
+    let modes: Vec<_> = control["mode_transitions"].as_array().unwrap().iter().map(|one| one["to"].clone()).collect();
+    assert_eq!(modes, ["Engaging", "Engaged", "Holding", "Disengaged"], "{control:#}");
+}
+
+#[test]
+fn an_emergency_stop_latches_in_every_moving_mode() {
+    for mode in [Mode::Engaging, Mode::Engaged] {
+        let mut rig = Rig::whole();
+        let (hand, mut eyes) = (rig.hand(), rig.eyes());
+        let client = rig.client(&motion::builtin(), 12);
+        hand.engage_until(mode);
+        client.set_engaged(true);
+        std::thread::sleep(Duration::from_millis(300));
+        // Any connection may stop the robot, not only the one that holds the enable.
+        rig.hand().estop();
+        let other = rig.hand();
+        other.estop();
+        hand.wait_mode(Mode::Faulted);
+        eyes.wait_at_rest();
+        assert_eq!(hand.raised(Fault::EmergencyStop).min(1), 1);
+        // The enable is still held: a reset does nothing.
+        other.reset();
+        std::thread::sleep(Duration::from_millis(300));
+        assert_eq!(hand.mode(), Some(Mode::Faulted));
+        hand.release();
+        std::thread::sleep(Duration::from_millis(100));
+        other.reset();
+        hand.wait_mode(Mode::Disengaged);
+        assert_no_violations(&rig.end("sim"));
+    }
+}
+
+#[test]
+fn a_dead_input_holds_and_then_disengages() {
+    for (process, fault) in [("ingest", Fault::InputStale), ("retarget", Fault::TargetStale)] {
+        let mut rig = Rig::whole();
+        let (hand, mut eyes) = (rig.hand(), rig.eyes());
+        let client = rig.client(&motion::builtin(), 13);
+        hand.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        std::thread::sleep(Duration::from_millis(700));
+        rig.kill(process);
+        hand.wait_mode(Mode::Holding);
+        eyes.wait_at_rest();
+        assert!(hand.raised(fault) > 0, "{process}: {fault:?} was not raised");
+        hand.wait_mode(Mode::Disengaged);
+        // A restart alone never engages, although the enable is still held.
+        rig.start(process);
+        std::thread::sleep(Duration::from_secs(1));
+        assert_eq!(hand.mode(), Some(Mode::Disengaged));
+        assert_no_violations(&rig.end("sim"));
+    }
+}
+
+#[test]
+fn a_dead_control_leaves_the_robot_on_its_certified_stop() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 14);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    rig.kill("control");
+    let latched = eyes.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
+    assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
+    eyes.wait_at_rest();
+    drop(hand);
+    // A new control takes the resting robot over, faulted until it is reset.
+    rig.start("control");
+    let hand = rig.hand();
+    hand.wait_mode(Mode::Faulted);
+    assert!(hand.raised(Fault::DriverFault) > 0);
+    std::thread::sleep(Duration::from_millis(100));
+    hand.reset();
+    hand.wait_mode(Mode::Disengaged);
+    eyes.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_dead_driver_faults() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let client = rig.client(&motion::builtin(), 15);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    std::thread::sleep(Duration::from_millis(300));
+    rig.kill("sim");
+    hand.wait_mode(Mode::Faulted);
+    assert!(hand.raised(Fault::StateStale) > 0);
+}
+
+#[test]
+fn a_silent_operator_releases() {
+    let mut rig = Rig::whole();
+    let (hand, other, mut eyes) = (rig.hand(), rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 16);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    hand.fall_silent();
+    other.wait_mode(Mode::Disengaged);
+    assert!(other.raised(Fault::OperatorSilent) > 0);
+    eyes.wait_at_rest();
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_second_client_gets_no_authority() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let first = rig.client(&motion::builtin(), 17);
+    hand.engage_until(Mode::Engaged);
+    first.set_engaged(true);
+    let second = rig.client(&motion::builtin(), 18);
+    second.set_engaged(true);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(hand.mode(), Some(Mode::Engaged), "the second client disturbs nothing");
+    drop(first);
+    hand.wait_mode(Mode::Holding);
+    hand.wait_mode(Mode::Disengaged);
+    // The second still publishes, long after the first has gone: it moves nothing by itself.
+    std::thread::sleep(Duration::from_millis(1500));
+    hand.release();
+    std::thread::sleep(Duration::from_millis(300));
+    hand.enable();
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(hand.mode(), Some(Mode::Disengaged));
+    drop(second);
+    let ingest = rig.end("ingest");
+    assert!(ingest["without_authority"].as_u64().unwrap() > 100, "{ingest:#}");
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_second_writer_of_the_core_domain_is_refused() {
+    let mut rig = Rig::empty();
+    rig.start("sim");
+    rig.start("control");
+    for (name, said) in [("sim", "driver is already running"), ("control", "operator.sock")] {
+        let output = rig.run(name);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(75), "{text}");
+        assert!(text.contains(said), "{text}");
+    }
+}
+
+#[test]
+fn a_typo_in_the_settings_is_refused_with_its_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(config()).unwrap();
+    let robot = repository().join("config/robots/tiago_dual.toml");
+    let weights = repository().join("weights/tiago_dual");
+    let text = text
+        .replace("robots/tiago_dual.toml", &robot.display().to_string())
+        .replace("../weights/tiago_dual", &weights.display().to_string());
+    let path = folder.path().join("teleop.toml");
+    let check = |text: String| {
+        std::fs::write(&path, text).unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).arg("check").arg("--config").arg(&path).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    assert_eq!(check(text.clone()).0, Some(0));
+    for (from, to, named) in [
+        ("hold_timeout_ms", "hold_timeout_s", "hold_timeout_s"),
+        ("tracking_error_rad = 0.05", "tracking_error_rad = 0.4", "tracking_error_rad"),
+        ("target_stale_ms = 10.0", "target_stale_ms = nan", "target_stale_ms"),
+        ("grace_us = 150.0", "grace_us = -1.0", "control.grace_us"),
+        ("seed = 1\n", "", "seed"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let (code, said) = check(text.replacen(from, to, 1));
+        assert_eq!(code, Some(78), "{to}: {said}");
+        assert!(said.contains(named) && said.contains("teleop.toml") || said.contains(&format!("safety.{named}")), "{said}");
+    }
+}
+
+#[test]
+fn weights_of_another_robot_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let robots = repository().join("config/robots");
+    let robot_text = std::fs::read_to_string(robots.join("tiago_dual.toml")).unwrap();
+    let urdf_text = std::fs::read_to_string(robots.join("tiago_dual.urdf")).unwrap();
+    // The same robot with another elbow: the joint limit of both arms' joint 4.
+    let other = urdf_text.replace("2.356194490192345", "2.3");
+    assert_ne!(other, urdf_text);
+    std::fs::write(folder.path().join("tiago_dual.urdf"), other).unwrap();
+    std::fs::write(folder.path().join("tiago_dual.toml"), robot_text).unwrap();
+    let text = std::fs::read_to_string(config()).unwrap();
+    let weights = repository().join("weights/tiago_dual");
+    let text = text
+        .replace("robots/tiago_dual.toml", "tiago_dual.toml")
+        .replace("../weights/tiago_dual", &weights.display().to_string());
+    let path = folder.path().join("teleop.toml");
+    std::fs::write(&path, text).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).arg("check").arg("--config").arg(&path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("tiago_dual.safetensors") && said.contains("robot"), "{said}");
+}
+
+#[test]
+fn the_units_are_valid() {
+    if Command::new("systemd-analyze").arg("--version").output().is_err() {
+        eprintln!("skipped: systemd-analyze is not installed");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut copies = Vec::new();
+    for name in ["teleop.target", "teleop@.service"] {
+        let text = std::fs::read_to_string(repository().join("config/systemd").join(name)).unwrap();
+        let text = text.replace("/usr/bin/teleopd", env!("CARGO_BIN_EXE_teleopd"));
+        let copy = folder.path().join(name.replace("@.", "@control."));
+        std::fs::write(&copy, &text).unwrap();
+        std::fs::write(folder.path().join(name), text).unwrap();
+        copies.push(copy);
+    }
+    for other in ["sim", "ingest", "retarget"] {
+        std::fs::copy(folder.path().join("teleop@.service"), folder.path().join(format!("teleop@{other}.service"))).unwrap();
+    }
+    let output = Command::new("systemd-analyze").arg("verify").args(["--man=no", "--recursive-errors=no"]).args(&copies).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.trim().is_empty(), "{said}");
+}

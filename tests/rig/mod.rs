@@ -1,0 +1,309 @@
+//! An instance of real processes for a test: a folder of its own, processes started singly, a hand, a client, and eyes.
+#![allow(dead_code)]
+
+use bus::{Domain, Reader};
+use messages::{Fault, Faults, Mode, RobotState, Service, Status};
+use motion::{CalibrationMode, Motion};
+use operator::Client;
+use pipeline::{Instance, PlayOptions, Player, Publisher};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// One instance at a time: four real-time processes are enough for a small machine.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// Longest time for anything that must happen; only a hang comes near.
+pub const SOON: Duration = Duration::from_secs(25);
+
+pub fn repository() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+pub fn config() -> PathBuf {
+    repository().join("config/teleop.toml")
+}
+
+/// The processes of an instance, killed when the test ends.
+pub struct Rig {
+    pub instance: Instance,
+    children: Vec<(String, Child)>,
+    folder: tempfile::TempDir,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Rig {
+    /// An instance without processes.
+    pub fn empty() -> Self {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a temporary folder");
+        let instance = Instance::new(folder.path()).expect("an instance");
+        Self { instance, children: Vec::new(), folder, _turn: turn }
+    }
+
+    /// All four processes, each ready.
+    pub fn whole() -> Self {
+        let mut rig = Self::empty();
+        for name in ["sim", "control", "retarget", "ingest"] {
+            rig.start(name);
+        }
+        rig
+    }
+
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn command(&self, name: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        command.arg(name).arg("--config").arg(config()).arg("--run-dir").arg(self.folder.path());
+        command.arg("--engage-without-realtime");
+        command
+    }
+
+    /// Starts a process and waits for READY.
+    pub fn start(&mut self, name: &str) {
+        let path = self.folder.path().join(format!("{name}.ready"));
+        let _ = std::fs::remove_file(&path);
+        let socket = std::os::unix::net::UnixDatagram::bind(&path).expect("a notify socket");
+        socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        let log = std::fs::File::create(self.folder.path().join(format!("{name}.log"))).unwrap();
+        let mut child = self
+            .command(name)
+            .env("NOTIFY_SOCKET", &path)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().unwrap())
+            .stderr(log)
+            .spawn()
+            .expect("the process starts");
+        let (mut text, give_up) = ([0; 256], Instant::now() + SOON);
+        loop {
+            if let Ok(length) = socket.recv(&mut text)
+                && text[..length].starts_with(b"READY=1")
+            {
+                break;
+            }
+            let ended = child.try_wait().unwrap();
+            assert!(ended.is_none() && Instant::now() < give_up, "{name} is not ready ({ended:?}): {}", self.log(name));
+        }
+        self.children.push((name.to_owned(), child));
+    }
+
+    /// Runs a process that is expected to end by itself, and returns what it said.
+    pub fn run(&self, name: &str) -> Output {
+        self.command(name).stdin(Stdio::null()).output().expect("the process runs")
+    }
+
+    pub fn log(&self, name: &str) -> String {
+        std::fs::read_to_string(self.folder.path().join(format!("{name}.log"))).unwrap_or_default()
+    }
+
+    fn child(&mut self, name: &str) -> &mut Child {
+        &mut self.children.iter_mut().find(|(running, _)| running == name).expect("a running process").1
+    }
+
+    /// kill -9, and waits for the process to be gone.
+    pub fn kill(&mut self, name: &str) {
+        let child = self.child(name);
+        child.kill().expect("the process can be killed");
+        child.wait().expect("the process ends");
+        self.children.retain(|(running, _)| running != name);
+    }
+
+    /// SIGTERM, and the figures that the process leaves.
+    pub fn end(&mut self, name: &str) -> serde_json::Value {
+        rt::terminate(self.child(name).id());
+        let status = self.child(name).wait().expect("the process ends");
+        assert!(status.success(), "{name} ended with {status}: {}", self.log(name));
+        self.children.retain(|(running, _)| running != name);
+        let text = std::fs::read_to_string(self.instance.report(name)).expect("figures");
+        serde_json::from_str(&text).expect("JSON")
+    }
+
+    pub fn hand(&self) -> Hand {
+        Hand::connect(&self.instance.operator_socket())
+    }
+
+    /// A client that publishes `motion`, holding its first frame.
+    pub fn client(&self, motion: &Motion, session: u64) -> Publisher {
+        let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+        let player = Player::new(motion, play, session, rt::incarnation());
+        Publisher::start(self.instance.input_domain(), player, rt::now).expect("a client")
+    }
+
+    pub fn eyes(&self) -> Eyes {
+        let domain = Domain::open(self.instance.core_domain(), "eyes").expect("the core domain");
+        let states = domain.reader(Service::RobotState).expect("robot states");
+        Eyes { states, latest: None, _domain: domain }
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        for (_, child) in &mut self.children {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        self.instance.retire();
+    }
+}
+
+/// Sees what the driver executes.
+pub struct Eyes {
+    states: Reader<RobotState>,
+    latest: Option<RobotState>,
+    _domain: Domain,
+}
+
+impl Eyes {
+    pub fn robot(&mut self) -> Option<RobotState> {
+        self.latest = self.states.latest().or(self.latest);
+        self.latest
+    }
+
+    /// Waits for a state of which `done` is true.
+    pub fn wait(&mut self, what: &str, done: impl Fn(&RobotState) -> bool) -> RobotState {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if let Some(state) = self.robot().filter(&done) {
+                return state;
+            }
+            assert!(Instant::now() < give_up, "the robot never was {what}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    pub fn wait_at_rest(&mut self) -> RobotState {
+        self.wait("at rest", |state| state.v.iter().chain(&state.a).all(|value| *value == 0.0))
+    }
+}
+
+const HOLD: u32 = 1;
+const RELEASE: u32 = 2;
+const RESET: u32 = 4;
+const ESTOP: u32 = 8;
+
+/// An operator's hand: heartbeats at 50 Hz in a thread of its own.
+pub struct Hand {
+    orders: Arc<AtomicU32>,
+    silent: Arc<AtomicBool>,
+    status: Arc<Mutex<Option<Status>>>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Hand {
+    fn connect(socket: &Path) -> Self {
+        let mut client = Client::connect(socket).expect("the operator socket answers");
+        let (orders, silent) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicBool::new(false)));
+        let (status, end) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
+        let (o, s, st, e) = (orders.clone(), silent.clone(), status.clone(), end.clone());
+        let thread = std::thread::spawn(move || {
+            while !e.load(Ordering::Relaxed) {
+                let order = o.swap(0, Ordering::Relaxed);
+                if order & HOLD != 0 {
+                    client.enable();
+                }
+                if order & RELEASE != 0 {
+                    client.release();
+                }
+                if order & RESET != 0 {
+                    client.reset();
+                }
+                if order & ESTOP != 0 {
+                    client.estop();
+                }
+                if !s.load(Ordering::Relaxed)
+                    && let Ok(status) = client.heartbeat()
+                {
+                    *st.lock().unwrap() = Some(status);
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        });
+        Self { orders, silent, status, end, thread: Some(thread) }
+    }
+
+    fn order(&self, order: u32) {
+        self.orders.fetch_or(order, Ordering::Relaxed);
+    }
+
+    pub fn enable(&self) {
+        self.order(HOLD);
+    }
+
+    pub fn release(&self) {
+        self.order(RELEASE);
+    }
+
+    pub fn reset(&self) {
+        self.order(RESET);
+    }
+
+    pub fn estop(&self) {
+        self.order(ESTOP);
+    }
+
+    /// Stops the heartbeats, as a hung client would.
+    pub fn fall_silent(&self) {
+        self.silent.store(true, Ordering::Relaxed);
+    }
+
+    pub fn status(&self) -> Option<Status> {
+        *self.status.lock().unwrap()
+    }
+
+    pub fn mode(&self) -> Option<Mode> {
+        self.status().and_then(|status| Mode::from_u32(status.mode))
+    }
+
+    pub fn wait(&self, what: &str, done: impl Fn(&Status) -> bool) -> Status {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if let Some(status) = self.status().filter(&done) {
+                return status;
+            }
+            if Instant::now() > give_up {
+                let status = self.status();
+                let faults: Vec<_> = status.iter().flat_map(|s| Faults(s.faults).iter()).map(|f| f.row().name).collect();
+                panic!("never {what}: mode {:?}, faults {faults:?}", self.mode());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    pub fn wait_mode(&self, mode: Mode) -> Status {
+        self.wait(mode.name(), |status| status.mode == mode as u32)
+    }
+
+    /// Waits until nothing inhibits, enables, and waits for `mode`.
+    pub fn engage_until(&self, mode: Mode) {
+        // Half a second of a released enable, and a fresh target.
+        self.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+        self.enable();
+        self.wait_mode(mode);
+    }
+
+    pub fn raised(&self, fault: Fault) -> u32 {
+        self.status().map_or(0, |status| status.fault_counts[fault.index()])
+    }
+}
+
+impl Drop for Hand {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// No kind of violation was counted by the simulated robot.
+pub fn assert_no_violations(figures: &serde_json::Value) {
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+        assert_eq!(figures["violations"][kind], 0, "{kind}: {figures:#}");
+    }
+}

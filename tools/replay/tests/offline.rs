@@ -1,0 +1,94 @@
+//! `replay --offline` as a user runs it: the files it writes, and what they promise.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the repository")
+}
+
+struct Run {
+    header: Vec<String>,
+    rows: Vec<Vec<f64>>,
+    summary: serde_json::Value,
+}
+
+fn replay(motion: &str) -> Run {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out.csv");
+    let output = Command::new(env!("CARGO_BIN_EXE_replay"))
+        .arg(motion)
+        .arg("--offline")
+        .arg(&out)
+        .arg("--config")
+        .arg(repository().join("config/teleop.toml"))
+        .output()
+        .expect("replay runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(&out).expect("the CSV file");
+    let mut lines = text.lines();
+    let header = lines.next().expect("a header").split(',').map(str::to_owned).collect();
+    let rows = lines.map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect()).collect();
+    let summary = std::fs::read_to_string(out.with_extension("json")).expect("the JSON file");
+    Run { header, rows, summary: serde_json::from_str(&summary).expect("JSON") }
+}
+
+fn check(run: &Run) {
+    assert_eq!(run.header[0], "t_s");
+    assert_eq!(run.header.len(), 1 + 17 + 17);
+    assert_eq!(run.header[1], "torso_lift_joint");
+    assert_eq!(run.header[18], "target.torso_lift_joint");
+    assert_eq!(run.header[34], "target.arm_right_7_joint");
+    for (k, row) in run.rows.iter().enumerate() {
+        assert_eq!(row[0], k as f64 / 1500.0, "row {k}");
+        assert!(row.iter().all(|value| value.is_finite()), "row {k}");
+    }
+    let command = |row: &[f64]| row[1..18].to_vec();
+    let (first, last) = (&run.rows[0], &run.rows[run.rows.len() - 1]);
+    let before_last = &run.rows[run.rows.len() - 2];
+    assert_eq!(command(before_last), command(last), "the end is at rest");
+    let moved = command(first).iter().zip(command(last)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(moved > 0.1, "the robot went somewhere: {moved}");
+    // One tick at 2.35 rad/s, the fastest joint, moves 1.6 mrad.
+    for pair in run.rows.windows(2) {
+        let step = command(&pair[0]).iter().zip(command(&pair[1])).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(step <= 2.35 / 1500.0 + 1e-9, "a step of {step}");
+    }
+    let names: Vec<_> = run.summary["modes"].as_array().unwrap().iter().map(|one| one["mode"].clone()).collect();
+    assert_eq!(names, ["Disengaged", "Engaging", "Engaged", "Holding", "Disengaged"]);
+    for (kind, count) in run.summary["violations"].as_object().unwrap() {
+        assert_eq!(count, 0, "{kind}");
+    }
+    let taken: Vec<u64> = run.summary["frames"].as_array().unwrap().iter().map(|one| one["k"].as_u64().unwrap()).collect();
+    assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "frames are taken in order");
+    assert!(taken.len() > 100);
+}
+
+#[test]
+fn the_builtin_motion_is_written_from_home_to_rest() {
+    let run = replay("builtin");
+    check(&run);
+    let again = replay("builtin");
+    assert_eq!(run.rows, again.rows, "two runs are the same to the last bit");
+}
+
+#[test]
+fn a_recorded_walk_is_written_from_home_to_rest() {
+    let clip = repository().join("../shared/motions/cmu/007_12.bvh");
+    if !clip.exists() {
+        eprintln!("skipped: {} is not there", clip.display());
+        return;
+    }
+    check(&replay(&clip.display().to_string()));
+}
+
+#[test]
+fn a_file_that_is_no_motion_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("broken.bvh");
+    std::fs::write(&path, "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_replay")).arg(&path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(66), "{said}");
+    assert!(said.contains("broken.bvh") && said.contains('4'), "{said}");
+}
