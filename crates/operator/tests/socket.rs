@@ -390,7 +390,7 @@ fn a_forbidden_socket_is_named() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("control.sock");
     let _server = Server::bind(&path).unwrap();
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0)).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o0)).unwrap();
     assert!(matches!(
         Client::connect(&path).err().unwrap(),
         OperatorError::PermissionDenied { .. }

@@ -138,9 +138,11 @@ impl Plant {
             if self.injected.not_followed[j] {
                 (q_ref, v_ref, a_ref) = (self.q[j], 0.0, 0.0);
             }
+            // The setpoint is for the end of the tick: compared with where the joint would be then, it is not run ahead of.
+            let (q_end, v_end) = (self.q[j] + self.v[j] * TICK_S, self.v[j] + a_ref * TICK_S);
             let a = a_ref
-                + 2.0 * config.damping_ratio * config.omega * (v_ref - self.v[j])
-                + config.omega * config.omega * (q_ref - self.q[j]);
+                + 2.0 * config.damping_ratio * config.omega * (v_ref - v_end)
+                + config.omega * config.omega * (q_ref - q_end);
             let a = a.clamp(-config.a_servo[j], config.a_servo[j]);
             let v = (self.v[j] + a * TICK_S).clamp(-config.v_servo[j], config.v_servo[j]);
             let q = self.q[j] + (self.v[j] + v) / 2.0 * TICK_S;

@@ -1,0 +1,236 @@
+//! The checker counts what is outside and nothing that is inside.
+
+mod support;
+
+use messages::{JOINTS, JointCommand, Layout, Mode, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::Frames;
+use sim::{Options, SimError, ViolationKind};
+use support::{Bench, ELBOW, K, MODEL};
+
+/// Jerk up, hold the acceleration, jerk down: a ramp to a speed and back, at `share` of the limits.
+fn ramp(bench: &mut Bench, share: f64) {
+    let limits = MODEL.limits[ELBOW];
+    let rise_s = limits.a_max / limits.j_max;
+    let ticks = (rise_s / TICK_S).floor();
+    let jerk = share * limits.a_max / (ticks * TICK_S);
+    assert!(jerk <= limits.j_max * 1.03, "{jerk}");
+    for sign in [1.0, -1.0, -1.0, 1.0] {
+        bench.drive(ELBOW, sign * jerk.min(share * limits.j_max), ticks as u64);
+    }
+}
+
+#[test]
+fn an_honest_motion_at_the_limits_violates_nothing() {
+    let mut bench = Bench::ideal();
+    for _ in 0..3 {
+        ramp(&mut bench, 0.999);
+    }
+    assert_eq!(
+        bench.violated(),
+        [""; 0],
+        "{:?}",
+        bench.state.report().first_violation()
+    );
+    assert!(bench.state.report().steps() > 200);
+}
+
+#[test]
+fn jerk_beyond_its_limit_is_counted() {
+    let j_max = MODEL.limits[ELBOW].j_max;
+    let mut bench = Bench::ideal();
+    bench.drive(ELBOW, j_max, 3);
+    assert_eq!(bench.violated(), [""; 0]);
+    bench.drive(ELBOW, j_max * (1.0 + 1e-6), 1);
+    assert_eq!(bench.violated(), ["jerk"]);
+    let violation = *bench.state.report().first_violation().unwrap();
+    assert_eq!(
+        (violation.kind, violation.k, violation.which),
+        (ViolationKind::Jerk, K + 4, ELBOW)
+    );
+}
+
+#[test]
+fn acceleration_beyond_its_limit_is_counted() {
+    let limits = MODEL.limits[ELBOW];
+    let mut bench = Bench::ideal();
+    let ticks = (limits.a_max / limits.j_max / TICK_S).ceil() as u64;
+    let jerk = limits.a_max / (ticks as f64 * TICK_S);
+    bench.drive(ELBOW, jerk, ticks);
+    assert_eq!(bench.violated(), [""; 0]);
+    bench.drive(ELBOW, 1e-3, 1);
+    assert_eq!(bench.violated(), ["acceleration"]);
+}
+
+#[test]
+fn a_peak_of_velocity_inside_a_tick_is_counted() {
+    let limits = MODEL.limits[ELBOW];
+    // With a acceleration at one end and -a at the other, the speed rises by a^2 / 2J in the middle and returns.
+    let a = limits.j_max * TICK_S / 2.0;
+    let rise = a * a / (2.0 * limits.j_max);
+    for (below, expected) in [(1.01 * rise, vec![]), (0.99 * rise, vec!["velocity"])] {
+        let mut bench = Bench::ideal();
+        let k = bench.command.k;
+        // Brought there in steps that the follower takes; only the last one is looked at.
+        (bench.command.v[ELBOW], bench.command.a[ELBOW]) = (limits.v_max - below, a);
+        bench.command.q[ELBOW] += bench.command.v[ELBOW] * TICK_S * 0.5;
+        bench.stop(ELBOW);
+        assert_eq!(bench.send().refused, None);
+        let before = bench.state.report().violations_of(ViolationKind::Velocity);
+        assert_eq!((before, bench.command.k), (0, k + 1));
+        bench.drive(ELBOW, -limits.j_max, 1);
+        let count = bench.state.report().violations_of(ViolationKind::Velocity);
+        assert_eq!(count > before, !expected.is_empty(), "{below}");
+    }
+}
+
+#[test]
+fn a_velocity_that_is_not_the_change_of_position_is_counted() {
+    for change in [
+        |c: &mut JointCommand| c.q[ELBOW] += 1e-6,
+        |c: &mut JointCommand| c.v[ELBOW] += 1e-4,
+    ] {
+        let mut bench = Bench::ideal();
+        bench.drive(ELBOW, 100.0, 20);
+        assert_eq!(bench.violated(), [""; 0]);
+        bench.next(ELBOW, 0.0);
+        change(&mut bench.command);
+        bench.stop(ELBOW);
+        let command = bench.command;
+        assert!(
+            bench.tick(command.k, Some(&command)).accepted.is_some(),
+            "the follower does not see it"
+        );
+        assert_eq!(bench.violated(), ["jerk"]);
+    }
+}
+
+#[test]
+fn a_position_outside_is_counted() {
+    let mut initial = MODEL.home;
+    let q_max = MODEL.limits[ELBOW].q_max;
+    initial[ELBOW] = q_max - 2e-4;
+    let exact = Options {
+        initial: Some(initial),
+        encoder_noise_rad: 0.0,
+        encoder_step_rad: 0.0,
+        ..Options::default()
+    };
+    let mut bench = Bench::new(&exact, 1);
+    bench.drive(ELBOW, 100.0, 20);
+    assert!(bench.command.q[ELBOW] < q_max);
+    assert!(!bench.violated().contains(&"position"));
+    bench.drive(ELBOW, 100.0, 30);
+    assert!(bench.command.q[ELBOW] > q_max);
+    assert!(bench.violated().contains(&"position"), "{:?}", bench.violated());
+}
+
+#[test]
+fn clearance_agrees_with_the_robot_model_and_is_counted_below_its_bound() {
+    let mut rng = Pcg64::seed_from_u64(3);
+    let mut frames = Frames::default();
+    let (mut below, mut above) = (0, 0);
+    for _ in 0..400 {
+        let initial: [f64; JOINTS] = std::array::from_fn(|j| {
+            let limits = &MODEL.limits[j];
+            rng.random_range(
+                limits.q_min + 1e-2 * (limits.q_max - limits.q_min)
+                    ..limits.q_max - 1e-2 * (limits.q_max - limits.q_min),
+            )
+        });
+        let mut bench = Bench::new(
+            &Options {
+                initial: Some(initial),
+                ..Options::default()
+            },
+            1,
+        );
+        bench.tick(K + 1, None);
+        MODEL.forward(&bench.state.follower().motion.q, &mut frames);
+        let (expected, _) = MODEL.clearance(&frames);
+        let report = bench.state.report();
+        assert!(
+            (report.min_clearance_m() - expected).abs() < 1e-9,
+            "{} {expected}",
+            report.min_clearance_m()
+        );
+        assert_eq!(
+            report.violations_of(ViolationKind::Clearance) > 0,
+            expected < MODEL.d_min_m
+        );
+        *(if expected < MODEL.d_min_m {
+            &mut below
+        } else {
+            &mut above
+        }) += 1;
+    }
+    assert!(below > 20 && above > 20, "{below} below, {above} above");
+}
+
+#[test]
+fn the_first_second_of_engaging_is_measured() {
+    let v_max = MODEL.limits[ELBOW].v_max;
+    let mut bench = Bench::ideal();
+    bench.command.mode = Mode::Disengaged as u32;
+    bench.drive(ELBOW, 0.0, 10);
+    assert_eq!(
+        (
+            bench.state.report().engagements(),
+            bench.state.report().engage_max_step_rad()
+        ),
+        (0, 0.0)
+    );
+    bench.command.mode = Mode::Engaging as u32;
+    bench.drive(ELBOW, 30.0, 1);
+    let step = 30.0 * TICK_S.powi(3) / 6.0;
+    assert!((bench.state.report().engage_max_step_rad() - step).abs() < 1e-15);
+    bench.drive(ELBOW, 30.0, 29);
+    bench.drive(ELBOW, -30.0, 30);
+    bench.command.mode = Mode::Engaged as u32;
+    bench.drive(ELBOW, 0.0, 1);
+    let ratio = bench.command.v[ELBOW] / v_max;
+    let measured = bench.state.report().engage_first_second_velocity_ratio();
+    assert!((measured - ratio).abs() < 1e-12 && ratio > 0.004, "{measured} {ratio}");
+    // Faster after the first second: no part of the figure.
+    let rest = 1500 - 61;
+    bench.drive(ELBOW, 0.0, rest);
+    bench.drive(ELBOW, 30.0, 30);
+    assert_eq!(bench.state.report().engage_first_second_velocity_ratio(), measured);
+    assert_eq!(bench.state.report().engagements(), 1);
+}
+
+#[test]
+fn options_out_of_bounds_are_named() {
+    let error = |options: Options| sim::Config::new(&MODEL, &options).unwrap_err();
+    let delay = error(Options {
+        delay_ticks: 32,
+        ..Options::default()
+    });
+    assert!(
+        matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }),
+        "{delay}"
+    );
+    let nan = error(Options {
+        damping_ratio: f64::NAN,
+        ..Options::default()
+    });
+    assert!(
+        matches!(
+            nan,
+            SimError::OutOfBounds {
+                key: "damping_ratio",
+                ..
+            }
+        ),
+        "{nan}"
+    );
+    let mut initial = MODEL.home;
+    initial[ELBOW] = MODEL.limits[ELBOW].q_max;
+    let outside = error(Options {
+        initial: Some(initial),
+        ..Options::default()
+    });
+    assert!(outside.to_string().contains("arm_left_4_joint"), "{outside}");
+    assert_eq!(JointCommand::ZERO.mode, Mode::Disengaged as u32);
+}

@@ -1,0 +1,126 @@
+//! A simulated robot on a bench, and honest commands to it.
+#![allow(dead_code)]
+
+use driver::Chain;
+use messages::{Header, JOINTS, JointCommand, Layout, Mode, TICK_S, deadline};
+use robot::Model;
+use sim::{Config, Input, Options, Output, State, tick};
+use std::sync::LazyLock;
+
+const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
+const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
+
+/// The index at which every bench begins.
+pub(crate) const K: u64 = 1000;
+/// The joint that the tests move: the left elbow.
+pub(crate) const ELBOW: usize = 6;
+
+/// The shipped robot.
+pub(crate) static MODEL: LazyLock<Model> = LazyLock::new(|| {
+    Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
+});
+
+/// A stream of commands to a simulated robot, made of constant jerks of one joint.
+pub(crate) struct Bench {
+    pub(crate) config: Config,
+    pub(crate) state: State,
+    pub(crate) command: JointCommand,
+}
+
+impl Bench {
+    pub(crate) fn new(options: &Options, seed: u64) -> Self {
+        let config = Config::new(&MODEL, options).unwrap_or_else(|error| panic!("{error}"));
+        let state = State::new(&config, K, seed);
+        let mut command = JointCommand {
+            k: K,
+            seed_k: K,
+            seed_played: 0,
+            ..JointCommand::ZERO
+        };
+        command.header = Header {
+            incarnation: 1,
+            ..Header::ZERO
+        };
+        command.q = state.follower().motion.q;
+        command.mode = Mode::Engaged as u32;
+        Self { config, state, command }
+    }
+
+    /// Encoders without noise and step, servos without delay.
+    pub(crate) fn ideal() -> Self {
+        Self::new(
+            &Options {
+                encoder_noise_rad: 0.0,
+                encoder_step_rad: 0.0,
+                delay_ticks: 0,
+                ..Options::default()
+            },
+            1,
+        )
+    }
+
+    /// The next command: `joint` moves with this jerk for one tick; its plan is the stop from there.
+    pub(crate) fn next(&mut self, joint: usize, jerk: f64) -> JointCommand {
+        let c = &mut self.command;
+        (c.k, c.header.sequence) = (c.k + 1, c.header.sequence + 1);
+        let (v, a) = (c.v[joint], c.a[joint]);
+        c.q[joint] += TICK_S * (v + TICK_S * (a / 2.0 + TICK_S * jerk / 6.0));
+        c.v[joint] += TICK_S * (a + TICK_S * jerk / 2.0);
+        c.a[joint] += TICK_S * jerk;
+        self.stop(joint);
+        self.command
+    }
+
+    /// Gives the command a stop: the acceleration to zero in 30 ms, then the velocity in two phases of 300 ms.
+    pub(crate) fn stop(&mut self, joint: usize) {
+        let (v, a, d1, d) = (self.command.v[joint], self.command.a[joint], 0.03, 0.3);
+        let v1 = v + a * d1 / 2.0;
+        self.command.plan.jerk[joint] = [-a / d1, -v1 / (d * d), v1 / (d * d)];
+        self.command.plan.duration_s[joint] = [d1, d, d];
+    }
+
+    /// The tick in which the command of index `k` is due.
+    pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
+        tick(&self.config, &mut self.state, deadline(k), Input { due_k: k, command })
+    }
+
+    /// Sends a command with this jerk for each of `ticks` ticks.
+    pub(crate) fn drive(&mut self, joint: usize, jerk: f64, ticks: u64) -> Output {
+        let mut out = None;
+        for _ in 0..ticks {
+            let command = self.next(joint, jerk);
+            let tick = self.tick(command.k, Some(&command));
+            assert_eq!(tick.refused, None);
+            out = Some(tick);
+        }
+        out.expect("at least one tick")
+    }
+
+    /// Sends the command as it stands, as that of the next index.
+    pub(crate) fn send(&mut self) -> Output {
+        self.command.k += 1;
+        self.command.header.sequence += 1;
+        let command = self.command;
+        self.tick(command.k, Some(&command))
+    }
+
+    /// Names of the kinds of violation that occurred.
+    pub(crate) fn violated(&self) -> Vec<&'static str> {
+        self.state
+            .report()
+            .violations()
+            .iter()
+            .filter(|(_, count)| *count > 0)
+            .map(|(name, _)| *name)
+            .collect()
+    }
+
+    pub(crate) fn chain(&self) -> Chain {
+        Chain::of(&self.command)
+    }
+}
+
+/// Joints other than `joint`.
+pub(crate) fn others(joint: usize) -> impl Iterator<Item = usize> {
+    (0..JOINTS).filter(move |&j| j != joint)
+}
