@@ -3,7 +3,7 @@
 //! h_0 = x, h_l = silu(W_l h_{l-1} + b_l), output = W_L h_{L-1} + b_L. Weights are `[out, in]`, row by row, followed by
 //! the biases, layer after layer in one slice, so that the optimiser sees one vector.
 
-use crate::wide::{Mat, multiply, widest};
+use crate::gemm::{Mat, multiply, widest};
 use std::ops::Range;
 
 /// Sizes of a perceptron.

@@ -1,6 +1,6 @@
 //! Adam with warm-up and cosine decay, and an exponential moving average of the parameters.
 
-use crate::wide::widest;
+use crate::gemm::widest;
 
 /// The learning rate over a run.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
