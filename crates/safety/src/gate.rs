@@ -171,7 +171,7 @@ pub enum Denial {
 /// What the gate decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// A new motion, as proposed.
+    /// A new motion: the proposal, rounded to the gate's units.
     Accept,
     /// The proposal is the next point of the stored plan.
     OnPlan,
@@ -219,15 +219,8 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
         }
         Ok(Passed::New { stored, clearance_m }) => {
             state.stored = stored;
-            let Proposed { q, v, a, plan, .. } = proposed;
-            Decision {
-                verdict: Verdict::Accept,
-                q,
-                v,
-                a,
-                plan,
-                clearance_m,
-            }
+            // What is sent is what was judged: the rounded figures, not the proposal's own bits.
+            play(&stored, Verdict::Accept, clearance_m)
         }
         Err(denial) => {
             state.stored = on_plan;

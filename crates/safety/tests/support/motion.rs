@@ -39,9 +39,13 @@ pub fn stop_from(x: Joint, a_max: f64, j_max: f64) -> Stop {
     let left = |p: f64| v + (a - p) / 2.0 * ramp(p) - p * p / (2.0 * j_max);
     let (mut low, mut high) = ((-a).max(0.0).min(a_max), a_max);
     if left(a_max) < 0.0 {
-        for _ in 0..200 {
+        for _ in 0..80 {
             let middle = (low + high) / 2.0;
-            if left(middle) > 0.0 { low = middle } else { high = middle }
+            if left(middle) > 0.0 {
+                low = middle
+            } else {
+                high = middle
+            }
         }
     } else {
         low = a_max;
@@ -74,15 +78,29 @@ pub fn play(mut x: Joint, stop: &Stop, t: f64) -> Joint {
     if left > 0.0 { Joint { v: 0.0, a: 0.0, ..x } } else { x }
 }
 
-pub const NO_PLAN: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+pub const NO_PLAN: StopPlan = StopPlan {
+    jerk: [[0.0; 3]; JOINTS],
+    duration_s: [[0.0; 3]; JOINTS],
+};
 
 pub fn resting(k: u64, q: [f64; JOINTS]) -> Proposed {
     let permit = Permit::Follow { speed_scale: 1.0 };
-    Proposed { k, permit, q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NO_PLAN }
+    Proposed {
+        k,
+        permit,
+        q,
+        v: [0.0; JOINTS],
+        a: [0.0; JOINTS],
+        plan: NO_PLAN,
+    }
 }
 
 pub fn joint(p: &Proposed, j: usize) -> Joint {
-    Joint { q: p.q[j], v: p.v[j], a: p.a[j] }
+    Joint {
+        q: p.q[j],
+        v: p.v[j],
+        a: p.a[j],
+    }
 }
 
 pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
@@ -92,53 +110,95 @@ pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
 /// What the judge grants for rounding, SI: above the gate's own slack of 5.8e-11 and far below anything that moves.
 pub const GRANTED: f64 = 1e-9;
 
+/// Instants inside (0, t) at which c + b t + a t^2 / 2 is zero.
+fn zeros(c: f64, b: f64, a: f64, t: f64) -> impl Iterator<Item = f64> {
+    let both = if a == 0.0 {
+        [-c / b, f64::NAN]
+    } else {
+        let root = (b * b - 2.0 * a * c).sqrt();
+        [(-b - root) / a, (-b + root) / a]
+    };
+    both.into_iter().filter(move |at| *at > 0.0 && *at < t)
+}
+
+/// The first limit that a stretch of constant jerk breaks by more than `grant`, from its turning points in closed form.
+fn broken(l: &JointLimits, start: Joint, jerk: f64, t: f64, grant: f64) -> Option<&'static str> {
+    let turns = zeros(start.a, jerk, 0.0, t)
+        .chain(zeros(start.v, start.a, jerk, t))
+        .chain([0.0, t]);
+    let mut found = None;
+    for x in turns.map(|at| start.after(jerk, at)) {
+        let what = if x.v.abs() > l.v_max + grant {
+            "velocity"
+        } else if x.q < l.q_min - grant || x.q > l.q_max + grant {
+            "position"
+        } else if x.a.abs() > l.a_max + grant {
+            "acceleration"
+        } else {
+            continue;
+        };
+        found = found.or(Some(what));
+    }
+    found
+}
+
+fn near(x: Joint, y: Joint, grant: f64) -> bool {
+    (x.q - y.q).abs() <= grant && (x.v - y.v).abs() <= grant && (x.a - y.a).abs() <= grant
+}
+
 /// The first thing that is wrong with a joint's step from `last` (whose stop was `stop_before`) to `next` with `stop`,
-/// found by walking through all of it in `f64` at 1/16 of a tick.
-pub fn wrong(l: &JointLimits, last: Joint, stop_before: &Stop, next: Joint, stop: &Stop) -> Option<&'static str> {
-    let finite = [next.q, next.v, next.a].iter().chain(stop.iter().flat_map(|(j, d)| [j, d])).all(|x| x.is_finite());
+/// up to `grant`.
+pub fn wrong(
+    l: &JointLimits,
+    last: Joint,
+    stop_before: &Stop,
+    next: Joint,
+    stop: &Stop,
+    grant: f64,
+) -> Option<&'static str> {
+    let finite = [next.q, next.v, next.a]
+        .iter()
+        .chain(stop.iter().flat_map(|(j, d)| [j, d]))
+        .all(|x| x.is_finite());
     if !finite {
         return Some("not finite");
     }
-    let bad = |x: Joint| {
-        if x.q < l.q_min - GRANTED || x.q > l.q_max + GRANTED {
-            Some("position")
-        } else if x.v.abs() > l.v_max + GRANTED {
-            Some("velocity")
-        } else {
-            (x.a.abs() > l.a_max + GRANTED).then_some("acceleration")
-        }
-    };
-    let near = |x: Joint, y: Joint| {
-        (x.q - y.q).abs() < GRANTED && (x.v - y.v).abs() < GRANTED && (x.a - y.a).abs() < GRANTED
-    };
     let jerk = (next.a - last.a) / T;
-    let constant = jerk.abs() <= l.j_max + 1e-6 && near(last.after(jerk, T), next);
-    let planned = near(play(last, stop_before, T), next);
-    if !constant && !planned {
-        return Some("step");
-    }
-    for n in 1..=16 {
-        let t = T * f64::from(n) / 16.0;
-        let at = if planned { play(last, stop_before, t) } else { last.after(jerk, t) };
-        if let Some(what) = bad(at) {
-            return Some(what);
-        }
-    }
-    if stop.iter().any(|(jerk, duration)| *duration < 0.0 || *duration > 0.0 && jerk.abs() > l.j_max + 1e-6) {
-        return Some("jerk of the plan");
-    }
-    let total: f64 = stop.iter().map(|(_, duration)| duration).sum();
-    let mut x = next;
-    for (jerk, duration) in stop {
-        for n in 1..=8 {
-            if let Some(what) = bad(x.after(*jerk, duration * f64::from(n) / 8.0)) {
+    // 1e-13 is what `f64` itself leaves.
+    if near(play(last, stop_before, T), next, grant + 1e-13) {
+        let mut x = last;
+        let mut left = T;
+        for (jerk, duration) in stop_before {
+            let t = left.min(*duration);
+            if let Some(what) = broken(l, x, *jerk, t, grant) {
                 return Some(what);
             }
+            x = x.after(*jerk, t);
+            left -= t;
+        }
+    } else if jerk.abs() > l.j_max + grant / T {
+        return Some("jerk");
+    } else if !near(last.after(jerk, T), next, grant + 1e-13) {
+        return Some("step");
+    } else if let Some(what) = broken(l, last, jerk, T, grant) {
+        return Some(what);
+    }
+    let mut x = next;
+    for (jerk, duration) in stop {
+        if *duration < 0.0 || *duration > 0.0 && jerk.abs() > l.j_max + grant / T {
+            return Some("plan's jerk or time");
+        }
+        if let Some(what) = broken(l, x, *jerk, *duration, grant) {
+            return Some(match what {
+                "velocity" => "plan's velocity",
+                "position" => "plan's position",
+                _ => "plan's acceleration",
+            });
         }
         x = x.after(*jerk, *duration);
     }
     if x.v.abs() > 1e-6 || x.a.abs() > 1e-6 {
         return Some("no rest at the plan's end");
     }
-    (total > 10.0).then_some("endless plan")
+    (stop.iter().map(|(_, duration)| duration).sum::<f64>() > 10.0).then_some("endless plan")
 }

@@ -1,0 +1,316 @@
+//! Engagement over time: what must never happen, and when what must happen does.
+
+mod support;
+
+use messages::{Fault, Mode};
+use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
+use support::{Bench, settings, ticks};
+
+#[test]
+fn an_enable_stuck_at_boot_never_engages() {
+    let mut bench = Bench::new();
+    for _ in 0..ticks(10_000) {
+        // Edges without end: a chattering contact on a handle that was never seen released.
+        bench.press();
+        assert_eq!(bench.step().mode, Mode::Disengaged);
+    }
+    bench.input.operator.enable_level = false;
+    bench.steps(ticks(200) - 3);
+    bench.press();
+    assert!(bench.step().refused, "released for less than 200 ms");
+    bench.input.operator.enable_level = false;
+    bench.steps(ticks(200));
+    bench.press();
+    assert_eq!(bench.step().mode, Mode::Engaging);
+}
+
+#[test]
+fn no_restart_engages() {
+    let mut bench = Bench::engaged();
+    bench.state = safety::engage::State::new();
+    for _ in 0..ticks(3000) {
+        assert_eq!(bench.step().mode, Mode::Disengaged);
+    }
+}
+
+#[test]
+fn the_first_second_is_slow_and_the_ramp_is_smooth() {
+    const NS_PER_TICK: u64 = 666_667;
+    let mut before = 0.0;
+    for n in 0..6000 {
+        let scale = speed_scale(n * NS_PER_TICK);
+        if n < 1500 {
+            assert_eq!(scale, 0.05, "tick {n}");
+        } else if n > 4500 {
+            assert_eq!(scale, 1.0, "tick {n}");
+        }
+        // The steepest slope of 0.05 + 0.95 (3 s^2 - 2 s^3) is 0.95 * 1.5 a ramp of 3000 ticks.
+        let step = scale - before;
+        assert!(
+            n == 0 || (0.0..=0.95 * 1.5 / 3000.0 + 1e-9).contains(&step),
+            "tick {n}: {step}"
+        );
+        before = scale;
+    }
+    // The machine gives exactly this, however aligned the robot is.
+    let mut bench = Bench::engaging();
+    bench.input.motion.aligned = true;
+    for _ in 0..1498 {
+        let out = bench.step();
+        assert_eq!(
+            (out.mode, out.permit),
+            (Mode::Engaging, Permit::Follow { speed_scale: 0.05 })
+        );
+    }
+    assert!(bench.until(Mode::Engaged, 5) <= 3);
+}
+
+#[test]
+fn a_blocked_robot_engages_once_it_has_settled_for_half_a_second_at_full_scale() {
+    let mut bench = Bench::engaging();
+    bench.input.motion.settled = true;
+    let taken = bench.until(Mode::Engaged, ticks(4000));
+    assert!((ticks(3500) - 2..=ticks(3500) + 2).contains(&taken), "{taken}");
+    let mut bench = Bench::engaging();
+    bench.steps(ticks(10_000));
+    assert_eq!(bench.state.mode(), Mode::Engaging, "still moving, still not there");
+}
+
+/// Ticks from the last message of a stream to the mode.
+fn silence(stream: fn(&mut Bench) -> &mut bool, mode: Mode) -> u64 {
+    let mut bench = Bench::engaged();
+    *stream(&mut bench) = false;
+    bench.until(mode, ticks(1000))
+}
+
+#[test]
+fn silence_acts_in_time_and_not_before() {
+    // The age exceeds n ms at the tick that is the first to lie after it; the stamps are a tick's rounding off.
+    let cases: [(&str, u64, u64); 5] = [
+        ("target", 10, silence(|b| &mut b.alive.target, Mode::Holding)),
+        ("state, held", 5, silence(|b| &mut b.alive.state, Mode::Holding)),
+        ("state, stopped", 20, silence(|b| &mut b.alive.state, Mode::Faulted)),
+        ("input", 100, silence(|b| &mut b.alive.input, Mode::Holding)),
+        ("heartbeat", 200, silence(|b| &mut b.alive.heartbeat, Mode::Holding)),
+    ];
+    for (what, ms, taken) in cases {
+        let exact = ms * 1500 / 1000;
+        assert!(
+            (exact..=exact + 1).contains(&taken),
+            "{what}: {taken} ticks for {ms} ms"
+        );
+    }
+}
+
+#[test]
+fn own_sleep_is_charged_to_nobody() {
+    let mut bench = Bench::engaged();
+    // 80 ms in which neither this process nor any other ran.
+    bench.alive.target = false;
+    bench.alive.state = false;
+    bench.alive.heartbeat = false;
+    bench.input.k += 120;
+    bench.input.own_gap_ns = 80_666_667;
+    let out = bench.step();
+    assert_eq!(
+        (out.mode, out.active.is_empty()),
+        (Mode::Engaged, true),
+        "{:?}",
+        out.active
+    );
+    // From here on silence is silence.
+    let taken = bench.until(Mode::Holding, 20);
+    assert!(taken <= 7, "{taken}");
+}
+
+#[test]
+fn a_writer_that_stamps_the_future_is_silent() {
+    let mut bench = Bench::engaged();
+    bench.alive.target = false;
+    bench.input.target.received = messages::Stamp(u64::MAX);
+    assert!(bench.until(Mode::Holding, 20) <= 16);
+    let mut bench = Bench::engaged();
+    bench.alive.input = false;
+    bench.input.target.input_received = bench.now().plus_ns(1_000_000_000);
+    assert!(bench.until(Mode::Holding, 200) <= 151);
+}
+
+#[test]
+fn tracking_errors_stop() {
+    type Set = fn(&mut Bench, f64);
+    let rad: Set = |bench, x| bench.input.robot.tracking_error_rad = x;
+    let m: Set = |bench, x| bench.input.robot.tracking_error_m = x;
+    for (set, small, large, huge) in [(rad, 0.049, 0.051, 0.151), (m, 0.0099, 0.0101, 0.0301)] {
+        let mut bench = Bench::engaged();
+        set(&mut bench, small);
+        assert_eq!(bench.steps(ticks(1000)).mode, Mode::Engaged);
+        set(&mut bench, large);
+        let taken = bench.until(Mode::Faulted, ticks(200));
+        assert!((150..=151).contains(&taken), "{taken}");
+        assert_eq!(bench.state.cause(), Some(Fault::TrackingError));
+        for now in [huge, f64::NAN, f64::INFINITY] {
+            let mut bench = Bench::engaged();
+            set(&mut bench, now);
+            assert_eq!(bench.step().mode, Mode::Faulted, "{now}");
+        }
+    }
+}
+
+#[test]
+fn a_hold_resumes_slowly_or_ends() {
+    let mut bench = Bench::holding(true);
+    assert_eq!(bench.steps(100).mode, Mode::Holding, "still moving");
+    bench.input.motion.at_rest = true;
+    let out = bench.step();
+    assert_eq!(
+        (out.mode, out.permit),
+        (Mode::Engaging, Permit::Follow { speed_scale: 0.05 })
+    );
+
+    let mut bench = Bench::holding(true);
+    bench.input.motion.at_rest = true;
+    bench.input.target.input_fresh = false;
+    let taken = bench.until(Mode::Disengaged, ticks(6000));
+    assert!((ticks(5000) - 2..=ticks(5000) + 2).contains(&taken), "{taken}");
+    bench.input.target.input_fresh = true;
+    assert_eq!(
+        bench.steps(ticks(1000)).mode,
+        Mode::Disengaged,
+        "the enable is still held, and means nothing"
+    );
+    bench.press();
+    assert_eq!(bench.step().mode, Mode::Engaging);
+}
+
+#[test]
+fn a_release_while_holding_is_not_forgotten() {
+    let mut bench = Bench::holding(true);
+    bench.let_go();
+    bench.step();
+    bench.press();
+    bench.step();
+    bench.input.motion.at_rest = true;
+    assert_eq!(bench.step().mode, Mode::Disengaged);
+}
+
+#[test]
+fn an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
+    let events: [fn(&mut Bench); 5] = [
+        |_| {},
+        |b| b.press(),
+        |b| b.let_go(),
+        |b| b.input.motion.aligned = true,
+        |b| b.input.operator.reset_edge = true,
+    ];
+    let mut engaging = Bench::engaging();
+    for n in 0..3000 {
+        for event in events {
+            let mut bench = engaging.clone();
+            event(&mut bench);
+            bench.input.operator.estop_edge = true;
+            assert_eq!(bench.step().mode, Mode::Faulted, "tick {n}");
+            bench.press();
+            bench.input.motion.at_rest = true;
+            assert_eq!(bench.step().mode, Mode::Faulted, "tick {n}");
+        }
+        assert_eq!(engaging.step().mode, Mode::Engaging);
+    }
+}
+
+#[test]
+fn a_reset_is_an_edge_and_engages_nothing() {
+    let mut bench = Bench::faulted();
+    bench.input.operator.reset_edge = true;
+    assert_eq!(bench.step().mode, Mode::Faulted, "moving, enable held");
+    bench.input.motion.at_rest = true;
+    bench.input.operator.reset_edge = true;
+    assert_eq!(bench.step().mode, Mode::Faulted, "enable held");
+    bench.input.operator.enable_level = false;
+    assert_eq!(bench.step().mode, Mode::Faulted, "no edge");
+    bench.input.operator.reset_edge = true;
+    let out = bench.step();
+    assert_eq!(
+        (out.mode, out.reset_count, out.latched.is_empty()),
+        (Mode::Disengaged, 42, true)
+    );
+    bench.input.operator.reset_edge = true;
+    assert_eq!(bench.step().reset_count, 42, "there is nothing to reset any more");
+    bench.input.operator.enable_level = true;
+    assert_eq!(bench.steps(10).mode, Mode::Disengaged, "a level is no edge");
+}
+
+#[test]
+fn a_drivers_latch_is_reset_through_the_driver() {
+    let mut bench = Bench::engaged();
+    bench.input.robot.driver_fault = true;
+    assert_eq!(bench.step().mode, Mode::Faulted);
+    bench.input.motion.at_rest = true;
+    bench.input.operator.enable_level = false;
+    bench.steps(10);
+    bench.input.operator.reset_edge = true;
+    let out = bench.step();
+    assert_eq!(
+        (out.mode, out.reset_count),
+        (Mode::Faulted, 42),
+        "the driver has yet to hear of it"
+    );
+    bench.steps(5);
+    bench.input.robot.driver_fault = false;
+    assert_eq!(bench.step().mode, Mode::Disengaged);
+
+    // A driver that takes too long needs another press.
+    let mut bench = Bench::faulted();
+    bench.input.motion.at_rest = true;
+    bench.input.operator.enable_level = false;
+    bench.input.robot.driver_fault = true;
+    bench.input.operator.reset_edge = true;
+    bench.steps(ticks(100) + 2);
+    bench.input.robot.driver_fault = false;
+    assert_eq!(bench.steps(10).mode, Mode::Faulted);
+}
+
+#[test]
+fn faults_are_counted_once_each_time_they_begin() {
+    let mut bench = Bench::disengaged(true);
+    let index = Fault::InputStale.index();
+    for n in 1..=3 {
+        bench.input.target.input_fresh = false;
+        bench.steps(10);
+        assert_eq!(bench.last.unwrap().fault_counts[index], n);
+        bench.input.target.input_fresh = true;
+        bench.steps(10);
+    }
+}
+
+#[test]
+fn thresholds_that_monitor_nothing_are_refused() {
+    type Change = (&'static str, fn(&mut Settings));
+    let changes: [Change; 8] = [
+        ("target_stale_ms", |s| s.target_stale_ms = f64::NAN),
+        ("state_stale_ms", |s| s.state_stale_ms = 1e9),
+        ("input_stale_ms", |s| s.input_stale_ms = -1.0),
+        ("operator_silent_ms", |s| s.operator_silent_ms = 0.0),
+        ("enable_released_ms", |s| s.enable_released_ms = 0.0),
+        ("tracking_error_now_rad", |s| s.tracking_error_now_rad = 3.0),
+        ("deadlines_missed_max", |s| s.deadlines_missed_max = 0),
+        ("hold_timeout_ms", |s| s.hold_timeout_ms = f64::INFINITY),
+    ];
+    for (key, change) in changes {
+        let mut settings = settings();
+        change(&mut settings);
+        let error = Config::new(&settings).expect_err(key);
+        assert!(
+            matches!(error, ConfigError::OutOfRange { .. }) && error.to_string().contains(key),
+            "{error}"
+        );
+    }
+    let swapped = Settings {
+        state_late_ms: 20.0,
+        state_stale_ms: 5.0,
+        ..settings()
+    };
+    assert!(matches!(Config::new(&swapped), Err(ConfigError::Order { .. })));
+    for factor in [0.5, 101.0, f64::NAN] {
+        assert!(Config::relaxed(&settings(), factor).is_err());
+    }
+}

@@ -1,0 +1,611 @@
+//! What the gate lets through, and what it sends instead.
+
+mod support;
+
+use messages::{JOINTS, Stamp, StopPlan};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::{Frames, JointLimits, Model, Pose};
+use safety::clearance::clearance;
+use safety::engage::Permit;
+use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
+use support::adversary::Adversary;
+use support::model;
+use support::motion::{Joint, NO_PLAN, Stop, T, joint, play, resting, set_joint, stop_from, stop_of, store, wrong};
+
+/// The robot without collision pairs, for what concerns joints only.
+fn without_pairs() -> Model {
+    let mut model = model();
+    model.pairs.clear();
+    model
+}
+
+fn judge(config: &Config, state: &mut State, proposed: Proposed) -> Decision {
+    tick(config, state, Stamp(0), proposed)
+}
+
+/// All joints at home and at rest but `j`, which is at `x` with the time-optimal stop.
+fn seeded(model: &Model, j: usize, x: Joint) -> (State, Stop) {
+    let l = &model.limits[j];
+    let stop = stop_from(x, l.a_max, l.j_max);
+    let mut seed = resting(0, model.home);
+    set_joint(&mut seed, j, x);
+    store(&mut seed.plan, j, &stop);
+    let mut state = State::at_rest(model.home);
+    state.reseed(&seed.q, &seed.v, &seed.a, &seed.plan);
+    (state, stop)
+}
+
+fn with_jerk(model: &Model, j: usize, x: Joint, jerk: f64) -> Proposed {
+    let l = &model.limits[j];
+    let mut next = resting(1, model.home);
+    let to = x.after(jerk, T);
+    set_joint(&mut next, j, to);
+    store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+    next
+}
+
+fn check_of(decision: &Decision) -> Option<Check> {
+    match decision.verdict {
+        Verdict::Deny(Denial::Joint { check, .. }) => Some(check),
+        _ => None,
+    }
+}
+
+/// The largest jerk above an admissible one that the judge still admits with `grant`, by halving.
+fn largest(l: &JointLimits, x: Joint, stop: &Stop, inside: f64, outside: f64, grant: f64) -> f64 {
+    let (mut low, mut high) = (inside, outside);
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        let to = x.after(middle, T);
+        if wrong(l, x, stop, to, &stop_from(to, l.a_max, l.j_max), grant).is_none() {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    low
+}
+
+/// A state near one of the joint's limits: chosen so that its stop, or the stop's fastest point, just fits.
+fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
+    let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+    let a =
+        side * l.a_max * [1.0 - 1e-3 * rng.random::<f64>(), rng.random_range(-1.0..1.0), 0.0][rng.random_range(0..3)];
+    let peak = a * a.abs() / (2.0 * l.j_max);
+    let fastest = l.v_max * [1.0 - 1e-4 * rng.random::<f64>(), rng.random(), rng.random()][rng.random_range(0..3)];
+    let v = (side * fastest - peak).clamp(-l.v_max, l.v_max);
+    let x = Joint { q: 0.0, v, a };
+    let reach = play(x, &stop_from(x, l.a_max, l.j_max), 1e3).q;
+    let room = (l.q_max - l.q_min) * [1e-7 * rng.random::<f64>(), 1e-5, 0.3][rng.random_range(0..3)];
+    let q = if reach >= 0.0 {
+        l.q_max - reach - room
+    } else {
+        l.q_min - reach + room
+    };
+    Joint { q, ..x }
+}
+
+/// The gate admits all that the judge admits, and refuses what the judge refuses with twice the gate's slack granted.
+#[test]
+fn the_gate_accepts_exactly_the_largest_admissible_step() {
+    const TWICE_THE_SLACK: f64 = 128.0 / (1_u64 << 40) as f64;
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let mut rng = Pcg64::seed_from_u64(11);
+    let mut bound_by = std::collections::BTreeMap::<&str, u32>::new();
+    let mut found = 0;
+    while found < 20_000 {
+        let j = rng.random_range(0..JOINTS);
+        let l = &model.limits[j];
+        let x = near_a_limit(&mut rng, l);
+        let (state, stop) = seeded(&model, j, x);
+        let admits = |jerk: f64| {
+            let to = x.after(jerk, T);
+            wrong(l, x, &stop, to, &stop_from(to, l.a_max, l.j_max), 0.0).is_none()
+        };
+        let Some(inside) = (-8..=8)
+            .map(|n| f64::from(n) / 8.0 * l.j_max)
+            .find(|&jerk| admits(jerk))
+        else {
+            continue;
+        };
+        found += 1;
+        for outside in [-1.5 * l.j_max, 1.5 * l.j_max] {
+            let exact = largest(l, x, &stop, inside, outside, 0.0);
+            let decision = judge(&config, &mut state.clone(), with_jerk(&model, j, x, exact));
+            assert!(
+                decision.accepted(),
+                "{:?} at {exact} of {l:?} from {x:?}",
+                decision.verdict
+            );
+
+            let beyond = largest(l, x, &stop, inside, outside, TWICE_THE_SLACK);
+            let beyond = beyond + (outside - inside) * 1e-9;
+            let to = x.after(beyond, T);
+            let what = wrong(l, x, &stop, to, &stop_from(to, l.a_max, l.j_max), TWICE_THE_SLACK).expect("just beyond");
+            let decision = judge(&config, &mut state.clone(), with_jerk(&model, j, x, beyond));
+            let expected: &[Check] = match what {
+                "jerk" => &[Check::Jerk],
+                "acceleration" => &[Check::Acceleration],
+                "velocity" => &[Check::Velocity],
+                "position" => &[Check::Position],
+                // What the plan breaks the state at its beginning may break, too.
+                "plan's velocity" | "plan's position" => &[Check::PlanLimits, Check::Velocity, Check::Position],
+                "plan's acceleration" => &[Check::PlanLimits],
+                other => panic!("{other}"),
+            };
+            let check = check_of(&decision);
+            // Several limits may be broken at once; then the first one in the gate's order is named.
+            let named = check.is_some_and(|check| {
+                expected.contains(&check) || matches!(check, Check::Jerk | Check::Acceleration | Check::PlanLimits)
+            });
+            assert!(
+                named,
+                "{:?}, not {what}, at {beyond} of {l:?} from {x:?}",
+                decision.verdict
+            );
+            *bound_by.entry(what).or_default() += 1;
+        }
+    }
+    println!("bound by: {bound_by:?}");
+    for what in ["jerk", "acceleration", "plan's velocity", "plan's position"] {
+        assert!(
+            bound_by.get(what).is_some_and(|count| *count > 500),
+            "{what} bound too rarely: {bound_by:?}"
+        );
+    }
+}
+
+#[test]
+fn a_step_is_constant_jerk_to_within_the_slack() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let x = Joint { q: 0.1, v: 0.2, a: 1.0 };
+    let (state, _) = seeded(&model, 1, x);
+    let unit = 1.0 / (1_u64 << 40) as f64;
+    for (units, accepted) in [(0.0, true), (60.0, true), (70.0, false), (-60.0, true), (-70.0, false)] {
+        for field in 0..2 {
+            let mut p = with_jerk(&model, 1, x, 10.0);
+            let value = if field == 0 { &mut p.q[1] } else { &mut p.v[1] };
+            *value += units * unit;
+            // The plan of a faster state ends faster by as much, which is below what counts as rest.
+            let decision = judge(&config, &mut state.clone(), p);
+            assert_eq!(decision.accepted(), accepted, "{units} {field} {:?}", decision.verdict);
+            assert!(accepted || check_of(&decision) == Some(Check::Step));
+        }
+    }
+}
+
+#[test]
+fn a_plan_ends_at_rest_and_in_time() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let (j, x) = (1, Joint { q: 0.0, v: 0.3, a: 0.0 });
+    let (state, _) = seeded(&model, j, x);
+    let l = &model.limits[j];
+    let with = |change: &dyn Fn(&mut StopPlan)| {
+        let mut p = with_jerk(&model, j, x, 0.0);
+        change(&mut p.plan);
+        judge(&config, &mut state.clone(), p)
+    };
+    assert!(with(&|_| {}).accepted());
+    let shorter = |by: f64| move |plan: &mut StopPlan| plan.duration_s[j][2] -= by;
+    assert!(
+        with(&shorter(1e-9 / l.j_max)).accepted(),
+        "a billionth of rad/s^2 is left"
+    );
+    assert_eq!(check_of(&with(&shorter(1e-5 / l.j_max))), Some(Check::Braking));
+    assert_eq!(
+        check_of(&with(&|plan| *plan = NO_PLAN)),
+        Some(Check::Braking),
+        "no plan at speed"
+    );
+    // A stop so gentle that it takes longer than any stop has to; it would rest, but late.
+    let latest = 1.05 * (l.v_max / l.a_max + 2.0 * l.a_max / l.j_max) + T;
+    for (time, check) in [(latest * 0.999, None), (latest * 1.001, Some(Check::Braking))] {
+        let a = x.v / (time / 2.0);
+        let jerk = 2.0 * a / time;
+        let gentle = [(-jerk, time / 2.0), (jerk, time / 2.0), (0.0, 0.0)];
+        assert!(play(x, &gentle, 1e3).q < l.q_max);
+        assert_eq!(check_of(&with(&|plan| store(plan, j, &gentle))), check, "{time}");
+    }
+    let negative = |plan: &mut StopPlan| plan.duration_s[j][1] = -1e-3;
+    assert_eq!(check_of(&with(&negative)), Some(Check::Finite));
+}
+
+#[test]
+fn a_denial_makes_all_joints_play_the_stored_plan_together() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let mut state = State::at_rest(model.home);
+    let mut last = resting(0, model.home);
+    for k in 1..200 {
+        let mut next = resting(k, model.home);
+        for j in 0..JOINTS {
+            let l = &model.limits[j];
+            let x = joint(&last, j);
+            let jerk = if k < 20 {
+                0.3 * l.j_max
+            } else if k < 39 {
+                -0.3 * l.j_max
+            } else {
+                0.0
+            };
+            let to = x.after(jerk, T);
+            set_joint(&mut next, j, to);
+            store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+        }
+        if k == 60 {
+            break;
+        }
+        assert_eq!(judge(&config, &mut state, next).verdict, Verdict::Accept, "tick {k}");
+        last = next;
+    }
+    // One joint's NaN: every joint leaves for its own stop, and goes on with it however long nothing good comes.
+    for n in 1..1500 {
+        let mut bad = last;
+        bad.k = 59 + n;
+        bad.v[4] = f64::NAN;
+        let decision = judge(&config, &mut state, bad);
+        assert_eq!(
+            decision.verdict,
+            Verdict::Deny(Denial::Joint {
+                joint: 4,
+                check: Check::Finite
+            })
+        );
+        for j in 0..JOINTS {
+            let expected = play(joint(&last, j), &stop_of(&last.plan, j), n as f64 * T);
+            let got = Joint {
+                q: decision.q[j],
+                v: decision.v[j],
+                a: decision.a[j],
+            };
+            // The rest of the plan leads to the same posture.
+            let rest = play(got, &stop_of(&decision.plan, j), 1e3).q;
+            assert!(
+                (got.q - expected.q).abs() < 1e-11 && (got.v - expected.v).abs() < 1e-10,
+                "{n} {j} {got:?} {expected:?}"
+            );
+            assert!((rest - play(expected, &stop_of(&last.plan, j), 0.0).q).abs() < 1.0);
+            assert!(
+                (rest - play(joint(&last, j), &stop_of(&last.plan, j), 1e3).q).abs() < 1e-10,
+                "{n} {j}"
+            );
+        }
+    }
+    assert_eq!(state.denials(), 1499);
+    assert!(state.v().iter().chain(&state.a()).all(|value| *value == 0.0) && state.plan() == NO_PLAN);
+}
+
+#[test]
+fn no_motion_begins_without_a_permit() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let x = Joint { q: 0.1, v: 0.2, a: 0.0 };
+    let (state, stop) = seeded(&model, 1, x);
+    let new = Proposed {
+        permit: Permit::Stop,
+        ..with_jerk(&model, 1, x, 0.0)
+    };
+    assert_eq!(
+        judge(&config, &mut state.clone(), new).verdict,
+        Verdict::Deny(Denial::Permit)
+    );
+    let mut along = Proposed {
+        permit: Permit::Stop,
+        ..resting(1, model.home)
+    };
+    set_joint(&mut along, 1, play(x, &stop, T));
+    store(&mut along.plan, 1, &stop);
+    along.plan.duration_s[1][0] -= T;
+    assert_eq!(judge(&config, &mut state.clone(), along).verdict, Verdict::OnPlan);
+}
+
+#[test]
+fn nothing_gets_faster_than_the_permitted_share() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let l = &model.limits[1];
+    for (scale, v, accepted) in [
+        (0.05, 0.04 * l.v_max, true),
+        (0.05, 0.0501 * l.v_max, false),
+        (0.5, 0.49 * l.v_max, true),
+        (f64::NAN, 0.001, false),
+        (-1.0, 0.001, false),
+        (f64::INFINITY, 0.9 * l.v_max, true),
+    ] {
+        let x = Joint { q: 0.1, v, a: 0.0 };
+        let (mut state, _) = seeded(&model, 1, x);
+        let p = Proposed {
+            permit: Permit::Follow { speed_scale: scale },
+            ..with_jerk(&model, 1, x, l.j_max / 2.0)
+        };
+        let decision = judge(&config, &mut state, p);
+        assert_eq!(decision.accepted(), accepted, "{scale} {v} {:?}", decision.verdict);
+        assert!(accepted || check_of(&decision) == Some(Check::SpeedScale));
+        // Getting slower is always allowed.
+        let (mut state, _) = seeded(&model, 1, x);
+        let p = Proposed {
+            permit: p.permit,
+            ..with_jerk(&model, 1, x, -l.j_max / 2.0)
+        };
+        assert!(judge(&config, &mut state, p).accepted());
+    }
+}
+
+#[test]
+fn every_index_is_judged_once() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let mut state = State::at_rest(model.home);
+    assert!(judge(&config, &mut state, resting(100, model.home)).accepted());
+    for (k, accepted) in [
+        (101, true),
+        (101, false),
+        (100, false),
+        (102, true),
+        (104, false),
+        (105, true),
+        (0, false),
+    ] {
+        let decision = judge(&config, &mut state, resting(k, model.home));
+        assert_eq!(decision.accepted(), accepted, "{k}");
+        assert!(accepted || decision.verdict == Verdict::Deny(Denial::Index));
+    }
+    assert!(!judge(&config, &mut state, resting(u64::MAX, model.home)).accepted());
+}
+
+#[test]
+fn a_seed_that_is_none_denies_until_a_good_one_comes() {
+    let model = without_pairs();
+    let config = Config::new(&model).unwrap();
+    let still = [0.0; JOINTS];
+    let mut state = State::at_rest(model.home);
+    let mut bad = still;
+    bad[3] = f64::NAN;
+    let mut moving = still;
+    moving[3] = 0.1;
+    for (v, a) in [(bad, still), (still, bad), (moving, still)] {
+        state.reseed(&model.home, &v, &a, &NO_PLAN);
+        let decision = judge(&config, &mut state, resting(1, model.home));
+        assert_eq!(decision.verdict, Verdict::Deny(Denial::Seed));
+        assert!(decision.q == state.q() && decision.v == still, "stays where it was");
+    }
+    state.reseed(&model.home, &still, &still, &NO_PLAN);
+    assert!(judge(&config, &mut state, resting(7, model.home)).accepted());
+    // Outside its limits the robot is where it is: it may rest there, and move nowhere.
+    let mut outside = model.home;
+    outside[1] = model.limits[1].q_max + 0.2;
+    state.reseed(&outside, &still, &still, &NO_PLAN);
+    assert_eq!(judge(&config, &mut state, resting(1, outside)).verdict, Verdict::OnPlan);
+    let from = Joint {
+        q: outside[1],
+        v: 0.0,
+        a: 0.0,
+    };
+    let mut out = with_jerk(&model, 1, from, -10.0);
+    out.k = 2;
+    assert_eq!(check_of(&judge(&config, &mut state, out)), Some(Check::Position));
+}
+
+/// A clear posture, a direction, and how far along it the clearance falls to `d_min_m`.
+fn towards_collision(model: &Model) -> ([f64; JOINTS], usize, f64, f64) {
+    let mut rng = Pcg64::seed_from_u64(5);
+    let mut frames = Frames {
+        base_from_body: [Pose::identity(); JOINTS + 1],
+    };
+    let mut clear = |q: &[f64; JOINTS]| clearance(model, &mut frames, q).distance_m - model.d_min_m;
+    loop {
+        let q: [f64; JOINTS] = std::array::from_fn(|j| {
+            let l = &model.limits[j];
+            rng.random_range(l.q_min + 0.2 * (l.q_max - l.q_min)..l.q_max - 0.2 * (l.q_max - l.q_min))
+        });
+        let j = rng.random_range(3..JOINTS);
+        let at = |s: f64| std::array::from_fn(|i| if i == j { q[i] + s } else { q[i] });
+        if clear(&q) < 0.005 || clear(&at(0.1)) > -0.02 {
+            continue;
+        }
+        let (mut low, mut high) = (0.0, 0.1);
+        for _ in 0..60 {
+            let middle = (low + high) / 2.0;
+            if clear(&at(middle)) >= 0.0 {
+                low = middle
+            } else {
+                high = middle
+            }
+        }
+        let slope = (clear(&at(low)) - clear(&at(low + 1e-6))) / 1e-6;
+        if slope > 0.1 && low > 0.02 {
+            return (q, j, low, slope);
+        }
+    }
+}
+
+#[test]
+fn self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let (q, j, to_contact, slope) = towards_collision(&model);
+    let l = &model.limits[j];
+    let (v, jerk) = (0.1, 0.0);
+    // From (v, 0) the next command is v T further, and the stop takes the rest.
+    let reach = play(
+        Joint { q: 0.0, v, a: 0.0 },
+        &stop_from(Joint { q: 0.0, v, a: 0.0 }, l.a_max, l.j_max),
+        1e3,
+    )
+    .q;
+    let stop_reach = v * T + reach;
+    let case = |margin_m: f64, at: f64| {
+        let mut seed = resting(0, q);
+        let x = Joint {
+            q: q[j] + to_contact - at - margin_m / slope,
+            v,
+            a: 0.0,
+        };
+        set_joint(&mut seed, j, x);
+        store(&mut seed.plan, j, &stop_from(x, l.a_max, l.j_max));
+        let mut state = State::at_rest(q);
+        state.reseed(&seed.q, &seed.v, &seed.a, &seed.plan);
+        let mut next = resting(1, q);
+        let to = x.after(jerk, T);
+        set_joint(&mut next, j, to);
+        store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+        judge(&config, &mut state, next).verdict
+    };
+    // 10 nm to either side: ten times the slack that is granted.
+    assert_eq!(case(1e-8, stop_reach), Verdict::Accept);
+    assert!(matches!(
+        case(-1e-8, stop_reach),
+        Verdict::Deny(Denial::ClearanceAtRest { .. })
+    ));
+    assert!(matches!(
+        case(1e-8, v * T),
+        Verdict::Deny(Denial::ClearanceAtRest { .. })
+    ));
+    assert!(matches!(
+        case(-1e-8, v * T),
+        Verdict::Deny(Denial::ClearanceAtCommand { .. })
+    ));
+}
+
+#[test]
+fn a_robot_too_close_to_itself_may_rest_but_not_move() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let (mut q, j, to_contact, _) = towards_collision(&model);
+    q[j] += to_contact + 0.01;
+    let mut state = State::at_rest(q);
+    assert_eq!(judge(&config, &mut state, resting(1, q)).verdict, Verdict::OnPlan);
+    let x = Joint {
+        q: state.q()[j],
+        v: 0.0,
+        a: 0.0,
+    };
+    let mut away = resting(2, state.q());
+    let to = x.after(-10.0, T);
+    set_joint(&mut away, j, to);
+    store(
+        &mut away.plan,
+        j,
+        &stop_from(to, model.limits[j].a_max, model.limits[j].j_max),
+    );
+    assert!(matches!(
+        judge(&config, &mut state, away).verdict,
+        Verdict::Deny(Denial::ClearanceAtCommand { .. })
+    ));
+}
+
+#[test]
+fn adversarial_steps_break_nothing() {
+    // 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
+    for (model, ticks, seed) in [(without_pairs(), 60_000, 1), (model(), 10_000, 2)] {
+        let mut adversary = Adversary::new(&model, seed);
+        for _ in 0..ticks {
+            adversary.step();
+        }
+        let report = &adversary.report;
+        assert!(
+            report.violations.is_empty(),
+            "{} violations, first: {}",
+            report.violations.len(),
+            report.violations[0]
+        );
+        assert!(report.damaged > ticks / 10, "{report:?}");
+        assert_eq!(
+            report.honest_denied, 0,
+            "what the judge finds sound is never denied: {report:?}"
+        );
+        if model.pairs.is_empty() {
+            assert!(report.accepted > ticks / 2, "{report:?}");
+            assert_eq!(
+                report.denied, report.damaged,
+                "what the judge finds sound is never denied"
+            );
+        } else {
+            assert!(report.accepted > ticks / 20 && report.clearance > 0, "{report:?}");
+        }
+        println!("{:?}", adversary.report);
+    }
+}
+
+#[test]
+fn any_bits_leave_a_sound_command() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let mut rng = Pcg64::seed_from_u64(21);
+    let mut state = State::at_rest(model.home);
+    for n in 0..50_000 {
+        let mut bits = || match rng.random_range(0..8) {
+            0 => f64::NAN,
+            1 => f64::INFINITY,
+            2 => 63.9 - rng.random_range(0.0..128.0),
+            3 => 1_048_576.0 * (1.0 - rng.random_range(0.0..2.0)),
+            4 => rng.random_range(0.0..16.0),
+            5 => 0.0,
+            _ => f64::from_bits(rng.next_u64()),
+        };
+        let mut list = || -> [f64; JOINTS] { std::array::from_fn(|_| bits()) };
+        let (q, v, a) = (list(), list(), list());
+        let plan = StopPlan {
+            jerk: std::array::from_fn(|_| std::array::from_fn(|_| bits())),
+            duration_s: std::array::from_fn(|_| std::array::from_fn(|_| bits())),
+        };
+        if n % 3 == 0 {
+            state.reseed(&q, &v, &a, &plan);
+        }
+        let k = if n % 2 == 0 { n } else { bits().to_bits() };
+        let permit = if n % 5 == 0 {
+            Permit::Stop
+        } else {
+            Permit::Follow { speed_scale: bits() }
+        };
+        let sent = judge(
+            &config,
+            &mut state,
+            Proposed {
+                k,
+                permit,
+                q,
+                v,
+                a,
+                plan,
+            },
+        );
+        assert!(!sent.accepted());
+        let at_home = (0..JOINTS).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
+        assert!(
+            at_home && sent.plan == NO_PLAN,
+            "random bits come to rest nowhere, so no seed was taken"
+        );
+    }
+}
+
+#[test]
+fn limits_that_bound_nothing_are_refused() {
+    type Damage = fn(&mut Model);
+    let cases: [Damage; 9] = [
+        |m| m.limits[2].q_max = f64::NAN,
+        |m| m.limits[2].q_max = m.limits[2].q_min,
+        |m| m.limits[2].v_max = 0.0,
+        |m| m.limits[2].v_max = 65.0,
+        |m| m.limits[2].a_max = f64::INFINITY,
+        |m| m.limits[2].a_max = -1.0,
+        |m| m.limits[2].j_max = 1e9,
+        |m| m.limits[2].j_max = f64::NAN,
+        |m| m.limits[2].q_min = -100.0,
+    ];
+    for damage in cases {
+        let mut model = model();
+        damage(&mut model);
+        let error = Config::new(&model).expect_err("refused");
+        assert!(matches!(error, ConfigError::Limit { .. }) && error.to_string().contains(&model.joint_names[2]));
+    }
+    for d_min_m in [0.0, -0.01, f64::NAN, f64::INFINITY] {
+        let mut model = model();
+        model.d_min_m = d_min_m;
+        assert!(matches!(Config::new(&model), Err(ConfigError::Clearance(_))));
+    }
+}

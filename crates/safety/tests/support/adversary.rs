@@ -1,0 +1,225 @@
+//! Somebody who wants the gate to send what breaks a limit, and a judge of everything that it sends.
+
+use messages::{JOINTS, Stamp, StopPlan};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::{Frames, Model, Pose};
+use safety::engage::Permit;
+use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
+
+use super::motion::{GRANTED, Joint, T, joint, play, set_joint, stop_from, stop_of, store, wrong};
+
+/// What came of it.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    pub ticks: u64,
+    pub accepted: u64,
+    pub on_plan: u64,
+    pub denied: u64,
+    /// Denials of damaged proposals whose damage the judge, too, sees.
+    pub damaged: u64,
+    /// Denials for clearance.
+    pub clearance: u64,
+    /// Denials, other than for clearance, of proposals that nobody damaged: there must be none.
+    pub honest_denied: u64,
+    pub violations: Vec<String>,
+}
+
+pub struct Adversary {
+    rng: Pcg64,
+    model: Model,
+    config: Config,
+    state: State,
+    k: u64,
+    /// Direction in which each joint is pushed, as a share of its jerk limit.
+    push: [f64; JOINTS],
+    pub report: Report,
+}
+
+impl Adversary {
+    pub fn new(model: &Model, seed: u64) -> Self {
+        Self {
+            rng: Pcg64::seed_from_u64(seed),
+            model: model.clone(),
+            config: Config::new(model).expect("the robot's limits are allowed"),
+            state: State::at_rest(model.home),
+            k: 10,
+            push: [0.0; JOINTS],
+            report: Report::default(),
+        }
+    }
+
+    fn sent(&self) -> Proposed {
+        let (q, v, a, plan) = (self.state.q(), self.state.v(), self.state.a(), self.state.plan());
+        Proposed {
+            k: self.k,
+            permit: Permit::Follow { speed_scale: 1.0 },
+            q,
+            v,
+            a,
+            plan,
+        }
+    }
+
+    /// A proposal at the edge of what is allowed: every joint as far in its direction as a few tries reach.
+    fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
+        let mut next = Proposed { k: self.k + 1, ..*last };
+        for j in 0..JOINTS {
+            let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.model.limits[j]);
+            if self.rng.random_bool(0.005) {
+                self.push[j] = [-1.0, 1.0, -0.3, 0.3, 0.0][self.rng.random_range(0..5)];
+            }
+            let (on_plan, rest) = (play(x, &before, T), rest_of(&before));
+            let (mut chosen, mut stop) = (on_plan, rest);
+            let wish = self.push[j] * l.j_max;
+            // The wish, then what brings the acceleration to it slower, then none, then against it.
+            for jerk in [wish, wish * self.rng.random_range(0.0..1.0), 0.0, -wish] {
+                let to = x.after(jerk, T);
+                let brake = stop_from(to, l.a_max, l.j_max);
+                if wrong(&l, x, &before, to, &brake, 0.0).is_none() {
+                    (chosen, stop) = (to, brake);
+                    break;
+                }
+            }
+            set_joint(&mut next, j, chosen);
+            store(&mut next.plan, j, &stop);
+        }
+        next
+    }
+
+    /// Damages a proposal in one of many ways.
+    fn damage(&mut self, p: &mut Proposed) {
+        let j = self.rng.random_range(0..JOINTS);
+        let l = self.model.limits[j];
+        let size = 10_f64.powf(self.rng.random_range(-10.0..2.0)) * if self.rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        let bits = f64::from_bits(self.rng.next_u64());
+        let phase = self.rng.random_range(0..3);
+        match self.rng.random_range(0..14) {
+            0 => p.q[j] += size,
+            1 => p.v[j] += size,
+            2 => p.a[j] += size,
+            3 => p.q[j] = bits,
+            4 => p.v[j] = bits,
+            5 => p.a[j] = bits,
+            6 => p.plan.jerk[j][phase] = bits,
+            7 => p.plan.duration_s[j][phase] = bits,
+            8 => p.plan.duration_s[j][phase] += size,
+            9 => p.plan.jerk[j][phase] *= 1.0 + size,
+            10 => {
+                p.plan = StopPlan {
+                    jerk: [[0.0; 3]; JOINTS],
+                    duration_s: [[0.0; 3]; JOINTS],
+                }
+            }
+            11 => p.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
+            12 => p.k = p.k.wrapping_add(self.rng.random_range(0..4)),
+            _ => {
+                let x = Joint {
+                    q: p.q[j],
+                    v: p.v[j],
+                    a: p.a[j],
+                }
+                .after(size, T);
+                set_joint(p, j, x);
+            }
+        }
+    }
+
+    /// One tick, judged.
+    pub fn step(&mut self) {
+        let last = self.sent();
+        let mut proposed = self.at_the_edge(&last);
+        let damaged = self.rng.random_bool(0.3);
+        if damaged {
+            self.damage(&mut proposed);
+        }
+        let decision = tick(&self.config, &mut self.state, Stamp(0), proposed);
+        let index_ok = proposed.k == self.k + 1;
+        self.k = self.k.max(proposed.k);
+        self.report.ticks += 1;
+        match decision.verdict {
+            Verdict::Accept => self.report.accepted += 1,
+            Verdict::OnPlan => self.report.on_plan += 1,
+            Verdict::Deny(denial) => {
+                self.report.denied += 1;
+                let of_clearance = matches!(
+                    denial,
+                    Denial::ClearanceAtCommand { .. } | Denial::ClearanceAtRest { .. }
+                );
+                self.report.clearance += u64::from(of_clearance);
+                self.report.honest_denied += u64::from(!damaged && !of_clearance);
+                self.report.damaged += u64::from(!index_ok || self.is_wrong(&last, &proposed));
+            }
+        }
+        // A command for a later index plays several ticks of the plan: the judge of single steps has no say there.
+        if index_ok {
+            self.judge(&last, &decision);
+        }
+    }
+
+    fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
+        (0..JOINTS).any(|j| {
+            let (x, stop) = (joint(last, j), stop_of(&last.plan, j));
+            wrong(
+                &self.model.limits[j],
+                x,
+                &stop,
+                joint(p, j),
+                &stop_of(&p.plan, j),
+                GRANTED,
+            )
+            .is_some()
+        })
+    }
+
+    fn judge(&mut self, last: &Proposed, sent: &Decision) {
+        let mut rest = [0.0; JOINTS];
+        for j in 0..JOINTS {
+            let next = Joint {
+                q: sent.q[j],
+                v: sent.v[j],
+                a: sent.a[j],
+            };
+            let stop = stop_of(&sent.plan, j);
+            rest[j] = play(next, &stop, 1e3).q;
+            let what = wrong(
+                &self.model.limits[j],
+                joint(last, j),
+                &stop_of(&last.plan, j),
+                next,
+                &stop,
+                GRANTED,
+            );
+            if let Some(what) = what {
+                self.report.violations.push(format!(
+                    "tick {} joint {j}: {what}: {last:?} {sent:?}",
+                    self.report.ticks
+                ));
+            }
+        }
+        if sent.verdict == Verdict::Accept {
+            let mut frames = Frames {
+                base_from_body: [Pose::identity(); JOINTS + 1],
+            };
+            for q in [&sent.q, &rest] {
+                self.model.forward(q, &mut frames);
+                let (clearance, _) = self.model.clearance(&frames);
+                if clearance < self.model.d_min_m - 1e-8 {
+                    self.report
+                        .violations
+                        .push(format!("tick {}: clearance {clearance}", self.report.ticks));
+                }
+            }
+        }
+    }
+}
+
+/// What is left of a stop after a tick.
+fn rest_of(stop: &super::motion::Stop) -> super::motion::Stop {
+    let mut left = T;
+    stop.map(|(jerk, duration)| {
+        let t = left.min(duration);
+        left -= t;
+        (jerk, duration - t)
+    })
+}
