@@ -87,11 +87,7 @@ impl Model {
                 }
             }
             let (l, r) = (&self.limits[left.joints[i]], &self.limits[right.joints[i]]);
-            for (key, value, bound) in named_limits(r)
-                .iter()
-                .zip(named_limits(l))
-                .map(|(r, l)| (r.0, r.1, l.1))
-            {
+            for (key, value, bound) in named_limits(r).iter().zip(named_limits(l)).map(|(r, l)| (r.0, r.1, l.1)) {
                 if value != bound {
                     return Err(refuse(key, value, format!("must equal the left arm's {bound}")));
                 }

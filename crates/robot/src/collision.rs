@@ -97,11 +97,7 @@ pub(crate) fn read_capsules(
     for entry in entries {
         let key = format!("collision.capsules `{}`", entry.name);
         if capsules.iter().any(|capsule| capsule.name == entry.name) {
-            return Err(RobotError::Duplicate {
-                file: file.into(),
-                key: "capsule".into(),
-                name: entry.name.clone(),
-            });
+            return Err(RobotError::Duplicate { file: file.into(), key: "capsule".into(), name: entry.name.clone() });
         }
         let (body, body_from_link) = body_of(&entry.link).ok_or_else(|| RobotError::Unknown {
             file: file.into(),
@@ -141,34 +137,21 @@ pub(crate) fn read_pairs(
     parent_body: impl Fn(usize) -> Option<usize>,
 ) -> Result<(Vec<Pair>, Vec<AllowedPair>), RobotError> {
     let mut reasons: BTreeMap<Pair, AllowedReason> = BTreeMap::new();
-    let tables = [
-        (AllowedReason::Adjacent, &allowed.adjacent),
-        (AllowedReason::ProvedClear, &allowed.proved_clear),
-    ];
+    let tables = [(AllowedReason::Adjacent, &allowed.adjacent), (AllowedReason::ProvedClear, &allowed.proved_clear)];
     for (reason, table) in tables {
-        let table_name = if reason == AllowedReason::Adjacent {
-            "adjacent"
-        } else {
-            "proved_clear"
-        };
+        let table_name = if reason == AllowedReason::Adjacent { "adjacent" } else { "proved_clear" };
         let find = |name: &str| {
-            capsules
-                .iter()
-                .position(|capsule| capsule.name == name)
-                .ok_or_else(|| RobotError::Unknown {
-                    file: file.into(),
-                    key: format!("collision.allowed.{table_name}"),
-                    name: name.into(),
-                    expected: "a capsule".into(),
-                })
+            capsules.iter().position(|capsule| capsule.name == name).ok_or_else(|| RobotError::Unknown {
+                file: file.into(),
+                key: format!("collision.allowed.{table_name}"),
+                name: name.into(),
+                expected: "a capsule".into(),
+            })
         };
         for (first, others) in table {
             for second in others {
                 let (x, y) = (find(first)?, find(second)?);
-                let pair = Pair {
-                    a: x.min(y),
-                    b: x.max(y),
-                };
+                let pair = Pair { a: x.min(y), b: x.max(y) };
                 let (a, b) = (capsules[x].body, capsules[y].body);
                 let refuse = |bound: &str| RobotError::Value {
                     file: file.into(),

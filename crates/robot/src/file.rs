@@ -136,30 +136,15 @@ impl RobotFile {
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
         if text.len() > crate::urdf::TEXT_BYTES_MAX {
             let bound = crate::urdf::TEXT_BYTES_MAX;
-            return Err(RobotError::TooLong {
-                file: file.into(),
-                bytes: text.len(),
-                bound,
-            });
+            return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound });
         }
-        let parsed: Self = toml::from_str(text).map_err(|error| RobotError::Syntax {
-            file: file.into(),
-            cause: error.to_string().trim_end().into(),
-        })?;
+        let parsed: Self = toml::from_str(text)
+            .map_err(|error| RobotError::Syntax { file: file.into(), cause: error.to_string().trim_end().into() })?;
         let refuse = |key: &str, value: String, bound: &str| {
-            Err(RobotError::Value {
-                file: file.into(),
-                key: key.into(),
-                value,
-                bound: bound.into(),
-            })
+            Err(RobotError::Value { file: file.into(), key: key.into(), value, bound: bound.into() })
         };
         if parsed.format != FORMAT {
-            return refuse(
-                "format",
-                parsed.format.to_string(),
-                &format!("this version reads {FORMAT}"),
-            );
+            return refuse("format", parsed.format.to_string(), &format!("this version reads {FORMAT}"));
         }
         if parsed.urdf.is_empty() || parsed.urdf.contains(['/', '\\']) {
             return refuse("urdf", parsed.urdf, "must be the name of a file in the same folder");

@@ -14,9 +14,7 @@ pub struct Frames {
 
 impl Default for Frames {
     fn default() -> Self {
-        Self {
-            base_from_body: [Pose::identity(); JOINTS + 1],
-        }
+        Self { base_from_body: [Pose::identity(); JOINTS + 1] }
     }
 }
 
@@ -35,16 +33,9 @@ pub(crate) struct JointFrame {
 #[derive(Clone, Copy, Debug)]
 enum Motion {
     /// R(q) = fixed + sin(q) sine + cos(q) cosine: Rodrigues' formula after the fixed rotation.
-    Turn {
-        fixed: Matrix3<f64>,
-        sine: Matrix3<f64>,
-        cosine: Matrix3<f64>,
-    },
+    Turn { fixed: Matrix3<f64>, sine: Matrix3<f64>, cosine: Matrix3<f64> },
     /// t(q) = offset + q direction.
-    Slide {
-        rotation: Matrix3<f64>,
-        direction: Vector3<f64>,
-    },
+    Slide { rotation: Matrix3<f64>, direction: Vector3<f64> },
 }
 
 impl JointFrame {
@@ -52,24 +43,12 @@ impl JointFrame {
     pub(crate) fn new(parent: usize, parent_from_joint: &Pose, axis: Vector3<f64>, prismatic: bool) -> Self {
         let r = parent_from_joint.r;
         let motion = if prismatic {
-            Motion::Slide {
-                rotation: r,
-                direction: r * axis,
-            }
+            Motion::Slide { rotation: r, direction: r * axis }
         } else {
             let along = axis * axis.transpose();
-            Motion::Turn {
-                fixed: r * along,
-                sine: r * axis.cross_matrix(),
-                cosine: r * (Matrix3::identity() - along),
-            }
+            Motion::Turn { fixed: r * along, sine: r * axis.cross_matrix(), cosine: r * (Matrix3::identity() - along) }
         };
-        Self {
-            parent,
-            axis,
-            offset: parent_from_joint.t,
-            motion,
-        }
+        Self { parent, axis, offset: parent_from_joint.t, motion }
     }
 }
 
@@ -84,15 +63,11 @@ impl Model {
             out.base_from_body[j + 1] = match &joint.motion {
                 Motion::Turn { fixed, sine, cosine } => {
                     let (sin, cos) = q[j].sin_cos();
-                    Pose {
-                        r: parent.r * (fixed + sine * sin + cosine * cos),
-                        t: parent.r * joint.offset + parent.t,
-                    }
+                    Pose { r: parent.r * (fixed + sine * sin + cosine * cos), t: parent.r * joint.offset + parent.t }
                 }
-                Motion::Slide { rotation, direction } => Pose {
-                    r: parent.r * rotation,
-                    t: parent.r * (joint.offset + direction * q[j]) + parent.t,
-                },
+                Motion::Slide { rotation, direction } => {
+                    Pose { r: parent.r * rotation, t: parent.r * (joint.offset + direction * q[j]) + parent.t }
+                }
             };
         }
     }
@@ -129,10 +104,7 @@ impl Model {
 
     /// The body that carries a link and the link's pose in that body's frame. Searches by name: not for ticks.
     pub fn link_body(&self, link: &str) -> Option<(usize, Pose)> {
-        self.links
-            .iter()
-            .find(|known| known.name == link)
-            .map(|known| (known.body, known.body_from_link))
+        self.links.iter().find(|known| known.name == link).map(|known| (known.body, known.body_from_link))
     }
 
     /// The body that `body` hangs on; `None` for the base.

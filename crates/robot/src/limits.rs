@@ -50,21 +50,11 @@ pub(crate) struct Plausible {
 }
 
 /// What is believed of a revolute joint: two turns either way and some.
-pub(crate) const REVOLUTE: Plausible = Plausible {
-    position: 13.0,
-    speed: 20.0,
-    acceleration: 200.0,
-    jerk: 20_000.0,
-    effort: 1_000.0,
-};
+pub(crate) const REVOLUTE: Plausible =
+    Plausible { position: 13.0, speed: 20.0, acceleration: 200.0, jerk: 20_000.0, effort: 1_000.0 };
 /// What is believed of a prismatic joint.
-pub(crate) const PRISMATIC: Plausible = Plausible {
-    position: 3.0,
-    speed: 2.0,
-    acceleration: 20.0,
-    jerk: 2_000.0,
-    effort: 10_000.0,
-};
+pub(crate) const PRISMATIC: Plausible =
+    Plausible { position: 3.0, speed: 2.0, acceleration: 20.0, jerk: 2_000.0, effort: 10_000.0 };
 
 impl Plausible {
     /// Of a joint of this kind.

@@ -64,10 +64,7 @@ impl Model {
     pub fn from_text(toml_name: &str, toml_text: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, RobotError> {
         let file = RobotFile::parse(toml_name, toml_text)?;
         let tree = Tree::parse(urdf_name, urdf_text)?;
-        let source = Source {
-            toml: toml_name,
-            urdf: urdf_name,
-        };
+        let source = Source { toml: toml_name, urdf: urdf_name };
         source.build(file, &tree, hash(toml_text, urdf_text))
     }
 }
@@ -105,27 +102,15 @@ impl Source<'_> {
         }
         let home = self.home(&file.home_m, &file.home_rad, &joint_names, &prismatic)?;
 
-        let link_body = |name: &str| {
-            links
-                .iter()
-                .find(|link| link.name == name)
-                .map(|l| (l.body, l.body_from_link))
-        };
+        let link_body = |name: &str| links.iter().find(|link| link.name == name).map(|l| (l.body, l.body_from_link));
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
         let parent = |body: usize| body.checked_sub(1).map(|j| joint_frames[j].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
-        let torso_body = link_body(&file.torso_link)
-            .ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?
-            .0;
-        for (side, limb, arm) in [
-            ("left", &file.limbs.left, LEFT_ARM),
-            ("right", &file.limbs.right, RIGHT_ARM),
-        ] {
+        let torso_body =
+            link_body(&file.torso_link).ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?.0;
+        for (side, limb, arm) in [("left", &file.limbs.left, LEFT_ARM), ("right", &file.limbs.right, RIGHT_ARM)] {
             // Body 1 + j moves with joint j: the upper arm with the arm's third joint, the forearm with its fifth.
-            for (part, name, body) in [
-                ("upper", &limb.upper, arm.start + 3),
-                ("fore", &limb.fore, arm.start + 5),
-            ] {
+            for (part, name, body) in [("upper", &limb.upper, arm.start + 3), ("fore", &limb.fore, arm.start + 5)] {
                 let key = format!("limbs.{side}.{part}");
                 let found = link_body(name).ok_or_else(|| self.unknown_link(&key, name))?.0;
                 if found != body {
@@ -156,10 +141,8 @@ impl Source<'_> {
             pairs,
             allowed,
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
-            d_measured_min_m: self.millimetres(
-                "collision.clearance_measured_min_mm",
-                file.collision.clearance_measured_min_mm,
-            )?,
+            d_measured_min_m: self
+                .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,
             joint_frames,
             links,
         };
@@ -175,33 +158,17 @@ impl Source<'_> {
     }
 
     fn value(&self, key: &str, value: String, bound: impl Into<String>) -> RobotError {
-        RobotError::Value {
-            file: self.toml.into(),
-            key: key.into(),
-            value,
-            bound: bound.into(),
-        }
+        RobotError::Value { file: self.toml.into(), key: key.into(), value, bound: bound.into() }
     }
 
     fn unknown_link(&self, key: &str, name: &str) -> RobotError {
         let (file, key, name) = (self.toml.into(), key.into(), name.into());
-        RobotError::Unknown {
-            file,
-            key,
-            name,
-            expected: "a link of the URDF".into(),
-        }
+        RobotError::Unknown { file, key, name, expected: "a link of the URDF".into() }
     }
 
     fn joint(&self, file: &str, joint: &str, key: &str, value: f64, bound: impl Into<String>) -> RobotError {
         let (file, joint, key) = (file.into(), joint.into(), key.into());
-        RobotError::Joint {
-            file,
-            joint,
-            key,
-            value,
-            bound: bound.into(),
-        }
+        RobotError::Joint { file, joint, key, value, bound: bound.into() }
     }
 
     fn check_names<'n>(
@@ -212,12 +179,7 @@ impl Source<'_> {
     ) -> Result<(), RobotError> {
         names.find(|name| !joint_names.contains(name)).map_or(Ok(()), |name| {
             let (file, key, name) = (self.toml.into(), table.into(), name.clone());
-            Err(RobotError::Unknown {
-                file,
-                key,
-                name,
-                expected: "a commanded joint".into(),
-            })
+            Err(RobotError::Unknown { file, key, name, expected: "a commanded joint".into() })
         })
     }
 
@@ -233,11 +195,7 @@ impl Source<'_> {
             })?;
             if at[..j].contains(&at[j]) {
                 let (file, key) = (self.toml.into(), "joint".into());
-                return Err(RobotError::Duplicate {
-                    file,
-                    key,
-                    name: name.clone(),
-                });
+                return Err(RobotError::Duplicate { file, key, name: name.clone() });
             }
             let joint = &tree.joints[at[j]];
             let (wanted, bound) = if j == TORSO {
@@ -251,12 +209,7 @@ impl Source<'_> {
                 _ => continue,
             };
             let (file, joint) = (self.urdf.into(), name.clone());
-            return Err(RobotError::JointKind {
-                file,
-                joint,
-                value,
-                bound: bound.into(),
-            });
+            return Err(RobotError::JointKind { file, joint, value, bound: bound.into() });
         }
         Ok(at)
     }
@@ -268,12 +221,7 @@ impl Source<'_> {
             if known.is_none() {
                 let (file, key, name) = (self.toml.into(), "held_joints".into(), name.clone());
                 let expected = "a joint of the URDF that is not commanded".into();
-                return Err(RobotError::Unknown {
-                    file,
-                    key,
-                    name,
-                    expected,
-                });
+                return Err(RobotError::Unknown { file, key, name, expected });
             }
         }
         for (index, joint) in tree.joints.iter().enumerate() {
@@ -327,11 +275,7 @@ impl Source<'_> {
         }
         let links = (0..tree.links.len()).map(|link| {
             let (body, body_from_link) = locate(link);
-            Link {
-                name: tree.links[link].clone(),
-                body,
-                body_from_link,
-            }
+            Link { name: tree.links[link].clone(), body, body_from_link }
         });
         Ok((frames, links.collect()))
     }
@@ -342,14 +286,8 @@ impl Source<'_> {
         prismatic: &[bool; JOINTS],
         tree: &Tree,
     ) -> Result<[JointLimits; JOINTS], RobotError> {
-        let mut limits = [JointLimits {
-            q_min: 0.0,
-            q_max: 0.0,
-            v_max: 0.0,
-            a_max: 0.0,
-            j_max: 0.0,
-            effort_max: 0.0,
-        }; JOINTS];
+        let mut limits =
+            [JointLimits { q_min: 0.0, q_max: 0.0, v_max: 0.0, a_max: 0.0, j_max: 0.0, effort_max: 0.0 }; JOINTS];
         for j in 0..JOINTS {
             let (joint, plausible) = (&tree.joints[at[j]], Plausible::of(prismatic[j]));
             let limit = &joint.limit;
@@ -357,28 +295,16 @@ impl Source<'_> {
                 |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
             for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
                 if !(value.abs() <= plausible.position) {
-                    return refuse(
-                        key,
-                        value,
-                        format!("must be at most {} in magnitude", plausible.position),
-                    );
+                    return refuse(key, value, format!("must be at most {} in magnitude", plausible.position));
                 }
             }
             if !(limit.lower < limit.upper) {
-                return refuse(
-                    "limit lower",
-                    limit.lower,
-                    format!("must be below limit upper = {}", limit.upper),
-                );
+                return refuse("limit lower", limit.lower, format!("must be below limit upper = {}", limit.upper));
             }
             let positive = [
                 ("limit velocity", limit.velocity, plausible.speed),
                 ("limit effort", limit.effort, plausible.effort),
-                (
-                    "limit acceleration",
-                    limit.acceleration.min(limit.deceleration),
-                    f64::INFINITY,
-                ),
+                ("limit acceleration", limit.acceleration.min(limit.deceleration), f64::INFINITY),
                 ("limit jerk", limit.jerk, f64::INFINITY),
             ];
             for (key, value, most) in positive {
@@ -415,11 +341,7 @@ impl Source<'_> {
         let reach = 0.5 * (urdf.q_max - urdf.q_min);
         if !(margin >= 0.0 && margin < reach) {
             let key = format!("limits.{group}.soft_margin");
-            return Err(refuse(
-                &key,
-                margin,
-                format!("must be at least 0 and below half the range, {reach}"),
-            ));
+            return Err(refuse(&key, margin, format!("must be at least 0 and below half the range, {reach}")));
         }
         let bounds = [
             ("acceleration_max", acceleration, plausible.acceleration.min(urdf.a_max)),
@@ -449,11 +371,7 @@ impl Source<'_> {
         }
         if !(limits.stop_time_s() <= stop_time_max_s) {
             let bound = format!("at most limits.stop_time_max_ms = {}", groups.stop_time_max_ms);
-            return Err(refuse(
-                "stop time from the highest speed in ms",
-                limits.stop_time_s() * 1e3,
-                bound,
-            ));
+            return Err(refuse("stop time from the highest speed in ms", limits.stop_time_s() * 1e3, bound));
         }
         Ok(limits)
     }
@@ -484,44 +402,26 @@ impl Source<'_> {
         if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
             return refuse(key, value, "has the wrong unit for this joint".into());
         }
-        let [
-            (min_key, min),
-            (max_key, max),
-            (velocity_key, velocity),
-            (effort_key, effort),
-        ] = own;
+        let [(min_key, min), (max_key, max), (velocity_key, velocity), (effort_key, effort)] = own;
         let (lower, upper) = (limits.q_min, limits.q_max);
         if let Some(min) = min {
             if !(min >= lower && min < upper) {
-                return refuse(
-                    min_key,
-                    min,
-                    format!("may only tighten: must be within [{lower}, {upper})"),
-                );
+                return refuse(min_key, min, format!("may only tighten: must be within [{lower}, {upper})"));
             }
             limits.q_min = min;
         }
         if let Some(max) = max {
             if !(max <= upper && max > limits.q_min) {
-                return refuse(
-                    max_key,
-                    max,
-                    format!("may only tighten: must be within ({}, {upper}]", limits.q_min),
-                );
+                return refuse(max_key, max, format!("may only tighten: must be within ({}, {upper}]", limits.q_min));
             }
             limits.q_max = max;
         }
-        for (key, value, limit) in [
-            (velocity_key, velocity, &mut limits.v_max),
-            (effort_key, effort, &mut limits.effort_max),
-        ] {
+        for (key, value, limit) in
+            [(velocity_key, velocity, &mut limits.v_max), (effort_key, effort, &mut limits.effort_max)]
+        {
             let Some(value) = value else { continue };
             if !(value > 0.0 && value <= *limit) {
-                return refuse(
-                    key,
-                    value,
-                    format!("may only tighten: must be above 0 and at most {limit}"),
-                );
+                return refuse(key, value, format!("may only tighten: must be above 0 and at most {limit}"));
             }
             *limit = value;
         }
@@ -539,20 +439,13 @@ impl Source<'_> {
         self.check_names("home_rad", radians.keys(), names)?;
         let mut home = [0.0; JOINTS];
         for j in 0..JOINTS {
-            let (table, key, foreign) = if prismatic[j] {
-                (metres, "home_m", radians)
-            } else {
-                (radians, "home_rad", metres)
-            };
+            let (table, key, foreign) =
+                if prismatic[j] { (metres, "home_m", radians) } else { (radians, "home_rad", metres) };
             if let Some(value) = foreign.get(&names[j]) {
                 return Err(self.joint(self.toml, &names[j], "home", *value, format!("belongs into [{key}]")));
             }
             home[j] = *table.get(&names[j]).ok_or_else(|| {
-                self.value(
-                    key,
-                    "missing".into(),
-                    format!("joint `{}` must have a home position", names[j]),
-                )
+                self.value(key, "missing".into(), format!("joint `{}` must have a home position", names[j]))
             })?;
         }
         Ok(home)
@@ -608,14 +501,9 @@ impl Source<'_> {
         let (clearance_m, index) = model.clearance(&frames);
         if !(clearance_m >= model.d_min_m) {
             let pair = model.pairs[index];
-            let key = format!(
-                "home: clearance of `{}` and `{}`",
-                model.capsules[pair.a].name, model.capsules[pair.b].name
-            );
-            let bound = format!(
-                "must be at least collision.clearance_min_mm = {} mm",
-                model.d_min_m * 1e3
-            );
+            let key =
+                format!("home: clearance of `{}` and `{}`", model.capsules[pair.a].name, model.capsules[pair.b].name);
+            let bound = format!("must be at least collision.clearance_min_mm = {} mm", model.d_min_m * 1e3);
             return Err(self.value(&key, format!("{:.1} mm", clearance_m * 1e3), bound));
         }
         Ok(())
@@ -625,21 +513,11 @@ impl Source<'_> {
 /// Name, soft margin, acceleration and jerk of the group that joint `j` belongs to, SI.
 fn group_of(j: usize, groups: &Limits) -> (&'static str, f64, f64, f64) {
     let revolute = |name, group: &crate::file::RevoluteGroup| {
-        (
-            name,
-            group.soft_margin_rad,
-            group.acceleration_max_rad_per_s2,
-            group.jerk_max_rad_per_s3,
-        )
+        (name, group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3)
     };
     if j == TORSO {
         let group = &groups.torso;
-        (
-            "torso",
-            group.soft_margin_m,
-            group.acceleration_max_m_per_s2,
-            group.jerk_max_m_per_s3,
-        )
+        ("torso", group.soft_margin_m, group.acceleration_max_m_per_s2, group.jerk_max_m_per_s3)
     } else if HEAD.contains(&j) {
         revolute("head", &groups.head)
     } else if (j - LEFT_ARM.start) % ARM_JOINTS < 4 {

@@ -14,10 +14,7 @@ pub struct Pose {
 impl Pose {
     /// No motion.
     pub fn identity() -> Self {
-        Self {
-            r: Matrix3::identity(),
-            t: Vector3::zeros(),
-        }
+        Self { r: Matrix3::identity(), t: Vector3::zeros() }
     }
 
     /// The transform of a URDF `origin`: R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad, translation in m.
@@ -34,18 +31,12 @@ impl Pose {
             cp * sr,
             cp * cr,
         );
-        Self {
-            r,
-            t: Vector3::from(xyz),
-        }
+        Self { r, t: Vector3::from(xyz) }
     }
 
     /// `self` after `inner`: a_from_c = a_from_b * b_from_c.
     pub fn compose(&self, inner: &Self) -> Self {
-        Self {
-            r: self.r * inner.r,
-            t: self.r * inner.t + self.t,
-        }
+        Self { r: self.r * inner.r, t: self.r * inner.t + self.t }
     }
 
     /// The other direction: b_from_a of a_from_b.

@@ -27,27 +27,14 @@ pub fn segment_distance(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>,
 
     // The best place on one segment for a fixed place on the other; a point has only place 0.
     let best_t = |s: f64| {
-        if e > 0.0 {
-            ((b * s + f) / e).clamp(0.0, 1.0)
-        } else {
-            0.0
-        }
+        if e > 0.0 { ((b * s + f) / e).clamp(0.0, 1.0) } else { 0.0 }
     };
     let best_s = |t: f64| {
-        if a > 0.0 {
-            ((b * t - c) / a).clamp(0.0, 1.0)
-        } else {
-            0.0
-        }
+        if a > 0.0 { ((b * t - c) / a).clamp(0.0, 1.0) } else { 0.0 }
     };
     let squared = |s: f64, t: f64| (r + d1 * s - d2 * t).norm_squared();
 
-    let edges = [
-        (0.0, best_t(0.0)),
-        (1.0, best_t(1.0)),
-        (best_s(0.0), 0.0),
-        (best_s(1.0), 1.0),
-    ];
+    let edges = [(0.0, best_t(0.0)), (1.0, best_t(1.0)), (best_s(0.0), 0.0), (best_s(1.0), 1.0)];
     let (mut s, mut t) = edges[0];
     let mut least = squared(s, t);
     let mut consider = |at: (f64, f64)| {
@@ -62,9 +49,5 @@ pub fn segment_distance(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>,
         let inside = ((b * f - c * e) / determinant).clamp(0.0, 1.0);
         consider((inside, best_t(inside)));
     }
-    SegmentDistance {
-        distance_m: least.sqrt(),
-        s,
-        t,
-    }
+    SegmentDistance { distance_m: least.sqrt(), s, t }
 }

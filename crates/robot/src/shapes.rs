@@ -14,9 +14,7 @@ pub fn capsule_distance_oracle(
     let shape = |(p, q, radius): (&Vector3<f64>, &Vector3<f64>, f64)| {
         Capsule::new(Vector::new(p.x, p.y, p.z), Vector::new(q.x, q.y, q.z), radius)
     };
-    query::distance(&Pose::IDENTITY, &shape(a), &Pose::IDENTITY, &shape(b))
-        .ok()
-        .map(|found| found.distance)
+    query::distance(&Pose::IDENTITY, &shape(a), &Pose::IDENTITY, &shape(b)).ok().map(|found| found.distance)
 }
 
 /// Volume of the convex hull of points by parry, m^3. `None` where they span no volume.

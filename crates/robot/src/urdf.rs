@@ -45,18 +45,11 @@ impl Tree {
     /// Reads and checks a URDF.
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
         check_text(file, text)?;
-        let robot = urdf_rs::read_from_string(text).map_err(|error| RobotError::Syntax {
-            file: file.into(),
-            cause: error.to_string(),
-        })?;
+        let robot = urdf_rs::read_from_string(text)
+            .map_err(|error| RobotError::Syntax { file: file.into(), cause: error.to_string() })?;
         if robot.links.len() > LINKS_MAX {
             let (key, count) = ("links".into(), robot.links.len());
-            return Err(RobotError::TooMany {
-                file: file.into(),
-                key,
-                count,
-                bound: LINKS_MAX,
-            });
+            return Err(RobotError::TooMany { file: file.into(), key, count, bound: LINKS_MAX });
         }
         let links: Vec<String> = robot.links.iter().map(|link| link.name.clone()).collect();
         let index = unique(file, "link", &links)?;
@@ -77,12 +70,7 @@ impl Tree {
             joints.push(read_joint(file, joint, &index)?);
         }
         let (joint_above, root) = check_tree(file, &links, &joints)?;
-        Ok(Self {
-            links,
-            joints,
-            joint_above,
-            root,
-        })
+        Ok(Self { links, joints, joint_above, root })
     }
 
     /// The joint of that name.
@@ -99,43 +87,25 @@ impl Tree {
 /// Refuses what the parsers behind this one must never see: huge or deep texts, document types, entities.
 fn check_text(file: &str, text: &str) -> Result<(), RobotError> {
     if text.len() > TEXT_BYTES_MAX {
-        return Err(RobotError::TooLong {
-            file: file.into(),
-            bytes: text.len(),
-            bound: TEXT_BYTES_MAX,
-        });
+        return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound: TEXT_BYTES_MAX });
     }
-    let syntax = |cause: String| RobotError::Syntax {
-        file: file.into(),
-        cause,
-    };
+    let syntax = |cause: String| RobotError::Syntax { file: file.into(), cause };
     let mut reader = Reader::from_str(text);
     let mut depth = 0_usize;
     loop {
         match reader.read_event() {
             Err(error) => return Err(syntax(format!("byte {}: {error}", reader.error_position()))),
             Ok(Event::DocType(_)) => {
-                return Err(RobotError::Forbidden {
-                    file: file.into(),
-                    construct: "a document type (DTD)".into(),
-                });
+                return Err(RobotError::Forbidden { file: file.into(), construct: "a document type (DTD)".into() });
             }
             Ok(Event::GeneralRef(_)) => {
-                return Err(RobotError::Forbidden {
-                    file: file.into(),
-                    construct: "an entity reference".into(),
-                });
+                return Err(RobotError::Forbidden { file: file.into(), construct: "an entity reference".into() });
             }
             Ok(Event::Start(_)) => {
                 depth += 1;
                 if depth > DEPTH_MAX {
                     let key = "depth of nested elements".into();
-                    return Err(RobotError::TooMany {
-                        file: file.into(),
-                        key,
-                        count: depth,
-                        bound: DEPTH_MAX,
-                    });
+                    return Err(RobotError::TooMany { file: file.into(), key, count: depth, bound: DEPTH_MAX });
                 }
             }
             Ok(Event::End(_)) => depth = depth.saturating_sub(1),
@@ -151,11 +121,7 @@ fn unique<'a>(file: &str, key: &str, names: &'a [String]) -> Result<HashMap<&'a 
     let mut index = HashMap::with_capacity(names.len());
     for (at, name) in names.iter().enumerate() {
         if index.insert(name.as_str(), at).is_some() {
-            return Err(RobotError::Duplicate {
-                file: file.into(),
-                key: key.into(),
-                name: name.clone(),
-            });
+            return Err(RobotError::Duplicate { file: file.into(), key: key.into(), name: name.clone() });
         }
     }
     Ok(index)
@@ -180,9 +146,7 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
     // 100 m and 100 turns: nothing that is one robot reaches farther.
     let checked = |key: &str, values: [f64; 3], most: f64| {
         let wrong = values.into_iter().find(|value| !(value.abs() <= most));
-        wrong.map_or(Ok(values), |value| {
-            Err(refuse(key, value, &format!("at most {most} in magnitude")))
-        })
+        wrong.map_or(Ok(values), |value| Err(refuse(key, value, &format!("at most {most} in magnitude"))))
     };
     let xyz = checked("origin xyz", *joint.origin.xyz, 100.0)?;
     let rpy = checked("origin rpy", *joint.origin.rpy, 628.0)?;
@@ -196,11 +160,7 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         parent: link("parent", &joint.parent.link)?,
         child: link("child", &joint.child.link)?,
         parent_from_joint: Pose::from_xyz_rpy(xyz, rpy),
-        axis: if joint.joint_type == JointType::Fixed {
-            Vector3::zeros()
-        } else {
-            axis.normalize()
-        },
+        axis: if joint.joint_type == JointType::Fixed { Vector3::zeros() } else { axis.normalize() },
         limit: joint.limit.clone(),
         mimics: joint.mimic.is_some(),
     })
@@ -211,19 +171,13 @@ fn check_tree(file: &str, links: &[String], joints: &[UrdfJoint]) -> Result<(Vec
     let mut joint_above = vec![None; links.len()];
     for (at, joint) in joints.iter().enumerate() {
         if joint_above[joint.child].replace(at).is_some() {
-            return Err(RobotError::Loop {
-                file: file.into(),
-                link: links[joint.child].clone(),
-            });
+            return Err(RobotError::Loop { file: file.into(), link: links[joint.child].clone() });
         }
     }
     let roots: Vec<usize> = (0..links.len()).filter(|link| joint_above[*link].is_none()).collect();
     let &[root] = roots.as_slice() else {
         let roots = roots.into_iter().map(|link| links[link].clone()).collect();
-        return Err(RobotError::Roots {
-            file: file.into(),
-            roots,
-        });
+        return Err(RobotError::Roots { file: file.into(), roots });
     };
     for start in 0..links.len() {
         let mut link = start;
@@ -234,10 +188,7 @@ fn check_tree(file: &str, links: &[String], joints: &[UrdfJoint]) -> Result<(Vec
             }
         }
         if link != root {
-            return Err(RobotError::Loop {
-                file: file.into(),
-                link: links[start].clone(),
-            });
+            return Err(RobotError::Loop { file: file.into(), link: links[start].clone() });
         }
     }
     Ok((joint_above, root))

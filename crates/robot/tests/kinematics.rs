@@ -33,9 +33,7 @@ fn forward_kinematics_agree_with_an_independent_implementation() {
         let pose = model.link_pose(&frames, &links[joint]).unwrap();
         let [x, y, z, i, j, k, w] = numbers.try_into().unwrap();
         let r = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)).to_rotation_matrix();
-        let off = (pose.t - Vector3::new(x, y, z))
-            .amax()
-            .max((pose.r - r.matrix()).amax());
+        let off = (pose.t - Vector3::new(x, y, z)).amax().max((pose.r - r.matrix()).amax());
         assert!(off < 1e-12, "{}: {off:e}", links[joint]);
         poses += 1;
     }
@@ -67,23 +65,15 @@ fn jacobian_columns_are_the_derivatives_of_the_pose() {
                 let angular = Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
                 let column = Vector3::from_row_slice(&jacobian[j][..3]);
                 let turning = Vector3::from_row_slice(&jacobian[j][3..]);
-                assert!(
-                    (column - linear).amax() < 1e-8,
-                    "body {body} joint {j}: {column} {linear}"
-                );
-                assert!(
-                    (turning - angular).amax() < 1e-8,
-                    "body {body} joint {j}: {turning} {angular}"
-                );
+                assert!((column - linear).amax() < 1e-8, "body {body} joint {j}: {column} {linear}");
+                assert!((turning - angular).amax() < 1e-8, "body {body} joint {j}: {turning} {angular}");
             }
         }
     }
 }
 
 fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
-    *UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), angle)
-        .to_rotation_matrix()
-        .matrix()
+    *UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), angle).to_rotation_matrix().matrix()
 }
 
 /// U = Rz(-q1) Rx(-q2) Ry(q3 - pi/2) and F = U Rz(-q4) Ry(-q5) for the left arm; the right arm is the mirror image.

@@ -2,11 +2,13 @@
 
 mod support;
 
-use robot::Frames;
-use support::shipped;
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use robot::{AllowedReason, Frames};
+use std::f64::consts::FRAC_PI_2;
+use support::{TOML, URDF, load, shipped};
 
 #[test]
-fn home_is_five_centimetres_clear_of_itself() {
+fn home_is_five_centimetres_clear_of_itself_and_away_from_the_limits() {
     let model = shipped();
     let mut frames = Frames::default();
     model.forward(&model.home, &mut frames);
@@ -14,4 +16,115 @@ fn home_is_five_centimetres_clear_of_itself() {
     let pair = model.pairs[pair];
     let names = (&model.capsules[pair.a].name, &model.capsules[pair.b].name);
     assert!(clearance_m > 0.05, "{clearance_m} m between {names:?}");
+    for j in LEFT_ARM.chain(RIGHT_ARM) {
+        let limits = &model.limits[j];
+        let room = (model.home[j] - limits.q_min).min(limits.q_max - model.home[j]);
+        assert!(room > 0.2, "{}: {room} rad", model.joint_names[j]);
+    }
+}
+
+/// The commonest pose of a person: arms hanging, elbows slightly bent, at a raised lift.
+#[test]
+fn hanging_arms_are_not_blocked() {
+    let model = shipped();
+    let mut frames = Frames::default();
+    for lift in [0.2, 0.25, 0.3] {
+        for elbow in [0.1, 0.4, 0.8] {
+            let mut q = model.home;
+            q[0] = lift;
+            for arm in [LEFT_ARM, RIGHT_ARM] {
+                let posture = [0.0, 1.5, FRAC_PI_2, elbow, 0.0, 0.0, 0.0];
+                arm.zip(posture).for_each(|(j, position)| q[j] = position);
+            }
+            model.forward(&q, &mut frames);
+            let (clearance_m, pair) = model.clearance(&frames);
+            let pair = model.pairs[pair];
+            let names = (&model.capsules[pair.a].name, &model.capsules[pair.b].name);
+            assert!(clearance_m > 2.0 * model.d_min_m, "lift {lift} elbow {elbow}: {clearance_m} {names:?}");
+        }
+    }
+}
+
+#[test]
+fn upper_arms_are_checked_against_the_torso() {
+    let model = shipped();
+    let named = |a: &str, b: &str| {
+        let name = |index: usize| model.capsules[index].name.as_str();
+        model.pairs.iter().any(|pair| {
+            (name(pair.a).starts_with(a) && name(pair.b).starts_with(b))
+                || (name(pair.a).starts_with(b) && name(pair.b).starts_with(a))
+        })
+    };
+    for side in ["left", "right"] {
+        assert!(named("torso_", &format!("arm_{side}_3")));
+        assert!(named("column_", &format!("arm_{side}_3")));
+        assert!(named("torso_", &format!("hand_{side}_")));
+    }
+    assert!(named("hand_left_0", "hand_right_0") && named("arm_left_3", "arm_right_5"));
+}
+
+#[test]
+fn every_pair_is_checked_or_has_a_reason() {
+    let model = shipped();
+    let n = model.capsules.len();
+    assert_eq!(model.pairs.len() + model.allowed.len(), n * (n - 1) / 2);
+    for pair in &model.allowed {
+        let (a, b) = (model.capsules[pair.a].body, model.capsules[pair.b].body);
+        let adjacent = model.parent_body(a) == Some(b) || model.parent_body(b) == Some(a);
+        assert_eq!(pair.reason == AllowedReason::SameBody, a == b);
+        assert_eq!(pair.reason == AllowedReason::Adjacent, adjacent);
+    }
+}
+
+#[test]
+fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
+    let model = shipped();
+    for j in 0..JOINTS {
+        let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
+        assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
+        assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());
+    }
+    assert_eq!(model.limits[3].a_max, 8.0);
+    assert_eq!(model.limits[9].j_max, 400.0);
+    assert!((model.limits[3].q_max - (FRAC_PI_2 - 0.02)).abs() < 1e-15);
+}
+
+#[test]
+fn the_hash_tells_texts_apart_and_nothing_else() {
+    let model = shipped();
+    assert_eq!(model.hash, load(TOML, URDF).unwrap().hash);
+    assert_ne!(model.hash, load(&format!("{TOML}# another\n"), URDF).unwrap().hash);
+    assert_ne!(model.hash, load(TOML, &format!("{URDF}\n")).unwrap().hash);
+}
+
+/// The manufacturer's URDF, where this machine has it, describes the same robot.
+#[test]
+fn the_manufacturers_urdf_has_the_same_kinematics() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/robots/tiago_dual/tiago_dual.urdf");
+    let Ok(theirs) = std::fs::read_to_string(path) else {
+        println!("skipped: {path} is not there");
+        return;
+    };
+    let ours = shipped();
+    let parsed = urdf_rs::read_from_string(&theirs).unwrap();
+    let held: Vec<String> = parsed
+        .joints
+        .iter()
+        .filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name))
+        .map(|joint| format!("\"{}\"", joint.name))
+        .collect();
+    assert!(held.len() > 40);
+    let toml = TOML.replace("held_joints = []", &format!("held_joints = [{}]", held.join(", ")));
+    let model = load(&toml, &theirs).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(model.urdf_limits, ours.urdf_limits);
+    let mut rng = <rand_pcg::Pcg64 as rand::SeedableRng>::seed_from_u64(7);
+    let (mut a, mut b) = (Frames::default(), Frames::default());
+    for _ in 0..200 {
+        let q = support::uniform(&ours, &mut rng);
+        ours.forward(&q, &mut a);
+        model.forward(&q, &mut b);
+        for (ours, theirs) in a.base_from_body.iter().zip(&b.base_from_body) {
+            assert!((ours.t - theirs.t).amax() < 1e-12 && (ours.r - theirs.r).amax() < 1e-12);
+        }
+    }
 }

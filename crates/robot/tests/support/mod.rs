@@ -1,18 +1,23 @@
 //! What the tests of this crate share.
-#![allow(dead_code)]
+#![allow(dead_code, unreachable_pub)]
 
 use messages::JOINTS;
 use rand::RngExt;
-use robot::Model;
+use robot::{Model, RobotError};
 
 /// The shipped robot file.
 pub const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
 /// The shipped URDF.
 pub const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
 
+/// A model of these texts.
+pub fn load(toml: &str, urdf: &str) -> Result<Model, RobotError> {
+    Model::from_text("tiago_dual.toml", toml, "tiago_dual.urdf", urdf)
+}
+
 /// The shipped robot.
 pub fn shipped() -> Model {
-    Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
+    load(TOML, URDF).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A configuration uniform in the URDF's limits, rad and m.

@@ -1,0 +1,162 @@
+//! Every defect of a URDF or a robot file is refused, and the refusal names file, key, value and bound.
+
+mod support;
+
+use support::{TOML, URDF, load};
+
+/// The shipped text with one place changed; the place must exist exactly once after `after`.
+fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
+    let from = text.find(after).unwrap_or_else(|| panic!("{after} is not there"));
+    let at = from + text[from..].find(old).unwrap_or_else(|| panic!("{old} is not after {after}"));
+    format!("{}{new}{}", &text[..at], &text[at + old.len()..])
+}
+
+fn refused(toml: &str, urdf: &str, words: &[&str]) {
+    let error = load(toml, urdf).map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
+    for word in words {
+        assert!(error.contains(word), "`{word}` is missing in: {error}");
+    }
+}
+
+const LEFT_1: &str = "<joint name=\"arm_left_1_joint\"";
+const LEFT_1_LIMIT: &str = "lower=\"-1.1780972450961724\" upper=\"1.5707963267948966\" velocity=\"1.95\" effort=\"43\"";
+
+#[test]
+fn absurd_limits_are_refused_with_joint_value_and_bound() {
+    let cases = [
+        ("lower=\"2\" upper=\"1.5\" velocity=\"1.95\" effort=\"43\"", ["lower = 2", "below limit upper = 1.5"]),
+        ("lower=\"1\" upper=\"1\" velocity=\"1.95\" effort=\"43\"", ["lower = 1", "below limit upper = 1"]),
+        ("lower=\"nan\" upper=\"1\" velocity=\"1.95\" effort=\"43\"", ["lower = NaN", "at most 13"]),
+        ("lower=\"-1\" upper=\"inf\" velocity=\"1.95\" effort=\"43\"", ["upper = inf", "at most 13"]),
+        ("lower=\"-1\" upper=\"1e9\" velocity=\"1.95\" effort=\"43\"", ["upper = 1000000000", "at most 13"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"0\" effort=\"43\"", ["velocity = 0", "above 0"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"1e9\" effort=\"43\"", ["velocity = 1000000000", "at most 20"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"inf\" effort=\"43\"", ["velocity = inf", "at most 20"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"-2\" effort=\"43\"", ["velocity = -2", "above 0"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"1.95\" effort=\"-43\"", ["effort = -43", "above 0"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"1.95\" effort=\"0\"", ["effort = 0", "above 0"]),
+        ("velocity=\"1.95\" effort=\"43\"", ["lower = 0", "below limit upper = 0"]),
+    ];
+    for (limit, words) in cases {
+        let urdf = edit(URDF, LEFT_1, LEFT_1_LIMIT, limit);
+        refused(TOML, &urdf, &["tiago_dual.urdf", "arm_left_1_joint", words[0], words[1]]);
+    }
+}
+
+#[test]
+fn a_joint_without_limit_is_refused() {
+    let urdf = edit(URDF, LEFT_1, &format!("<limit {LEFT_1_LIMIT}/>"), "");
+    refused(TOML, &urdf, &["tiago_dual.urdf", "arm_left_1_joint", "limit lower = 0"]);
+}
+
+#[test]
+fn joints_of_the_wrong_kind_are_refused() {
+    let urdf = edit(URDF, LEFT_1, "type=\"revolute\"", "type=\"continuous\"");
+    refused(TOML, &urdf, &["arm_left_1_joint", "continuous", "must be revolute"]);
+    let urdf = edit(URDF, "<joint name=\"torso_lift_joint\"", "type=\"prismatic\"", "type=\"fixed\"");
+    refused(TOML, &urdf, &["torso_lift_joint", "fixed", "must be prismatic"]);
+    let urdf = edit(URDF, "<joint name=\"arm_left_tool_joint\"", "type=\"fixed\"", "type=\"floating\"");
+    refused(TOML, &urdf, &["arm_left_tool_joint"]);
+    let urdf = edit(URDF, LEFT_1, "</joint>", "<mimic joint=\"arm_left_2_joint\"/></joint>");
+    refused(TOML, &urdf, &["arm_left_1_joint", "mimic"]);
+    let urdf = edit(URDF, LEFT_1, "</joint>", "<mimic joint=\"nobody\"/></joint>");
+    refused(TOML, &urdf, &["arm_left_1_joint", "mimic", "nobody"]);
+    let urdf = edit(URDF, LEFT_1, "<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>");
+    refused(TOML, &urdf, &["arm_left_1_joint", "axis = 0", "must be 1"]);
+}
+
+#[test]
+fn what_is_no_tree_is_refused() {
+    let urdf = edit(
+        URDF,
+        "<joint name=\"base_footprint_joint\"",
+        "parent link=\"base_footprint\"",
+        "parent link=\"xtion_link\"",
+    );
+    refused(TOML, &urdf, &["loop"]);
+    let urdf = edit(URDF, "</robot>", "</robot>", "<link name=\"island\"/></robot>");
+    refused(TOML, &urdf, &["roots", "base_footprint", "island"]);
+    let urdf = edit(URDF, "</robot>", "</robot>", "<link name=\"base_link\"/></robot>");
+    refused(TOML, &urdf, &["link `base_link` occurs twice"]);
+    let urdf = edit(URDF, "<joint name=\"head_2_joint\"", "head_2_joint", "head_1_joint");
+    refused(TOML, &urdf, &["joint `head_1_joint` occurs twice"]);
+    let urdf = edit(URDF, LEFT_1, "parent link=\"torso_lift_link\"", "parent link=\"nowhere\"");
+    refused(TOML, &urdf, &["arm_left_1_joint", "parent", "nowhere"]);
+    let circle = "<link name=\"a\"/><link name=\"b\"/>\
+        <joint name=\"ab\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
+        <joint name=\"ba\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
+    let urdf = edit(URDF, "</robot>", "</robot>", circle);
+    refused(TOML, &urdf, &["link `a`", "loop"]);
+}
+
+#[test]
+fn hostile_texts_are_refused_before_they_are_parsed() {
+    let bomb = "<?xml version=\"1.0\"?><!DOCTYPE r [<!ENTITY a \"aaaa\"><!ENTITY b \"&a;&a;\">]><robot name=\"&b;\"/>";
+    refused(TOML, bomb, &["tiago_dual.urdf", "DTD"]);
+    refused(TOML, "<robot name=\"r\">&a;</robot>", &["entity"]);
+    let deep = format!("<robot name=\"r\">{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
+    refused(TOML, &deep, &["depth", "at most 24"]);
+    let long = format!("{URDF}<!--{}-->", " ".repeat(5 << 20));
+    refused(TOML, &long, &["length", "5242880"]);
+    let links: String = (0..600).map(|i| format!("<link name=\"l{i}\"/>")).collect();
+    refused(TOML, &format!("<robot name=\"r\">{links}</robot>"), &["links: 600", "at most 512"]);
+    for cut in [0, 1, 100, URDF.len() / 2, URDF.len() - 3] {
+        assert!(load(TOML, &URDF[..cut]).is_err(), "cut at {cut}");
+    }
+}
+
+#[test]
+fn arms_that_do_not_mirror_are_refused() {
+    let limit = "lower=\"-1.1780972450961724\"";
+    let urdf = edit(URDF, "<joint name=\"arm_right_1_joint\"", limit, "lower=\"-1.1\"");
+    refused(TOML, &urdf, &["arm_right_1_joint", "position min", "left arm"]);
+    let urdf = edit(URDF, "<joint name=\"arm_right_4_joint\"", "<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 -1\"/>");
+    refused(TOML, &urdf, &["arm_right_4_joint", "axis", "mirror"]);
+}
+
+#[test]
+fn typing_errors_in_the_robot_file_are_refused_with_their_key() {
+    let cases = [
+        ("[limits.torso]", "soft_margin_m", "soft_margin", "soft_margin"),
+        ("[limits.head]", "jerk_max_rad_per_s3 = 400.0", "", "jerk_max_rad_per_s3"),
+        ("[collision]", "clearance_min_mm", "clearance_min", "clearance_min"),
+        ("[collision]", "clearance_min_mm = 10.0", "clearance_min_mm = 0.0", "clearance_min_mm"),
+        ("[limits]", "stop_time_max_ms = 500.0", "stop_time_max_ms = 900.0", "stop_time_max_ms"),
+        ("format = 1", "format = 1", "format = 2", "format"),
+        ("urdf =", "tiago_dual.urdf", "../tiago_dual.urdf", "urdf"),
+        ("base_link =", "base_footprint", "base_link", "base_link"),
+        ("[joints]", "\"head_1_joint\"", "\"head_9_joint\"", "head_9_joint"),
+        ("[joints]", "\"head_1_joint\"", "\"head_2_joint\"", "head_2_joint"),
+        ("[limbs.left]", "arm_left_3_link", "arm_left_4_link", "limbs.left.upper"),
+        ("held_joints", "[]", "[\"arm_left_1_joint\"]", "held_joints"),
+        ("[home_rad]", "head_1_joint = 0.0", "", "head_1_joint"),
+        ("[home_rad]", "head_1_joint = 0.0", "head_1_joint = 2.0", "head_1_joint"),
+        ("[home_m]", "torso_lift_joint = ", "torso_lift = ", "torso_lift"),
+        ("[reference_rad]", "arm_left_1_joint = 0.0", "arm_left_1_joint = nan", "arm_left_1_joint"),
+        ("[[collision.capsules]]", "radius_m = ", "radius_m = -", "radius_m"),
+        ("[[collision.capsules]]", "link = \"base_link\"", "link = \"nowhere\"", "nowhere"),
+        ("[collision.allowed.adjacent]", "base_0 = [", "base_0 = [\"hand_left_0\", ", "base_0"),
+        ("[collision.allowed.proved_clear]", "base_0 = [", "base_0 = [\"nothing\", ", "nothing"),
+    ];
+    for (after, old, new, word) in cases {
+        refused(&edit(TOML, after, old, new), URDF, &["tiago_dual.toml", word]);
+    }
+}
+
+#[test]
+fn an_override_may_only_tighten() {
+    let with =
+        |line: &str| edit(TOML, "[home_m]", "[home_m]", &format!("[tighten.torso_lift_joint]\n{line}\n\n[home_m]"));
+    refused(&with("velocity_max_m_per_s = 0.08"), URDF, &["torso_lift_joint", "0.08", "at most 0.07"]);
+    refused(&with("position_max_m = 0.36"), URDF, &["torso_lift_joint", "0.36", "tighten"]);
+    refused(&with("position_min_m = -0.1"), URDF, &["torso_lift_joint", "-0.1", "tighten"]);
+    refused(&with("velocity_max_rad_per_s = 0.01"), URDF, &["torso_lift_joint", "wrong unit"]);
+    refused(&edit(TOML, "[home_m]", "[home_m]", "[tighten.nobody]\n[home_m]"), URDF, &["nobody"]);
+    let model = load(&with("velocity_max_m_per_s = 0.05\nposition_max_m = 0.3"), URDF).unwrap();
+    assert_eq!((model.limits[0].v_max, model.limits[0].q_max), (0.05, 0.3));
+    assert_eq!(model.urdf_limits[0].v_max, 0.07);
+    let slow =
+        edit(TOML, "[limits.arm_1_to_4]", "acceleration_max_rad_per_s2 = 8.0", "acceleration_max_rad_per_s2 = 4.0");
+    // 2.35 / 4 + 4 / 320 = 0.6 s for joint 3.
+    refused(&slow, URDF, &["arm_left_3_joint", "stop time", "600", "500"]);
+}
