@@ -7,10 +7,7 @@ use support::adversary::Adversary;
 use support::model;
 
 fn main() {
-    let steps: f64 = std::env::args()
-        .nth(1)
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(1e7);
+    let steps: f64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(1e7);
     let ticks = (steps / messages::JOINTS as f64).ceil() as u64;
     let mut failed = false;
     for (name, with_pairs) in [("joints only", false), ("with self-collision", true)] {
@@ -27,10 +24,7 @@ fn main() {
         let violations = report.violations.len();
         failed |= violations > 0;
         report.violations.truncate(1);
-        println!(
-            "{name}: {} joint steps, {violations} violations, {report:?}",
-            ticks * messages::JOINTS as u64
-        );
+        println!("{name}: {} joint steps, {violations} violations, {report:?}", ticks * messages::JOINTS as u64);
     }
     std::process::exit(i32::from(failed));
 }

@@ -33,9 +33,7 @@ impl Geometry {
 
     /// Least distance at posture `q` (rad, m). No allocation.
     pub(crate) fn clearance(&self, q: &[f64; JOINTS]) -> Clearance {
-        let mut frames = Frames {
-            base_from_body: [Pose::identity(); JOINTS + 1],
-        };
+        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
         clearance(&self.model, &mut frames, q)
     }
 }
@@ -51,12 +49,7 @@ struct Axis {
 
 impl Axis {
     fn new(a: Vector3<f64>, b: Vector3<f64>, radius_m: f64) -> Self {
-        Self {
-            ends: [a, b],
-            middle: (a + b) / 2.0,
-            half_m: (b - a).norm() / 2.0,
-            radius_m,
-        }
+        Self { ends: [a, b], middle: (a + b) / 2.0, half_m: (b - a).norm() / 2.0, radius_m }
     }
 
     /// Distance of the balls around two capsules, m: never more than that of the capsules.
@@ -68,25 +61,15 @@ impl Axis {
 /// Least distance of the checked pairs of `model` at posture `q` (rad, m); `frames` is working memory. No allocation.
 pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clearance {
     if q.iter().any(|q| !q.is_finite()) {
-        return Clearance {
-            distance_m: f64::NAN,
-            pair: [0; 2],
-        };
+        return Clearance { distance_m: f64::NAN, pair: [0; 2] };
     }
     model.forward(q, frames);
     let mut axes = [Axis::default(); CAPSULES_MAX];
     for (axis, capsule) in axes.iter_mut().zip(&model.capsules) {
         let pose = &frames.base_from_body[capsule.body];
-        *axis = Axis::new(
-            pose.r * capsule.a + pose.t,
-            pose.r * capsule.b + pose.t,
-            capsule.radius_m,
-        );
+        *axis = Axis::new(pose.r * capsule.a + pose.t, pose.r * capsule.b + pose.t, capsule.radius_m);
     }
-    let mut least = Clearance {
-        distance_m: f64::INFINITY,
-        pair: [0; 2],
-    };
+    let mut least = Clearance { distance_m: f64::INFINITY, pair: [0; 2] };
     for pair in &model.pairs {
         let (first, second) = (&axes[pair.a], &axes[pair.b]);
         if first.around(second) >= least.distance_m {
@@ -95,10 +78,7 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
         let distance_m = between_segments(&first.ends, &second.ends) - first.radius_m - second.radius_m;
         // Written so that NaN is taken, and stays.
         if !(distance_m >= least.distance_m) && !least.distance_m.is_nan() {
-            least = Clearance {
-                distance_m,
-                pair: [pair.a as u32, pair.b as u32],
-            };
+            least = Clearance { distance_m, pair: [pair.a as u32, pair.b as u32] };
         }
     }
     least
@@ -132,11 +112,7 @@ fn from_point(point: &Vector3<f64>, segment: &[Vector3<f64>; 2]) -> f64 {
     let along = segment[1] - segment[0];
     let length = along.norm_squared();
     let offset = point - segment[0];
-    let s = if length > 0.0 {
-        (offset.dot(&along) / length).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let s = if length > 0.0 { (offset.dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
     (offset - along * s).norm_squared()
 }
 
@@ -156,11 +132,8 @@ mod tests {
             let first = [point(&mut rng, 1.0), point(&mut rng, 1.0)];
             let start = point(&mut rng, 1.0);
             // Every third pair is almost parallel, every seventh has a segment that is almost a point.
-            let mut along = if n % 3 == 0 {
-                (first[1] - first[0]) + point(&mut rng, 1e-7)
-            } else {
-                point(&mut rng, 1.0)
-            };
+            let mut along =
+                if n % 3 == 0 { (first[1] - first[0]) + point(&mut rng, 1e-7) } else { point(&mut rng, 1.0) };
             if n % 7 == 0 {
                 along *= 1e-9;
             }
@@ -175,30 +148,10 @@ mod tests {
     fn known_distances() {
         let segment = |a: [f64; 3], b: [f64; 3]| [Vector3::from(a), Vector3::from(b)];
         let x = segment([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
-        assert_eq!(
-            between_segments(&x, &segment([0.0, -1.0, 0.5], [0.0, 1.0, 0.5])),
-            0.5,
-            "crossing"
-        );
-        assert_eq!(
-            between_segments(&x, &segment([-3.0, 2.0, 0.0], [3.0, 2.0, 0.0])),
-            2.0,
-            "parallel"
-        );
-        assert_eq!(
-            between_segments(&x, &segment([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])),
-            1.0,
-            "in line"
-        );
-        assert_eq!(
-            between_segments(&x, &segment([0.0, 0.0, 3.0], [0.0, 0.0, 3.0])),
-            3.0,
-            "a point"
-        );
-        assert_eq!(
-            between_segments(&x, &segment([0.0, -1.0, 0.0], [0.0, 1.0, 0.0])),
-            0.0,
-            "meeting"
-        );
+        assert_eq!(between_segments(&x, &segment([0.0, -1.0, 0.5], [0.0, 1.0, 0.5])), 0.5, "crossing");
+        assert_eq!(between_segments(&x, &segment([-3.0, 2.0, 0.0], [3.0, 2.0, 0.0])), 2.0, "parallel");
+        assert_eq!(between_segments(&x, &segment([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])), 1.0, "in line");
+        assert_eq!(between_segments(&x, &segment([0.0, 0.0, 3.0], [0.0, 0.0, 3.0])), 3.0, "a point");
+        assert_eq!(between_segments(&x, &segment([0.0, -1.0, 0.0], [0.0, 1.0, 0.0])), 0.0, "meeting");
     }
 }

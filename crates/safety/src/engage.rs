@@ -41,34 +41,19 @@ const RESET_PENDING_NS: u64 = 100_000_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Disengaged,
-    Engaging {
-        elapsed_ns: u64,
-        settled_ns: u64,
-    },
+    Engaging { elapsed_ns: u64, settled_ns: u64 },
     Engaged,
-    Holding {
-        elapsed_ns: u64,
-        resumable: bool,
-    },
-    Faulted {
-        cause: Fault,
-        reset_pending_ns: Option<u64>,
-    },
+    Holding { elapsed_ns: u64, resumable: bool },
+    Faulted { cause: Fault, reset_pending_ns: Option<u64> },
 }
 
 impl Phase {
     const fn engaging() -> Self {
-        Self::Engaging {
-            elapsed_ns: 0,
-            settled_ns: 0,
-        }
+        Self::Engaging { elapsed_ns: 0, settled_ns: 0 }
     }
 
     const fn holding(resumable: bool) -> Self {
-        Self::Holding {
-            elapsed_ns: 0,
-            resumable,
-        }
+        Self::Holding { elapsed_ns: 0, resumable }
     }
 
     const fn mode(self) -> Mode {
@@ -95,12 +80,7 @@ pub struct State {
 impl State {
     /// Disengaged, nothing seen yet.
     pub fn new() -> Self {
-        Self {
-            phase: Phase::Disengaged,
-            watch: Watch::default(),
-            latched: Faults::NONE,
-            reset_count: None,
-        }
+        Self { phase: Phase::Disengaged, watch: Watch::default(), latched: Faults::NONE, reset_count: None }
     }
 
     /// The mode after the last tick.
@@ -148,11 +128,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     let stops = active.of(Response::Stop);
     state.latched = state.latched.union(stops);
 
-    let (phase, why) = if stops.is_empty() {
-        next(state, &input, active)
-    } else {
-        stop(state, &input, stops)
-    };
+    let (phase, why) = if stops.is_empty() { next(state, &input, active) } else { stop(state, &input, stops) };
     let refused = input.operator.enable_edge && before == Phase::Disengaged && phase == Phase::Disengaged;
     let transition = (before.mode() != phase.mode()).then(|| Transition {
         k: input.k,
@@ -177,9 +153,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
 /// What a phase permits. Engaged is at full scale at once: it is reached aligned, or with the ramp at its end.
 fn permit(phase: Phase) -> Permit {
     match phase {
-        Phase::Engaging { elapsed_ns, .. } => Permit::Follow {
-            speed_scale: speed_scale(elapsed_ns),
-        },
+        Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: speed_scale(elapsed_ns) },
         Phase::Engaged => Permit::Follow { speed_scale: 1.0 },
         Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
     }
@@ -187,39 +161,15 @@ fn permit(phase: Phase) -> Permit {
 
 /// A Stop fault holds: whatever else happens at this tick, the next phase is Faulted.
 fn stop(state: &mut State, input: &Input, stops: Faults) -> (Phase, u32) {
-    if let Phase::Faulted {
-        cause,
-        reset_pending_ns,
-    } = state.phase
-    {
+    if let Phase::Faulted { cause, reset_pending_ns } = state.phase {
         let only_driver = stops == Faults::NONE.with(Fault::DriverFault);
-        let pending = if only_driver {
-            waiting(state, input, reset_pending_ns)
-        } else {
-            None
-        };
-        return (
-            Phase::Faulted {
-                cause,
-                reset_pending_ns: pending,
-            },
-            0,
-        );
+        let pending = if only_driver { waiting(state, input, reset_pending_ns) } else { None };
+        return (Phase::Faulted { cause, reset_pending_ns: pending }, 0);
     }
     // The operator's stop is named first: it is what he expects to read.
-    let first = if stops.has(Fault::EmergencyStop) {
-        Some(Fault::EmergencyStop)
-    } else {
-        stops.iter().next()
-    };
+    let first = if stops.has(Fault::EmergencyStop) { Some(Fault::EmergencyStop) } else { stops.iter().next() };
     let cause = first.unwrap_or(Fault::EmergencyStop);
-    (
-        Phase::Faulted {
-            cause,
-            reset_pending_ns: None,
-        },
-        cause as u32,
-    )
+    (Phase::Faulted { cause, reset_pending_ns: None }, cause as u32)
 }
 
 /// The driver keeps its latch until a command carries a new reset count, so its fault alone does not refuse a reset:
@@ -246,10 +196,7 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
         }
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
-        Phase::Faulted {
-            cause,
-            reset_pending_ns,
-        } => faulted(state, input, cause, reset_pending_ns),
+        Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
     }
 }
 
@@ -257,11 +204,7 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     let operator = &input.operator;
     let asked = operator.enable_edge && operator.enable_level && !operator.release_edge;
     let allowed = state.watch.armed() && state.watch.operator_alive && input.motion.at_rest && active.is_empty();
-    if asked && allowed {
-        (Phase::engaging(), Transition::ENABLED)
-    } else {
-        (Phase::Disengaged, 0)
-    }
+    if asked && allowed { (Phase::engaging(), Transition::ENABLED) } else { (Phase::Disengaged, 0) }
 }
 
 /// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
@@ -283,11 +226,7 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64) -> (Phase, u32) {
     let charged = charged_ns(input.own_gap_ns);
     let elapsed_ns = elapsed_ns.saturating_add(charged);
     let full_speed = elapsed_ns >= FIRST_NS + RAMP_NS;
-    let settled_ns = if full_speed && input.motion.settled {
-        settled_ns.saturating_add(charged)
-    } else {
-        0
-    };
+    let settled_ns = if full_speed && input.motion.settled { settled_ns.saturating_add(charged) } else { 0 };
     if elapsed_ns >= FIRST_NS && input.motion.aligned {
         (Phase::Engaged, Transition::ALIGNED)
     } else if settled_ns >= SETTLED_NS {
@@ -304,14 +243,7 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (
         (Phase::Holding { elapsed_ns, resumable }, 0)
     } else if !resumable {
         let expired = active.has(Fault::HoldTimeout);
-        (
-            Phase::Disengaged,
-            if expired {
-                Fault::HoldTimeout as u32
-            } else {
-                Transition::AT_REST
-            },
-        )
+        (Phase::Disengaged, if expired { Fault::HoldTimeout as u32 } else { Transition::AT_REST })
     } else if active.is_empty() {
         (Phase::engaging(), Transition::CLEARED)
     } else {
@@ -324,13 +256,7 @@ fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u6
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
     } else if !driver_cleared {
-        return (
-            Phase::Faulted {
-                cause,
-                reset_pending_ns: None,
-            },
-            0,
-        );
+        return (Phase::Faulted { cause, reset_pending_ns: None }, 0);
     }
     state.latched = Faults::NONE;
     (Phase::Disengaged, Transition::RESET)

@@ -64,12 +64,7 @@ impl State {
         let points = q.map(|q| Point::quantised(q, 0.0, 0.0));
         let origin = points.map(Option::unwrap_or_default);
         let seed_refused = points.contains(&None);
-        Self {
-            stored: Stored::new(origin, [Phases::default(); JOINTS]),
-            k: None,
-            seed_refused,
-            denials: 0,
-        }
+        Self { stored: Stored::new(origin, [Phases::default(); JOINTS]), k: None, seed_refused, denials: 0 }
     }
 
     /// Continues from the state that the driver says it executes, and the stop it would play from there: the state of
@@ -258,10 +253,7 @@ fn judge(
     for j in 0..JOINTS {
         let point = Point::quantised(proposed.q[j], proposed.v[j], proposed.a[j]);
         let stop = quantised_phases(&proposed.plan, j);
-        let denial = Denial::Joint {
-            joint: j,
-            check: Check::Finite,
-        };
+        let denial = Denial::Joint { joint: j, check: Check::Finite };
         (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
         let (plan_point, plan_rest) = on_plan.joint(j);
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
@@ -292,10 +284,7 @@ fn judge(
     if !at_rest.is_at_least(least) {
         return Err(Denial::ClearanceAtRest { pair: at_rest.pair });
     }
-    Ok(Passed::New {
-        stored: Stored::new(next, phases),
-        clearance_m: at_command.distance_m,
-    })
+    Ok(Passed::New { stored: Stored::new(next, phases), clearance_m: at_command.distance_m })
 }
 
 /// The command that plays `stored`.
@@ -305,10 +294,7 @@ fn play(stored: &Stored, verdict: Verdict, clearance_m: f64) -> Decision {
         q: [0.0; JOINTS],
         v: [0.0; JOINTS],
         a: [0.0; JOINTS],
-        plan: StopPlan {
-            jerk: [[0.0; 3]; JOINTS],
-            duration_s: [[0.0; 3]; JOINTS],
-        },
+        plan: StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
         clearance_m,
     };
     for j in 0..JOINTS {

@@ -38,11 +38,7 @@ pub fn tracking_error(
     let (mut angle_rad, mut length_m) = (0.0, 0.0);
     for j in 0..JOINTS {
         let error = (q_command[j] - servo_lag_s * v_command[j] - q_measured[j]).abs();
-        let greatest = if model.prismatic[j] {
-            &mut length_m
-        } else {
-            &mut angle_rad
-        };
+        let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
         // Unlike f64::max this keeps NaN.
         if !(error <= *greatest) {
             *greatest = error;

@@ -41,9 +41,7 @@ fn ten_thousand_ticks_allocate_nothing() {
     let mut bench = Bench::engaged();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     let mut near = monitor::Near::new();
-    let mut frames = Frames {
-        base_from_body: [Pose::identity(); messages::JOINTS + 1],
-    };
+    let mut frames = Frames { base_from_body: [Pose::identity(); messages::JOINTS + 1] };
     let before = ALLOCATIONS.load(Ordering::Relaxed);
     for k in 1..=10_000 {
         bench.input.motion.gate_denied = k % 7 == 0;
@@ -51,11 +49,7 @@ fn ten_thousand_ticks_allocate_nothing() {
         bench.step();
         let mut proposed = resting(k, model.home);
         // Both clearance checks run: the command is new, and of no use to anybody.
-        proposed.a[1] = if k % 2 == 0 {
-            1e-7
-        } else {
-            f64::from_bits(rng.next_u64())
-        };
+        proposed.a[1] = if k % 2 == 0 { 1e-7 } else { f64::from_bits(rng.next_u64()) };
         tick(&config, &mut gate, Stamp(k), proposed);
         let clearance = monitor::measured_clearance(&model, &mut frames, &proposed.q);
         near.update(&model, clearance.distance_m);

@@ -46,10 +46,7 @@ fn the_first_second_is_slow_and_the_ramp_is_smooth() {
         }
         // The steepest slope of 0.05 + 0.95 (3 s^2 - 2 s^3) is 0.95 * 1.5 a ramp of 3000 ticks.
         let step = scale - before;
-        assert!(
-            n == 0 || (0.0..=0.95 * 1.5 / 3000.0 + 1e-9).contains(&step),
-            "tick {n}: {step}"
-        );
+        assert!(n == 0 || (0.0..=0.95 * 1.5 / 3000.0 + 1e-9).contains(&step), "tick {n}: {step}");
         before = scale;
     }
     // The machine gives exactly this, however aligned the robot is.
@@ -57,10 +54,7 @@ fn the_first_second_is_slow_and_the_ramp_is_smooth() {
     bench.input.motion.aligned = true;
     for _ in 0..1498 {
         let out = bench.step();
-        assert_eq!(
-            (out.mode, out.permit),
-            (Mode::Engaging, Permit::Follow { speed_scale: 0.05 })
-        );
+        assert_eq!((out.mode, out.permit), (Mode::Engaging, Permit::Follow { speed_scale: 0.05 }));
     }
     assert!(bench.until(Mode::Engaged, 5) <= 3);
 }
@@ -95,10 +89,7 @@ fn silence_acts_in_time_and_not_before() {
     ];
     for (what, ms, taken) in cases {
         let exact = ms * 1500 / 1000;
-        assert!(
-            (exact..=exact + 1).contains(&taken),
-            "{what}: {taken} ticks for {ms} ms"
-        );
+        assert!((exact..=exact + 1).contains(&taken), "{what}: {taken} ticks for {ms} ms");
     }
 }
 
@@ -112,12 +103,7 @@ fn own_sleep_is_charged_to_nobody() {
     bench.input.k += 120;
     bench.input.own_gap_ns = 80_666_667;
     let out = bench.step();
-    assert_eq!(
-        (out.mode, out.active.is_empty()),
-        (Mode::Engaged, true),
-        "{:?}",
-        out.active
-    );
+    assert_eq!((out.mode, out.active.is_empty()), (Mode::Engaged, true), "{:?}", out.active);
     // From here on silence is silence.
     let taken = bench.until(Mode::Holding, 20);
     assert!(taken <= 7, "{taken}");
@@ -162,10 +148,7 @@ fn a_hold_resumes_slowly_or_ends() {
     assert_eq!(bench.steps(100).mode, Mode::Holding, "still moving");
     bench.input.motion.at_rest = true;
     let out = bench.step();
-    assert_eq!(
-        (out.mode, out.permit),
-        (Mode::Engaging, Permit::Follow { speed_scale: 0.05 })
-    );
+    assert_eq!((out.mode, out.permit), (Mode::Engaging, Permit::Follow { speed_scale: 0.05 }));
 
     let mut bench = Bench::holding(true);
     bench.input.motion.at_rest = true;
@@ -173,11 +156,7 @@ fn a_hold_resumes_slowly_or_ends() {
     let taken = bench.until(Mode::Disengaged, ticks(6000));
     assert!((ticks(5000) - 2..=ticks(5000) + 2).contains(&taken), "{taken}");
     bench.input.target.input_fresh = true;
-    assert_eq!(
-        bench.steps(ticks(1000)).mode,
-        Mode::Disengaged,
-        "the enable is still held, and means nothing"
-    );
+    assert_eq!(bench.steps(ticks(1000)).mode, Mode::Disengaged, "the enable is still held, and means nothing");
     bench.press();
     assert_eq!(bench.step().mode, Mode::Engaging);
 }
@@ -229,10 +208,7 @@ fn a_reset_is_an_edge_and_engages_nothing() {
     assert_eq!(bench.step().mode, Mode::Faulted, "no edge");
     bench.input.operator.reset_edge = true;
     let out = bench.step();
-    assert_eq!(
-        (out.mode, out.reset_count, out.latched.is_empty()),
-        (Mode::Disengaged, 42, true)
-    );
+    assert_eq!((out.mode, out.reset_count, out.latched.is_empty()), (Mode::Disengaged, 42, true));
     bench.input.operator.reset_edge = true;
     assert_eq!(bench.step().reset_count, 42, "there is nothing to reset any more");
     bench.input.operator.enable_level = true;
@@ -249,11 +225,7 @@ fn a_drivers_latch_is_reset_through_the_driver() {
     bench.steps(10);
     bench.input.operator.reset_edge = true;
     let out = bench.step();
-    assert_eq!(
-        (out.mode, out.reset_count),
-        (Mode::Faulted, 42),
-        "the driver has yet to hear of it"
-    );
+    assert_eq!((out.mode, out.reset_count), (Mode::Faulted, 42), "the driver has yet to hear of it");
     bench.steps(5);
     bench.input.robot.driver_fault = false;
     assert_eq!(bench.step().mode, Mode::Disengaged);
@@ -299,16 +271,9 @@ fn thresholds_that_monitor_nothing_are_refused() {
         let mut settings = settings();
         change(&mut settings);
         let error = Config::new(&settings).expect_err(key);
-        assert!(
-            matches!(error, ConfigError::OutOfRange { .. }) && error.to_string().contains(key),
-            "{error}"
-        );
+        assert!(matches!(error, ConfigError::OutOfRange { .. }) && error.to_string().contains(key), "{error}");
     }
-    let swapped = Settings {
-        state_late_ms: 20.0,
-        state_stale_ms: 5.0,
-        ..settings()
-    };
+    let swapped = Settings { state_late_ms: 20.0, state_stale_ms: 5.0, ..settings() };
     assert!(matches!(Config::new(&swapped), Err(ConfigError::Order { .. })));
     for factor in [0.5, 101.0, f64::NAN] {
         assert!(Config::relaxed(&settings(), factor).is_err());

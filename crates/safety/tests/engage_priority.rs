@@ -60,13 +60,7 @@ fn legal(set: u32, from: Mode, out: &Output, pending: bool) -> bool {
         (Mode::Disengaged, Mode::Engaging) => has(12) && level && !has(13) && at_rest && out.active.is_empty(),
         (Mode::Engaging, Mode::Engaged) => has(17) || has(18),
         (Mode::Engaging | Mode::Engaged, Mode::Holding) => {
-            has(13)
-                || !level
-                || !out
-                    .active
-                    .of(Response::Hold)
-                    .union(out.active.of(Response::Release))
-                    .is_empty()
+            has(13) || !level || !out.active.of(Response::Hold).union(out.active.of(Response::Release)).is_empty()
         }
         (Mode::Holding, Mode::Disengaged) => at_rest,
         (Mode::Holding, Mode::Engaging) => at_rest && level && !has(13) && out.active.is_empty(),
@@ -116,14 +110,8 @@ fn a_stop_beats_everything_in_every_combination() {
             }
             if out.permit != Permit::Stop {
                 assert!(matches!(out.mode, Mode::Engaging | Mode::Engaged), "{}", context());
-                assert!(
-                    bench.input.operator.enable_level && set & (1 << 13 | 1 << 8) == 0,
-                    "{}",
-                    context()
-                );
-                let calm = [Response::Hold, Response::Release]
-                    .into_iter()
-                    .all(|r| out.active.of(r).is_empty());
+                assert!(bench.input.operator.enable_level && set & (1 << 13 | 1 << 8) == 0, "{}", context());
+                let calm = [Response::Hold, Response::Release].into_iter().all(|r| out.active.of(r).is_empty());
                 assert!(calm, "{}", context());
             }
             assert!(legal(set, from, &out, pending), "{}", context());

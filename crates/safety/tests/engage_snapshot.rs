@@ -218,11 +218,7 @@ fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)
     }
     let (active, latched) = (names(decided.active), names(decided.latched));
     let (name, before) = (state.0, before.name());
-    writeln!(
-        out,
-        "{name} | {event} | {before}{went} | {scale} | {active} | latched {latched} |{notes}"
-    )
-    .unwrap();
+    writeln!(out, "{name} | {event} | {before}{went} | {scale} | {active} | latched {latched} |{notes}").unwrap();
 }
 
 fn snapshot() -> String {
@@ -245,12 +241,7 @@ fn every_state_and_event_is_a_line_of_the_snapshot() {
     for (number, (actual, stored)) in actual.lines().zip(stored.lines()).enumerate() {
         assert_eq!(actual, stored, "line {}", number + 1);
     }
-    assert!(
-        actual == stored,
-        "the snapshot has {} lines, not {}",
-        stored.lines().count(),
-        actual.lines().count()
-    );
+    assert!(actual == stored, "the snapshot has {} lines, not {}", stored.lines().count(), actual.lines().count());
 }
 
 #[test]

@@ -113,33 +113,13 @@ impl Settings {
             }
         }
         let ordered = [
-            (
-                "state_late_ms",
-                self.state_late_ms,
-                "state_stale_ms",
-                self.state_stale_ms,
-            ),
-            (
-                "tracking_error_rad",
-                self.tracking_error_rad,
-                "tracking_error_now_rad",
-                self.tracking_error_now_rad,
-            ),
-            (
-                "tracking_error_m",
-                self.tracking_error_m,
-                "tracking_error_now_m",
-                self.tracking_error_now_m,
-            ),
+            ("state_late_ms", self.state_late_ms, "state_stale_ms", self.state_stale_ms),
+            ("tracking_error_rad", self.tracking_error_rad, "tracking_error_now_rad", self.tracking_error_now_rad),
+            ("tracking_error_m", self.tracking_error_m, "tracking_error_now_m", self.tracking_error_now_m),
         ];
         for (lesser, lesser_value, greater, greater_value) in ordered {
             if lesser_value >= greater_value {
-                return Err(ConfigError::Order {
-                    lesser,
-                    lesser_value,
-                    greater,
-                    greater_value,
-                });
+                return Err(ConfigError::Order { lesser, lesser_value, greater, greater_value });
             }
         }
         Ok(())
@@ -158,12 +138,7 @@ impl Config {
         settings.validate()?;
         if !(1.0..=RELAX_MAX).contains(&factor) {
             let key = "stale_factor_without_realtime";
-            return Err(ConfigError::OutOfRange {
-                key,
-                value: factor,
-                min: 1.0,
-                max: RELAX_MAX,
-            });
+            return Err(ConfigError::OutOfRange { key, value: factor, min: 1.0, max: RELAX_MAX });
         }
         // Bounded above: 60 s times 100 is 6e12 ns.
         let ns = |ms: f64| (ms * 1e6) as u64;

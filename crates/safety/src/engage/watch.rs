@@ -30,11 +30,7 @@ impl StreamAge {
         } else {
             self.awake_ns = self.awake_ns.saturating_add(charged_ns);
         }
-        if self.newest == Stamp::NONE {
-            u64::MAX
-        } else {
-            self.awake_ns
-        }
+        if self.newest == Stamp::NONE { u64::MAX } else { self.awake_ns }
     }
 
     fn seen(&self) -> bool {
@@ -116,11 +112,7 @@ impl Watch {
 
     fn note_enable(&mut self, config: &Config, input: &Input) {
         let released = !input.operator.enable_level;
-        self.released_ns = if released {
-            self.released_ns.saturating_add(charged_ns(input.own_gap_ns))
-        } else {
-            0
-        };
+        self.released_ns = if released { self.released_ns.saturating_add(charged_ns(input.own_gap_ns)) } else { 0 };
         self.enable_was_released |= self.released_ns >= config.enable_released_ns;
     }
 
@@ -130,9 +122,7 @@ impl Watch {
         let target_age = self.target.judge(now, input.target.received, charged, slept);
         let input_age = self.input.judge(now, input.target.input_received, charged, slept);
         let state_age = self.state.judge(now, input.robot.received, charged, slept);
-        let heartbeat_age = self
-            .heartbeat
-            .judge(now, input.operator.heartbeat_received, charged, slept);
+        let heartbeat_age = self.heartbeat.judge(now, input.operator.heartbeat_received, charged, slept);
         let (has_target, has_state) = (self.target.seen(), self.state.seen());
         let target_stale = target_age > config.target_stale_ns;
         self.operator_alive = input.operator.connected && heartbeat_age <= config.operator_silent_ns;
@@ -147,10 +137,7 @@ impl Watch {
         seen.set(Fault::StartInCollision, has_state && input.robot.in_collision);
         seen.set(Fault::NoRobotState, !has_state || !input.robot.commanded);
         seen.set(Fault::NoTarget, !has_target || target_stale);
-        seen.set(
-            Fault::InputStale,
-            has_target && (input_age > config.input_stale_ns || !input.target.input_fresh),
-        );
+        seen.set(Fault::InputStale, has_target && (input_age > config.input_stale_ns || !input.target.input_fresh));
         seen.set(Fault::InputImplausible, has_target && input.target.implausible);
         seen.set(Fault::TargetStale, has_target && target_stale);
         seen.set(Fault::CollisionNear, has_state && input.robot.collision_near);
@@ -160,14 +147,8 @@ impl Watch {
         seen.set(Fault::HoldTimeout, mode.hold_expired);
         seen.set(Fault::EmergencyStop, input.operator.estop_edge);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
-        seen.set(
-            Fault::TrackingError,
-            has_state && self.tracking_lost(config, input, charged),
-        );
-        seen.set(
-            Fault::DeadlineMissed,
-            input.deadlines_missed >= config.deadlines_missed_max,
-        );
+        seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input, charged));
+        seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);
         seen.set(Fault::GateDenied, input.motion.gate_denied);
         seen
@@ -186,11 +167,7 @@ impl Watch {
         let (angle, length) = (input.robot.tracking_error_rad, input.robot.tracking_error_m);
         let small = angle <= config.tracking_error_rad && length <= config.tracking_error_m;
         let bearable = angle <= config.tracking_error_now_rad && length <= config.tracking_error_now_m;
-        self.tracking_ns = if small {
-            0
-        } else {
-            self.tracking_ns.saturating_add(charged_ns)
-        };
+        self.tracking_ns = if small { 0 } else { self.tracking_ns.saturating_add(charged_ns) };
         !bearable || self.tracking_ns > config.tracking_error_ns
     }
 }
@@ -206,11 +183,7 @@ mod tests {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         assert_eq!(age.judge(now, now.plus_ns(3 * MS), MS, 0), u64::MAX, "never arrived");
-        assert_eq!(
-            age.judge(now, now.plus_ns(MS), MS, 0),
-            0,
-            "taken while this process was on its way"
-        );
+        assert_eq!(age.judge(now, now.plus_ns(MS), MS, 0), 0, "taken while this process was on its way");
         let mut age = StreamAge::default();
         assert_eq!(age.judge(now, Stamp(990 * MS), MS, 0), 10 * MS);
         assert_eq!(age.judge(now, Stamp(u64::MAX), MS, 0), 11 * MS, "goes on ageing");
@@ -231,33 +204,19 @@ mod tests {
         age.judge(now, now, MS, 0);
         // Slept 50 ms while the writer slept too: only a tick is charged, and then tick by tick.
         assert_eq!(
-            age.judge(
-                now.plus_ns(50 * MS),
-                now,
-                charged_ns(50 * MS),
-                50 * MS - charged_ns(50 * MS)
-            ),
+            age.judge(now.plus_ns(50 * MS), now, charged_ns(50 * MS), 50 * MS - charged_ns(50 * MS)),
             CHARGE_MAX_NS
         );
         assert_eq!(age.judge(now.plus_ns(51 * MS), now, MS, 0), CHARGE_MAX_NS + MS);
         // A message that came in during the sleep is not old because of the sleep.
-        assert_eq!(
-            age.judge(now.plus_ns(101 * MS), now.plus_ns(60 * MS), CHARGE_MAX_NS, 49 * MS),
-            0
-        );
+        assert_eq!(age.judge(now.plus_ns(101 * MS), now.plus_ns(60 * MS), CHARGE_MAX_NS, 49 * MS), 0);
         // But one that was old before the sleep stays old.
-        assert_eq!(
-            age.judge(now.plus_ns(300 * MS), now.plus_ns(61 * MS), CHARGE_MAX_NS, 9 * MS),
-            230 * MS
-        );
+        assert_eq!(age.judge(now.plus_ns(300 * MS), now.plus_ns(61 * MS), CHARGE_MAX_NS, 9 * MS), 230 * MS);
     }
 
     #[test]
     fn ages_saturate() {
-        let mut age = StreamAge {
-            newest: Stamp(1),
-            awake_ns: u64::MAX - 1,
-        };
+        let mut age = StreamAge { newest: Stamp(1), awake_ns: u64::MAX - 1 };
         assert_eq!(age.judge(Stamp(5), Stamp(1), 10, 0), u64::MAX);
     }
 }

@@ -84,13 +84,7 @@ impl Limits {
     pub(super) fn new(name: &str, limits: &JointLimits) -> Result<Self, ConfigError> {
         let units = |limit: &'static str, value: f64, min: f64, max: f64| {
             let inside = value > min && value <= max;
-            let refused = || ConfigError::Limit {
-                joint: name.to_owned(),
-                limit,
-                value,
-                min,
-                max,
-            };
+            let refused = || ConfigError::Limit { joint: name.to_owned(), limit, value, min, max };
             quantise(value, max, UNITS).filter(|_| inside).ok_or_else(refused)
         };
         let q_min = units("q_min", limits.q_min, -MOTION_CEILING, MOTION_CEILING)?;
@@ -103,13 +97,7 @@ impl Limits {
         let stop_s = limits.v_max / limits.a_max + 2.0 * limits.a_max / limits.j_max;
         // A conversion that saturates: with any positive limits it only grows the bound.
         let stop = (stop_s * STOP_TIME_MARGIN * TIME_UNITS) as i64;
-        Ok(Self {
-            q: [q_min, q_max],
-            v,
-            a,
-            jerk,
-            stop: stop.saturating_add(TICK),
-        })
+        Ok(Self { q: [q_min, q_max], v, a, jerk, stop: stop.saturating_add(TICK) })
     }
 
     fn holds_position(&self, q: [i64; 2]) -> bool {
@@ -135,10 +123,7 @@ impl Limits {
         if next.a.abs() > self.a + SLACK {
             return Err(Check::Acceleration);
         }
-        self.within(&Extremes {
-            q: [next.q; 2],
-            v: [next.v; 2],
-        })?;
+        self.within(&Extremes { q: [next.q; 2], v: [next.v; 2] })?;
         if next.is_near(on_plan, SLACK) {
             // Checked, with all that lies between, when the plan was accepted.
             return Ok(());
@@ -151,11 +136,7 @@ impl Limits {
         if !next.is_near(last.reaching(next.a, TICK), SLACK) {
             return Err(Check::Step);
         }
-        let (_, extremes) = Phase {
-            jerk: jerk as i64,
-            duration: TICK,
-        }
-        .play(last);
+        let (_, extremes) = Phase { jerk: jerk as i64, duration: TICK }.play(last);
         self.within(&extremes)
     }
 
@@ -165,11 +146,7 @@ impl Limits {
             return Ok(());
         }
         // NaN becomes zero: nothing may get faster.
-        let share = if speed_scale > 0.0 {
-            (speed_scale * self.v as f64) as i64
-        } else {
-            0
-        };
+        let share = if speed_scale > 0.0 { (speed_scale * self.v as f64) as i64 } else { 0 };
         let slower = next.v.abs() <= share + SLACK || next.v.abs() <= last.v.abs() + SLACK;
         if slower { Ok(()) } else { Err(Check::SpeedScale) }
     }
@@ -200,11 +177,7 @@ fn at_rest(point: Point) -> bool {
 
 /// Whether a stop ends at rest, wherever that is: what is asked of a state that the driver is already in.
 pub(super) fn comes_to_rest(start: Point, phases: &Phases) -> bool {
-    at_rest(
-        phases
-            .iter()
-            .fold(start, |point, phase| point.after(phase.jerk, phase.duration)),
-    )
+    at_rest(phases.iter().fold(start, |point, phase| point.after(phase.jerk, phase.duration)))
 }
 
 /// What two plans may differ by and still be the same one: 0.1 ns, and the jerk that rounding of a sum leaves.
@@ -234,13 +207,7 @@ pub(super) fn all_limits(
     names: &[String; JOINTS],
     limits: &[JointLimits; JOINTS],
 ) -> Result<[Limits; JOINTS], ConfigError> {
-    let mut out = [Limits {
-        q: [0; 2],
-        v: 0,
-        a: 0,
-        jerk: 0,
-        stop: 0,
-    }; JOINTS];
+    let mut out = [Limits { q: [0; 2], v: 0, a: 0, jerk: 0, stop: 0 }; JOINTS];
     for (j, limits) in limits.iter().enumerate() {
         out[j] = Limits::new(&names[j], limits)?;
     }

@@ -96,11 +96,7 @@ impl Point {
         let slope = 6 * self.v + scaled(2 * self.a + a, t, TIME_BITS) as i64;
         let six = scaled(slope, t, TIME_BITS);
         let q = i128::from(self.q) + (six + 3).div_euclid(6);
-        Self {
-            q: clamped(q, MOTION_CLAMP),
-            v: clamped(v, MOTION_CLAMP),
-            a,
-        }
+        Self { q: clamped(q, MOTION_CLAMP), v: clamped(v, MOTION_CLAMP), a }
     }
 
     /// Whether the two differ by at most `slack` units each.
@@ -122,10 +118,7 @@ impl Phase {
     /// the acceleration is zero, position at the ends and where the velocity is.
     pub(super) fn play(self, start: Point) -> (Point, Extremes) {
         let end = start.after(self.jerk, self.duration);
-        let mut extremes = Extremes {
-            q: sorted(start.q, end.q),
-            v: sorted(start.v, end.v),
-        };
+        let mut extremes = Extremes { q: sorted(start.q, end.q), v: sorted(start.v, end.v) };
         match self.crossing(start.a, end.a) {
             None => extremes.note_turn(start, self.jerk, [0, self.duration], [start.v, end.v]),
             Some(turn) => {
@@ -180,21 +173,11 @@ mod tests {
     fn integration_agrees_with_the_polynomial() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
         for _ in 0..100_000 {
-            let (q, v, a, j) = (
-                random(&mut rng, 3.0),
-                random(&mut rng, 3.0),
-                random(&mut rng, 10.0),
-                random(&mut rng, 400.0),
-            );
+            let (q, v, a, j) =
+                (random(&mut rng, 3.0), random(&mut rng, 3.0), random(&mut rng, 10.0), random(&mut rng, 400.0));
             let t: f64 = rng.random_range(0.0..0.5);
-            let end = Point::quantised(q, v, a)
-                .unwrap()
-                .after((j * UNITS) as i64, (t * TIME_UNITS) as i64);
-            let expected = [
-                q + t * (v + t * (a / 2.0 + t * j / 6.0)),
-                v + t * (a + t * j / 2.0),
-                a + t * j,
-            ];
+            let end = Point::quantised(q, v, a).unwrap().after((j * UNITS) as i64, (t * TIME_UNITS) as i64);
+            let expected = [q + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j];
             for (got, expected) in [end.q, end.v, end.a].into_iter().zip(expected) {
                 assert!((got as f64 / UNITS - expected).abs() < 8.0 / UNITS, "{got} {expected}");
             }
@@ -208,10 +191,7 @@ mod tests {
             let [sq, sv, sa, sj] = [1, 2, 4, 8].map(|bit| if signs & bit == 0 { 1.0 } else { -1.0 });
             let start = Point::quantised(sq * MOTION_CEILING, sv * MOTION_CEILING, sa * ACCELERATION_CEILING).unwrap();
             let jerk = quantise(sj * JERK_CEILING, JERK_CEILING, UNITS).unwrap();
-            let phase = Phase {
-                jerk,
-                duration: quantise(TIME_CEILING_S, TIME_CEILING_S, TIME_UNITS).unwrap(),
-            };
+            let phase = Phase { jerk, duration: quantise(TIME_CEILING_S, TIME_CEILING_S, TIME_UNITS).unwrap() };
             let mut point = start;
             for _ in 0..4 {
                 (point, _) = phase.play(point);
@@ -234,10 +214,7 @@ mod tests {
                 duration: (rng.random_range(0.0..0.1) * TIME_UNITS) as i64,
             };
             let (_, extremes) = phase.play(start);
-            let mut walk = Extremes {
-                q: [start.q; 2],
-                v: [start.v; 2],
-            };
+            let mut walk = Extremes { q: [start.q; 2], v: [start.v; 2] };
             for n in 0..=400 {
                 let at = start.after(phase.jerk, phase.duration / 400 * n);
                 walk.q = [walk.q[0].min(at.q), walk.q[1].max(at.q)];

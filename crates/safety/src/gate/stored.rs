@@ -54,21 +54,14 @@ fn advanced(origin: Point, phases: &Phases, played: i64) -> (Point, Phases) {
 impl Stored {
     /// At rest at `origin`'s positions.
     pub(super) fn new(origin: [Point; JOINTS], phases: [Phases; JOINTS]) -> Self {
-        Self {
-            origin,
-            phases,
-            played: 0,
-        }
+        Self { origin, phases, played: 0 }
     }
 
     /// The same plan, `ticks` later.
     pub(super) fn later(&self, ticks: u64) -> Self {
         // 2^15 ticks are 21 s, more than all three phases.
         let more = ticks.min(1 << 15) as i64 * TICK;
-        Self {
-            played: (self.played + more).min(PLAYED_MAX),
-            ..*self
-        }
+        Self { played: (self.played + more).min(PLAYED_MAX), ..*self }
     }
 
     /// Where joint `j` is, and what is left of its stop.

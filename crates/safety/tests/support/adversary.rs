@@ -51,14 +51,7 @@ impl Adversary {
 
     fn sent(&self) -> Proposed {
         let (q, v, a, plan) = (self.state.q(), self.state.v(), self.state.a(), self.state.plan());
-        Proposed {
-            k: self.k,
-            permit: Permit::Follow { speed_scale: 1.0 },
-            q,
-            v,
-            a,
-            plan,
-        }
+        Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, q, v, a, plan }
     }
 
     /// A proposal at the edge of what is allowed: every joint as far in its direction as a few tries reach.
@@ -105,21 +98,11 @@ impl Adversary {
             7 => p.plan.duration_s[j][phase] = bits,
             8 => p.plan.duration_s[j][phase] += size,
             9 => p.plan.jerk[j][phase] *= 1.0 + size,
-            10 => {
-                p.plan = StopPlan {
-                    jerk: [[0.0; 3]; JOINTS],
-                    duration_s: [[0.0; 3]; JOINTS],
-                }
-            }
+            10 => p.plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
             11 => p.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
             12 => p.k = p.k.wrapping_add(self.rng.random_range(0..4)),
             _ => {
-                let x = Joint {
-                    q: p.q[j],
-                    v: p.v[j],
-                    a: p.a[j],
-                }
-                .after(size, T);
+                let x = Joint { q: p.q[j], v: p.v[j], a: p.a[j] }.after(size, T);
                 set_joint(p, j, x);
             }
         }
@@ -142,10 +125,7 @@ impl Adversary {
             Verdict::OnPlan => self.report.on_plan += 1,
             Verdict::Deny(denial) => {
                 self.report.denied += 1;
-                let of_clearance = matches!(
-                    denial,
-                    Denial::ClearanceAtCommand { .. } | Denial::ClearanceAtRest { .. }
-                );
+                let of_clearance = matches!(denial, Denial::ClearanceAtCommand { .. } | Denial::ClearanceAtRest { .. });
                 self.report.clearance += u64::from(of_clearance);
                 self.report.honest_denied += u64::from(!damaged && !of_clearance);
                 self.report.damaged += u64::from(!index_ok || self.is_wrong(&last, &proposed));
@@ -160,54 +140,28 @@ impl Adversary {
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
         (0..JOINTS).any(|j| {
             let (x, stop) = (joint(last, j), stop_of(&last.plan, j));
-            wrong(
-                &self.model.limits[j],
-                x,
-                &stop,
-                joint(p, j),
-                &stop_of(&p.plan, j),
-                GRANTED,
-            )
-            .is_some()
+            wrong(&self.model.limits[j], x, &stop, joint(p, j), &stop_of(&p.plan, j), GRANTED).is_some()
         })
     }
 
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
         let mut rest = [0.0; JOINTS];
         for j in 0..JOINTS {
-            let next = Joint {
-                q: sent.q[j],
-                v: sent.v[j],
-                a: sent.a[j],
-            };
+            let next = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             let stop = stop_of(&sent.plan, j);
             rest[j] = play(next, &stop, 1e3).q;
-            let what = wrong(
-                &self.model.limits[j],
-                joint(last, j),
-                &stop_of(&last.plan, j),
-                next,
-                &stop,
-                GRANTED,
-            );
+            let what = wrong(&self.model.limits[j], joint(last, j), &stop_of(&last.plan, j), next, &stop, GRANTED);
             if let Some(what) = what {
-                self.report.violations.push(format!(
-                    "tick {} joint {j}: {what}: {last:?} {sent:?}",
-                    self.report.ticks
-                ));
+                self.report.violations.push(format!("tick {} joint {j}: {what}: {last:?} {sent:?}", self.report.ticks));
             }
         }
         if sent.verdict == Verdict::Accept {
-            let mut frames = Frames {
-                base_from_body: [Pose::identity(); JOINTS + 1],
-            };
+            let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
             for q in [&sent.q, &rest] {
                 self.model.forward(q, &mut frames);
                 let (clearance, _) = self.model.clearance(&frames);
                 if clearance < self.model.d_min_m - 1e-8 {
-                    self.report
-                        .violations
-                        .push(format!("tick {}: clearance {clearance}", self.report.ticks));
+                    self.report.violations.push(format!("tick {}: clearance {clearance}", self.report.ticks));
                 }
             }
         }

@@ -64,12 +64,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new() -> Self {
-        let mut input = Input {
-            k: 1_000_000,
-            own_gap_ns: 666_667,
-            realtime_ok: true,
-            ..Input::default()
-        };
+        let mut input = Input { k: 1_000_000, own_gap_ns: 666_667, realtime_ok: true, ..Input::default() };
         input.target.config_matches = true;
         input.target.input_fresh = true;
         input.target.incarnation = 7;
@@ -80,19 +75,8 @@ impl Bench {
         input.robot.reset_count = 41;
         input.motion.at_rest = true;
         let config = Config::new(&settings()).expect("the design's figures are allowed");
-        let alive = Alive {
-            target: true,
-            input: true,
-            state: true,
-            heartbeat: true,
-        };
-        Self {
-            config,
-            state: State::new(),
-            input,
-            alive,
-            last: None,
-        }
+        let alive = Alive { target: true, input: true, state: true, heartbeat: true };
+        Self { config, state: State::new(), input, alive, last: None }
     }
 
     pub fn now(&self) -> Stamp {
@@ -134,9 +118,7 @@ impl Bench {
 
     /// Steps until the mode is `mode`; the number of ticks that took.
     pub fn until(&mut self, mode: Mode, at_most: u64) -> u64 {
-        (1..=at_most)
-            .find(|_| self.step().mode == mode)
-            .unwrap_or_else(|| panic!("no {mode:?} in {at_most} ticks"))
+        (1..=at_most).find(|_| self.step().mode == mode).unwrap_or_else(|| panic!("no {mode:?} in {at_most} ticks"))
     }
 
     pub fn disengaged(armed: bool) -> Self {

@@ -41,11 +41,7 @@ pub fn stop_from(x: Joint, a_max: f64, j_max: f64) -> Stop {
     if left(a_max) < 0.0 {
         for _ in 0..80 {
             let middle = (low + high) / 2.0;
-            if left(middle) > 0.0 {
-                low = middle
-            } else {
-                high = middle
-            }
+            if left(middle) > 0.0 { low = middle } else { high = middle }
         }
     } else {
         low = a_max;
@@ -75,32 +71,20 @@ pub fn play(mut x: Joint, stop: &Stop, t: f64) -> Joint {
         x = x.after(*jerk, dt);
         left -= dt;
     }
-    if left > 0.0 { Joint { v: 0.0, a: 0.0, ..x } } else { x }
+    // The end itself is at rest by definition; the gate's clock is 1e-15 s off per tick.
+    let over = t >= stop.iter().map(|(_, duration)| duration).sum::<f64>() - 1e-12;
+    if over { Joint { v: 0.0, a: 0.0, ..x } } else { x }
 }
 
-pub const NO_PLAN: StopPlan = StopPlan {
-    jerk: [[0.0; 3]; JOINTS],
-    duration_s: [[0.0; 3]; JOINTS],
-};
+pub const NO_PLAN: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
 
 pub fn resting(k: u64, q: [f64; JOINTS]) -> Proposed {
     let permit = Permit::Follow { speed_scale: 1.0 };
-    Proposed {
-        k,
-        permit,
-        q,
-        v: [0.0; JOINTS],
-        a: [0.0; JOINTS],
-        plan: NO_PLAN,
-    }
+    Proposed { k, permit, q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NO_PLAN }
 }
 
 pub fn joint(p: &Proposed, j: usize) -> Joint {
-    Joint {
-        q: p.q[j],
-        v: p.v[j],
-        a: p.a[j],
-    }
+    Joint { q: p.q[j], v: p.v[j], a: p.a[j] }
 }
 
 pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
@@ -123,9 +107,7 @@ fn zeros(c: f64, b: f64, a: f64, t: f64) -> impl Iterator<Item = f64> {
 
 /// The first limit that a stretch of constant jerk breaks by more than `grant`, from its turning points in closed form.
 fn broken(l: &JointLimits, start: Joint, jerk: f64, t: f64, grant: f64) -> Option<&'static str> {
-    let turns = zeros(start.a, jerk, 0.0, t)
-        .chain(zeros(start.v, start.a, jerk, t))
-        .chain([0.0, t]);
+    let turns = zeros(start.a, jerk, 0.0, t).chain(zeros(start.v, start.a, jerk, t)).chain([0.0, t]);
     let mut found = None;
     for x in turns.map(|at| start.after(jerk, at)) {
         let what = if x.v.abs() > l.v_max + grant {
@@ -156,10 +138,7 @@ pub fn wrong(
     stop: &Stop,
     grant: f64,
 ) -> Option<&'static str> {
-    let finite = [next.q, next.v, next.a]
-        .iter()
-        .chain(stop.iter().flat_map(|(j, d)| [j, d]))
-        .all(|x| x.is_finite());
+    let finite = [next.q, next.v, next.a].iter().chain(stop.iter().flat_map(|(j, d)| [j, d])).all(|x| x.is_finite());
     if !finite {
         return Some("not finite");
     }
