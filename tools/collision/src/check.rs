@@ -20,12 +20,7 @@ const ROUNDING_M: f64 = 1e-9;
 pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
     let mut worst = f64::NEG_INFINITY;
     for piece in &matter.pieces {
-        let fits = |shape: &Shape| {
-            piece
-                .iter()
-                .map(|point| shape.outside_m(point))
-                .fold(f64::NEG_INFINITY, f64::max)
-        };
+        let fits = |shape: &Shape| piece.iter().map(|point| shape.outside_m(point)).fold(f64::NEG_INFINITY, f64::max);
         worst = worst.max(capsules.iter().map(fits).fold(f64::INFINITY, f64::min));
     }
     let mut open: Vec<Points> = matter.surface.clone();
@@ -37,12 +32,7 @@ pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
             open.extend(rest.windows(2).map(|edge| vec![*first, edge[0], edge[1]]));
             continue;
         }
-        let reach = |point: &Vector3<f64>| {
-            capsules
-                .iter()
-                .map(|c| c.outside_m(point))
-                .fold(f64::INFINITY, f64::min)
-        };
+        let reach = |point: &Vector3<f64>| capsules.iter().map(|c| c.outside_m(point)).fold(f64::INFINITY, f64::min);
         let out = polygon.iter().map(reach).fold(f64::NEG_INFINITY, f64::max);
         worst = worst.max(out);
         let inside = |shape: &Shape| polygon.iter().all(|point| shape.outside_m(point) <= ROUNDING_M);
@@ -50,9 +40,7 @@ pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
             continue;
         }
         let edge = |i: usize| (polygon[(i + 1) % polygon.len()] - polygon[i]).norm();
-        let longest = (0..polygon.len())
-            .max_by(|a, b| edge(*a).total_cmp(&edge(*b)))
-            .unwrap_or(0);
+        let longest = (0..polygon.len()).max_by(|a, b| edge(*a).total_cmp(&edge(*b))).unwrap_or(0);
         if edge(longest) < EDGE_MIN_M {
             worst = worst.max(EDGE_MIN_M);
             continue;
@@ -72,10 +60,7 @@ pub fn capsules_in_frame(model: &Model, link: &str, names: impl Fn(&str) -> bool
         return Vec::new();
     };
     let link_from_body = body_from_link.inverse();
-    let own = model
-        .capsules
-        .iter()
-        .filter(|capsule| capsule.body == body && names(&capsule.name));
+    let own = model.capsules.iter().filter(|capsule| capsule.body == body && names(&capsule.name));
     own.map(|capsule| Shape {
         a: link_from_body.transform_point(&capsule.a),
         b: link_from_body.transform_point(&capsule.b),
@@ -114,11 +99,7 @@ pub fn reasons(model: &Model, judge: &mut Judge<'_>, names: &[String]) -> Vec<Re
             (AllowedReason::ProvedClear, Some(first), Some(second)) => judge.prove(first, second),
             _ => None,
         };
-        Reason {
-            names: (a, b),
-            reason: pair.reason,
-            proof,
-        }
+        Reason { names: (a, b), reason: pair.reason, proof }
     };
     model.allowed.iter().map(reason).collect()
 }

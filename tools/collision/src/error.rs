@@ -27,25 +27,16 @@ pub enum CollisionError {
 impl CollisionError {
     /// A complaint about a file's content.
     pub fn content(file: impl Into<String>, cause: impl Into<String>) -> Self {
-        Self::Content {
-            file: file.into(),
-            cause: cause.into(),
-        }
+        Self::Content { file: file.into(), cause: cause.into() }
     }
 }
 
 /// Reads a whole file.
 pub fn read(path: &std::path::Path) -> Result<Vec<u8>, CollisionError> {
-    std::fs::read(path).map_err(|cause| CollisionError::File {
-        file: path.display().to_string(),
-        cause,
-    })
+    std::fs::read(path).map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })
 }
 
 /// Reads a whole text file.
 pub fn read_text(path: &std::path::Path) -> Result<String, CollisionError> {
-    std::fs::read_to_string(path).map_err(|cause| CollisionError::File {
-        file: path.display().to_string(),
-        cause,
-    })
+    std::fs::read_to_string(path).map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })
 }

@@ -81,10 +81,7 @@ fn extremes(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
             let (sin, cos) = (golden * i as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
             let direction = Vector3::new(r * cos, r * sin, z);
-            let extreme = points
-                .iter()
-                .enumerate()
-                .max_by(|a, b| a.1.dot(&direction).total_cmp(&b.1.dot(&direction)));
+            let extreme = points.iter().enumerate().max_by(|a, b| a.1.dot(&direction).total_cmp(&b.1.dot(&direction)));
             extreme.map_or(0, |(at, _)| at)
         })
         .collect();
@@ -96,10 +93,7 @@ fn extremes(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
 /// Mean and principal axes of points.
 pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 3]) {
     let center = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-    let spread = points
-        .iter()
-        .map(|point| (point - center) * (point - center).transpose())
-        .sum();
+    let spread = points.iter().map(|point| (point - center) * (point - center).transpose()).sum();
     let axes = SymmetricEigen::new(spread).eigenvectors;
     (center, [0, 1, 2].map(|i| axes.column(i).into_owned()))
 }
@@ -108,10 +102,7 @@ pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 
 fn along(points: &[Vector3<f64>], center: &Vector3<f64>, axis: &Vector3<f64>) -> [f64; 6] {
     let places = points.iter().map(|point| (point - center).dot(axis));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-    let thickness = points
-        .iter()
-        .map(|point| (point - center).cross(axis).norm())
-        .fold(0.0, f64::max);
+    let thickness = points.iter().map(|point| (point - center).cross(axis).norm()).fold(0.0, f64::max);
     let half = (0.5 * (high - low) - 0.7 * thickness).max(0.01 * (high - low));
     let middle = center + axis * (0.5 * (low + high));
     let (a, b) = (middle - axis * half, middle + axis * half);

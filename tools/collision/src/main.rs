@@ -87,12 +87,7 @@ fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let folder = source.robot.parent().unwrap_or(Path::new("."));
     let urdf_path = folder.join(robot::urdf_file(&toml.0, &toml.1)?);
     let urdf = (name(&urdf_path), read_text(&urdf_path)?);
-    Ok(Texts {
-        plan,
-        shapes,
-        toml,
-        urdf,
-    })
+    Ok(Texts { plan, shapes, toml, urdf })
 }
 
 fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
@@ -110,11 +105,7 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     }
     let mut ratios: Vec<f64> = capsules.iter().map(|capsule| capsule.volume_ratio).collect();
     ratios.sort_by(f64::total_cmp);
-    eprintln!(
-        "{} capsules, median volume ratio {:.2}",
-        ratios.len(),
-        ratios[ratios.len() / 2]
-    );
+    eprintln!("{} capsules, median volume ratio {:.2}", ratios.len(), ratios[ratios.len() / 2]);
     let (toml, urdf) = (&texts.toml, &texts.urdf);
     let decided = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
     for (a, b, clearance_m) in &decided.near_home {
@@ -122,10 +113,8 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     }
     let text = decided.text;
     match out {
-        Some(path) => std::fs::write(path, &text).map_err(|cause| CollisionError::File {
-            file: path.display().to_string(),
-            cause,
-        })?,
+        Some(path) => std::fs::write(path, &text)
+            .map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })?,
         None => println!("{text}"),
     }
     // Last, so that a refused file can be looked at.
@@ -144,12 +133,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         let stem = group.name.replace(SIDE, side);
         let shapes = capsules_in_frame(&model, &group.frame.replace(SIDE, side), |name| belongs(name, &stem));
         let out = sticks_out_m(&scene.matter(group)?, &shapes);
-        println!(
-            "{:20} {} capsules, worst point {:+.2} mm from the surface",
-            group.name,
-            shapes.len(),
-            out * 1e3
-        );
+        println!("{:20} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
         good &= out <= 0.0;
     }
     // The fit is deterministic: it tells again what each capsule was made to contain.
@@ -176,10 +160,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
 fn belongs(name: &str, stem: &str) -> bool {
     let rest = name.strip_prefix(stem);
     rest.is_some_and(|rest| {
-        rest.is_empty()
-            || rest
-                .strip_prefix('_')
-                .is_some_and(|number| number.parse::<usize>().is_ok())
+        rest.is_empty() || rest.strip_prefix('_').is_some_and(|number| number.parse::<usize>().is_ok())
     })
 }
 
@@ -198,16 +179,8 @@ fn summary(model: &Model) {
         count(AllowedReason::ProvedClear)
     );
     if let Some(pair) = model.pairs.get(index) {
-        eprintln!(
-            "home: {:.1} mm between {} and {}",
-            clearance_m * 1e3,
-            name(pair.a),
-            name(pair.b)
-        );
+        eprintln!("home: {:.1} mm between {} and {}", clearance_m * 1e3, name(pair.a), name(pair.b));
     }
     let share = collision_share(model, 20_000);
-    eprintln!(
-        "{:.1} % of uniform configurations are in self-collision by capsules",
-        share * 100.0
-    );
+    eprintln!("{:.1} % of uniform configurations are in self-collision by capsules", share * 100.0);
 }

@@ -29,15 +29,10 @@ pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
 
 /// Binary STL: 80 bytes, a count, then 50 bytes per triangle (normal, three corners as f32, two bytes).
 fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
-    let count = bytes
-        .get(80..84)
-        .map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize);
+    let count = bytes.get(80..84).map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize);
     let body = bytes.get(84..).unwrap_or_default();
     if count.is_none_or(|count| count == 0 || body.len() != count * 50) {
-        return Err(CollisionError::content(
-            name,
-            "is not a binary STL: length and triangle count disagree",
-        ));
+        return Err(CollisionError::content(name, "is not a binary STL: length and triangle count disagree"));
     }
     let number = |bytes: &[u8]| f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
     let corner = |bytes: &[u8]| Vector3::new(number(bytes), number(&bytes[4..]), number(&bytes[8..]));
@@ -51,10 +46,7 @@ fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
 fn finite(name: &str, triangles: Vec<Points>) -> Result<Vec<Points>, CollisionError> {
     // 10 m from its link is no part of a robot.
     if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
-        return Err(CollisionError::content(
-            name,
-            "a coordinate is not finite or above 10 m",
-        ));
+        return Err(CollisionError::content(name, "a coordinate is not finite or above 10 m"));
     }
     Ok(triangles)
 }
@@ -95,9 +87,7 @@ fn dae(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
             }
             Event::Text(text) => {
                 let text = text.decode().map_err(|error| wrong(error.to_string()))?;
-                collada
-                    .take_text(open.last().map_or("", String::as_str), &source, &text)
-                    .map_err(wrong)?;
+                collada.take_text(open.last().map_or("", String::as_str), &source, &text).map_err(wrong)?;
                 continue;
             }
             Event::Eof => return finite(name, collada.triangles().map_err(wrong)?),
@@ -125,13 +115,8 @@ fn dae(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
 }
 
 fn attribute(start: &BytesStart<'_>, key: &str) -> String {
-    let found = start
-        .attributes()
-        .flatten()
-        .find(|attribute| attribute.key.local_name().as_ref() == key.as_bytes());
-    found
-        .map(|attribute| String::from_utf8_lossy(&attribute.value).into_owned())
-        .unwrap_or_default()
+    let found = start.attributes().flatten().find(|attribute| attribute.key.local_name().as_ref() == key.as_bytes());
+    found.map(|attribute| String::from_utf8_lossy(&attribute.value).into_owned()).unwrap_or_default()
 }
 
 fn numbers<T: std::str::FromStr>(text: &str) -> Result<Vec<T>, String> {
@@ -174,26 +159,17 @@ impl Collada {
             let array = self.positions.get(&primitive.source).and_then(|id| self.arrays.get(id));
             let array = array.ok_or_else(|| format!("positions of `{}` are missing", primitive.source))?;
             let point = |corner: usize| {
-                let at = primitive
-                    .indices
-                    .get(corner * primitive.stride + primitive.vertex_offset)?;
+                let at = primitive.indices.get(corner * primitive.stride + primitive.vertex_offset)?;
                 let xyz = array.get(3 * at..3 * at + 3)?;
                 Some(Vector3::new(xyz[0], xyz[1], xyz[2]))
             };
             let corners = primitive.indices.len() / primitive.stride.max(1);
-            let counts = if primitive.counts.is_empty() {
-                vec![3; corners / 3]
-            } else {
-                primitive.counts.clone()
-            };
+            let counts = if primitive.counts.is_empty() { vec![3; corners / 3] } else { primitive.counts.clone() };
             let mut first = 0;
             for count in counts {
                 // A polygon is the fan of triangles around its first corner.
                 for k in 1..count.saturating_sub(1) {
-                    let triangle = [first, first + k, first + k + 1]
-                        .map(point)
-                        .into_iter()
-                        .collect::<Option<Points>>();
+                    let triangle = [first, first + k, first + k + 1].map(point).into_iter().collect::<Option<Points>>();
                     triangles.push(triangle.ok_or("an index points nowhere")?);
                 }
                 first += count;

@@ -94,10 +94,7 @@ impl Plan {
         ];
         for (key, value, least) in bounds {
             if !(value >= least && value <= 100.0) {
-                return Err(CollisionError::content(
-                    file,
-                    format!("{key} = {value}, must be {least} to 100"),
-                ));
+                return Err(CollisionError::content(file, format!("{key} = {value}, must be {least} to 100")));
             }
         }
         for group in &plan.groups {
@@ -107,10 +104,7 @@ impl Plan {
             }
             for (index, cut) in group.cuts.iter().enumerate() {
                 if cut.part > index || index + 2 > group.capsules {
-                    let cause = format!(
-                        "group `{}`: cut {index}: part or number of cuts is too high",
-                        group.name
-                    );
+                    let cause = format!("group `{}`: cut {index}: part or number of cuts is too high", group.name);
                     return Err(CollisionError::content(file, cause));
                 }
             }

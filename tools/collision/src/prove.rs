@@ -68,15 +68,8 @@ fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &
     for (j, half) in joints.iter().zip(half).rev() {
         let body = &frames.base_from_body[j + 1];
         let axis: Vector3<f64> = body.r * model.joint_at_zero(*j).1;
-        let far = points
-            .iter()
-            .map(|point| axis.cross(&(point - body.t)).norm())
-            .fold(0.0, f64::max);
-        moved += if model.prismatic[*j] {
-            *half
-        } else {
-            half * (far + moved)
-        };
+        let far = points.iter().map(|point| axis.cross(&(point - body.t)).norm()).fold(0.0, f64::max);
+        moved += if model.prismatic[*j] { *half } else { half * (far + moved) };
     }
     moved
 }
@@ -93,16 +86,7 @@ pub struct Part<'a> {
 /// Decides about two capsules: are they always farther apart than `clear_m`?
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
     let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
-    let (a_part, b_part) = (
-        Part {
-            body: a.body,
-            points: &of_a,
-        },
-        Part {
-            body: b.body,
-            points: &of_b,
-        },
-    );
+    let (a_part, b_part) = (Part { body: a.body, points: &of_a }, Part { body: b.body, points: &of_b });
     prove_parts(model, &a_part, &b_part, clear_m, &|frames| clearance(frames, a, b))
 }
 

@@ -40,10 +40,7 @@ impl<'a> Scene<'a> {
         let right = self.side(group, "right")?;
         let mirror = self.mirror(&group.frame, "right", "left")?;
         let map = |polygons: Vec<Points>| -> Vec<Points> {
-            polygons
-                .iter()
-                .map(|points| points.iter().map(&mirror).collect())
-                .collect()
+            polygons.iter().map(|points| points.iter().map(&mirror).collect()).collect()
         };
         left.surface.extend(map(right.surface));
         left.pieces.extend(map(right.pieces));
@@ -74,8 +71,7 @@ impl<'a> Scene<'a> {
     fn root(&self) -> Result<String, CollisionError> {
         let below = |link: &str| self.robot.joints.iter().any(|joint| joint.child.link == link);
         let root = self.robot.links.iter().find(|link| !below(&link.name));
-        root.map(|link| link.name.clone())
-            .ok_or_else(|| self.wrong("has no root link".into()))
+        root.map(|link| link.name.clone()).ok_or_else(|| self.wrong("has no root link".into()))
     }
 
     fn side(&self, group: &Group, side: &str) -> Result<Matter, CollisionError> {
@@ -84,9 +80,7 @@ impl<'a> Scene<'a> {
         for part in &group.parts {
             let link = part.link.replace(SIDE, side);
             let pose = self.pose(&frame, &link, &Posture::new())?;
-            matter
-                .surface
-                .extend(place(&self.shapes(&link, part.elements.as_deref())?, &pose));
+            matter.surface.extend(place(&self.shapes(&link, part.elements.as_deref())?, &pose));
             if part.below {
                 self.sweep(&frame, part, side, &mut matter)?;
             }
@@ -119,10 +113,7 @@ impl<'a> Scene<'a> {
 
     /// The postures of the movable joints of one chain: a grid over the free joint and the common flexion.
     fn postures(&self, joints: &[&urdf_rs::Joint], side: &str) -> Result<Vec<Posture>, CollisionError> {
-        let mut movable = joints
-            .iter()
-            .filter(|joint| joint.joint_type != JointType::Fixed)
-            .peekable();
+        let mut movable = joints.iter().filter(|joint| joint.joint_type != JointType::Fixed).peekable();
         if movable.peek().is_none() {
             return Ok(vec![Posture::new()]);
         }
@@ -138,9 +129,7 @@ impl<'a> Scene<'a> {
         // Motors turn in place: a sweep over them is a posture at zero.
         let Some(finger) = self.fingers.iter().find(of_finger) else {
             let name = movable.next().map_or("", |joint| joint.name.as_str());
-            return Err(self.wrong(format!(
-                "joint `{name}` moves inside a group and belongs to no finger of the plan"
-            )));
+            return Err(self.wrong(format!("joint `{name}` moves inside a group and belongs to no finger of the plan")));
         };
         let share = |step: usize, steps: usize| step as f64 / steps.saturating_sub(1).max(1) as f64;
         let mut postures = Vec::new();
@@ -187,14 +176,8 @@ impl<'a> Scene<'a> {
             let axis = Unit::new_normalize(Vector3::from(*joint.axis.xyz));
             let turn = match joint.joint_type {
                 JointType::Fixed => Pose::identity(),
-                JointType::Prismatic => Pose {
-                    t: axis.into_inner() * q,
-                    ..Pose::identity()
-                },
-                _ => Pose {
-                    r: UnitQuaternion::from_axis_angle(&axis, q).into(),
-                    t: Vector3::zeros(),
-                },
+                JointType::Prismatic => Pose { t: axis.into_inner() * q, ..Pose::identity() },
+                _ => Pose { r: UnitQuaternion::from_axis_angle(&axis, q).into(), t: Vector3::zeros() },
             };
             origin.compose(&turn)
         }))
@@ -222,18 +205,12 @@ impl<'a> Scene<'a> {
             Geometry::Sphere { radius } => Ok(prism(&rectangle(2.0 * radius, 2.0 * radius), 2.0 * radius)),
             Geometry::Capsule { radius, length } => Ok(prism(&circle(*radius), length + 2.0 * radius)),
             Geometry::Mesh { filename, scale } => {
-                let folder = self
-                    .meshes
-                    .ok_or_else(|| self.wrong(format!("link `{link}` has a mesh; give --meshes")))?;
-                let below = filename
-                    .rsplit_once("/meshes/")
-                    .map_or(filename.as_str(), |(_, below)| below);
+                let folder =
+                    self.meshes.ok_or_else(|| self.wrong(format!("link `{link}` has a mesh; give --meshes")))?;
+                let below = filename.rsplit_once("/meshes/").map_or(filename.as_str(), |(_, below)| below);
                 let scale = scale.map_or(Vector3::repeat(1.0), |scale| Vector3::from(*scale));
                 let mut triangles = read_mesh(&folder.join(below))?;
-                triangles
-                    .iter_mut()
-                    .flatten()
-                    .for_each(|point| point.component_mul_assign(&scale));
+                triangles.iter_mut().flatten().for_each(|point| point.component_mul_assign(&scale));
                 Ok(triangles)
             }
         }
@@ -241,39 +218,26 @@ impl<'a> Scene<'a> {
 }
 
 fn place(polygons: &[Points], pose: &Pose) -> Vec<Points> {
-    polygons
-        .iter()
-        .map(|points| points.iter().map(|point| pose.transform_point(point)).collect())
-        .collect()
+    polygons.iter().map(|points| points.iter().map(|point| pose.transform_point(point)).collect()).collect()
 }
 
 fn rectangle(x: f64, y: f64) -> Vec<[f64; 2]> {
-    vec![
-        [0.5 * x, 0.5 * y],
-        [-0.5 * x, 0.5 * y],
-        [-0.5 * x, -0.5 * y],
-        [0.5 * x, -0.5 * y],
-    ]
+    vec![[0.5 * x, 0.5 * y], [-0.5 * x, 0.5 * y], [-0.5 * x, -0.5 * y], [0.5 * x, -0.5 * y]]
 }
 
 /// A regular polygon around the circle.
 fn circle(radius: f64) -> Vec<[f64; 2]> {
     let step = std::f64::consts::TAU / CIRCLE_CORNERS as f64;
     let outer = radius / (0.5 * step).cos();
-    (0..CIRCLE_CORNERS)
-        .map(|i| (step * i as f64).sin_cos())
-        .map(|(sin, cos)| [outer * cos, outer * sin])
-        .collect()
+    (0..CIRCLE_CORNERS).map(|i| (step * i as f64).sin_cos()).map(|(sin, cos)| [outer * cos, outer * sin]).collect()
 }
 
 /// The surface of a prism of height `z` on a base around the origin: bottom, top and sides.
 fn prism(base: &[[f64; 2]], z: f64) -> Vec<Points> {
     let at = |corner: &[f64; 2], z: f64| Vector3::new(corner[0], corner[1], z);
     let (low, high) = (-0.5 * z, 0.5 * z);
-    let mut polygons: Vec<Points> = [low, high]
-        .iter()
-        .map(|z| base.iter().map(|corner| at(corner, *z)).collect())
-        .collect();
+    let mut polygons: Vec<Points> =
+        [low, high].iter().map(|z| base.iter().map(|corner| at(corner, *z)).collect()).collect();
     for (i, here) in base.iter().enumerate() {
         let next = &base[(i + 1) % base.len()];
         polygons.push(vec![at(here, low), at(next, low), at(next, high), at(here, high)]);

@@ -18,10 +18,7 @@ impl Matter {
     /// The same matter elsewhere.
     pub fn map(&self, place: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Self {
         let map = |sets: &[Points]| sets.iter().map(|points| points.iter().map(&place).collect()).collect();
-        Self {
-            surface: map(&self.surface),
-            pieces: map(&self.pieces),
-        }
+        Self { surface: map(&self.surface), pieces: map(&self.pieces) }
     }
 
     /// All points.
@@ -42,9 +39,7 @@ impl Matter {
         }
         for piece in &self.pieces {
             let middle = piece.iter().sum::<Vector3<f64>>() / piece.len() as f64;
-            halves[usize::from(normal.dot(&middle) > offset)]
-                .pieces
-                .push(piece.clone());
+            halves[usize::from(normal.dot(&middle) > offset)].pieces.push(piece.clone());
         }
         halves
     }

@@ -36,24 +36,12 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
     let mut capsules = Vec::new();
     for group in &plan.groups {
         let cells = split(scene.matter(group)?, group.capsules, &group.cuts, group.slimness);
-        let sides: &[&str] = if group.frame.contains(SIDE) {
-            &["left", "right"]
-        } else {
-            &[""]
-        };
+        let sides: &[&str] = if group.frame.contains(SIDE) { &["left", "right"] } else { &[""] };
         for side in sides {
-            let mirror = if *side == "right" {
-                Some(scene.mirror(&group.frame, "left", "right")?)
-            } else {
-                None
-            };
+            let mirror = if *side == "right" { Some(scene.mirror(&group.frame, "left", "right")?) } else { None };
             for (index, cell) in cells.iter().enumerate() {
                 let stem = group.name.replace(SIDE, side);
-                let name = if cells.len() == 1 {
-                    stem
-                } else {
-                    format!("{stem}_{index}")
-                };
+                let name = if cells.len() == 1 { stem } else { format!("{stem}_{index}") };
                 let place = |point| mirror.as_ref().map_or(point, |mirror| mirror(&point));
                 let (a, b) = (rounded(place(cell.shape.a)), rounded(place(cell.shape.b)));
                 // Rounding moves an end by half a unit per coordinate; the radius takes that up.
@@ -62,13 +50,7 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
                 let shape = Shape { a, b, radius_m };
                 let volume_ratio = ratio(&cell.matter.points(), &cell.shape);
                 let matter = cell.matter.map(|point| place(*point));
-                capsules.push(Named {
-                    name,
-                    link: group.frame.replace(SIDE, side),
-                    shape,
-                    volume_ratio,
-                    matter,
-                });
+                capsules.push(Named { name, link: group.frame.replace(SIDE, side), shape, volume_ratio, matter });
             }
         }
     }
@@ -94,11 +76,7 @@ pub fn capsules_text(capsules: &[Named]) -> String {
     let mut text = String::new();
     let triple = |v: &nalgebra::Vector3<f64>| {
         let number = |x: f64| {
-            if x == 0.0 {
-                "0.0".to_owned()
-            } else {
-                format!("{x:.DECIMALS$}")
-            }
+            if x == 0.0 { "0.0".to_owned() } else { format!("{x:.DECIMALS$}") }
         };
         format!("[{}, {}, {}]", number(v.x), number(v.y), number(v.z))
     };
@@ -132,12 +110,7 @@ const HULL_JOINTS_MAX: usize = 3;
 impl<'a> Judge<'a> {
     /// A judge of these capsules on this robot.
     pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
-        Self {
-            model,
-            plan,
-            capsules,
-            hulls: HashMap::new(),
-        }
+        Self { model, plan, capsules, hulls: HashMap::new() }
     }
 
     /// A shape of capsule `index` as a capsule on its body.
@@ -145,13 +118,7 @@ impl<'a> Judge<'a> {
         let named = &self.capsules[index];
         let (body, pose) = self.model.link_body(&named.link)?;
         let (a, b) = (pose.transform_point(&shape.a), pose.transform_point(&shape.b));
-        Some(Capsule {
-            name: named.name.clone(),
-            body,
-            a,
-            b,
-            radius_m: shape.radius_m,
-        })
+        Some(Capsule { name: named.name.clone(), body, a, b, radius_m: shape.radius_m })
     }
 
     /// The convex hull, in the body's frame, of what a capsule contains.
@@ -159,12 +126,7 @@ impl<'a> Judge<'a> {
         if !self.hulls.contains_key(&index) {
             let named = &self.capsules[index];
             let hull = self.model.link_body(&named.link).and_then(|(_, pose)| {
-                let points: Vec<_> = named
-                    .matter
-                    .points()
-                    .iter()
-                    .map(|point| pose.transform_point(point))
-                    .collect();
+                let points: Vec<_> = named.matter.points().iter().map(|point| pose.transform_point(point)).collect();
                 Hull::new(&points)
             });
             self.hulls.insert(index, hull);
@@ -190,16 +152,7 @@ impl<'a> Judge<'a> {
             let pose = |body: usize| &frames.base_from_body[body];
             hull_a.distance_m(pose(a.body), &hull_b, pose(b.body))
         };
-        let (part_a, part_b) = (
-            Part {
-                body: a.body,
-                points: &corners_a,
-            },
-            Part {
-                body: b.body,
-                points: &corners_b,
-            },
-        );
+        let (part_a, part_b) = (Part { body: a.body, points: &corners_a }, Part { body: b.body, points: &corners_b });
         match prove_parts(self.model, &part_a, &part_b, self.plan.clear_hull_mm * 1e-3, &distance) {
             Verdict::Clear { at_least_m } => Some((at_least_m, true)),
             Verdict::Meets { .. } | Verdict::Open => None,
@@ -249,10 +202,7 @@ pub fn robot_file(
     for capsule in capsules {
         let link = model.link_body(&capsule.link);
         let (body, pose) = link.ok_or_else(|| {
-            CollisionError::content(
-                urdf.0,
-                format!("capsule `{}`: no link `{}`", capsule.name, capsule.link),
-            )
+            CollisionError::content(urdf.0, format!("capsule `{}`: no link `{}`", capsule.name, capsule.link))
         })?;
         bodies.push(Capsule {
             name: capsule.name.clone(),
@@ -264,10 +214,7 @@ pub fn robot_file(
     }
     let mut judge = Judge::new(&model, plan, capsules);
     let mut text = format!("{head}\n\n{MARK}\n{}", capsules_text(capsules));
-    let mut tables = [
-        (AllowedReason::Adjacent, String::new()),
-        (AllowedReason::ProvedClear, String::new()),
-    ];
+    let mut tables = [(AllowedReason::Adjacent, String::new()), (AllowedReason::ProvedClear, String::new())];
     for (first, a) in bodies.iter().enumerate() {
         let mut others: [Vec<String>; 2] = Default::default();
         for (second, b) in bodies.iter().enumerate().skip(first + 1) {

@@ -1,0 +1,176 @@
+//! Fitted capsules contain what they were fitted to; the check notices when they do not; proofs are right.
+
+use collision::check::{capsules_in_frame, sticks_out_m};
+use collision::fit::{Shape, smallest_capsule};
+use collision::plan::{Cut, Plan, SIDE};
+use collision::prove::{Verdict, clearance, prove};
+use collision::scene::Scene;
+use collision::split::split;
+use collision::write::fit_all;
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use robot::{Capsule, Frames, Model};
+use std::path::Path;
+
+const PLAN: &str = include_str!("../plans/tiago_dual.toml");
+const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
+const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+
+/// A box, a cylinder and a sphere on two sides of a base, one finger below.
+const TOY: &str = r#"<robot name="toy">
+  <link name="base"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 0.3 0.2"/></geometry></collision></link>
+  <link name="arm_left"><collision><geometry><cylinder radius="0.05" length="0.3"/></geometry></collision></link>
+  <link name="arm_right"><collision><geometry><cylinder radius="0.05" length="0.3"/></geometry></collision></link>
+  <link name="tip_left"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.1 0.02 0.02"/></geometry></collision></link>
+  <link name="tip_right"><collision><geometry><sphere radius="0.03"/></geometry></collision></link>
+  <joint name="left" type="revolute"><parent link="base"/><child link="arm_left"/><origin xyz="0 0.3 0.2" rpy="0.3 0 0.2"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="right" type="revolute"><parent link="base"/><child link="arm_right"/><origin xyz="0 -0.3 0.2" rpy="-0.3 0 -0.2"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="finger_left" type="revolute"><parent link="arm_left"/><child link="tip_left"/><origin xyz="0 0 0.2"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="finger_right" type="revolute"><parent link="arm_right"/><child link="tip_right"/><origin xyz="0 0 0.2"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
+</robot>"#;
+
+const TOY_PLAN: &str = r#"
+margin_mm = 1.0
+clear_mm = 12.0
+clear_hull_mm = 1.0
+
+[[groups]]
+name = "base"
+frame = "base"
+parts = [{ link = "base" }]
+capsules = 3
+
+[[groups]]
+name = "arm_{side}"
+frame = "arm_{side}"
+parts = [{ link = "arm_{side}", below = true }]
+capsules = 2
+
+[[fingers]]
+free = "finger_{side}"
+free_steps = 9
+coupled = []
+coupled_steps = 1
+"#;
+
+#[test]
+fn a_cylinder_with_round_ends_is_found_again() {
+    let (a, b, r) = (Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, 0.1, 0.1), 0.06);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+    let points: Vec<Vector3<f64>> = (0..3_000)
+        .map(|_| {
+            let around = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0_f64)).normalize();
+            a + (b - a) * rng.random_range(0.0..1.0) + around * r
+        })
+        .collect();
+    let found = smallest_capsule(&points, 0.0).unwrap();
+    let wanted = Shape { a, b, radius_m: r };
+    assert!(points.iter().all(|point| found.outside_m(point) < 1e-12));
+    assert!(found.volume_m3() < 1.05 * wanted.volume_m3(), "{found:?}");
+}
+
+#[test]
+fn capsules_contain_primitives_on_both_sides_and_a_smaller_one_is_noticed() {
+    let robot = urdf_rs::read_from_string(TOY).unwrap();
+    let plan = Plan::parse("toy", TOY_PLAN).unwrap();
+    let scene = Scene::new(&robot, None, &plan.fingers);
+    let capsules = fit_all(&plan, &scene).unwrap();
+    assert_eq!(capsules.len(), 3 + 2 * 2);
+    for link in ["base", "arm_left", "arm_right"] {
+        let own: Vec<_> = capsules.iter().filter(|capsule| capsule.link == link).collect();
+        let shapes: Vec<Shape> = own.iter().map(|capsule| capsule.shape).collect();
+        for capsule in &own {
+            assert!(sticks_out_m(&capsule.matter, &shapes) <= 0.0, "{}", capsule.name);
+        }
+        let thin: Vec<Shape> = shapes.iter().map(|s| Shape { radius_m: s.radius_m - 2.5e-3, ..*s }).collect();
+        let out = own.iter().map(|capsule| sticks_out_m(&capsule.matter, &thin)).fold(f64::NEG_INFINITY, f64::max);
+        assert!(out > 1e-4, "{link}: {out}");
+    }
+}
+
+#[test]
+fn a_cut_leaves_no_hole_between_its_capsules() {
+    let robot = urdf_rs::read_from_string(TOY).unwrap();
+    let plan = Plan::parse("toy", TOY_PLAN).unwrap();
+    let scene = Scene::new(&robot, None, &plan.fingers);
+    let matter = scene.matter(&plan.groups[0]).unwrap();
+    let cut = Cut { part: 0, normal: [1.0, 0.0, 0.0], offset_m: 0.05 };
+    let cells = split(matter.clone(), 2, &[cut], 0.0);
+    // A hair of margin, as always: exactly at the cut both capsules only touch.
+    let shapes: Vec<Shape> =
+        cells.iter().map(|cell| Shape { radius_m: cell.shape.radius_m + 1e-3, ..cell.shape }).collect();
+    assert!(sticks_out_m(&matter, &shapes) <= 0.0);
+    // Corners alone are not enough: two capsules at the ends contain all corners and leave the middle bare.
+    let ends: Vec<Shape> = [-0.2, 0.2]
+        .map(|x| Shape { a: Vector3::new(x, -0.15, 0.1), b: Vector3::new(x, 0.15, 0.1), radius_m: 0.11 })
+        .to_vec();
+    let points = matter.points();
+    assert!(points.iter().all(|point| ends.iter().any(|end| end.outside_m(point) < 0.0)));
+    assert!(sticks_out_m(&matter, &ends) > 0.0);
+}
+
+fn shipped() -> Model {
+    Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn proofs_are_never_contradicted_by_samples() {
+    let model = shipped();
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(9);
+    let ball = |body: usize, at: [f64; 3], radius_m: f64| {
+        let a = Vector3::from(at);
+        Capsule { name: "ball".into(), body, a, b: a * 0.5, radius_m }
+    };
+    let (mut clear, mut meets) = (0, 0);
+    for _ in 0..60 {
+        let mut random = || [(); 3].map(|()| rng.random_range(-0.15..0.15));
+        let (first, second) = (ball(4, random(), 0.04), ball(6, random(), 0.04));
+        let verdict = prove(&model, &first, &second, 0.012);
+        let mut frames = Frames::default();
+        let mut least = f64::INFINITY;
+        for _ in 0..2_000 {
+            let q = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..model.limits[j].q_max));
+            model.forward(&q, &mut frames);
+            least = least.min(clearance(&frames, &first, &second));
+        }
+        match verdict {
+            Verdict::Clear { at_least_m } => {
+                assert!(at_least_m > 0.012 && least >= at_least_m, "{least} {at_least_m}");
+                clear += 1;
+            }
+            Verdict::Meets { clearance_m } => {
+                assert!(clearance_m <= 0.012);
+                meets += 1;
+            }
+            Verdict::Open => {}
+        }
+    }
+    assert!(clear > 5 && meets > 5, "{clear} {meets}");
+}
+
+#[test]
+fn shipped_capsules_contain_the_manufacturers_meshes() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots/tiago_dual");
+    let Ok(text) = std::fs::read_to_string(folder.join("tiago_dual.urdf")) else {
+        println!("skipped: {} is not there", folder.display());
+        return;
+    };
+    let robot = urdf_rs::read_from_string(&text).unwrap();
+    let plan = Plan::parse("plan", PLAN).unwrap();
+    let meshes = folder.join("meshes");
+    let scene = Scene::new(&robot, Some(&meshes), &plan.fingers);
+    let model = shipped();
+    for group in &plan.groups {
+        let side = if group.frame.contains(SIDE) { "left" } else { "" };
+        let stem = group.name.replace(SIDE, side);
+        let frame = group.frame.replace(SIDE, side);
+        let shapes = capsules_in_frame(&model, &frame, |name| name == stem || name.starts_with(&format!("{stem}_")));
+        assert_eq!(shapes.len(), group.capsules, "{stem}");
+        let out = sticks_out_m(&scene.matter(group).unwrap(), &shapes);
+        assert!(out <= 0.0, "{stem} sticks out by {out} m");
+    }
+}
