@@ -44,14 +44,17 @@ fn no_stage_allocates_in_a_tick() {
         let mut person: Option<Skeleton> = None;
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
             let input = skeleton::Input { raw: &raw };
-            let (out, counted) = count_allocations(|| skeleton::tick(&skeleton_config, &mut skeleton_state, now, input));
+            let (out, counted) =
+                count_allocations(|| skeleton::tick(&skeleton_config, &mut skeleton_state, now, input));
             note(0, counted.allocated);
-            person = out.skeleton;
+            let header = Header { sequence: tick + 1, stamp: now, origin: now, incarnation: 6, ..Header::ZERO };
+            person = out.skeleton.map(|person| Skeleton { header, ..person });
         }
         let input = retarget::Input { k, skeleton: person.as_ref() };
         let (out, counted) = count_allocations(|| retarget::tick(&retarget_config, &mut retarget_state, now, input));
         note(1, counted.allocated);
-        let header = Header { sequence: tick + 1, stamp: now, config_hash: loaded.hash, incarnation: 3, ..Header::ZERO };
+        let header =
+            Header { sequence: tick + 1, stamp: now, config_hash: loaded.hash, incarnation: 3, ..Header::ZERO };
         let target = JointTarget { header: Header { origin: out.target.header.origin, ..header }, ..out.target };
         let operator = OperatorView {
             connected: true,
@@ -61,13 +64,15 @@ fn no_stage_allocates_in_a_tick() {
             ..OperatorView::default()
         };
         let input = ControlInput { k, target: Some(&target), robot: robot.as_ref(), operator, realtime_ok: true };
-        let (out, counted) = count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
+        let (out, counted) =
+            count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
         note(2, counted.allocated);
         mode = Mode::from_u32(out.status.mode).expect("a mode");
         engaged += u64::from(counting && mode == Mode::Engaged);
         let command: Option<JointCommand> = out.command;
         let input = sim::Input { due_k: k, command: command.as_ref() };
-        let (out, counted) = count_allocations(|| sim::tick(&sim_config, &mut sim_state, Stamp(now.0 + 100_000), input));
+        let (out, counted) =
+            count_allocations(|| sim::tick(&sim_config, &mut sim_state, Stamp(now.0 + 100_000), input));
         note(3, counted.allocated);
         robot = Some(RobotState { header: Header { incarnation: 4, ..header }, ..out.state });
     }

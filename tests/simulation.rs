@@ -109,9 +109,17 @@ impl Oracle {
             let dt = (index - last_index) as f64 * TICK_S;
             for (j, limits) in self.limits.iter().enumerate() {
                 let q = robot.q[j];
-                assert!(q >= limits.q_min - 1e-9 && q <= limits.q_max + 1e-9, "seed {seed}, tick {}: joint {j} at {q}", moment.k);
+                assert!(
+                    q >= limits.q_min - 1e-9 && q <= limits.q_max + 1e-9,
+                    "seed {seed}, tick {}: joint {j} at {q}",
+                    moment.k
+                );
                 let moved = (q - last[j]).abs();
-                assert!(moved <= limits.v_max * dt + 1e-9, "seed {seed}, tick {}: joint {j} moved {moved} in {dt} s", moment.k);
+                assert!(
+                    moved <= limits.v_max * dt + 1e-9,
+                    "seed {seed}, tick {}: joint {j} moved {moved} in {dt} s",
+                    moment.k
+                );
             }
         }
         self.last = Some((index, robot.q));

@@ -24,7 +24,10 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
         };
         println!("{key:<44} {value:<28} {from}");
     }
-    println!("\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");
+    println!(
+        "\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home"
+    );
     let model = &loaded.model;
     for j in 0..JOINTS {
         let limits = &model.limits[j];
@@ -34,7 +37,12 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
         );
     }
     println!("(rad, rad/s, rad/s^2, rad/s^3; m for the torso lift)");
-    println!("\ncapsules {}, checked pairs {}, d_min {:.1} mm", model.capsules.len(), model.pairs.len(), model.d_min_m * 1e3);
+    println!(
+        "\ncapsules {}, checked pairs {}, d_min {:.1} mm",
+        model.capsules.len(),
+        model.pairs.len(),
+        model.d_min_m * 1e3
+    );
     println!("hash {:016x}", loaded.hash);
     Ok(Exit::Ok)
 }

@@ -49,7 +49,13 @@ impl Children {
         Ok(children)
     }
 
-    fn start_one(&mut self, name: &'static str, instance: &Instance, place: &Place, quiet: bool) -> Result<(), Failure> {
+    fn start_one(
+        &mut self,
+        name: &'static str,
+        instance: &Instance,
+        place: &Place,
+        quiet: bool,
+    ) -> Result<(), Failure> {
         let program = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
         let mut command = Command::new(program);
         command.arg(name).arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());

@@ -3,10 +3,10 @@
 use crate::children::Children;
 use crate::cli;
 use crate::exit::{Exit, Failure};
+use crate::figure;
 use crate::operate::Operator;
 use crate::process::bus_failure;
 use crate::report::Report;
-use crate::figure;
 use bus::{Domain, Reader};
 use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
 use motion::CalibrationMode;
@@ -40,7 +40,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = Instance::new(&folder.path)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", folder.path.display())))?;
-    let place = cli::Place { config: options.config.clone(), run_dir: folder.path.clone(), engage_without_realtime: true };
+    let place =
+        cli::Place { config: options.config.clone(), run_dir: folder.path.clone(), engage_without_realtime: true };
     println!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
         println!("          {warning}");
@@ -67,7 +68,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     report.print();
     if let Some(path) = &options.report {
         let text = format!("{:#}\n", report.to_json());
-        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))?;
+        std::fs::write(path, text)
+            .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))?;
     }
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
@@ -100,7 +102,9 @@ impl Run<'_> {
         }
         let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
         if !realtime {
-            println!("warning   no real-time scheduling: stale times are relaxed, as the configuration allows for a simulator");
+            println!(
+                "warning   no real-time scheduling: stale times are relaxed, as the configuration allows for a simulator"
+            );
         }
         self.operator.enable();
         let enabled = Instant::now();

@@ -21,8 +21,9 @@ impl Report {
     pub fn collect(instance: &Instance) -> Result<Self, Failure> {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
-            let text = std::fs::read_to_string(&path)
-                .map_err(|error| Failure::new(Exit::Failed, format!("{process} left no figures: {}: {error}", path.display())))?;
+            let text = std::fs::read_to_string(&path).map_err(|error| {
+                Failure::new(Exit::Failed, format!("{process} left no figures: {}: {error}", path.display()))
+            })?;
             serde_json::from_str(&text)
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
         };
@@ -111,7 +112,8 @@ impl Report {
         let rate = |name: &str| number(&v["ticks"][name]) / seconds;
         println!("{:<34} {:>10.1} {:>10.1} {:>10.1}", "rate, Hz", rate("retarget"), rate("control"), rate("driver"));
         println!("\n{:<34} {:>10} {:>10} {:>10} {:>10}", "latency, us", "p50", "p99", "p99.9", "max");
-        for (label, key) in [("skeleton to command", "skeleton_to_command"), ("target to command", "target_to_command")] {
+        for (label, key) in [("skeleton to command", "skeleton_to_command"), ("target to command", "target_to_command")]
+        {
             let row = &v["latency_us"][key];
             let [p50, p99, p99_9, max] = PERCENTILES.map(|name| number(&row[name]));
             println!("{label:<34} {p50:>10.0} {p99:>10.0} {p99_9:>10.0} {max:>10.0}");
@@ -122,14 +124,20 @@ impl Report {
             println!("{which:<34} {:>10.2} {:>10.2}", number(&row["mean"]), number(&row["p95"]));
         }
         let tracking = &v["tracking_error_rad"];
-        println!("\n{:<34} {:>10.4} rms {:>10.4} max", "tracking error, rad", number(&tracking["rms"]), number(&tracking["max"]));
+        println!(
+            "\n{:<34} {:>10.4} rms {:>10.4} max",
+            "tracking error, rad",
+            number(&tracking["rms"]),
+            number(&tracking["max"])
+        );
         println!("{:<34} {:>10.6} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
         let ratio = number(&v["engage"]["first_second_velocity_ratio"]);
         println!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
         println!("{:<34} {:>10.1} mm", "smallest clearance", number(&v["min_clearance_mm"]));
         let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
         println!("{:<34} {}", "violations", counts.join(", "));
-        let faults: Vec<_> = v["faults"].as_object().into_iter().flatten().map(|(name, count)| format!("{name} x {count}")).collect();
+        let faults: Vec<_> =
+            v["faults"].as_object().into_iter().flatten().map(|(name, count)| format!("{name} x {count}")).collect();
         println!("{:<34} {}", "faults", if faults.is_empty() { "none".into() } else { faults.join(", ") });
         for one in v["mode_transitions"].as_array().into_iter().flatten() {
             let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();

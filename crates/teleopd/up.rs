@@ -48,8 +48,7 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
 fn release(instance: &Instance) {
     if let Ok(mut operator) = Operator::connect(&instance.operator_socket()) {
         operator.release();
-        operator.wait(REST_WITHIN, |status| {
-            status.mode == Mode::Disengaged as u32 || status.mode == Mode::Faulted as u32
-        });
+        operator
+            .wait(REST_WITHIN, |status| status.mode == Mode::Disengaged as u32 || status.mode == Mode::Faulted as u32);
     }
 }

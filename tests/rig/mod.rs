@@ -268,7 +268,8 @@ impl Hand {
             }
             if Instant::now() > give_up {
                 let status = self.status();
-                let faults: Vec<_> = status.iter().flat_map(|s| Faults(s.faults).iter()).map(|f| f.row().name).collect();
+                let faults: Vec<_> =
+                    status.iter().flat_map(|s| Faults(s.faults).iter()).map(|f| f.row().name).collect();
                 panic!("never {what}: mode {:?}, faults {faults:?}", self.mode());
             }
             std::thread::sleep(Duration::from_millis(5));

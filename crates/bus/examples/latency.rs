@@ -11,47 +11,27 @@ use std::process::Command;
 use std::time::Duration;
 
 const ROUNDS: u32 = 4;
-const ARRANGEMENTS: [(&str, Option<usize>, Option<usize>); 3] = [
-    ("one core", Some(0), Some(0)),
-    ("two cores", Some(0), Some(1)),
-    ("unpinned", None, None),
-];
+const ARRANGEMENTS: [(&str, Option<usize>, Option<usize>); 3] =
+    [("one core", Some(0), Some(0)), ("two cores", Some(0), Some(1)), ("unpinned", None, None)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if let [role, root, prefix, core, ticks] = arguments.as_slice()
         && role == "writer"
     {
-        return write(
-            DomainConfig {
-                root: root.into(),
-                prefix: prefix.clone(),
-            },
-            core.parse().ok(),
-            ticks.parse()?,
-        );
+        return write(DomainConfig { root: root.into(), prefix: prefix.clone() }, core.parse().ok(), ticks.parse()?);
     }
     let seconds: u32 = arguments.first().map_or(Ok(3), |text| text.parse())?;
     let folder = tempfile::tempdir()?;
-    let config = DomainConfig {
-        root: folder.path().join("root"),
-        prefix: format!("latency{}_", std::process::id()),
-    };
+    let config = DomainConfig { root: folder.path().join("root"), prefix: format!("latency{}_", std::process::id()) };
     let mut wakes: [Histogram; 3] = Default::default();
     for round in 0..ROUNDS {
         for (histogram, (name, writer_core, reader_core)) in wakes.iter_mut().zip(ARRANGEMENTS) {
-            let arrangement = Arrangement {
-                writer_core,
-                reader_core,
-                ticks: u64::from(seconds) * 1500,
-            };
+            let arrangement = Arrangement { writer_core, reader_core, ticks: u64::from(seconds) * 1500 };
             let (config, histogram) = (config.clone(), &mut *histogram);
             // A thread of its own, because affinity and policy stay with the thread.
             let report = std::thread::scope(|scope| {
-                scope
-                    .spawn(move || arrangement.read(config, histogram))
-                    .join()
-                    .expect("the reader does not panic")
+                scope.spawn(move || arrangement.read(config, histogram)).join().expect("the reader does not panic")
             })?;
             if round == 0 {
                 println!("{name}: {}", report.replace('\n', "; "));
@@ -78,10 +58,7 @@ impl Arrangement {
         let mut reader = reader.map_err(|error| error.to_string())?;
         let core = self.writer_core.map_or(String::from("any"), |core| core.to_string());
         let mut command = Command::new(std::env::current_exe().map_err(|error| error.to_string())?);
-        command
-            .arg("writer")
-            .arg(config.root)
-            .args([config.prefix, core, self.ticks.to_string()]);
+        command.arg("writer").arg(config.root).args([config.prefix, core, self.ticks.to_string()]);
         let mut writer = command.spawn().map_err(|error| error.to_string())?;
         while writer.try_wait().map_err(|error| error.to_string())?.is_none() {
             let wake = reader.wait(Duration::from_millis(100));
@@ -111,11 +88,7 @@ fn write(config: DomainConfig, core: Option<usize>, ticks: u64) -> Result<(), Bo
 }
 
 fn realtime(core: Option<usize>) -> RealtimeConfig {
-    RealtimeConfig {
-        policy: Policy::Fifo { priority: 40 },
-        cores: core.map(|core| vec![core]),
-        lock_memory: false,
-    }
+    RealtimeConfig { policy: Policy::Fifo { priority: 40 }, cores: core.map(|core| vec![core]), lock_memory: false }
 }
 
 fn single_calls(config: DomainConfig) -> Result<(), Box<dyn std::error::Error>> {

@@ -70,18 +70,14 @@ impl Domain {
     /// child processes before: descriptors opened here are not closed on exec.
     pub fn open(config: DomainConfig, node_name: &str) -> Result<Self, BusError> {
         let transport = transport_config(&config)?;
-        let name = NodeName::new(node_name).map_err(|error| BusError::NodeName {
-            name: node_name.to_owned(),
-            reason: format!("{error:?}"),
-        })?;
+        let name = NodeName::new(node_name)
+            .map_err(|error| BusError::NodeName { name: node_name.to_owned(), reason: format!("{error:?}") })?;
         shared_memory::check_room()?;
         create_root(&config)?;
         set_log_level(iceoryx2::prelude::LogLevel::Error);
         let create = move || {
             let builder = NodeBuilder::new().name(&name).config(&transport);
-            builder
-                .signal_handling_mode(SignalHandlingMode::Disabled)
-                .create::<Ipc>()
+            builder.signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>()
         };
         match within(START_DEADLINE, create) {
             None => Err(BusError::Hangs {
@@ -89,11 +85,9 @@ impl Domain {
                 prefix: config.prefix,
                 waited_ms: START_DEADLINE.as_millis() as u64,
             }),
-            Some(Err(error)) => Err(BusError::Node {
-                root: config.root,
-                prefix: config.prefix,
-                cause: node_failure(error),
-            }),
+            Some(Err(error)) => {
+                Err(BusError::Node { root: config.root, prefix: config.prefix, cause: node_failure(error) })
+            }
             Some(Ok(node)) => Ok(Self { node, config }),
         }
     }
@@ -105,10 +99,7 @@ impl Domain {
         let mut attempt = 1;
         let publisher = loop {
             let builder = data.publisher_builder().max_loaned_samples(2);
-            match builder
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-            {
+            match builder.backpressure_strategy(BackpressureStrategy::DiscardData).create() {
                 Ok(publisher) => break publisher,
                 Err(PublisherCreateError::ExceedsMaxSupportedPublishers) if attempt < WRITER_ATTEMPTS => {
                     self.node.blocking_cleanup_dead_nodes(CLEANING);
@@ -166,23 +157,14 @@ impl Domain {
     fn data_service<M: Message>(&self, service: Service) -> Result<DataService<M>, BusError> {
         let expected = format!("{service:?}");
         if expected != M::NAME {
-            return Err(BusError::WrongMessage {
-                service: service.row().name,
-                expected,
-                offered: M::NAME,
-            });
+            return Err(BusError::WrongMessage { service: service.row().name, expected, offered: M::NAME });
         }
         let name = self.service_name(service, service.row().name)?;
         let open = || {
             let builder = self.node.service_builder(&name).publish_subscribe::<Payload<M>>();
-            let builder = builder
-                .max_publishers(service.row().writers_max)
-                .max_subscribers(READERS_MAX);
+            let builder = builder.max_publishers(service.row().writers_max).max_subscribers(READERS_MAX);
             let builder = builder.max_nodes(NODES_MAX).history_size(0).enable_safe_overflow(true);
-            builder
-                .subscriber_max_buffer_size(1)
-                .subscriber_max_borrowed_samples(1)
-                .open_or_create()
+            builder.subscriber_max_buffer_size(1).subscriber_max_borrowed_samples(1).open_or_create()
         };
         self.retried(service, open, data_is_passing, |error| match error {
             OpenOrCreateError::PublishSubscribeOpenError(OpenError::IncompatibleTypes) => {
@@ -199,16 +181,9 @@ impl Domain {
     fn event_service(&self, service: Service) -> Result<EventService, BusError> {
         let name = self.service_name(service, &format!("{}/event", service.row().name))?;
         let open = || {
-            let builder = self
-                .node
-                .service_builder(&name)
-                .event()
-                .event_id_max_value(0)
-                .disable_deadline();
+            let builder = self.node.service_builder(&name).event().event_id_max_value(0).disable_deadline();
             // A predecessor's place may be freed a moment after its publisher's.
-            let builder = builder
-                .max_notifiers(2 * service.row().writers_max)
-                .max_listeners(READERS_MAX);
+            let builder = builder.max_notifiers(2 * service.row().writers_max).max_listeners(READERS_MAX);
             builder.max_nodes(NODES_MAX).open_or_create()
         };
         self.retried(service, open, event_is_passing, |_| None)
@@ -247,12 +222,7 @@ impl Domain {
     }
 
     fn service_error(&self, service: Service, cause: String, attempts: u32) -> BusError {
-        BusError::Service {
-            service: service.row().name,
-            root: self.config.root.clone(),
-            cause,
-            attempts,
-        }
+        BusError::Service { service: service.row().name, root: self.config.root.clone(), cause, attempts }
     }
 }
 
@@ -270,38 +240,23 @@ fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 
 }
 
 fn transport_config(config: &DomainConfig) -> Result<Config, BusError> {
-    let root_error = |reason: String| BusError::Root {
-        path: config.root.clone(),
-        reason,
-    };
-    let prefix_error = |reason: &str| BusError::Prefix {
-        prefix: config.prefix.clone(),
-        reason: reason.to_owned(),
-    };
+    let root_error = |reason: String| BusError::Root { path: config.root.clone(), reason };
+    let prefix_error = |reason: &str| BusError::Prefix { prefix: config.prefix.clone(), reason: reason.to_owned() };
     if config.prefix.is_empty() {
         return Err(prefix_error("empty; two instances would share one domain"));
     }
-    if !config
-        .prefix
-        .bytes()
-        .all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-'))
-    {
+    if !config.prefix.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-')) {
         return Err(prefix_error("only lower-case letters, digits, `_` and `-` are allowed"));
     }
     if !config.root.is_absolute() {
         return Err(root_error(String::from("not an absolute path")));
     }
     let mut transport = Config::default();
-    let root = config
-        .root
-        .to_str()
-        .ok_or_else(|| root_error(String::from("not valid UTF-8")))?;
+    let root = config.root.to_str().ok_or_else(|| root_error(String::from("not valid UTF-8")))?;
     let socket_name = 1 + config.prefix.len() + PORT_DIGITS + transport.global.service.event_connection_suffix.len();
     if root.len() + socket_name > SOCKET_PATH_MAX {
         let (length, limit) = (root.len(), SOCKET_PATH_MAX.saturating_sub(socket_name));
-        return Err(root_error(format!(
-            "{length} bytes long; with this prefix {limit} are allowed"
-        )));
+        return Err(root_error(format!("{length} bytes long; with this prefix {limit} are allowed")));
     }
     let path = Path::new(root.as_bytes()).map_err(|error| root_error(format!("{error:?}")))?;
     transport.global.set_root_path(&path);
@@ -312,14 +267,8 @@ fn transport_config(config: &DomainConfig) -> Result<Config, BusError> {
 }
 
 fn create_root(config: &DomainConfig) -> Result<(), BusError> {
-    let created = std::fs::DirBuilder::new()
-        .recursive(true)
-        .mode(0o750)
-        .create(&config.root);
-    created.map_err(|error| BusError::Root {
-        path: config.root.clone(),
-        reason: error.to_string(),
-    })
+    let created = std::fs::DirBuilder::new().recursive(true).mode(0o750).create(&config.root);
+    created.map_err(|error| BusError::Root { path: config.root.clone(), reason: error.to_string() })
 }
 
 fn node_failure(error: NodeCreationFailure) -> String {
@@ -379,13 +328,8 @@ mod tests {
     use super::*;
 
     fn refused(root: &str, prefix: &str) -> String {
-        let config = DomainConfig {
-            root: root.into(),
-            prefix: prefix.to_owned(),
-        };
-        Domain::open(config, "test")
-            .expect_err("it must be refused")
-            .to_string()
+        let config = DomainConfig { root: root.into(), prefix: prefix.to_owned() };
+        Domain::open(config, "test").expect_err("it must be refused").to_string()
     }
 
     #[test]
@@ -395,10 +339,7 @@ mod tests {
         assert!(refused("/tmp/x", "a/b").contains("bus prefix \"a/b\": only lower-case"));
         let long = format!("/tmp/{}", "x".repeat(100));
         let text = refused(&long, "p_");
-        assert!(
-            text.contains("105 bytes long") && text.contains("are allowed"),
-            "{text}"
-        );
+        assert!(text.contains("105 bytes long") && text.contains("are allowed"), "{text}");
         assert!(!std::path::Path::new(&long).exists());
         assert!(refused("/proc/nowhere", "p_").contains("bus root path \"/proc/nowhere\": "));
     }

@@ -97,13 +97,8 @@ impl<M: Copy> Faulty<M> {
 
     /// The earliest message that is due: by arrival, then by order of sending.
     fn next_due(&self) -> Option<usize> {
-        let due = self
-            .under_way
-            .iter()
-            .enumerate()
-            .filter(|(_, message)| message.arrival <= self.now);
-        due.min_by_key(|(_, message)| (message.arrival, message.order))
-            .map(|(index, _)| index)
+        let due = self.under_way.iter().enumerate().filter(|(_, message)| message.arrival <= self.now);
+        due.min_by_key(|(_, message)| (message.arrival, message.order)).map(|(index, _)| index)
     }
 
     fn send(&mut self, message: &M, arrival: Stamp) {
@@ -111,19 +106,12 @@ impl<M: Copy> Faulty<M> {
             self.counts.dropped += 1;
             return;
         }
-        self.under_way.push(UnderWay {
-            arrival,
-            order: self.sent,
-            message: *message,
-        });
+        self.under_way.push(UnderWay { arrival, order: self.sent, message: *message });
         self.sent += 1;
     }
 
     fn delay_ns(&mut self) -> u64 {
-        let (shortest, longest) = (
-            self.plan.delay_min_ns,
-            self.plan.delay_max_ns.max(self.plan.delay_min_ns),
-        );
+        let (shortest, longest) = (self.plan.delay_min_ns, self.plan.delay_max_ns.max(self.plan.delay_min_ns));
         self.dice.random_range(shortest..=longest)
     }
 }

@@ -34,11 +34,7 @@ pub struct Reader<M: Message> {
 
 impl<M: Message> Reader<M> {
     pub(crate) fn new(subscriber: Subscriber<ipc::Service, Payload<M>, ()>, writers_max: usize) -> Self {
-        Self {
-            subscriber,
-            writers_max,
-            failures: 0,
-        }
+        Self { subscriber, writers_max, failures: 0 }
     }
 
     /// The newest message that has not been read yet.
@@ -70,10 +66,7 @@ impl<M: Message> Reader<M> {
             match self.subscriber.receive() {
                 Ok(Some(sample)) => {
                     let publisher = PublisherId(sample.origin().value());
-                    use_sample(Sample {
-                        message: sample.payload().0,
-                        publisher,
-                    });
+                    use_sample(Sample { message: sample.payload().0, publisher });
                 }
                 Ok(None) => return taken,
                 Err(_) => {
@@ -113,11 +106,7 @@ pub struct WakingReader<M: Message> {
 
 impl<M: Message> WakingReader<M> {
     pub(crate) fn new(reader: Reader<M>, listener: Listener<ipc::Service>) -> Self {
-        Self {
-            reader,
-            listener,
-            failures: 0,
-        }
+        Self { reader, listener, failures: 0 }
     }
 
     /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last wait
@@ -132,10 +121,7 @@ impl<M: Message> WakingReader<M> {
         }
         // SAFETY: the descriptor belongs to the listener, which outlives the borrow and never closes it before.
         let descriptor = unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) };
-        let timeout = Timespec {
-            tv_sec: timeout.as_secs() as i64,
-            tv_nsec: i64::from(timeout.subsec_nanos()),
-        };
+        let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
         match poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout)) {
             Ok(0) => Wake::Timeout,
             Ok(_) => {

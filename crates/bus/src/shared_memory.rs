@@ -15,17 +15,11 @@ pub(crate) fn check_room() -> Result<(), BusError> {
 }
 
 fn check_room_in(path: &Path, needed_bytes: u64) -> Result<(), BusError> {
-    let stat = rustix::fs::statvfs(path).map_err(|error| BusError::Root {
-        path: path.to_owned(),
-        reason: format!("no shared memory: {error}"),
-    })?;
+    let stat = rustix::fs::statvfs(path)
+        .map_err(|error| BusError::Root { path: path.to_owned(), reason: format!("no shared memory: {error}") })?;
     let free_bytes = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free_bytes < needed_bytes {
-        return Err(BusError::SharedMemoryFull {
-            path: path.to_owned(),
-            free_bytes,
-            needed_bytes,
-        });
+        return Err(BusError::SharedMemoryFull { path: path.to_owned(), free_bytes, needed_bytes });
     }
     Ok(())
 }
@@ -39,10 +33,7 @@ mod tests {
         check_room().expect("the test machine has room");
         let error = check_room_in(Path::new(SHARED_MEMORY), u64::MAX).expect_err("no machine has that much");
         let text = error.to_string();
-        assert!(
-            text.starts_with("/dev/shm: ") && text.contains("18446744073709551615 are needed"),
-            "{text}"
-        );
+        assert!(text.starts_with("/dev/shm: ") && text.contains("18446744073709551615 are needed"), "{text}");
         let error = check_room_in(Path::new("/nowhere/at/all"), 1).expect_err("it does not exist");
         assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
     }

@@ -30,11 +30,7 @@ pub struct Writer<M: Message> {
 impl<M: Message> Writer<M> {
     pub(crate) fn new(publisher: Publisher<ipc::Service, Payload<M>, ()>, notifier: Notifier<ipc::Service>) -> Self {
         let in_hand = publisher.loan_uninit().ok();
-        Self {
-            in_hand,
-            publisher,
-            notifier,
-        }
+        Self { in_hand, publisher, notifier }
     }
 
     /// Makes `message` the newest one for every reader; answers how many readers got it.

@@ -25,9 +25,7 @@ fn reading_and_waiting_do_not_allocate_and_writing_does_once() {
     let domain = place.open();
     let mut writer: Writer<JointTarget> = domain.writer(Service::JointTarget).expect("a writer");
     let mut reader: Reader<JointTarget> = domain.reader(Service::JointTarget).expect("a reader");
-    let mut waiting = domain
-        .waking_reader::<JointTarget>(Service::JointTarget)
-        .expect("a reader");
+    let mut waiting = domain.waking_reader::<JointTarget>(Service::JointTarget).expect("a reader");
     // The first message connects the ports.
     writer.publish(&message(0)).expect("it goes out");
     writer.notify().expect("it wakes");
@@ -53,15 +51,7 @@ fn reading_and_waiting_do_not_allocate_and_writing_does_once() {
     assert_eq!(reading, Allocations::default(), "reading and waiting");
     assert_eq!(notifying, Allocations::default(), "waking");
     // The known exception, see `Writer`.
-    assert_eq!(
-        writing,
-        Allocations {
-            allocated: MESSAGES,
-            freed: MESSAGES,
-            bytes: 48 * MESSAGES
-        },
-        "writing"
-    );
+    assert_eq!(writing, Allocations { allocated: MESSAGES, freed: MESSAGES, bytes: 48 * MESSAGES }, "writing");
 }
 
 fn add(sum: &mut Allocations, count: Allocations) {

@@ -29,14 +29,7 @@ const BAD: FaultPlan = FaultPlan {
 fn a_perfect_link_delivers_everything_at_once() {
     let (seen, counts) = run(FaultPlan::default(), 1, 100);
     assert_eq!(seen, (1..=100).map(|k| (k, k)).collect::<Vec<_>>());
-    assert_eq!(
-        counts,
-        FaultCounts {
-            published: 100,
-            arrived: 100,
-            ..FaultCounts::default()
-        }
-    );
+    assert_eq!(counts, FaultCounts { published: 100, arrived: 100, ..FaultCounts::default() });
 }
 
 #[test]
@@ -60,14 +53,7 @@ fn the_seed_decides_everything() {
 
 #[test]
 fn dropping_leaves_gaps_at_the_asked_rate() {
-    let (seen, counts) = run(
-        FaultPlan {
-            drop: 0.25,
-            ..FaultPlan::default()
-        },
-        3,
-        10_000,
-    );
+    let (seen, counts) = run(FaultPlan { drop: 0.25, ..FaultPlan::default() }, 3, 10_000);
     // 10,000 draws at 0.25: standard deviation 43; five of them.
     assert!((2_283..=2_717).contains(&counts.dropped), "{counts:?}");
     assert_eq!(seen.len() as u64 + counts.dropped, 10_000);
@@ -76,34 +62,19 @@ fn dropping_leaves_gaps_at_the_asked_rate() {
 
 #[test]
 fn delay_makes_messages_late_but_keeps_their_order() {
-    let plan = FaultPlan {
-        delay_min_ns: 2_000_000,
-        delay_max_ns: 9_000_000,
-        ..FaultPlan::default()
-    };
+    let plan = FaultPlan { delay_min_ns: 2_000_000, delay_max_ns: 9_000_000, ..FaultPlan::default() };
     let (seen, counts) = run(plan, 3, 10_000);
-    assert!(
-        seen.windows(2).all(|pair| pair[0].1 < pair[1].1),
-        "never backwards, never twice"
-    );
+    assert!(seen.windows(2).all(|pair| pair[0].1 < pair[1].1), "never backwards, never twice");
     let lateness: Vec<u64> = seen.iter().map(|(k, message)| k - message).collect();
     // 2 ms are 3 ticks; order-keeping can stretch a delay up to the longest one, 9 ms or 14 ticks.
-    assert!(
-        lateness.iter().all(|late| (3..=14).contains(late)),
-        "{:?}",
-        lateness.iter().max()
-    );
+    assert!(lateness.iter().all(|late| (3..=14).contains(late)), "{:?}", lateness.iter().max());
     assert!(lateness.iter().any(|&late| late > 5));
     assert!(counts.arrived > 9_900 && counts.dropped == 0);
 }
 
 #[test]
 fn a_duplicate_is_read_twice() {
-    let plan = FaultPlan {
-        duplicate: 0.2,
-        delay_max_ns: 2_000_000,
-        ..FaultPlan::default()
-    };
+    let plan = FaultPlan { duplicate: 0.2, delay_max_ns: 2_000_000, ..FaultPlan::default() };
     let mut link = Faulty::new(plan, 5);
     let mut seen = Vec::new();
     for k in 1..=300u64 {
@@ -121,26 +92,15 @@ fn a_duplicate_is_read_twice() {
 
 #[test]
 fn a_held_message_arrives_after_its_successor() {
-    let plan = FaultPlan {
-        reorder: 0.1,
-        reorder_ns: 1_000_000,
-        ..FaultPlan::default()
-    };
+    let plan = FaultPlan { reorder: 0.1, reorder_ns: 1_000_000, ..FaultPlan::default() };
     let (seen, counts) = run(plan, 11, 10_000);
     let backwards = seen.windows(2).filter(|pair| pair[1].1 < pair[0].1).count() as u64;
-    assert!(
-        backwards > 500 && backwards <= counts.reordered,
-        "{backwards} of {counts:?}"
-    );
+    assert!(backwards > 500 && backwards <= counts.reordered, "{backwards} of {counts:?}");
 }
 
 #[test]
 fn a_burst_is_bounded() {
-    let plan = FaultPlan {
-        delay_min_ns: 1_000_000,
-        delay_max_ns: 1_000_000,
-        ..FaultPlan::default()
-    };
+    let plan = FaultPlan { delay_min_ns: 1_000_000, delay_max_ns: 1_000_000, ..FaultPlan::default() };
     let mut link = Faulty::new(plan, 1);
     for k in 0..1_000 {
         link.publish(&k).expect("taken");

@@ -20,10 +20,7 @@ impl Process {
         let config = place.config();
         let mut command = Command::new(std::env::current_exe().expect("our own path"));
         command.args(["--exact", "child", "--ignored", "--nocapture"]);
-        command
-            .env(ROOT, config.root)
-            .env(PREFIX, config.prefix)
-            .env(ROLE, role);
+        command.env(ROOT, config.root).env(PREFIX, config.prefix).env(ROLE, role);
         Self(command.stdout(Stdio::null()).spawn().expect("the child starts"))
     }
 
@@ -49,17 +46,12 @@ impl Drop for Process {
 #[ignore = "the child process of the tests below"]
 fn child() {
     let variable = |name| std::env::var(name).expect("set by the parent");
-    let config = DomainConfig {
-        root: variable(ROOT).into(),
-        prefix: variable(PREFIX),
-    };
+    let config = DomainConfig { root: variable(ROOT).into(), prefix: variable(PREFIX) };
     let domain = Domain::open(config, "child").expect("the domain opens");
     let ticks = 0..120_000;
     match variable(ROLE).as_str() {
         "writer" => {
-            let mut writer = domain
-                .writer::<JointTarget>(Service::JointTarget)
-                .expect("a writer's place");
+            let mut writer = domain.writer::<JointTarget>(Service::JointTarget).expect("a writer's place");
             let incarnation = rt::incarnation();
             for k in ticks {
                 writer.publish(&message(incarnation, k)).expect("it goes out");
@@ -68,9 +60,7 @@ fn child() {
             }
         }
         "reader" => {
-            let mut reader = domain
-                .waking_reader::<JointTarget>(Service::JointTarget)
-                .expect("a reader's place");
+            let mut reader = domain.waking_reader::<JointTarget>(Service::JointTarget).expect("a reader's place");
             for _ in ticks {
                 reader.wait(Duration::from_millis(1));
                 reader.latest();
@@ -166,9 +156,7 @@ fn readers_that_are_stopped_or_killed_do_not_hinder_the_writer() {
     let mut reader = reader(&domain);
     let stopped = Process::start(&place, "reader");
     let mut killed = Process::start(&place, "reader");
-    eventually("all three readers", || {
-        (writer.publish(&message(1, 0)) == Ok(3)).then_some(())
-    });
+    eventually("all three readers", || (writer.publish(&message(1, 0)) == Ok(3)).then_some(()));
     stopped.signal("-STOP");
     killed.kill();
     for k in 1..=10_000 {
@@ -177,11 +165,7 @@ fn readers_that_are_stopped_or_killed_do_not_hinder_the_writer() {
         assert_eq!(reader.latest().map(|message| message.k), Some(k));
     }
     domain.clean_up();
-    assert_eq!(
-        writer.publish(&message(1, 0)),
-        Ok(2),
-        "the dead reader is gone, the stopped one is not"
-    );
+    assert_eq!(writer.publish(&message(1, 0)), Ok(2), "the dead reader is gone, the stopped one is not");
 }
 
 #[test]
@@ -190,9 +174,7 @@ fn processes_may_start_all_at_once() {
     let processes: Vec<Process> = (0..6).map(|_| Process::start(&place, "reader")).collect();
     let domain = place.open();
     let mut writer = writer(&domain).expect("a writer's place");
-    eventually("six readers", || {
-        (writer.publish(&message(1, 0)) == Ok(6)).then_some(())
-    });
+    eventually("six readers", || (writer.publish(&message(1, 0)) == Ok(6)).then_some(()));
     drop(processes);
     domain.clean_up();
     assert_eq!(writer.publish(&message(1, 0)), Ok(0));

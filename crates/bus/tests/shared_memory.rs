@@ -41,10 +41,7 @@ fn a_reader_sees_the_newest_message_once() {
     assert_eq!(first.latest(), Some(target(100)));
     assert_eq!(first.latest(), None, "it has been read");
     writer.publish(&target(101)).expect("it goes out");
-    assert_eq!(
-        (first.latest(), second.latest()),
-        (Some(target(101)), Some(target(101)))
-    );
+    assert_eq!((first.latest(), second.latest()), (Some(target(101)), Some(target(101))));
     assert_eq!((first.failures(), second.failures()), (0, 0));
 }
 
@@ -55,18 +52,10 @@ fn a_second_writer_is_refused_by_name_and_a_reader_may_come_first() {
     let mut early = reader(&domain);
     let mut held = writer(&domain);
     let other = place.open();
-    let error = other
-        .writer::<JointTarget>(Service::JointTarget)
-        .expect_err("the place is taken");
-    assert!(
-        matches!(error, BusError::WriterExists { writers_max: 1, .. }),
-        "{error:?}"
-    );
+    let error = other.writer::<JointTarget>(Service::JointTarget).expect_err("the place is taken");
+    assert!(matches!(error, BusError::WriterExists { writers_max: 1, .. }), "{error:?}");
     let text = error.to_string();
-    assert!(
-        text.contains("teleop/joint_target/1") && text.contains("another retarget is already running"),
-        "{text}"
-    );
+    assert!(text.contains("teleop/joint_target/1") && text.contains("another retarget is already running"), "{text}");
     assert!(text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     held.publish(&target(5)).expect("the first writer goes on");
     assert_eq!(early.latest(), Some(target(5)));
@@ -105,17 +94,9 @@ fn every_client_is_seen_and_told_apart() {
     let mut reader = domain.reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader");
     let others: Vec<Domain> = (0..8).map(|_| place.open()).collect();
     let open = |domain: &Domain| domain.writer::<RawSkeleton>(Service::RawSkeleton);
-    let mut writers: Vec<_> = others
-        .iter()
-        .map(|domain| open(domain).expect("eight may write"))
-        .collect();
+    let mut writers: Vec<_> = others.iter().map(|domain| open(domain).expect("eight may write")).collect();
     let error = open(&domain).expect_err("nine may not");
-    assert!(
-        error
-            .to_string()
-            .contains("another client is already running (8 writer(s)"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("another client is already running (8 writer(s)"), "{error}");
     let mut places = std::collections::BTreeMap::new();
     for round in 1..=3u64 {
         for (index, writer) in writers.iter_mut().enumerate() {
@@ -152,10 +133,7 @@ fn domains_with_another_prefix_do_not_see_each_other() {
     let (mut ours, mut theirs) = (writer(&domain), writer(&other));
     let (mut reads_ours, mut reads_theirs) = (reader(&domain), reader(&other));
     assert_eq!((ours.publish(&target(1)), theirs.publish(&target(2))), (Ok(1), Ok(1)));
-    assert_eq!(
-        (reads_ours.latest(), reads_theirs.latest()),
-        (Some(target(1)), Some(target(2)))
-    );
+    assert_eq!((reads_ours.latest(), reads_theirs.latest()), (Some(target(1)), Some(target(2))));
 }
 
 /// As large as a `JointTarget` and of the same name and version, but with two fields exchanged.
@@ -180,10 +158,7 @@ fn another_layout_of_the_same_size_and_name_is_refused() {
     let place = Place::new("layout");
     let domain = place.open();
     let _writer = writer(&domain);
-    let error = place
-        .open()
-        .reader::<Exchanged>(Service::JointTarget)
-        .expect_err("another layout");
+    let error = place.open().reader::<Exchanged>(Service::JointTarget).expect_err("another layout");
     assert!(matches!(error, BusError::IncompatibleTypes { .. }), "{error:?}");
     assert!(error.to_string().contains(Exchanged::TYPE_NAME.as_str()), "{error}");
 }
@@ -191,14 +166,8 @@ fn another_layout_of_the_same_size_and_name_is_refused() {
 #[test]
 fn a_message_of_another_service_is_refused() {
     let place = Place::new("wrong");
-    let error = place
-        .open()
-        .reader::<JointTarget>(Service::Status)
-        .expect_err("it carries Status");
-    assert_eq!(
-        error.to_string(),
-        "service teleop/status/1 carries Status, not JointTarget"
-    );
+    let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
+    assert_eq!(error.to_string(), "service teleop/status/1 carries Status, not JointTarget");
 }
 
 #[test]
@@ -206,9 +175,7 @@ fn a_wake_up_arrives_and_without_one_the_wait_ends() {
     let place = Place::new("wake");
     let domain = place.open();
     let mut writer = writer(&domain);
-    let mut waiting = domain
-        .waking_reader::<JointTarget>(Service::JointTarget)
-        .expect("a reader");
+    let mut waiting = domain.waking_reader::<JointTarget>(Service::JointTarget).expect("a reader");
     assert_eq!(waiting.wait(Duration::ZERO), Wake::Timeout);
     let before = rt::now();
     assert_eq!(waiting.wait(Duration::from_micros(700)), Wake::Timeout);
@@ -216,9 +183,7 @@ fn a_wake_up_arrives_and_without_one_the_wait_ends() {
     for k in 1..=50 {
         writer.publish(&target(k)).expect("it goes out");
         writer.notify().expect("it wakes");
-        writer
-            .notify()
-            .expect("a second wake-up before the wait counts with the first");
+        writer.notify().expect("a second wake-up before the wait counts with the first");
         assert_eq!(waiting.wait(Duration::from_secs(60)), Wake::Event);
         assert_eq!(waiting.latest(), Some(target(k)));
         assert_eq!(waiting.wait(Duration::ZERO), Wake::Timeout, "both wake-ups are taken");
@@ -231,9 +196,7 @@ fn no_wake_up_is_lost_while_two_threads_race() {
     const LAST: u64 = 200_000;
     let place = Place::new("race");
     let domain = place.open();
-    let mut waiting = domain
-        .waking_reader::<JointTarget>(Service::JointTarget)
-        .expect("a reader");
+    let mut waiting = domain.waking_reader::<JointTarget>(Service::JointTarget).expect("a reader");
     let publishing = place.open();
     let thread = std::thread::spawn(move || {
         let mut writer = writer(&publishing);
@@ -248,11 +211,7 @@ fn no_wake_up_is_lost_while_two_threads_race() {
     let mut newest = 0;
     while newest < LAST {
         // A lost wake-up of the last message would leave this wait hanging until its end.
-        assert_eq!(
-            waiting.wait(Duration::from_secs(30)),
-            Wake::Event,
-            "after message {newest}"
-        );
+        assert_eq!(waiting.wait(Duration::from_secs(30)), Wake::Event, "after message {newest}");
         if let Some(message) = waiting.latest() {
             assert!(message.k > newest, "{} after {newest}", message.k);
             newest = message.k;
@@ -283,18 +242,11 @@ fn the_traits_work_over_shared_memory() {
 fn a_stack_of_all_services_fits_the_room_that_is_asked_for() {
     let place = Place::new("room");
     let domain = place.open();
-    let _raw: Vec<_> = (0..8)
-        .map(|_| domain.writer::<RawSkeleton>(Service::RawSkeleton).expect("a writer"))
-        .collect();
+    let _raw: Vec<_> = (0..8).map(|_| domain.writer::<RawSkeleton>(Service::RawSkeleton).expect("a writer")).collect();
     let _target = writer(&domain);
     let _readers: Vec<_> = (0..16).map(|_| reader(&domain)).collect();
-    let _raw_readers: Vec<_> = (0..4)
-        .map(|_| {
-            domain
-                .waking_reader::<RawSkeleton>(Service::RawSkeleton)
-                .expect("a reader")
-        })
-        .collect();
+    let _raw_readers: Vec<_> =
+        (0..4).map(|_| domain.waking_reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader")).collect();
     let bytes = shared_memory_bytes(&place.config().prefix);
     println!("{bytes} bytes of shared memory");
     assert!((1..16 << 20).contains(&bytes), "{bytes}");
@@ -328,10 +280,7 @@ fn a_damaged_domain_is_an_error_that_names_it_and_never_a_hang() {
     std::fs::File::create(&counter).expect("it can be truncated");
     let error = Domain::open(place.config(), "late").expect_err("it cannot be opened");
     let text = error.to_string();
-    assert!(
-        text.contains(&prefix) && text.contains(place.root().to_str().expect("UTF-8")),
-        "{text}"
-    );
+    assert!(text.contains(&prefix) && text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     println!("{text}");
     let (mut writer, mut reader) = (writer(&healthy), reader(&healthy));
     writer.publish(&target(1)).expect("who was there before goes on");

@@ -12,7 +12,7 @@ pub const PLAN_MAX_S: f64 = 5.0;
 /// than 1e-12; beyond 1e-7 the end of the plan would be a step that the limits do not know of.
 pub const REST_TOLERANCE: f64 = 1e-7;
 
-/// Indices by which a command may be older than the index that is due (FAULTS 59: older than 2 ticks is dropped).
+/// Indices by which a command may be older than the index that is due: older than two ticks is dropped.
 const AGE_MAX_TICKS: u64 = 2;
 
 /// Indices by which a command may be ahead of the clock: one for a `control` woken early by its target, one for clocks
@@ -66,9 +66,7 @@ pub(crate) enum Rule {
 pub(crate) fn plausible(now: Stamp, due_k: u64, command: &JointCommand) -> Result<(), Refusal> {
     let plan = &command.plan;
     let states = command.q.iter().chain(&command.v).chain(&command.a);
-    let mut numbers = states
-        .chain(plan.jerk.as_flattened())
-        .chain(plan.duration_s.as_flattened());
+    let mut numbers = states.chain(plan.jerk.as_flattened()).chain(plan.duration_s.as_flattened());
     if !numbers.all(|x| x.is_finite()) {
         return Err(Refusal::NotFinite);
     }
@@ -80,11 +78,7 @@ pub(crate) fn plausible(now: Stamp, due_k: u64, command: &JointCommand) -> Resul
     }
     let short = |d: &[f64; 3]| d.iter().all(|&d| d >= 0.0) && d.iter().sum::<f64>() <= PLAN_MAX_S;
     let stops = motion_of(command).residue_at_end() <= REST_TOLERANCE;
-    if plan.duration_s.iter().all(short) && stops {
-        Ok(())
-    } else {
-        Err(Refusal::NotAStop)
-    }
+    if plan.duration_s.iter().all(short) && stops { Ok(()) } else { Err(Refusal::NotAStop) }
 }
 
 /// Whether a plausible command continues from the executed state, and under which rule.
@@ -125,19 +119,10 @@ fn within_reach(config: &Config, from: &Motion, from_k: u64, command: &JointComm
     let dt_s = (command.k - from_k) as f64 * TICK_S;
     let near = |j: usize| (command.q[j] - from.q[j]).abs() <= config.v_max[j] * dt_s * (1.0 + STEP_SLACK);
     let slow = |j: usize| command.v[j].abs() <= config.v_max[j] * (1.0 + STEP_SLACK);
-    if (0..JOINTS).all(|j| near(j) && slow(j)) {
-        Ok(())
-    } else {
-        Err(Refusal::Jump)
-    }
+    if (0..JOINTS).all(|j| near(j) && slow(j)) { Ok(()) } else { Err(Refusal::Jump) }
 }
 
 /// The motion that a command asks for.
 pub(crate) fn motion_of(command: &JointCommand) -> Motion {
-    Motion {
-        q: command.q,
-        v: command.v,
-        a: command.a,
-        plan: command.plan,
-    }
+    Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
 }

@@ -18,20 +18,12 @@ pub struct Chain {
 impl Chain {
     /// The chain that `command` belongs to.
     pub const fn of(command: &JointCommand) -> Self {
-        Self {
-            incarnation: command.header.incarnation,
-            seed_k: command.seed_k,
-            seed_played: command.seed_played,
-        }
+        Self { incarnation: command.header.incarnation, seed_k: command.seed_k, seed_played: command.seed_played }
     }
 
     /// The chain of the driver's last accepted command; of incarnation 0 if it has accepted none.
     pub const fn executed(echo: &RobotState) -> Self {
-        Self {
-            incarnation: echo.command_incarnation,
-            seed_k: echo.seed_k,
-            seed_played: echo.seed_played,
-        }
+        Self { incarnation: echo.command_incarnation, seed_k: echo.seed_k, seed_played: echo.seed_played }
     }
 }
 
@@ -55,18 +47,9 @@ pub struct Seed {
 pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     let index = echo.executed_k.checked_add(echo.plan_ticks_played)?;
     let missing = k.checked_sub(1)?.checked_sub(index)?;
-    let mut motion = Motion {
-        q: echo.q,
-        v: echo.v,
-        a: echo.a,
-        plan: echo.plan,
-    };
+    let mut motion = Motion { q: echo.q, v: echo.v, a: echo.a, plan: echo.plan };
     motion.play(missing);
-    Some(Seed {
-        seed_k: echo.executed_k,
-        seed_played: echo.plan_ticks_played + missing,
-        motion,
-    })
+    Some(Seed { seed_k: echo.executed_k, seed_played: echo.plan_ticks_played + missing, motion })
 }
 
 /// What an echo says of the chain that `control` is sending.
@@ -88,11 +71,7 @@ pub enum ChainView {
 pub fn on_chain(echo: &RobotState, chain: &Chain, last_sent_k: u64) -> ChainView {
     if Chain::executed(echo) == *chain {
         let continues = echo.plan_ticks_played == 0 && echo.executed_k <= last_sent_k;
-        return if continues {
-            ChainView::Following
-        } else {
-            ChainView::Lost
-        };
+        return if continues { ChainView::Following } else { ChainView::Lost };
     }
     let ahead = echo.executed_k == chain.seed_k && echo.plan_ticks_played <= chain.seed_played;
     if ahead { ChainView::Pending } else { ChainView::Lost }

@@ -6,7 +6,7 @@ use crate::plan::Motion;
 use crate::port::{Measured, Setpoint};
 use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, state_flag};
 
-/// Indices without an acceptable command after which the fault latches: 10 ms (FAULTS 58) at 1500 Hz. Universal Robots and
+/// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
 pub const SILENCE_TICKS: u64 = 15;
 
@@ -22,10 +22,7 @@ pub struct Config {
 impl Config {
     /// The follower of a robot with these largest joint speeds.
     pub const fn new(v_max: [f64; JOINTS]) -> Self {
-        Self {
-            silence_ticks: SILENCE_TICKS,
-            v_max,
-        }
+        Self { silence_ticks: SILENCE_TICKS, v_max }
     }
 }
 
@@ -85,22 +82,13 @@ impl State {
 
     /// What is executed, as the robot takes it.
     pub const fn setpoint(&self) -> Setpoint {
-        Setpoint {
-            k: self.index(),
-            q: self.motion.q,
-            v: self.motion.v,
-            a: self.motion.a,
-        }
+        Setpoint { k: self.index(), q: self.motion.q, v: self.motion.v, a: self.motion.a }
     }
 
     /// The message to publish: `header` as its writer fills it, except for the origin, which is that of the executed
     /// command.
     pub fn echo(&self, header: Header, measured: &Measured) -> RobotState {
-        let chain = self.chain.unwrap_or(Chain {
-            incarnation: 0,
-            seed_k: 0,
-            seed_played: 0,
-        });
+        let chain = self.chain.unwrap_or(Chain { incarnation: 0, seed_k: 0, seed_played: 0 });
         let mut flags = 0;
         if self.latched {
             flags |= state_flag::DRIVER_FAULT;
@@ -109,10 +97,7 @@ impl State {
             flags |= state_flag::COMMANDED;
         }
         RobotState {
-            header: Header {
-                origin: self.origin,
-                ..header
-            },
+            header: Header { origin: self.origin, ..header },
             executed_k: self.executed_k,
             plan_ticks_played: self.plan_ticks_played,
             seed_k: chain.seed_k,
@@ -220,18 +205,8 @@ pub fn tick_each(
     state.play(input.due_k.saturating_sub(state.index()), &mut each);
     let advanced = state.index() - index_before;
     state.mind_silence(config, accepted.is_some(), advanced);
-    let faults = if state.latched {
-        Faults::NONE.with(Fault::DriverFault)
-    } else {
-        Faults::NONE
-    };
-    Output {
-        executed: state.setpoint(),
-        advanced,
-        accepted,
-        refused,
-        faults,
-    }
+    let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
+    Output { executed: state.setpoint(), advanced, accepted, refused, faults }
 }
 
 impl State {
@@ -251,9 +226,7 @@ impl State {
         acceptance::plausible(now, due_k, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart resets nothing.
-        let edge = self
-            .reset
-            .is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
+        let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
         if edge && self.latched && self.motion.at_rest() {
             self.latched = false;
@@ -276,10 +249,7 @@ impl State {
         let origin = command.header.origin;
         let first_of_origin = origin != Stamp::NONE && origin != self.origin;
         self.origin = origin;
-        each(&Step {
-            kind: StepKind::Command,
-            setpoint: self.setpoint(),
-        });
+        each(&Step { kind: StepKind::Command, setpoint: self.setpoint() });
         Accepted {
             k: command.k,
             origin_age_ns: first_of_origin.then(|| now.since(origin)),
@@ -292,20 +262,13 @@ impl State {
         let mut left = ticks;
         while left > 0 {
             let at_rest = self.motion.at_rest();
-            let (played, kind) = if at_rest {
-                (left, StepKind::Rest)
-            } else {
-                (1, StepKind::Plan)
-            };
+            let (played, kind) = if at_rest { (left, StepKind::Rest) } else { (1, StepKind::Plan) };
             if !at_rest {
                 self.motion.play_tick();
             }
             self.plan_ticks_played = self.plan_ticks_played.saturating_add(played);
             left -= played;
-            each(&Step {
-                kind,
-                setpoint: self.setpoint(),
-            });
+            each(&Step { kind, setpoint: self.setpoint() });
         }
     }
 

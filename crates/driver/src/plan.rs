@@ -19,12 +19,7 @@ pub struct Motion {
 impl Motion {
     /// At rest at `q`, with nothing left to play.
     pub const fn rest(q: [f64; JOINTS]) -> Self {
-        Self {
-            q,
-            v: [0.0; JOINTS],
-            a: [0.0; JOINTS],
-            plan: StopPlan::ZERO,
-        }
+        Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: StopPlan::ZERO }
     }
 
     /// Whether every joint stands still and nothing is left to play: exact, because the end of a plan sets exact zeros.

@@ -16,26 +16,14 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let state = State::hold(K, &[0.0; JOINTS]).unwrap();
-        Self {
-            state,
-            sequence: 0,
-            chain: Chain {
-                incarnation: 1,
-                seed_k: K,
-                seed_played: 0,
-            },
-        }
+        Self { state, sequence: 0, chain: Chain { incarnation: 1, seed_k: K, seed_played: 0 } }
     }
 
     /// A command of index `k`; joint 3 moves at 1 rad/s and stops within 0.1 s.
     fn command(&mut self, k: u64) -> JointCommand {
         self.sequence += 1;
         let mut command = JointCommand {
-            header: Header {
-                sequence: self.sequence,
-                incarnation: self.chain.incarnation,
-                ..Header::ZERO
-            },
+            header: Header { sequence: self.sequence, incarnation: self.chain.incarnation, ..Header::ZERO },
             k,
             seed_k: self.chain.seed_k,
             seed_played: self.chain.seed_played,
@@ -54,27 +42,12 @@ impl Bench {
         let seed = reseed(&echo, k).unwrap();
         (self.chain.seed_k, self.chain.seed_played) = (seed.seed_k, seed.seed_played);
         let honest = self.command(k);
-        JointCommand {
-            q: seed.motion.q,
-            v: [0.0; JOINTS],
-            plan: StopPlan::ZERO,
-            reset_count,
-            ..honest
-        }
+        JointCommand { q: seed.motion.q, v: [0.0; JOINTS], plan: StopPlan::ZERO, reset_count, ..honest }
     }
 
     /// The driver's tick at index `k`, at its grace.
     fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
-        tick(
-            &CONFIG,
-            &mut self.state,
-            deadline(k),
-            Input {
-                due_k: k,
-                command,
-                port_fault: false,
-            },
-        )
+        tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false })
     }
 
     /// Follows commands up to index `k`.
@@ -97,11 +70,7 @@ impl Bench {
 }
 
 fn measured() -> driver::Measured {
-    driver::Measured {
-        stamp: Stamp::NONE,
-        q: [0.0; JOINTS],
-        dq: [0.0; JOINTS],
-    }
+    driver::Measured { stamp: Stamp::NONE, q: [0.0; JOINTS], dq: [0.0; JOINTS] }
 }
 
 #[test]
@@ -128,11 +97,7 @@ fn every_reason_to_refuse_is_met_and_counted() {
         let mut command = bench.command(K + 6);
         break_it(&mut command);
         let executed = bench.state.motion;
-        let input = Input {
-            due_k: K + 6,
-            command: Some(&command),
-            port_fault: false,
-        };
+        let input = Input { due_k: K + 6, command: Some(&command), port_fault: false };
         let out = tick(&CONFIG, &mut bench.state, far, input);
         assert_eq!((out.refused, out.accepted), (Some(expected), None), "{command:?}");
         assert_eq!(bench.state.refused[expected as usize], 1);
@@ -150,11 +115,7 @@ fn a_chain_that_was_left_or_whose_seed_has_passed_is_refused() {
     bench.tick(K + 6, None);
     let late = bench.command(K + 7);
     assert_eq!(bench.tick(K + 7, Some(&late)).refused, Some(Refusal::ChainLeft));
-    bench.chain = Chain {
-        seed_k: K + 5,
-        seed_played: 1,
-        ..bench.chain
-    };
+    bench.chain = Chain { seed_k: K + 5, seed_played: 1, ..bench.chain };
     let passed = bench.command(K + 8);
     assert_eq!(bench.tick(K + 8, Some(&passed)).refused, Some(Refusal::SeedPassed));
 }
@@ -167,26 +128,15 @@ fn an_early_command_is_executed_at_once_and_only_once() {
     let out = bench.tick(K + 5, Some(&early));
     assert_eq!((out.executed.k, out.advanced), (K + 6, 1));
     let again = bench.tick(K + 6, Some(&early));
-    assert_eq!(
-        (again.executed, again.advanced, again.accepted),
-        (out.executed, 0, None)
-    );
-    assert_eq!(
-        bench.state.refused,
-        [0; Refusal::COUNT],
-        "a sample read twice is judged once"
-    );
+    assert_eq!((again.executed, again.advanced, again.accepted), (out.executed, 0, None));
+    assert_eq!(bench.state.refused, [0; Refusal::COUNT], "a sample read twice is judged once");
 }
 
 #[test]
 fn silence_latches_after_ten_milliseconds_and_not_before() {
     let mut bench = Bench::new();
     for k in K + 1..K + 100 {
-        assert_eq!(
-            bench.tick(k, None).faults,
-            Faults::NONE,
-            "silence counts from the first command"
-        );
+        assert_eq!(bench.tick(k, None).faults, Faults::NONE, "silence counts from the first command");
     }
     let mut bench = Bench::new();
     bench.follow(K + 5);
@@ -217,17 +167,10 @@ fn only_a_reset_edge_at_rest_clears_the_latch() {
     let mut bench = Bench::new();
     let k = bench.latch();
     let held = bench.fresh(k + 1, 0);
-    assert_eq!(
-        bench.tick(k + 1, Some(&held)).refused,
-        Some(Refusal::Latched),
-        "no edge"
-    );
+    assert_eq!(bench.tick(k + 1, Some(&held)).refused, Some(Refusal::Latched), "no edge");
     let reset = bench.fresh(k + 2, 1);
     let out = bench.tick(k + 2, Some(&reset));
-    assert!(
-        out.accepted.is_some() && out.faults.is_empty(),
-        "an edge at rest clears, and the same command is taken"
-    );
+    assert!(out.accepted.is_some() && out.faults.is_empty(), "an edge at rest clears, and the same command is taken");
     assert_eq!(bench.state.echo(Header::ZERO, &measured()).reset_count, 1);
 }
 
@@ -246,11 +189,7 @@ fn a_reset_edge_in_motion_is_spent() {
         bench.tick(k, None);
     }
     let held = bench.fresh(K + 200, 1);
-    assert_eq!(
-        bench.tick(K + 200, Some(&held)).refused,
-        Some(Refusal::Latched),
-        "the edge came in motion"
-    );
+    assert_eq!(bench.tick(K + 200, Some(&held)).refused, Some(Refusal::Latched), "the edge came in motion");
     let reset = bench.fresh(K + 201, 2);
     assert!(bench.tick(K + 201, Some(&reset)).accepted.is_some());
 }
@@ -262,11 +201,7 @@ fn a_restarted_control_resets_nothing() {
     bench.chain.incarnation = 2;
     for n in 1..4 {
         let command = bench.fresh(k + n, 7);
-        assert_eq!(
-            bench.tick(k + n, Some(&command)).refused,
-            Some(Refusal::Latched),
-            "its first count is no edge"
-        );
+        assert_eq!(bench.tick(k + n, Some(&command)).refused, Some(Refusal::Latched), "its first count is no edge");
     }
     let reset = bench.fresh(k + 4, 8);
     assert!(bench.tick(k + 4, Some(&reset)).accepted.is_some());
@@ -277,16 +212,9 @@ fn a_robot_that_takes_no_setpoints_latches_at_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let next = bench.command(K + 6);
-    let input = Input {
-        due_k: K + 6,
-        command: Some(&next),
-        port_fault: true,
-    };
+    let input = Input { due_k: K + 6, command: Some(&next), port_fault: true };
     let out = tick(&CONFIG, &mut bench.state, deadline(K + 6), input);
-    assert_eq!(
-        (out.refused, out.faults),
-        (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault))
-    );
+    assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
 }
 
 #[test]
@@ -297,26 +225,13 @@ fn latencies_are_of_new_origins_and_of_every_target() {
         let mut command = bench.command(k);
         command.header.origin = Stamp(origin);
         command.target_stamp = Stamp(deadline(k).0 - 40_000);
-        let Some(Accepted {
-            origin_age_ns,
-            target_age_ns,
-            ..
-        }) = bench.tick(k, Some(&command)).accepted
-        else {
+        let Some(Accepted { origin_age_ns, target_age_ns, .. }) = bench.tick(k, Some(&command)).accepted else {
             panic!("an honest command")
         };
         assert_eq!(target_age_ns, Some(40_000));
         ages.push(origin_age_ns);
     }
-    assert_eq!(
-        ages,
-        [
-            None,
-            Some(deadline(K + 2).0 - 5_000),
-            None,
-            Some(deadline(K + 4).0 - 7_000)
-        ]
-    );
+    assert_eq!(ages, [None, Some(deadline(K + 2).0 - 5_000), None, Some(deadline(K + 4).0 - 7_000)]);
 }
 
 #[test]
@@ -331,17 +246,8 @@ fn a_suspended_machine_resumes_at_rest_in_bounded_work() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let mut steps = 0;
-    let input = Input {
-        due_k: K + (1 << 40),
-        command: None,
-        port_fault: false,
-    };
-    driver::tick_each(&CONFIG, &mut bench.state, deadline(K + (1 << 40)), input, |_| {
-        steps += 1
-    });
+    let input = Input { due_k: K + (1 << 40), command: None, port_fault: false };
+    driver::tick_each(&CONFIG, &mut bench.state, deadline(K + (1 << 40)), input, |_| steps += 1);
     assert!(steps < 200, "{steps}");
-    assert_eq!(
-        (bench.state.index(), bench.state.motion),
-        (K + (1 << 40), Motion::rest(bench.state.motion.q))
-    );
+    assert_eq!((bench.state.index(), bench.state.motion), (K + (1 << 40), Motion::rest(bench.state.motion.q)));
 }

@@ -22,11 +22,7 @@ fn expect_following(world: &mut World, within: u64, story: &dyn std::fmt::Debug)
     }
     for _ in 0..8 {
         let tally = calm();
-        assert_eq!(
-            (tally.commands, tally.plan_ticks, tally.refused),
-            (1, 0, 0),
-            "does not follow after {story:?}"
-        );
+        assert_eq!((tally.commands, tally.plan_ticks, tally.refused), (1, 0, 0), "does not follow after {story:?}");
     }
 }
 
@@ -39,12 +35,7 @@ fn every_short_interleaving_is_continuous_and_follows_again() {
     for control in controls {
         for driver in drivers {
             for (command_delay, echo_delay) in delays {
-                moments.push(Moment {
-                    control,
-                    driver,
-                    command_delay,
-                    echo_delay,
-                });
+                moments.push(Moment { control, driver, command_delay, echo_delay });
             }
         }
     }
@@ -89,10 +80,7 @@ impl Weather {
         if rng.random_bool(0.003 * trouble) {
             self.control_sleeps = rng.random_range(10..40);
         }
-        let mut moment = Moment {
-            control: Some(rng.random_range(0..2)),
-            ..Moment::CALM
-        };
+        let mut moment = Moment { control: Some(rng.random_range(0..2)), ..Moment::CALM };
         moment.driver = rng.random_range(0..8_u8) << 1 | 0b0100;
         moment.command_delay = rng.random_range(0..1);
         moment.echo_delay = rng.random_range(0..2);
@@ -121,12 +109,7 @@ fn random_weather_is_continuous_and_follows_again() {
     for seed in 0..runs {
         let mut world = World::new(seed);
         let rng = Pcg64::seed_from_u64(seed);
-        let mut weather = Weather {
-            rng,
-            trouble: 0.0,
-            control_sleeps: 0,
-            driver_sleeps: 0,
-        };
+        let mut weather = Weather { rng, trouble: 0.0, control_sleeps: 0, driver_sleeps: 0 };
         weather.trouble = weather.rng.random_range(0.1..1.0);
         for storm in 0..4 {
             let mut from_rest = storm == 0;
@@ -155,11 +138,7 @@ fn random_weather_is_continuous_and_follows_again() {
             }
             latched += u64::from(world.follower.latched);
             let at_once = !from_rest && !world.follower.latched;
-            let within = if at_once {
-                FOLLOWS_WITHIN
-            } else {
-                FOLLOWS_FROM_REST_WITHIN
-            };
+            let within = if at_once { FOLLOWS_WITHIN } else { FOLLOWS_FROM_REST_WITHIN };
             expect_following(&mut world, within, &(seed, storm));
         }
     }
@@ -176,10 +155,7 @@ fn random_weather_is_continuous_and_follows_again() {
 #[test]
 fn a_run_begins_by_holding() {
     let mut world = World::new(1);
-    world.run(&Moment {
-        control: None,
-        ..Moment::CALM
-    });
+    world.run(&Moment { control: None, ..Moment::CALM });
     assert_eq!(world.follower.executed_k, FIRST_K);
     assert_eq!(world.follower.motion.q, [0.1; JOINTS]);
 }

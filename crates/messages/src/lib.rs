@@ -23,7 +23,7 @@ pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{OPERATOR_VERSION, OperatorRequest};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
-    HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Skeleton, Smpl,
+    HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Smpl,
     calibration_flag, raw_flag, skeleton_flag,
 };
 pub use status::{Status, TRANSITIONS_KEPT, Transition};

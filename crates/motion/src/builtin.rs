@@ -70,21 +70,8 @@ pub fn builtin() -> Motion {
         }
     }
     sway(&mut frames);
-    let guesses = Guesses {
-        scale_m_per_unit: 1.0,
-        unit: "m",
-        stature_m: STATURE_M,
-        up: "+Z",
-        warnings: Vec::new(),
-    };
-    Motion {
-        name: "builtin".to_owned(),
-        frame_rate_hz: RATE_HZ,
-        frames,
-        first: None,
-        has_rotations: true,
-        guesses,
-    }
+    let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: STATURE_M, up: "+Z", warnings: Vec::new() };
+    Motion { name: "builtin".to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
 /// Nobody stands as still as a number: a sway of 3 mm, five times in the motion, so that a pause is told from a stuck
@@ -102,10 +89,7 @@ fn sway(frames: &mut [Frame]) {
 
 /// A standing person with these arms.
 fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
-    let mut out = Frame {
-        positions: standing(),
-        rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS],
-    };
+    let mut out = Frame { positions: standing(), rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let joints = [
         [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
         [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
@@ -120,11 +104,7 @@ fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
         for (joint, rotation) in rotations {
             // The right arm is the mirror image of a left one: (x, y, z, w) -> (-x, y, -z, w).
             let q = rotation.cast::<f32>();
-            let mirrored = if side == 0 {
-                [q.i, q.j, q.k, q.w]
-            } else {
-                [-q.i, q.j, -q.k, q.w]
-            };
+            let mirrored = if side == 0 { [q.i, q.j, q.k, q.w] } else { [-q.i, q.j, -q.k, q.w] };
             out.rotations[joint as usize] = mirrored;
         }
         // Upper arm 0.186 and forearm 0.146 of the stature (Winter, fig. 4.1).
@@ -155,22 +135,9 @@ fn standing() -> [[f32; 3]; SMPL_JOINTS] {
     put(Smpl::Spine3, shoulders_x * 0.6, 0.0, hips_z + 0.2 * h);
     put(Smpl::Neck, shoulders_x, 0.0, 0.84 * h);
     put(Smpl::Head, 0.0, 0.0, 0.91 * h);
-    let left = [
-        Smpl::LeftHip,
-        Smpl::LeftKnee,
-        Smpl::LeftAnkle,
-        Smpl::LeftFoot,
-        Smpl::LeftCollar,
-        Smpl::LeftShoulder,
-    ];
-    let right = [
-        Smpl::RightHip,
-        Smpl::RightKnee,
-        Smpl::RightAnkle,
-        Smpl::RightFoot,
-        Smpl::RightCollar,
-        Smpl::RightShoulder,
-    ];
+    let left = [Smpl::LeftHip, Smpl::LeftKnee, Smpl::LeftAnkle, Smpl::LeftFoot, Smpl::LeftCollar, Smpl::LeftShoulder];
+    let right =
+        [Smpl::RightHip, Smpl::RightKnee, Smpl::RightAnkle, Smpl::RightFoot, Smpl::RightCollar, Smpl::RightShoulder];
     for (side, joints) in [(1.0, left), (-1.0, right)] {
         let [hip, knee, ankle, foot, collar, shoulder] = joints;
         put(hip, 0.0, side * 0.055 * h, hips_z);

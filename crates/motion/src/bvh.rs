@@ -75,14 +75,7 @@ pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     };
     let first = frames.first().copied();
     let frames = frames.get(1..).unwrap_or_default().to_vec();
-    Ok(Motion {
-        name: name.to_owned(),
-        frame_rate_hz,
-        frames,
-        first,
-        has_rotations: true,
-        guesses,
-    })
+    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first, has_rotations: true, guesses })
 }
 
 fn parse_hierarchy(scan: &mut Scan<'_>) -> Result<Vec<Joint>, BvhError> {
@@ -120,28 +113,14 @@ fn open_joint(
     let line = scan.line();
     let name = excerpt(scan.rest_of_line());
     scan.expect("{")?;
-    for (what, value, bound) in [
-        ("joints", joints.len(), JOINTS_MAX),
-        ("nested joints", open.len(), DEPTH_MAX),
-    ] {
+    for (what, value, bound) in [("joints", joints.len(), JOINTS_MAX), ("nested joints", open.len(), DEPTH_MAX)] {
         if value >= bound {
-            return Err(BvhError::TooMany {
-                line,
-                what,
-                value: value as u64 + 1,
-                bound: bound as u64,
-            });
+            return Err(BvhError::TooMany { line, what, value: value as u64 + 1, bound: bound as u64 });
         }
     }
     let parent = open.last().copied();
     open.push(joints.len());
-    joints.push(Joint {
-        name,
-        parent,
-        offset: [0.0; 3],
-        is_end,
-        channels: Vec::new(),
-    });
+    joints.push(Joint { name, parent, offset: [0.0; 3], is_end, channels: Vec::new() });
     Ok(())
 }
 
@@ -182,29 +161,16 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     let frame_time_s = scan.number("Frame Time", 10.0)?;
     // 100 kHz: no camera is faster; zero and negative times fall here too.
     if frame_time_s < 1e-5 {
-        return Err(BvhError::OutOfRange {
-            line: time_line,
-            what: "Frame Time",
-            value: frame_time_s,
-            bound: 10.0,
-        });
+        return Err(BvhError::OutOfRange { line: time_line, what: "Frame Time", value: frame_time_s, bound: 10.0 });
     }
     let channels: usize = joints.iter().map(|joint| joint.channels.len()).sum();
     let bytes = scan.rest();
     // Each number needs a digit and a space, so the claim is checked before anything is reserved for it.
     if channels < CHANNELS_MIN || frames.saturating_mul(channels as u64 * 2) > bytes as u64 + 1 {
-        return Err(BvhError::FrameCount {
-            line,
-            claimed: frames,
-            channels,
-            bytes,
-        });
+        return Err(BvhError::FrameCount { line, claimed: frames, channels, bytes });
     }
     let needed = mapping.needed(joints);
-    let identity = Pose {
-        position: Vector3::zeros(),
-        rotation: UnitQuaternion::identity(),
-    };
+    let identity = Pose { position: Vector3::zeros(), rotation: UnitQuaternion::identity() };
     let mut poses = vec![identity; joints.len()];
     let mut out = Vec::with_capacity(frames as usize);
     for _ in 0..frames {
@@ -241,8 +207,5 @@ fn read_pose(scan: &mut Scan<'_>, joint: &Joint, parent: Pose, needed: bool) -> 
     if !needed {
         return Ok(parent);
     }
-    Ok(Pose {
-        position: parent.position + parent.rotation * position,
-        rotation: parent.rotation * local,
-    })
+    Ok(Pose { position: parent.position + parent.rotation * position, rotation: parent.rotation * local })
 }

@@ -8,13 +8,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use skeleton::chirality;
 
 /// Units that exporters use, m. The last one is CMU's own (the cgspeed release): 0.45 inch divided by 0.2025.
-const UNITS: [(&str, f64); 5] = [
-    ("m", 1.0),
-    ("cm", 0.01),
-    ("mm", 0.001),
-    ("inch", 0.0254),
-    ("CMU unit", 0.056_444),
-];
+const UNITS: [(&str, f64); 5] = [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254), ("CMU unit", 0.056_444)];
 /// Statures that a person may have, m (fault table); no two of the units fit into it at once.
 const STATURE_M: [f64; 2] = [1.2, 2.2];
 /// What a person of no plausible unit is scaled to, m.
@@ -50,22 +44,11 @@ impl Canonical {
             warning = Some("no unit gives a plausible stature: the person was scaled to 1.75 m".to_owned());
         }
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-        Ok(Self {
-            scale,
-            unit,
-            stature_m,
-            up,
-            warning,
-            rotation,
-            shift,
-        })
+        Ok(Self { scale, unit, stature_m, up, warning, rotation, shift })
     }
 
     pub(crate) fn apply(&self, frame: &RigFrame) -> Frame {
-        let mut out = Frame {
-            positions: [[0.0; 3]; SMPL_JOINTS],
-            rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS],
-        };
+        let mut out = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
         for (joint, pose) in frame.iter().enumerate() {
             let p = self.rotation * (pose.position + self.shift) * self.scale;
             // Products of many rotations drift from unit length by rounding alone.
@@ -84,10 +67,7 @@ fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), BvhError>
     };
     let frame = frames.first().ok_or(BvhError::Empty)?;
     let chain = |joints: &[Smpl]| -> f64 {
-        joints
-            .windows(2)
-            .map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm())
-            .sum()
+        joints.windows(2).map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm()).sum()
     };
     let legs = (chain(&[LeftHip, LeftKnee, LeftAnkle]) + chain(&[RightHip, RightKnee, RightAnkle])) / 2.0;
     let length = legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head]);
@@ -133,19 +113,10 @@ fn canonical_from_file(up: Vector3<f64>) -> Matrix3<f64> {
 /// What to add to every position: the root's OFFSET or nothing. Exporters disagree on whether the root's position channels
 /// replace its OFFSET or add to it; the person stands on the floor in the right case.
 fn guess_shift(frames: &[RigFrame], canonical: &Matrix3<f64>, offset: Vector3<f64>) -> Vector3<f64> {
-    let lowest = |frame: &RigFrame| {
-        frame
-            .iter()
-            .map(|pose| (canonical * pose.position).z)
-            .fold(f64::MAX, f64::min)
-    };
+    let lowest = |frame: &RigFrame| frame.iter().map(|pose| (canonical * pose.position).z).fold(f64::MAX, f64::min);
     let floor = frames.iter().map(lowest).fold(f64::MAX, f64::min);
     let raised = floor + (canonical * offset).z;
-    if raised.abs() < floor.abs() {
-        offset
-    } else {
-        Vector3::zeros()
-    }
+    if raised.abs() < floor.abs() { offset } else { Vector3::zeros() }
 }
 
 /// The quarter turn about z after which the person's first frame of motion faces +x best: Z-up exporters have no common
@@ -169,10 +140,7 @@ pub(crate) fn check_chirality(frames: &[Frame]) -> Result<(), BvhError> {
         count += 1.0;
     }
     if count > 0.0 && (sides < 0.0 || front < 0.0) {
-        return Err(BvhError::Mirrored {
-            sides: sides / count,
-            front: front / count,
-        });
+        return Err(BvhError::Mirrored { sides: sides / count, front: front / count });
     }
     Ok(())
 }

@@ -85,35 +85,18 @@ impl Motion {
 pub fn load(path: &Path) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
     let io = |source| MotionError::Io { file: file(), source };
-    let extension = path
-        .extension()
-        .and_then(|e| e.to_str())
-        .unwrap_or("")
-        .to_ascii_lowercase();
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     if extension != "bvh" {
-        return Err(MotionError::UnknownFormat {
-            file: file(),
-            extension,
-        });
+        return Err(MotionError::UnknownFormat { file: file(), extension });
     }
     let mut source = std::fs::File::open(path).map_err(io)?;
     let bytes = source.metadata().map_err(io)?.len();
     if bytes > FILE_BYTES_MAX {
-        return Err(MotionError::TooLarge {
-            file: file(),
-            bytes,
-            bound: FILE_BYTES_MAX,
-        });
+        return Err(MotionError::TooLarge { file: file(), bytes, bound: FILE_BYTES_MAX });
     }
     let mut text = Vec::with_capacity(usize::try_from(bytes).unwrap_or(0));
     // A device or a pipe has no length: never more than the bound is taken from it.
-    source
-        .by_ref()
-        .take(FILE_BYTES_MAX)
-        .read_to_end(&mut text)
-        .map_err(io)?;
-    let name = path
-        .file_stem()
-        .map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    source.by_ref().take(FILE_BYTES_MAX).read_to_end(&mut text).map_err(io)?;
+    let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
     parse_bvh(&name, &text).map_err(|source| MotionError::Bvh { file: file(), source })
 }

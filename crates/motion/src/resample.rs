@@ -16,11 +16,7 @@ pub fn upsample(motion: &Motion) -> Motion {
     let frame = |i: usize| {
         let at = i as f64 * motion.frame_rate_hz / RATE_UPSAMPLED_HZ;
         let before = (at.floor() as usize).min(last);
-        mix(
-            &motion.frames[before],
-            &motion.frames[(before + 1).min(last)],
-            (at - before as f64) as f32,
-        )
+        mix(&motion.frames[before], &motion.frames[(before + 1).min(last)], (at - before as f64) as f32)
     };
     out.frames = (0..count).map(frame).collect();
     out.frame_rate_hz = RATE_UPSAMPLED_HZ;
@@ -63,10 +59,7 @@ pub(crate) fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
             continue;
         }
         let bone = |frame: &Frame| Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[parent]);
-        let (from, to) = (
-            q_a.inverse() * bone(a).cast::<f64>(),
-            q_b.inverse() * bone(b).cast::<f64>(),
-        );
+        let (from, to) = (q_a.inverse() * bone(a).cast::<f64>(), q_b.inverse() * bone(b).cast::<f64>());
         let bone = q * turn(from, to, f64::from(t));
         out.positions[joint] = (Vector3::from(out.positions[parent]) + bone.cast::<f32>()).into();
     }
@@ -97,9 +90,7 @@ fn hips_rotation(frame: &Frame) -> [f32; 4] {
         return [0.0, 0.0, 0.0, 1.0];
     }
     let m = nalgebra::Matrix3::from_columns(&[x.normalize(), y.normalize(), x.cross(&y).normalize()]);
-    store(UnitQuaternion::from_rotation_matrix(
-        &nalgebra::Rotation3::from_matrix_unchecked(m),
-    ))
+    store(UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(m)))
 }
 
 fn quaternion(q: [f32; 4]) -> UnitQuaternion<f64> {

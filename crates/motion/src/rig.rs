@@ -33,37 +33,13 @@ pub(crate) const SMPL_NAMES: [&str; SMPL_JOINTS] = [
 /// Joints that have a side, as left and right SMPL index and their names without the side, best first. "shoulder", "foot"
 /// and "hand" are ambiguous and are decided by the tree.
 const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
-    (
-        Smpl::LeftHip,
-        Smpl::RightHip,
-        &["upleg", "upperleg", "thigh", "femur", "hip"],
-    ),
-    (
-        Smpl::LeftKnee,
-        Smpl::RightKnee,
-        &["leg", "lowerleg", "lowleg", "calf", "shin", "tibia", "knee"],
-    ),
+    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "femur", "hip"]),
+    (Smpl::LeftKnee, Smpl::RightKnee, &["leg", "lowerleg", "lowleg", "calf", "shin", "tibia", "knee"]),
     (Smpl::LeftAnkle, Smpl::RightAnkle, &["ankle", "foot"]),
-    (
-        Smpl::LeftFoot,
-        Smpl::RightFoot,
-        &["toebase", "toe", "toes", "ball", "foot"],
-    ),
-    (
-        Smpl::LeftCollar,
-        Smpl::RightCollar,
-        &["clavicle", "collar", "scapula", "shoulder"],
-    ),
-    (
-        Smpl::LeftShoulder,
-        Smpl::RightShoulder,
-        &["upperarm", "uparm", "arm", "humerus", "armupper", "shoulder"],
-    ),
-    (
-        Smpl::LeftElbow,
-        Smpl::RightElbow,
-        &["forearm", "lowerarm", "lowarm", "armlower", "radius", "elbow"],
-    ),
+    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "ball", "foot"]),
+    (Smpl::LeftCollar, Smpl::RightCollar, &["clavicle", "collar", "scapula", "shoulder"]),
+    (Smpl::LeftShoulder, Smpl::RightShoulder, &["upperarm", "uparm", "arm", "humerus", "armupper", "shoulder"]),
+    (Smpl::LeftElbow, Smpl::RightElbow, &["forearm", "lowerarm", "lowarm", "armlower", "radius", "elbow"]),
     (Smpl::LeftWrist, Smpl::RightWrist, &["wrist", "handwrist", "hand"]),
 ];
 const PELVIS: [&str; 3] = ["hips", "hip", "pelvis"];
@@ -102,10 +78,7 @@ impl Mapping {
 /// # Errors
 /// Names all joints that the rig misses.
 pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
-    let names: Vec<Name> = joints
-        .iter()
-        .map(|j| Name::read(if j.is_end { "" } else { &j.name }))
-        .collect();
+    let names: Vec<Name> = joints.iter().map(|j| Name::read(if j.is_end { "" } else { &j.name })).collect();
     let mut found: [Option<usize>; SMPL_JOINTS] = [None; SMPL_JOINTS];
     let mut warnings = Vec::new();
     for (left, right, cores) in SIDED {
@@ -113,29 +86,16 @@ pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
             found[joint as usize] = cores.iter().find_map(|&core| find(joints, &names, side, joint, core));
         }
     }
-    found[Smpl::Pelvis as usize] = PELVIS
-        .iter()
-        .find_map(|&core| names.iter().position(|n| n.is_central(core)));
+    found[Smpl::Pelvis as usize] = PELVIS.iter().find_map(|&core| names.iter().position(|n| n.is_central(core)));
     found[Smpl::Head as usize] = names.iter().position(|n| n.is_central("head"));
     fill_feet(joints, &mut found, &mut warnings);
     fill_trunk(joints, &mut found, &mut warnings);
-    let missing: Vec<&'static str> = (0..SMPL_JOINTS)
-        .filter(|&j| found[j].is_none())
-        .map(|j| SMPL_NAMES[j])
-        .collect();
+    let missing: Vec<&'static str> = (0..SMPL_JOINTS).filter(|&j| found[j].is_none()).map(|j| SMPL_NAMES[j]).collect();
     if !missing.is_empty() {
-        let found = joints
-            .iter()
-            .filter(|j| !j.is_end)
-            .take(40)
-            .map(|j| j.name.clone())
-            .collect();
+        let found = joints.iter().filter(|j| !j.is_end).take(40).map(|j| j.name.clone()).collect();
         return Err(BvhError::MissingJoints { missing, found });
     }
-    Ok(Mapping {
-        joints: found.map(Option::unwrap_or_default),
-        warnings,
-    })
+    Ok(Mapping { joints: found.map(Option::unwrap_or_default), warnings })
 }
 
 /// The first joint of this name that the tree does not make another one.
@@ -166,10 +126,7 @@ fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warning
             let child = (0..joints.len()).find(|&i| joints[i].parent == Some(parent));
             if let Some(child) = child {
                 found[foot as usize] = Some(child);
-                warnings.push(format!(
-                    "no toe joint: {} is the end of the foot",
-                    SMPL_NAMES[foot as usize]
-                ));
+                warnings.push(format!("no toe joint: {} is the end of the foot", SMPL_NAMES[foot as usize]));
             }
         }
     }
@@ -191,37 +148,25 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
     for (collar, shoulder) in [(Smpl::LeftCollar, left), (Smpl::RightCollar, right)] {
         if found[collar as usize].is_none() {
             found[collar as usize] = joints[shoulder].parent;
-            warnings.push(format!(
-                "no clavicle: the parent of the shoulder is {}",
-                SMPL_NAMES[collar as usize]
-            ));
+            warnings.push(format!("no clavicle: the parent of the shoulder is {}", SMPL_NAMES[collar as usize]));
         }
     }
     if let Some(head) = get(found, Smpl::Head) {
         // The child of the chest on the way to the head; the head itself if nothing lies between.
-        found[Smpl::Neck as usize] = ancestors(joints, head)
-            .take_while(|&i| i != chest)
-            .last()
-            .filter(|_| is_ancestor(joints, chest, head));
+        found[Smpl::Neck as usize] =
+            ancestors(joints, head).take_while(|&i| i != chest).last().filter(|_| is_ancestor(joints, chest, head));
     }
     // From the chest down to what also carries the legs, which is the pelvis or stands in for it.
     let Some(pelvis) = get(found, Smpl::Pelvis) else { return };
-    let legs = thighs
-        .0
-        .map_or(pelvis, |thigh| common_ancestor(joints, chest, thigh).unwrap_or(pelvis));
-    let mut spine: Vec<usize> = ancestors(joints, chest)
-        .take_while(|&i| i != legs && i != pelvis)
-        .collect();
+    let legs = thighs.0.map_or(pelvis, |thigh| common_ancestor(joints, chest, thigh).unwrap_or(pelvis));
+    let mut spine: Vec<usize> = ancestors(joints, chest).take_while(|&i| i != legs && i != pelvis).collect();
     spine.reverse();
     if let (Some(&low), Some(&high)) = (spine.first(), spine.last()) {
         found[Smpl::Spine1 as usize] = Some(low);
         found[Smpl::Spine2 as usize] = Some(spine[spine.len() / 2]);
         found[Smpl::Spine3 as usize] = Some(high);
         if spine.len() < 3 {
-            warnings.push(format!(
-                "{} spine joint(s): some of spine1 to spine3 coincide",
-                spine.len()
-            ));
+            warnings.push(format!("{} spine joint(s): some of spine1 to spine3 coincide", spine.len()));
         }
     }
 }
@@ -262,26 +207,12 @@ impl Name {
             _ => None,
         };
         let by_word = words.iter().enumerate().find_map(|(i, word)| {
-            let rest = words
-                .iter()
-                .enumerate()
-                .filter(|&(j, _)| j != i)
-                .map(|(_, w)| w.as_str())
-                .collect();
+            let rest = words.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, w)| w.as_str()).collect();
             side(word).map(|side| (side, rest))
         });
         // "leftarm", "lfemur": no separator, so the name must begin with the side.
-        let prefixes = [
-            ("left", Side::Left),
-            ("right", Side::Right),
-            ("l", Side::Left),
-            ("r", Side::Right),
-        ];
-        let by_prefix = || {
-            prefixes
-                .iter()
-                .find_map(|&(p, side)| whole.strip_prefix(p).map(|r| (side, r.to_owned())))
-        };
+        let prefixes = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
+        let by_prefix = || prefixes.iter().find_map(|&(p, side)| whole.strip_prefix(p).map(|r| (side, r.to_owned())));
         let sided = by_word.or_else(by_prefix);
         Self { whole, sided }
     }

@@ -49,10 +49,7 @@ impl<'a> Scan<'a> {
 
     /// The next word, which must be there.
     pub(crate) fn expect_word(&mut self, expected: &'static str) -> Result<&'a [u8], BvhError> {
-        self.word().ok_or(BvhError::Truncated {
-            line: self.line,
-            expected,
-        })
+        self.word().ok_or(BvhError::Truncated { line: self.line, expected })
     }
 
     /// The rest of this line, trimmed: names may hold spaces.
@@ -68,19 +65,11 @@ impl<'a> Scan<'a> {
     /// One of these words, whatever its case.
     pub(crate) fn expect(&mut self, word: &'static str) -> Result<(), BvhError> {
         let found = self.expect_word(word)?;
-        if found.eq_ignore_ascii_case(word.as_bytes()) {
-            Ok(())
-        } else {
-            Err(self.unexpected(found, word))
-        }
+        if found.eq_ignore_ascii_case(word.as_bytes()) { Ok(()) } else { Err(self.unexpected(found, word)) }
     }
 
     pub(crate) fn unexpected(&self, found: &[u8], expected: &'static str) -> BvhError {
-        BvhError::Unexpected {
-            line: self.line,
-            found: excerpt(found),
-            expected,
-        }
+        BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
     }
 
     /// The next word as a finite number of at most `bound`.
@@ -88,21 +77,12 @@ impl<'a> Scan<'a> {
         let word = self.expect_word(what)?;
         let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<f64>().ok());
         let Some(value) = value else {
-            return Err(BvhError::NotANumber {
-                line: self.line,
-                found: excerpt(word),
-                what,
-            });
+            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
         };
         if value.is_finite() && value.abs() <= bound {
             Ok(value)
         } else {
-            Err(BvhError::OutOfRange {
-                line: self.line,
-                what,
-                value,
-                bound,
-            })
+            Err(BvhError::OutOfRange { line: self.line, what, value, bound })
         }
     }
 
@@ -111,30 +91,13 @@ impl<'a> Scan<'a> {
         let word = self.expect_word(what)?;
         let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<u64>().ok());
         let Some(value) = value else {
-            return Err(BvhError::NotANumber {
-                line: self.line,
-                found: excerpt(word),
-                what,
-            });
+            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
         };
-        if value > bound {
-            Err(BvhError::TooMany {
-                line: self.line,
-                what,
-                value,
-                bound,
-            })
-        } else {
-            Ok(value)
-        }
+        if value > bound { Err(BvhError::TooMany { line: self.line, what, value, bound }) } else { Ok(value) }
     }
 }
 
 /// At most 40 characters of a word, whatever its bytes.
 pub(crate) fn excerpt(word: &[u8]) -> String {
-    String::from_utf8_lossy(word)
-        .chars()
-        .take(40)
-        .map(|c| if c.is_control() { '?' } else { c })
-        .collect()
+    String::from_utf8_lossy(word).chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

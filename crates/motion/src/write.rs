@@ -38,42 +38,28 @@ const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrota
 /// # Errors
 /// What the operating system refuses, with the path.
 pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
-    let io = |source| MotionError::Io {
-        file: path.display().to_string(),
-        source,
-    };
+    let io = |source| MotionError::Io { file: path.display().to_string(), source };
     std::fs::write(path, write_bvh(motion)).map_err(io)
 }
 
 /// The motion as BVH text, which [`crate::parse_bvh`] reads back. Frame 0 of the file is `first`, or the first frame again
 /// if the motion has none, because readers drop it.
 pub fn write_bvh(motion: &Motion) -> String {
-    let zero = Frame {
-        positions: [[0.0; 3]; SMPL_JOINTS],
-        rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS],
-    };
+    let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let first = motion.first.or(motion.frames.first().copied()).unwrap_or(zero);
     let mut text = String::from("HIERARCHY\n");
     let mut order = Vec::with_capacity(SMPL_JOINTS);
     write_joint(&mut text, &mut order, &locals(&first), 0, 0);
     let frames = motion.frames.len() + 1;
     // Writing to a string cannot fail.
-    let _ = write!(
-        text,
-        "MOTION\nFrames: {frames}\nFrame Time: {:.9}\n",
-        1.0 / motion.frame_rate_hz
-    );
+    let _ = write!(text, "MOTION\nFrames: {frames}\nFrame Time: {:.9}\n", 1.0 / motion.frame_rate_hz);
     for frame in std::iter::once(&first).chain(&motion.frames) {
         let locals = locals(frame);
         for &joint in &order {
             let (position, rotation) = &locals[joint];
             let (x, y, z) = rotation.euler_angles();
             let [z, y, x] = [z, y, x].map(f64::to_degrees);
-            let _ = write!(
-                text,
-                "{:.6} {:.6} {:.6} {z:.6} {y:.6} {x:.6} ",
-                position.x, position.y, position.z
-            );
+            let _ = write!(text, "{:.6} {:.6} {:.6} {z:.6} {y:.6} {x:.6} ", position.x, position.y, position.z);
         }
         text.push('\n');
     }

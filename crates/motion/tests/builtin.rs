@@ -17,12 +17,7 @@ fn accepted(motion: &Motion, frames: usize) -> u64 {
         raw.header.sequence = i as u64 + 1;
         raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
         let now = raw.header.origin;
-        let out = skeleton::tick(
-            &skeleton::Config::default(),
-            &mut state,
-            now,
-            skeleton::Input { raw: &raw },
-        );
+        let out = skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw });
         if let Some(skeleton) = out.skeleton {
             assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
         }
@@ -34,26 +29,16 @@ fn accepted(motion: &Motion, frames: usize) -> u64 {
 fn fastest(motion: &Motion) -> f64 {
     let limbs = limbs(motion, &calibrate(motion, CalibrationMode::Clip));
     let next = limbs.iter().cycle().skip(1);
-    let angles = limbs
-        .iter()
-        .zip(next)
-        .flat_map(|(a, b)| (0..4).map(|l| rotation(a[l]).angle_to(&rotation(b[l]))));
+    let angles = limbs.iter().zip(next).flat_map(|(a, b)| (0..4).map(|l| rotation(a[l]).angle_to(&rotation(b[l]))));
     angles.fold(0.0, f64::max) * motion.frame_rate_hz
 }
 
 #[test]
 fn it_is_a_person_in_human_and_robot_tempo() {
     let motion = builtin();
-    assert!(
-        (20.0..=25.0).contains(&motion.duration_s()),
-        "{} s",
-        motion.duration_s()
-    );
+    assert!((20.0..=25.0).contains(&motion.duration_s()), "{} s", motion.duration_s());
     // Twice through: the seam is as plausible as the rest.
-    assert_eq!(
-        accepted(&motion, 2 * motion.frames.len()),
-        2 * motion.frames.len() as u64
-    );
+    assert_eq!(accepted(&motion, 2 * motion.frames.len()), 2 * motion.frames.len() as u64);
     let fastest = fastest(&motion);
     assert!(fastest < 3.0, "a limb turns with {fastest:.2} rad/s");
     assert!(fastest > 1.0, "the demo sleeps: {fastest:.2} rad/s");

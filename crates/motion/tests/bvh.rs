@@ -29,10 +29,7 @@ fn largest_difference(a: &Motion, b: &Motion) -> (f32, f32) {
 
 fn assert_same(a: &Motion, b: &Motion) {
     let (position, rotation) = largest_difference(a, b);
-    assert!(
-        position < 1e-5 && rotation < 1e-6,
-        "positions differ by {position} m, rotations by {rotation}"
-    );
+    assert!(position < 1e-5 && rotation < 1e-6, "positions differ by {position} m, rotations by {rotation}");
 }
 
 /// The names of the writer, in its file order, to be renamed.
@@ -45,10 +42,7 @@ fn renamed(text: &str, names: &str) -> String {
         let mut words = line.split_whitespace();
         match (words.next(), words.next()) {
             (Some(kind @ ("ROOT" | "JOINT")), Some(name)) => {
-                let i = NAMES
-                    .split_whitespace()
-                    .position(|n| n == name)
-                    .expect("a name of the writer");
+                let i = NAMES.split_whitespace().position(|n| n == name).expect("a name of the writer");
                 format!("{kind} {}", names[i])
             }
             _ => line.to_owned(),
@@ -72,14 +66,8 @@ fn what_is_written_is_read_back() {
 fn names_of_every_exporter_map_to_the_same_joints() {
     let motion = short();
     let text = write_bvh(&motion);
-    let mixamo = NAMES
-        .split_whitespace()
-        .map(|n| format!("mixamorig:{n} "))
-        .collect::<String>();
-    let shouting = NAMES
-        .split_whitespace()
-        .map(|n| format!("Character1:{} ", n.to_uppercase()))
-        .collect::<String>();
+    let mixamo = NAMES.split_whitespace().map(|n| format!("mixamorig:{n} ")).collect::<String>();
+    let shouting = NAMES.split_whitespace().map(|n| format!("Character1:{} ", n.to_uppercase())).collect::<String>();
     let character_creator = "CC_Base_Hip CC_Base_L_Thigh CC_Base_L_Calf CC_Base_L_Foot CC_Base_L_ToeBase CC_Base_R_Thigh \
         CC_Base_R_Calf CC_Base_R_Foot CC_Base_R_ToeBase CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 \
         CC_Base_NeckTwist01 CC_Base_Head CC_Base_L_Clavicle CC_Base_L_Upperarm CC_Base_L_Forearm CC_Base_L_Hand \
@@ -117,13 +105,7 @@ fn a_root_that_moves_relative_to_its_offset_stands_on_the_floor_too() {
     let motion = short();
     let text = write_bvh(&motion);
     let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
-    let root: f64 = hierarchy
-        .lines()
-        .nth(3)
-        .and_then(|l| l.split_whitespace().nth(2))
-        .expect("y")
-        .parse()
-        .expect("y");
+    let root: f64 = hierarchy.lines().nth(3).and_then(|l| l.split_whitespace().nth(2)).expect("y").parse().expect("y");
     let mut lines = frames.lines();
     let mut out = format!("{hierarchy}Frame Time: {}\n", lines.next().expect("a time"));
     for line in lines {
@@ -140,12 +122,7 @@ fn a_root_that_moves_relative_to_its_offset_stands_on_the_floor_too() {
 #[test]
 fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
     let motion = short();
-    for (factor, unit) in [
-        (0.01, "m"),
-        (10.0, "mm"),
-        (1.0 / 2.54, "inch"),
-        (1.0 / 5.6444, "CMU unit"),
-    ] {
+    for (factor, unit) in [(0.01, "m"), (10.0, "mm"), (1.0 / 2.54, "inch"), (1.0 / 5.6444, "CMU unit")] {
         let mut scaled = motion.clone();
         for frame in scaled.frames.iter_mut().chain(scaled.first.as_mut()) {
             frame.positions = frame.positions.map(|p| p.map(|c| c * factor as f32));
@@ -171,11 +148,7 @@ fn under_a_root(text: &str, degrees: f64) -> String {
     let root = "HIERARCHY\nROOT RL_BoneRoot\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Yrotation Xrotation\n";
     let lines = motion.trim().lines();
     let turn = |(i, line): (usize, &str)| {
-        if i < 2 {
-            line.to_owned()
-        } else {
-            format!("0 0 {degrees} {line}")
-        }
+        if i < 2 { line.to_owned() } else { format!("0 0 {degrees} {line}") }
     };
     let lines: Vec<String> = lines.enumerate().map(turn).collect();
     format!("{root}{hierarchy}}}\nMOTION\n{}\n", lines.join("\n"))
@@ -227,23 +200,16 @@ fn a_mirrored_body_and_swapped_names_are_refused() {
     }
     let error = parse_bvh("mirror", write_bvh(&mirrored).as_bytes()).expect_err("a mirror image");
     assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
-    let swapped = write_bvh(&short())
-        .replace("Left", "L#")
-        .replace("Right", "Left")
-        .replace("L#", "Right");
+    let swapped = write_bvh(&short()).replace("Left", "L#").replace("Right", "Left").replace("L#", "Right");
     let error = parse_bvh("swapped", swapped.as_bytes()).expect_err("swapped sides");
     assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
 }
 
 #[test]
 fn missing_joints_are_named() {
-    let text = write_bvh(&short())
-        .replace("LeftForeArm", "Tentacle")
-        .replace("RightUpLeg", "Wheel");
+    let text = write_bvh(&short()).replace("LeftForeArm", "Tentacle").replace("RightUpLeg", "Wheel");
     let error = parse_bvh("rig", text.as_bytes()).expect_err("joints are missing");
-    let BvhError::MissingJoints { missing, found } = &error else {
-        panic!("{error}")
-    };
+    let BvhError::MissingJoints { missing, found } = &error else { panic!("{error}") };
     assert_eq!(missing, &["right_hip", "left_elbow"]);
     assert!(found.contains(&"Tentacle".to_owned()));
 }
@@ -254,95 +220,31 @@ fn damage_is_named_with_its_line() {
     let frame_line = good.lines().count();
     let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
     let wide = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n}\n".repeat(100_000));
-    let last = good
-        .trim_end()
-        .rsplit_once(' ')
-        .map(|(head, _)| head.to_owned())
-        .expect("a number");
+    let last = good.trim_end().rsplit_once(' ').map(|(head, _)| head.to_owned()).expect("a number");
     let cut = format!("line {frame_line}: the file ends where a number");
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
         ("empty", b"".to_vec(), "empty"),
         ("blank", b" \n\t\r\n ".to_vec(), "empty"),
         ("not a BVH", b"PK\x03\x04\xff\xfe".to_vec(), "line 1: "),
-        (
-            "not UTF-8",
-            good.replace("0.0166", "0.0\u{e9}66").into_bytes(),
-            "is not a number (Frame Time)",
-        ),
-        (
-            "invalid bytes",
-            [good.as_bytes(), b"\xff\xff".as_slice()].concat(),
-            "more numbers than",
-        ),
+        ("not UTF-8", good.replace("0.0166", "0.0\u{e9}66").into_bytes(), "is not a number (Frame Time)"),
+        ("invalid bytes", [good.as_bytes(), b"\xff\xff".as_slice()].concat(), "more numbers than"),
         ("nested", nested.into_bytes(), "nested joints: 129, at most 128"),
         ("wide", wide.into_bytes(), "joints: 2049, at most 2048"),
-        (
-            "truncated hierarchy",
-            good.split("JOINT LeftLeg").next().unwrap_or("").into(),
-            "the file ends where",
-        ),
+        ("truncated hierarchy", good.split("JOINT LeftLeg").next().unwrap_or("").into(), "the file ends where"),
         ("truncated frame", last.into_bytes(), &cut),
-        (
-            "claims 10 GB",
-            good.replace("Frames: 13", "Frames: 99999999").into_bytes(),
-            "99999999 frames of 132",
-        ),
-        (
-            "absurd frames",
-            good.replace("Frames: 13", "Frames: 999999999999").into_bytes(),
-            "Frames: 999999999999",
-        ),
-        (
-            "negative frames",
-            good.replace("Frames: 13", "Frames: -1").into_bytes(),
-            "\"-1\" is not a number (Frames)",
-        ),
-        (
-            "one frame",
-            good.replace("Frames: 13", "Frames: 1").into_bytes(),
-            "at least 2 are needed",
-        ),
-        (
-            "too many frames",
-            good.replace("Frames: 13", "Frames: 12").into_bytes(),
-            "more numbers than the 12",
-        ),
-        (
-            "no time",
-            good.replace("0.016666667", "0.0").into_bytes(),
-            "Frame Time 0",
-        ),
-        (
-            "NaN",
-            good.replace("OFFSET 0.000000 9", "OFFSET NaN 9").into_bytes(),
-            "OFFSET NaN is not within",
-        ),
-        (
-            "infinite",
-            good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(),
-            "OFFSET inf is not within",
-        ),
-        (
-            "1e30",
-            good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(),
-            "is not within",
-        ),
-        (
-            "channels",
-            good.replacen("CHANNELS 6", "CHANNELS 4000000000", 1).into_bytes(),
-            "CHANNELS: 4000000000",
-        ),
-        (
-            "channel",
-            good.replacen("Xposition", "Wposition", 1).into_bytes(),
-            "\"Wposition\" where",
-        ),
+        ("claims 10 GB", good.replace("Frames: 13", "Frames: 99999999").into_bytes(), "99999999 frames of 132"),
+        ("absurd frames", good.replace("Frames: 13", "Frames: 999999999999").into_bytes(), "Frames: 999999999999"),
+        ("negative frames", good.replace("Frames: 13", "Frames: -1").into_bytes(), "\"-1\" is not a number (Frames)"),
+        ("one frame", good.replace("Frames: 13", "Frames: 1").into_bytes(), "at least 2 are needed"),
+        ("too many frames", good.replace("Frames: 13", "Frames: 12").into_bytes(), "more numbers than the 12"),
+        ("no time", good.replace("0.016666667", "0.0").into_bytes(), "Frame Time 0"),
+        ("NaN", good.replace("OFFSET 0.000000 9", "OFFSET NaN 9").into_bytes(), "OFFSET NaN is not within"),
+        ("infinite", good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(), "OFFSET inf is not within"),
+        ("1e30", good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(), "is not within"),
+        ("channels", good.replacen("CHANNELS 6", "CHANNELS 4000000000", 1).into_bytes(), "CHANNELS: 4000000000"),
+        ("channel", good.replacen("Xposition", "Wposition", 1).into_bytes(), "\"Wposition\" where"),
         ("brace", good.replacen('{', "[", 1).into_bytes(), "line 3: "),
-        (
-            "second root",
-            good.replacen("MOTION", "ROOT Other", 1).into_bytes(),
-            "\"ROOT\" where MOTION",
-        ),
+        ("second root", good.replacen("MOTION", "ROOT Other", 1).into_bytes(), "\"ROOT\" where MOTION"),
     ];
     for (name, text, expected) in cases {
         match parse_bvh(name, &text) {
@@ -371,21 +273,12 @@ fn files_are_dispatched_by_extension_and_bounded_before_reading() {
     let other = folder.path().join("clip.fbx");
     std::fs::write(&other, "x").expect("saved");
     assert!(matches!(load(&other), Err(MotionError::UnknownFormat { .. })));
-    assert!(matches!(
-        load(&folder.path().join("none.bvh")),
-        Err(MotionError::Io { .. })
-    ));
+    assert!(matches!(load(&folder.path().join("none.bvh")), Err(MotionError::Io { .. })));
     let huge = folder.path().join("huge.bvh");
     // Sparse: 10 GB that take no room.
-    std::fs::File::create(&huge)
-        .expect("created")
-        .set_len(10_000_000_000)
-        .expect("sparse");
+    std::fs::File::create(&huge).expect("created").set_len(10_000_000_000).expect("sparse");
     let error = load(&huge).expect_err("too large");
-    assert!(
-        error.to_string().contains("10000000000 bytes, at most 1073741824"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("10000000000 bytes, at most 1073741824"), "{error}");
 }
 
 #[test]

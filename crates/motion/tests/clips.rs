@@ -25,29 +25,11 @@ fn all_load_without_a_warning_and_stand_on_the_floor() {
     assert_eq!(paths.len(), 61);
     for path in paths {
         let motion = read(&path);
-        assert_eq!(
-            (motion.guesses.unit, motion.guesses.up),
-            ("cm", "+Y"),
-            "{}",
-            motion.name
-        );
-        assert!(
-            motion.guesses.warnings.is_empty(),
-            "{}: {:?}",
-            motion.name,
-            motion.guesses.warnings
-        );
+        assert_eq!((motion.guesses.unit, motion.guesses.up), ("cm", "+Y"), "{}", motion.name);
+        assert!(motion.guesses.warnings.is_empty(), "{}: {:?}", motion.name, motion.guesses.warnings);
         assert!((motion.frame_rate_hz - 60.0).abs() < 0.01);
-        let lowest = motion
-            .frames
-            .iter()
-            .flat_map(|f| f.positions.iter().map(|p| p[2]))
-            .fold(f32::MAX, f32::min);
-        assert!(
-            (0.0..0.25).contains(&lowest),
-            "{}: lowest joint at {lowest} m",
-            motion.name
-        );
+        let lowest = motion.frames.iter().flat_map(|f| f.positions.iter().map(|p| p[2])).fold(f32::MAX, f32::min);
+        assert!((0.0..0.25).contains(&lowest), "{}: lowest joint at {lowest} m", motion.name);
     }
 }
 
@@ -63,21 +45,11 @@ fn the_stage_accepts_all_but_the_one_glitch() {
             raw.header.sequence = i as u64 + 1;
             raw.header.origin = messages::Stamp((i as u64 + 1) * 16_666_667);
             let now = raw.header.origin;
-            skeleton::tick(
-                &skeleton::Config::default(),
-                &mut state,
-                now,
-                skeleton::Input { raw: &raw },
-            );
+            skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw });
         }
         // 003_02 has a wrist that jumps by 0.7 m for one frame; the jump and four frames of settling are dropped.
         let dropped = if motion.name == "003_02" { 5 } else { 0 };
-        assert_eq!(
-            state.accepted() as usize,
-            motion.frames.len() - dropped,
-            "{}",
-            motion.name
-        );
+        assert_eq!(state.accepted() as usize, motion.frames.len() - dropped, "{}", motion.name);
     }
 }
 
@@ -118,8 +90,5 @@ fn an_elbow_only_flexes() {
         }
     }
     let mean = out_of_plane / count;
-    assert!(
-        mean < 0.5,
-        "forearms leave the plane of the hinge by {mean:.2} degrees on average"
-    );
+    assert!(mean < 0.5, "forearms leave the plane of the hinge by {mean:.2} degrees on average");
 }

@@ -52,23 +52,11 @@ impl Client {
                 Errno::ACCESS | Errno::PERM => OperatorError::PermissionDenied { path },
                 Errno::AGAIN | Errno::TIMEDOUT | Errno::INPROGRESS => OperatorError::Timeout { path, timeout_ms },
                 Errno::PROTOTYPE => OperatorError::NotASocket { path },
-                source => OperatorError::Os {
-                    path,
-                    action: "connect",
-                    source,
-                },
+                source => OperatorError::Os { path, action: "connect", source },
             }
         })?;
-        let request = OperatorRequest {
-            version: OPERATOR_VERSION,
-            ..OperatorRequest::ZERO
-        };
-        Ok(Self {
-            path,
-            socket,
-            request,
-            timeout_ms,
-        })
+        let request = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
+        Ok(Self { path, socket, request, timeout_ms })
     }
 
     /// Presses the enable, with the next heartbeat.
@@ -145,21 +133,14 @@ impl Client {
         Ok(match (length, codec::decode_status(&bytes[..length])) {
             (_, Some(status)) => Ok(status),
             (0, None) => Err(OperatorError::Closed { path: path() }),
-            (bytes, None) => Err(OperatorError::BadReply {
-                path: path(),
-                bytes,
-                expected: STATUS_BYTES,
-            }),
+            (bytes, None) => Err(OperatorError::BadReply { path: path(), bytes, expected: STATUS_BYTES }),
         })
     }
 
     fn failed(&self, action: &'static str, errno: Errno) -> OperatorError {
         let path = self.path.clone();
         match errno {
-            Errno::AGAIN => OperatorError::Timeout {
-                path,
-                timeout_ms: self.timeout_ms,
-            },
+            Errno::AGAIN => OperatorError::Timeout { path, timeout_ms: self.timeout_ms },
             Errno::PIPE | Errno::CONNRESET | Errno::NOTCONN => OperatorError::Closed { path },
             source => OperatorError::Os { path, action, source },
         }

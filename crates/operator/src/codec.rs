@@ -64,37 +64,16 @@ impl Fields for Take<'_> {
 }
 
 fn request_fields(fields: &mut impl Fields, request: &mut OperatorRequest) {
-    let OperatorRequest {
-        version,
-        enable_level,
-        enable_count,
-        release_count,
-        reset_count,
-        estop_count,
-        sequence,
-    } = request;
-    for value in [
-        version,
-        enable_level,
-        enable_count,
-        release_count,
-        reset_count,
-        estop_count,
-    ] {
+    let OperatorRequest { version, enable_level, enable_count, release_count, reset_count, estop_count, sequence } =
+        request;
+    for value in [version, enable_level, enable_count, release_count, reset_count, estop_count] {
         fields.u32(value);
     }
     fields.u64(sequence);
 }
 
 fn header_fields(fields: &mut impl Fields, header: &mut Header) {
-    let Header {
-        sequence,
-        stamp: Stamp(stamp),
-        origin: Stamp(origin),
-        config_hash,
-        incarnation,
-        reserved,
-    } = header;
+    let Header { sequence, stamp: Stamp(stamp), origin: Stamp(origin), config_hash, incarnation, reserved } = header;
     for value in [sequence, stamp, origin, config_hash] {
         fields.u64(value);
     }
@@ -103,13 +82,7 @@ fn header_fields(fields: &mut impl Fields, header: &mut Header) {
 }
 
 fn transition_fields(fields: &mut impl Fields, transition: &mut Transition) {
-    let Transition {
-        k,
-        from,
-        to,
-        why,
-        reserved,
-    } = transition;
+    let Transition { k, from, to, why, reserved } = transition;
     fields.u64(k);
     for value in [from, to, why, reserved] {
         fields.u32(value);
@@ -118,30 +91,16 @@ fn transition_fields(fields: &mut impl Fields, transition: &mut Transition) {
 
 fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     header_fields(fields, &mut s.header);
-    for value in [
-        &mut s.k,
-        &mut s.ticks,
-        &mut s.missed_deadlines,
-        &mut s.faults,
-        &mut s.latched,
-    ] {
+    for value in [&mut s.k, &mut s.ticks, &mut s.missed_deadlines, &mut s.faults, &mut s.latched] {
         fields.u64(value);
     }
     for value in [&mut s.target_stamp.0, &mut s.state_stamp.0, &mut s.input_age_ns] {
         fields.u64(value);
     }
-    for value in [
-        &mut s.clearance_command_m,
-        &mut s.clearance_measured_m,
-        &mut s.tracking_error,
-    ] {
+    for value in [&mut s.clearance_command_m, &mut s.clearance_measured_m, &mut s.tracking_error] {
         fields.f64(value);
     }
-    for value in [
-        &mut s.limb_error_target_rad,
-        &mut s.limb_error_measured_rad,
-        &mut s.speed_scale,
-    ] {
+    for value in [&mut s.limb_error_target_rad, &mut s.limb_error_measured_rad, &mut s.speed_scale] {
         fields.f64(value);
     }
     for value in s.nearest_pair.iter_mut().chain([&mut s.mode, &mut s.transition_count]) {
@@ -161,13 +120,7 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
 /// The bytes of a request.
 pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     let mut bytes = [0; REQUEST_BYTES];
-    request_fields(
-        &mut Put {
-            bytes: &mut bytes,
-            at: 0,
-        },
-        &mut { *request },
-    );
+    request_fields(&mut Put { bytes: &mut bytes, at: 0 }, &mut { *request });
     bytes
 }
 
@@ -184,13 +137,7 @@ pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
 /// The bytes of a status.
 pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
     let mut bytes = [0; STATUS_BYTES];
-    status_fields(
-        &mut Put {
-            bytes: &mut bytes,
-            at: 0,
-        },
-        &mut { *status },
-    );
+    status_fields(&mut Put { bytes: &mut bytes, at: 0 }, &mut { *status });
     bytes
 }
 

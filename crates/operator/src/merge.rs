@@ -5,7 +5,7 @@ use messages::{OperatorRequest, Stamp};
 /// Connections at once.
 pub const CLIENTS_MAX: usize = 16;
 
-/// Age of the holder's heartbeat at which the enable is withdrawn: 100 ms (FAULTS 69), five heartbeats at 50 Hz.
+/// Age of the holder's heartbeat at which the enable is withdrawn: 100 ms, five heartbeats at 50 Hz.
 pub const LEASE_NS: u64 = 100_000_000;
 
 /// Edges that one request may count; more is no hand but a broken counter.
@@ -48,10 +48,7 @@ pub(crate) struct Seat {
 impl Seat {
     /// A connection that has not said anything yet.
     pub(crate) fn new(now: Stamp) -> Self {
-        Self {
-            last: messages::Layout::ZERO,
-            heard: now,
-        }
+        Self { last: messages::Layout::ZERO, heard: now }
     }
 }
 

@@ -45,11 +45,7 @@ impl Server {
             .map_err(os("make a Unix SEQPACKET socket"))?;
         net::bind(&socket, &address).map_err(|errno| match errno {
             Errno::ACCESS | Errno::PERM => OperatorError::PermissionDenied { path: path.clone() },
-            source => OperatorError::Os {
-                path: path.clone(),
-                action: "bind the socket",
-                source,
-            },
+            source => OperatorError::Os { path: path.clone(), action: "bind the socket", source },
         })?;
         // Before `listen`, so that nobody connects under the mode that the umask gave.
         fs::chmod(&path, Mode::RUSR | Mode::WUSR | Mode::RGRP | Mode::WGRP)
@@ -113,11 +109,7 @@ impl Server {
         if let Some(index) = self.clients.iter().position(Option::is_none) {
             return Some(index);
         }
-        let silent = |index: usize| {
-            self.clients[index]
-                .as_ref()
-                .map_or(0, |(_, seat)| now.since(seat.heard))
-        };
+        let silent = |index: usize| self.clients[index].as_ref().map_or(0, |(_, seat)| now.since(seat.heard));
         (0..CLIENTS_MAX)
             .filter(|&index| self.merge.holder != Some(index) && silent(index) > IDLE_NS)
             .max_by_key(|&index| silent(index))
@@ -168,52 +160,30 @@ fn lock(path: &Path) -> Result<OwnedFd, OperatorError> {
     name.push(".lock");
     let flags = OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW;
     let file = fs::open(name.as_os_str(), flags, Mode::RUSR | Mode::WUSR).map_err(|errno| {
-        let directory = path
-            .parent()
-            .filter(|p| !p.as_os_str().is_empty())
-            .unwrap_or(Path::new("."))
-            .to_path_buf();
+        let directory = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_path_buf();
         match errno {
             Errno::NOENT | Errno::NOTDIR => OperatorError::NoDirectory { path: directory },
             Errno::ACCESS | Errno::PERM | Errno::ROFS => OperatorError::PermissionDenied { path: directory },
-            source => OperatorError::Os {
-                path: name.clone().into(),
-                action: "open the lock file",
-                source,
-            },
+            source => OperatorError::Os { path: name.clone().into(), action: "open the lock file", source },
         }
     })?;
     match fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) => Ok(file),
-        Err(Errno::WOULDBLOCK) => Err(OperatorError::InUse {
-            path: path.to_path_buf(),
-        }),
-        Err(source) => Err(OperatorError::Os {
-            path: name.into(),
-            action: "lock the lock file",
-            source,
-        }),
+        Err(Errno::WOULDBLOCK) => Err(OperatorError::InUse { path: path.to_path_buf() }),
+        Err(source) => Err(OperatorError::Os { path: name.into(), action: "lock the lock file", source }),
     }
 }
 
 /// Removes a socket on which nobody answers. The lock is held: no server is just about to listen on it.
 fn remove_stale(path: &Path, address: &SocketAddrUnix) -> Result<(), OperatorError> {
-    let os = |action| {
-        move |source| OperatorError::Os {
-            path: path.to_path_buf(),
-            action,
-            source,
-        }
-    };
+    let os = |action| move |source| OperatorError::Os { path: path.to_path_buf(), action, source };
     let kind = match fs::lstat(path) {
         Ok(stat) => FileType::from_raw_mode(stat.st_mode),
         Err(Errno::NOENT) => return Ok(()),
         Err(source) => return Err(os("examine the socket")(source)),
     };
     if kind != FileType::Socket {
-        return Err(OperatorError::NotASocket {
-            path: path.to_path_buf(),
-        });
+        return Err(OperatorError::NotASocket { path: path.to_path_buf() });
     }
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let probe = net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)
@@ -221,12 +191,8 @@ fn remove_stale(path: &Path, address: &SocketAddrUnix) -> Result<(), OperatorErr
     match net::connect(&probe, address) {
         Err(Errno::CONNREFUSED) => fs::unlink(path).map_err(os("remove the stale socket")),
         // Of another type: somebody else's socket, which refuses ours by type and not for want of a listener.
-        Ok(()) | Err(Errno::AGAIN | Errno::PROTOTYPE) => Err(OperatorError::InUse {
-            path: path.to_path_buf(),
-        }),
-        Err(Errno::ACCESS | Errno::PERM) => Err(OperatorError::PermissionDenied {
-            path: path.to_path_buf(),
-        }),
+        Ok(()) | Err(Errno::AGAIN | Errno::PROTOTYPE) => Err(OperatorError::InUse { path: path.to_path_buf() }),
+        Err(Errno::ACCESS | Errno::PERM) => Err(OperatorError::PermissionDenied { path: path.to_path_buf() }),
         Err(source) => Err(os("ask whether somebody answers on the socket")(source)),
     }
 }

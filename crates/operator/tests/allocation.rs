@@ -42,11 +42,7 @@ fn connecting_talking_and_leaving_allocate_nothing() {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
         rustix::net::connect(&socket, &address).unwrap();
         for sequence in 1..=10 {
-            let request = OperatorRequest {
-                version: OPERATOR_VERSION,
-                sequence,
-                ..OperatorRequest::ZERO
-            };
+            let request = OperatorRequest { version: OPERATOR_VERSION, sequence, ..OperatorRequest::ZERO };
             rustix::net::send(&socket, &operator::encode_request(&request), SendFlags::empty()).unwrap();
             server.poll(Stamp(round), &Status::ZERO);
             let mut reply = [0; operator::STATUS_BYTES];

@@ -54,14 +54,8 @@ fn every_field_lies_where_the_layout_has_it() {
     let at = |fields: &[messages::Field], name: &str| fields.iter().find(|f| f.name == name).unwrap().offset;
     let read = |bytes: &[u8], offset: usize| u32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap());
 
-    let request = OperatorRequest {
-        estop_count: 0x1234_5678,
-        ..OperatorRequest::ZERO
-    };
-    assert_eq!(
-        read(&encode_request(&request), at(OperatorRequest::FIELDS, "estop_count")),
-        0x1234_5678
-    );
+    let request = OperatorRequest { estop_count: 0x1234_5678, ..OperatorRequest::ZERO };
+    assert_eq!(read(&encode_request(&request), at(OperatorRequest::FIELDS, "estop_count")), 0x1234_5678);
 
     let mut status = Status::ZERO;
     status.mode = 11;
@@ -83,20 +77,14 @@ fn every_field_lies_where_the_layout_has_it() {
     ] {
         assert_eq!(read(&bytes, at(Status::FIELDS, name)), expected, "{name}");
     }
-    let speed = Status {
-        speed_scale: 0.75,
-        ..Status::ZERO
-    };
+    let speed = Status { speed_scale: 0.75, ..Status::ZERO };
     let offset = at(Status::FIELDS, "speed_scale");
     assert_eq!(encode_status(&speed)[offset..offset + 8], 0.75_f64.to_le_bytes());
 }
 
 #[test]
 fn other_lengths_versions_and_levels_are_no_requests() {
-    let good = OperatorRequest {
-        version: OPERATOR_VERSION,
-        ..OperatorRequest::ZERO
-    };
+    let good = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
     let bytes = encode_request(&good);
     assert_eq!(decode_request(&bytes), Some(good));
     for length in (0..REQUEST_BYTES).chain([REQUEST_BYTES + 1, 4096]) {
@@ -105,19 +93,7 @@ fn other_lengths_versions_and_levels_are_no_requests() {
         other[..n].copy_from_slice(&bytes[..n]);
         assert_eq!(decode_request(&other), None, "{length} bytes");
     }
-    assert_eq!(
-        decode_request(&encode_request(&OperatorRequest {
-            version: OPERATOR_VERSION + 1,
-            ..good
-        })),
-        None
-    );
-    assert_eq!(
-        decode_request(&encode_request(&OperatorRequest {
-            enable_level: 2,
-            ..good
-        })),
-        None
-    );
+    assert_eq!(decode_request(&encode_request(&OperatorRequest { version: OPERATOR_VERSION + 1, ..good })), None);
+    assert_eq!(decode_request(&encode_request(&OperatorRequest { enable_level: 2, ..good })), None);
     assert_eq!(decode_status(&[0; STATUS_BYTES - 1]), None);
 }

@@ -21,12 +21,7 @@ impl House {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("control.sock");
         let server = Server::bind(&path).unwrap();
-        Self {
-            _folder: folder,
-            path,
-            server,
-            now: Stamp(1_000_000_000),
-        }
+        Self { _folder: folder, path, server, now: Stamp(1_000_000_000) }
     }
 
     fn poll(&mut self) -> OperatorView {
@@ -36,13 +31,7 @@ impl House {
     fn raw(&self) -> Raw {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
         rustix::net::connect(&socket, &SocketAddrUnix::new(&self.path).unwrap()).unwrap();
-        Raw {
-            socket,
-            request: OperatorRequest {
-                version: OPERATOR_VERSION,
-                ..OperatorRequest::ZERO
-            },
-        }
+        Raw { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } }
     }
 }
 
@@ -78,19 +67,13 @@ fn the_first_edge_holds_and_others_are_refused() {
     assert_eq!((view.connections, view.enable_level, view.enable_edges), (2, true, 1));
     second.press();
     let view = house.poll();
-    assert_eq!(
-        (view.enable_level, view.enable_edges, view.enables_refused),
-        (true, 1, 1)
-    );
+    assert_eq!((view.enable_level, view.enable_edges, view.enables_refused), (true, 1, 1));
     // Letting go what one does not hold is a release all the same; a level that stays up grants nothing.
     first.say(|r| (r.enable_level, r.release_count) = (0, 1));
     assert!(!house.poll().enable_level);
     second.say(|_| {});
     let view = house.poll();
-    assert_eq!(
-        (view.enable_level, view.enable_edges, view.release_edges),
-        (false, 1, 1)
-    );
+    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (false, 1, 1));
     second.press();
     let view = house.poll();
     assert_eq!((view.enable_level, view.enable_edges), (true, 2));
@@ -108,10 +91,7 @@ fn everybody_may_stop_reset_and_release() {
     assert_eq!((view.estop_edges, view.reset_edges, view.enable_level), (1, 2, true));
     other.say(|r| r.release_count += 1);
     let view = house.poll();
-    assert_eq!(
-        (view.release_edges, view.enable_level, view.holders_lost),
-        (1, false, 0)
-    );
+    assert_eq!((view.release_edges, view.enable_level, view.holders_lost), (1, false, 0));
 }
 
 #[test]
@@ -121,11 +101,7 @@ fn a_release_beats_an_enable_of_the_same_round_in_any_order() {
         let (mut a, mut b) = (house.raw(), house.raw());
         a.say(|_| {});
         house.poll();
-        let (releaser, presser) = if releaser_first {
-            (&mut a, &mut b)
-        } else {
-            (&mut b, &mut a)
-        };
+        let (releaser, presser) = if releaser_first { (&mut a, &mut b) } else { (&mut b, &mut a) };
         releaser.say(|r| r.release_count += 1);
         presser.press();
         let view = house.poll();
@@ -139,10 +115,7 @@ fn a_press_that_was_let_go_before_its_heartbeat_grants_nothing() {
     let mut client = house.raw();
     client.say(|r| (r.enable_count, r.release_count) = (1, 1));
     let view = house.poll();
-    assert_eq!(
-        (view.enable_level, view.enable_edges, view.release_edges),
-        (false, 0, 1)
-    );
+    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (false, 0, 1));
     // Let go and pressed again between two heartbeats: both edges count, and it is held.
     client.say(|r| (r.enable_level, r.enable_count, r.release_count) = (1, 2, 2));
     let view = house.poll();
@@ -157,31 +130,17 @@ fn a_holder_that_goes_away_or_falls_silent_loses_the_enable() {
     house.poll();
     drop(client);
     let view = house.poll();
-    assert_eq!(
-        (
-            view.enable_level,
-            view.release_edges,
-            view.holders_lost,
-            view.connections
-        ),
-        (false, 0, 1, 0)
-    );
+    assert_eq!((view.enable_level, view.release_edges, view.holders_lost, view.connections), (false, 0, 1, 0));
 
     let mut client = house.raw();
     client.press();
     assert!(house.poll().enable_level);
     let heard = house.now;
     house.now = Stamp(heard.0 + LEASE_NS);
-    assert!(
-        house.poll().enable_level,
-        "a heartbeat as old as the lease is not too old"
-    );
+    assert!(house.poll().enable_level, "a heartbeat as old as the lease is not too old");
     house.now = Stamp(heard.0 + LEASE_NS + 1);
     let view = house.poll();
-    assert_eq!(
-        (view.enable_level, view.heartbeat, view.holders_lost),
-        (false, heard, 2)
-    );
+    assert_eq!((view.enable_level, view.heartbeat, view.holders_lost), (false, heard, 2));
     client.say(|_| {});
     assert!(!house.poll().enable_level, "after a lapse it takes a new edge");
     client.press();
@@ -203,37 +162,19 @@ fn the_last_words_of_a_client_that_left_replies_unread_count() {
 #[test]
 fn nonsense_is_refused_counted_and_disconnected() {
     let house = &mut House::new();
-    let good = OperatorRequest {
-        version: OPERATOR_VERSION,
-        sequence: 1,
-        ..OperatorRequest::ZERO
-    };
+    let good = OperatorRequest { version: OPERATOR_VERSION, sequence: 1, ..OperatorRequest::ZERO };
     let bytes = operator::encode_request(&good);
     let long = [0_u8; REQUEST_BYTES * 40];
-    let old = operator::encode_request(&OperatorRequest {
-        version: OPERATOR_VERSION + 1,
-        ..good
-    });
-    let level = operator::encode_request(&OperatorRequest {
-        enable_level: 7,
-        ..good
-    });
+    let old = operator::encode_request(&OperatorRequest { version: OPERATOR_VERSION + 1, ..good });
+    let level = operator::encode_request(&OperatorRequest { enable_level: 7, ..good });
     let stuck = operator::encode_request(&OperatorRequest { sequence: 0, ..good });
-    let back = operator::encode_request(&OperatorRequest {
-        reset_count: u32::MAX,
-        ..good
-    });
+    let back = operator::encode_request(&OperatorRequest { reset_count: u32::MAX, ..good });
     let nonsense: [&[u8]; 7] = [&bytes[..31], &bytes[..1], &long, &old, &level, &stuck, &back];
     for (count, bytes) in nonsense.into_iter().enumerate() {
         let client = house.raw();
         client.send(bytes);
         let view = house.poll();
-        assert_eq!(
-            (view.requests_refused, view.connections),
-            (count as u64 + 1, 0),
-            "{} bytes",
-            bytes.len()
-        );
+        assert_eq!((view.requests_refused, view.connections), (count as u64 + 1, 0), "{} bytes", bytes.len());
         assert_eq!((view.reset_edges, view.enable_level), (0, false));
     }
 }
@@ -248,22 +189,14 @@ fn a_full_house_keeps_its_talkers_and_gives_the_place_of_the_silent() {
     let mut late = house.raw();
     late.say(|r| r.estop_count += 1);
     let view = house.poll();
-    assert_eq!(
-        (view.connections_refused, view.estop_edges),
-        (1, 0),
-        "all others are alive"
-    );
+    assert_eq!((view.connections_refused, view.estop_edges), (1, 0), "all others are alive");
     house.now = Stamp(house.now.0 + 1_000_000_000);
     clients[1..].iter_mut().skip(1).for_each(|client| client.say(|_| {}));
     house.poll();
     let mut late = house.raw();
     late.say(|r| r.estop_count += 1);
     let view = house.poll();
-    assert_eq!(
-        (view.connections, view.estop_edges),
-        (CLIENTS_MAX as u32, 1),
-        "a silent one made place"
-    );
+    assert_eq!((view.connections, view.estop_edges), (CLIENTS_MAX as u32, 1), "a silent one made place");
 }
 
 #[test]
@@ -290,21 +223,12 @@ fn a_client_gets_the_status_for_each_heartbeat() {
 fn a_late_reply_answers_no_later_request() {
     let mut house = House::new();
     let mut client = Client::connect_within(&house.path, 20).unwrap();
-    assert!(matches!(
-        client.heartbeat(),
-        Err(OperatorError::Timeout { timeout_ms: 20, .. })
-    ));
+    assert!(matches!(client.heartbeat(), Err(OperatorError::Timeout { timeout_ms: 20, .. })));
     house.poll();
-    assert!(
-        matches!(client.heartbeat(), Err(OperatorError::Timeout { .. })),
-        "the reply to the first is dropped"
-    );
+    assert!(matches!(client.heartbeat(), Err(OperatorError::Timeout { .. })), "the reply to the first is dropped");
     drop(house);
     let error = client.heartbeat().unwrap_err();
-    assert!(
-        matches!(error, OperatorError::Closed { .. } | OperatorError::Timeout { .. }),
-        "{error}"
-    );
+    assert!(matches!(error, OperatorError::Closed { .. } | OperatorError::Timeout { .. }), "{error}");
 }
 
 #[test]
@@ -326,10 +250,7 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("control.sock");
     let server = Server::bind(&path).unwrap();
-    assert!(matches!(
-        Server::bind(&path).err().unwrap(),
-        OperatorError::InUse { .. }
-    ));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::InUse { .. }));
     drop(server);
 
     // Left behind by a server that was killed: bound once, and nobody listens.
@@ -337,28 +258,19 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     let dead = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&dead, &address).unwrap();
     drop(dead);
-    assert!(matches!(
-        Client::connect(&path).err().unwrap(),
-        OperatorError::NobodyAnswers { .. }
-    ));
+    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::NobodyAnswers { .. }));
     drop(Server::bind(&path).unwrap());
 
     // Somebody else listens, without our lock.
     let foreign = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&foreign, &address).unwrap();
     rustix::net::listen(&foreign, 1).unwrap();
-    assert!(matches!(
-        Server::bind(&path).err().unwrap(),
-        OperatorError::InUse { .. }
-    ));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::InUse { .. }));
     assert!(path.exists());
     std::fs::remove_file(&path).unwrap();
 
     std::fs::write(&path, "precious").unwrap();
-    assert!(matches!(
-        Server::bind(&path).err().unwrap(),
-        OperatorError::NotASocket { .. }
-    ));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::NotASocket { .. }));
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
 }
 
@@ -366,19 +278,10 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
 fn a_missing_folder_and_a_long_path_are_named() {
     let folder = TempDir::new().unwrap();
     let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
-    assert!(
-        matches!(&error, OperatorError::NoDirectory { path } if path.ends_with("absent")),
-        "{error}"
-    );
+    assert!(matches!(&error, OperatorError::NoDirectory { path } if path.ends_with("absent")), "{error}");
     let long = folder.path().join("x".repeat(120));
-    assert!(matches!(
-        Server::bind(&long).err().unwrap(),
-        OperatorError::PathTooLong { .. }
-    ));
-    assert!(matches!(
-        Client::connect(&long).err().unwrap(),
-        OperatorError::PathTooLong { .. }
-    ));
+    assert!(matches!(Server::bind(&long).err().unwrap(), OperatorError::PathTooLong { .. }));
+    assert!(matches!(Client::connect(&long).err().unwrap(), OperatorError::PathTooLong { .. }));
 }
 
 #[test]
@@ -391,8 +294,5 @@ fn a_forbidden_socket_is_named() {
     let path = folder.path().join("control.sock");
     let _server = Server::bind(&path).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o0)).unwrap();
-    assert!(matches!(
-        Client::connect(&path).err().unwrap(),
-        OperatorError::PermissionDenied { .. }
-    ));
+    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::PermissionDenied { .. }));
 }

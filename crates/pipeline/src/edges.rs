@@ -37,13 +37,8 @@ impl OperatorEdges {
     /// The view for this tick; its edges are gone afterwards.
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;
-        self.now = OperatorView {
-            enable_edge: false,
-            release_edge: false,
-            reset_edge: false,
-            estop_edge: false,
-            ..view
-        };
+        self.now =
+            OperatorView { enable_edge: false, release_edge: false, reset_edge: false, estop_edge: false, ..view };
         view
     }
 }
@@ -67,7 +62,8 @@ mod tests {
     #[test]
     fn a_lost_holder_is_silence_and_a_release_is_not() {
         let mut edges = OperatorEdges::default();
-        let mut view = operator::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
+        let mut view =
+            operator::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
         edges.note(&view);
         assert!(edges.take().connected);
         (view.enable_level, view.release_edges) = (false, 1);

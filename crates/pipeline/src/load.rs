@@ -92,10 +92,8 @@ pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, Con
     let manifest = read_text(&with_extension(base, "toml"))?;
     let tensors_path = with_extension(base, "safetensors");
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
-    retarget::Weights::from_bytes(&manifest, &tensors, model).map_err(|error| ConfigError::Weights {
-        file: tensors_path.display().to_string(),
-        cause: error.to_string(),
-    })
+    retarget::Weights::from_bytes(&manifest, &tensors, model)
+        .map_err(|error| ConfigError::Weights { file: tensors_path.display().to_string(), cause: error.to_string() })
 }
 
 // Unlike Path::with_extension, keeps a dot that belongs to the name.

@@ -1,9 +1,9 @@
 //! A motion from its first frame to rest, through every stage, in virtual time: what `replay --offline` writes.
 
+use crate::ConfigError;
 use crate::load::Loaded;
 use crate::player::{PlayOptions, Player};
 use crate::world::{Links, Moment, Running, World, WorldConfig};
-use crate::ConfigError;
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::Motion;
 use safety::engage::OperatorView;

@@ -37,11 +37,8 @@ impl Player {
     /// Prepares `motion`. Sources below 30 Hz are upsampled, because live frames are expected at 30 to 240 Hz.
     pub fn new(motion: &Motion, options: PlayOptions, session_nonce: u64, incarnation: u32) -> Self {
         let calibration = motion::calibrate(motion, options.calibration);
-        let mut motion = if motion.frame_rate_hz < motion::RATE_MIN_HZ {
-            motion::upsample(motion)
-        } else {
-            motion.clone()
-        };
+        let mut motion =
+            if motion.frame_rate_hz < motion::RATE_MIN_HZ { motion::upsample(motion) } else { motion.clone() };
         if options.looped {
             motion = motion::loop_blend(&motion, SEAM_S);
         }

@@ -25,18 +25,12 @@ pub struct Limbs {
 impl Limbs {
     /// The T-pose.
     pub fn identity() -> Self {
-        Self {
-            upper: UnitQuaternion::identity(),
-            fore: UnitQuaternion::identity(),
-        }
+        Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
     }
 
     /// Both limbs at `s` between `self` (0) and `other` (1), each along the shorter arc.
     pub fn slerp(&self, other: &Self, s: f64) -> Self {
-        Self {
-            upper: slerp(&self.upper, &other.upper, s),
-            fore: slerp(&self.fore, &other.fore, s),
-        }
+        Self { upper: slerp(&self.upper, &other.upper, s), fore: slerp(&self.fore, &other.fore, s) }
     }
 }
 
@@ -51,11 +45,7 @@ pub fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQu
 
 /// `q` or -q, whichever is nearer to `reference` on the sphere: the same rotation.
 pub(crate) fn align(q: &UnitQuaternion<f64>, reference: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    if q.coords.dot(&reference.coords) < 0.0 {
-        UnitQuaternion::new_unchecked(-q.into_inner())
-    } else {
-        *q
-    }
+    if q.coords.dot(&reference.coords) < 0.0 { UnitQuaternion::new_unchecked(-q.into_inner()) } else { *q }
 }
 
 /// Slerp on the sphere with the signs as they are: continuous in all arguments while a and b are not opposite.
@@ -99,12 +89,7 @@ pub struct Linearization {
 impl ArmModel {
     /// The arm from plain arrays: axes in the torso frame at the reference posture, reference and limits in rad.
     pub fn new(axes: [Vector3<f64>; ARM_Q], reference: ArmQ, q_min: ArmQ, q_max: ArmQ) -> Self {
-        Self {
-            axes: axes.map(|axis| axis.normalize()),
-            reference,
-            q_min,
-            q_max,
-        }
+        Self { axes: axes.map(|axis| axis.normalize()), reference, q_min, q_max }
     }
 
     /// Middle of the limits, rad.
@@ -122,15 +107,12 @@ impl ArmModel {
         std::array::from_fn(|j| q[j].max(self.q_min[j]).min(self.q_max[j]))
     }
 
-    /// U(q) = R0 R1 R2 and F(q) = U R3 R4 with Ri = Rot(axes i, q i - reference i), RETARGETING section 2.
+    /// U(q) = R0 R1 R2 and F(q) = U R3 R4 with Ri = Rot(axes i, q i - reference i).
     pub fn forward(&self, q: &ArmQ) -> Limbs {
         let r = self.rotations(q);
         let upper = mul(&mul(&r[0], &r[1]), &r[2]);
         let fore = mul(&mul(&upper, &r[3]), &r[4]);
-        Limbs {
-            upper: UnitQuaternion::new_unchecked(upper),
-            fore: UnitQuaternion::new_unchecked(fore),
-        }
+        Limbs { upper: UnitQuaternion::new_unchecked(upper), fore: UnitQuaternion::new_unchecked(fore) }
     }
 
     /// S_GR of one arm: sum over its limbs of 1 - <q_h, q_r>^2, dimensionless, 0 to 2.
@@ -172,10 +154,7 @@ impl ArmModel {
             let d = (axis * fw + axis.cross(&fv)) * 0.5;
             [column[3], column[4], column[5]] = [d.x, d.y, d.z];
         }
-        Linearization {
-            residual: [uv.x, uv.y, uv.z, fv.x, fv.y, fv.z],
-            jacobian,
-        }
+        Linearization { residual: [uv.x, uv.y, uv.z, fv.x, fv.y, fv.z], jacobian }
     }
 
     fn rotations(&self, q: &ArmQ) -> [Quaternion<f64>; ARM_Q] {

@@ -35,9 +35,7 @@ pub(crate) fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) 
     for j in 0..3 {
         q[j] = into_limits(arm, j, shoulder[j] + arm.reference[j]);
     }
-    let upper = arm
-        .forward(&[q[0], q[1], q[2], arm.reference[3], arm.reference[4]])
-        .upper;
+    let upper = arm.forward(&[q[0], q[1], q[2], arm.reference[3], arm.reference[4]]).upper;
     let elbow = elbow(arm, &(upper.inverse() * human.fore), previous);
     for j in 3..ARM_Q {
         q[j] = into_limits(arm, j, elbow[j - 3] + arm.reference[j]);
@@ -54,11 +52,8 @@ fn shoulder(arm: &ArmModel, r: &UnitQuaternion<f64>, previous: &ArmQ, sign: f64)
     let reach = (a.dot(&rc) / cosine.hypot(sine)).clamp(-1.0, 1.0);
     let t1 = sine.atan2(cosine) + sign * reach.acos();
     let from = UnitQuaternion::new(b * t1) * c;
-    let t0 = if from.cross(a).norm() < GIMBAL_SINE {
-        previous[0] - arm.reference[0]
-    } else {
-        angle_about(a, &from, &rc)
-    };
+    let t0 =
+        if from.cross(a).norm() < GIMBAL_SINE { previous[0] - arm.reference[0] } else { angle_about(a, &from, &rc) };
     let rest = UnitQuaternion::new(b * -t1) * UnitQuaternion::new(a * -t0) * r;
     [t0, t1, twist_about(c, &rest)]
 }
@@ -69,10 +64,7 @@ fn elbow(arm: &ArmModel, e: &UnitQuaternion<f64>, previous: &ArmQ) -> [f64; 2] {
     let [a, b] = [&arm.axes[3], &arm.axes[4]];
     let v = e.imag();
     let (m00, m01, m10, m11) = (e.w, v.dot(b), v.dot(a), v.dot(&a.cross(b)));
-    let half_before = [
-        0.5 * (previous[3] - arm.reference[3]),
-        0.5 * (previous[4] - arm.reference[4]),
-    ];
+    let half_before = [0.5 * (previous[3] - arm.reference[3]), 0.5 * (previous[4] - arm.reference[4])];
     let angle = |y: f64, x: f64, before: f64| if y.hypot(x) < GIMBAL_SINE { before } else { y.atan2(x) };
     let sum = angle(m10 + m01, m00 - m11, half_before[0] + half_before[1]);
     let difference = angle(m10 - m01, m00 + m11, half_before[0] - half_before[1]);

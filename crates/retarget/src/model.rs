@@ -17,12 +17,7 @@ impl ArmModel {
         let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
             std::array::from_fn(|j| bound(&model.limits[arm.joints[j]]))
         };
-        Self::new(
-            arm.axes,
-            arm.reference,
-            limit(|limits| limits.q_min),
-            limit(|limits| limits.q_max),
-        )
+        Self::new(arm.axes, arm.reference, limit(|limits| limits.q_min), limit(|limits| limits.q_max))
     }
 }
 
@@ -32,29 +27,16 @@ impl ArmIdentity {
     pub fn of(model: &Model) -> Self {
         let arm = ArmModel::of(model);
         let joints: [String; ARM_Q] = std::array::from_fn(|j| model.joint_names[model.arms[0].joints[j]].clone());
-        let numbers = arm
-            .axes
-            .iter()
-            .flatten()
-            .chain(&arm.reference)
-            .chain(&arm.q_min)
-            .chain(&arm.q_max);
+        let numbers = arm.axes.iter().flatten().chain(&arm.reference).chain(&arm.q_min).chain(&arm.q_max);
         let numbers = numbers.flat_map(|x| ((x / HASH_GRAIN).round() as i64).to_le_bytes());
         let names = joints.iter().flat_map(|name| name.bytes().chain([0]));
-        Self {
-            robot: model.name.clone(),
-            robot_hash: fnv(names.chain(numbers)),
-            joints,
-            arm,
-        }
+        Self { robot: model.name.clone(), robot_hash: fnv(names.chain(numbers)), joints, arm }
     }
 }
 
 /// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
 fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
 impl RobotArms {
@@ -62,11 +44,7 @@ impl RobotArms {
     pub fn of(model: &Model) -> Self {
         let joints = &model.arms[0].joints;
         let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
-        Self {
-            identity: ArmIdentity::of(model),
-            velocity_max,
-            home: model.home,
-        }
+        Self { identity: ArmIdentity::of(model), velocity_max, home: model.home }
     }
 }
 

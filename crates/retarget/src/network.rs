@@ -6,13 +6,13 @@ use pulp::{Simd, WithSimd};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
 
-/// Dimension of the shared latent space, one arm (RETARGETING section 1).
+/// Dimension of the shared latent space, one arm: the paper's (ImitationNet, 2023).
 pub const LATENT: usize = 8;
 /// Widest hidden layer that the fixed buffers take: four times the paper's 128.
 pub const WIDTH_MAX: usize = 512;
 /// Most hidden layers: above twice the paper's 6.
 pub const HIDDEN_MAX: usize = 16;
-/// Range of the decoder beyond the limits, so that the limits are reached at finite activations (RETARGETING section 5.2).
+/// Range of the decoder beyond the limits, so that the limits are reached at finite activations.
 pub const OVERREACH: f64 = 1.02;
 
 /// A point of the shared latent space.
@@ -141,11 +141,7 @@ impl Network {
         for n in 0..N {
             from[n][..I].copy_from_slice(&input[n]);
         }
-        let out = self.level.dispatch(Run {
-            arena: &self.arena,
-            layers,
-            from,
-        });
+        let out = self.level.dispatch(Run { arena: &self.arena, layers, from });
         std::array::from_fn(|n| std::array::from_fn(|i| out[n][i]))
     }
 }
@@ -189,10 +185,7 @@ fn pack(layers: &[Dense], inputs: usize, outputs: usize, arena: &mut Vec<Line>) 
     let mut width = inputs;
     let mut packed = Vec::new();
     for (i, dense) in layers.iter().enumerate() {
-        assert!(
-            dense.inputs == width && dense.outputs <= WIDTH_MAX,
-            "layers fit together"
-        );
+        assert!(dense.inputs == width && dense.outputs <= WIDTH_MAX, "layers fit together");
         assert!(
             dense.weight.len() == dense.inputs * dense.outputs && dense.bias.len() == dense.outputs,
             "layer is full"
@@ -201,13 +194,7 @@ fn pack(layers: &[Dense], inputs: usize, outputs: usize, arena: &mut Vec<Line>) 
         let lines = dense.outputs.div_ceil(LINE);
         let at = arena.len();
         let line_of = |line: usize, value: &dyn Fn(usize) -> f32| {
-            Line(std::array::from_fn(|l| {
-                if line * LINE + l < dense.outputs {
-                    value(line * LINE + l)
-                } else {
-                    0.0
-                }
-            }))
+            Line(std::array::from_fn(|l| if line * LINE + l < dense.outputs { value(line * LINE + l) } else { 0.0 }))
         };
         arena.extend((0..lines).map(|line| line_of(line, &|o| dense.bias[o])));
         let mut line = 0;
@@ -218,12 +205,7 @@ fn pack(layers: &[Dense], inputs: usize, outputs: usize, arena: &mut Vec<Line>) 
             }
             line += panel;
         }
-        packed.push(Layer {
-            inputs: dense.inputs,
-            lines,
-            at,
-            hidden: i + 1 < layers.len(),
-        });
+        packed.push(Layer { inputs: dense.inputs, lines, at, hidden: i + 1 < layers.len() });
     }
     assert!(width == outputs, "layers fit together");
     packed
@@ -244,14 +226,7 @@ fn layer_forward<S: Simd, const N: usize>(simd: S, arena: &[Line], layer: &Layer
         let mut column = 0;
         while column < stride {
             let at = line * LINE + column * S::F32_LANES;
-            let block = Block {
-                weights: here,
-                bias,
-                stride,
-                column,
-                inputs: layer.inputs,
-                at,
-            };
+            let block = Block { weights: here, bias, stride, column, inputs: layer.inputs, at };
             column += match stride - column {
                 8.. if S::F32_LANES == LINE => block.forward::<S, 8, N>(simd, from, to),
                 4.. => block.forward::<S, 4, N>(simd, from, to),
@@ -356,12 +331,7 @@ mod tests {
         let value = |i: usize| (i as f32 * 12.9898).sin();
         let scale = 2.0 / (inputs as f32).sqrt();
         let weight = (0..inputs * outputs).map(|i| value(i) * scale).collect();
-        Dense {
-            inputs,
-            outputs,
-            weight,
-            bias: (0..outputs).map(value).collect(),
-        }
+        Dense { inputs, outputs, weight, bias: (0..outputs).map(value).collect() }
     }
 
     #[test]

@@ -20,12 +20,7 @@ pub struct Optimum {
 /// `previous`, and `random_starts` pseudo-random postures (drawn from `seed`). Of optima that are equally good to
 /// 1e-9 the one nearest to `previous` is returned, so that a sequence does not wander where joints are degenerate.
 pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ, random_starts: u32, seed: u64) -> Optimum {
-    let first = [
-        branch(arm, human, previous, 1.0),
-        branch(arm, human, previous, -1.0),
-        arm.clamp(previous),
-        arm.mid(),
-    ];
+    let first = [branch(arm, human, previous, 1.0), branch(arm, human, previous, -1.0), arm.clamp(previous), arm.mid()];
     let mut draw = SplitMix(seed);
     let random = (0..random_starts)
         .map(|_| std::array::from_fn(|j| arm.q_min[j] + draw.next_unit() * (arm.q_max[j] - arm.q_min[j])));
@@ -34,26 +29,13 @@ pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ, random_starts: u32
         let end = refine(arm, human, &start, &start, 0.0, STEPS);
         let better = best.is_none_or(|best| {
             let equal = (end.s_gr - best.s_gr).abs() <= 1e-9;
-            if equal {
-                distance(&end.q, previous) < distance(&best.q, previous)
-            } else {
-                end.s_gr < best.s_gr
-            }
+            if equal { distance(&end.q, previous) < distance(&best.q, previous) } else { end.s_gr < best.s_gr }
         });
         if better {
             best = Some(end);
         }
     }
-    best.map_or(
-        Optimum {
-            q: arm.mid(),
-            s_gr: 2.0,
-        },
-        |best| Optimum {
-            q: best.q,
-            s_gr: best.s_gr,
-        },
-    )
+    best.map_or(Optimum { q: arm.mid(), s_gr: 2.0 }, |best| Optimum { q: best.q, s_gr: best.s_gr })
 }
 
 fn distance(a: &ArmQ, b: &ArmQ) -> f64 {

@@ -1,11 +1,11 @@
-//! Levenberg-Marquardt on the limb residual, RETARGETING section 5.6: few steps, fixed size, never worse.
+//! Levenberg-Marquardt on the limb residual: few steps, fixed size, never worse.
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs, RESIDUALS};
 
-/// Weight of |q - prior|^2 beside S_GR, 1/rad^2 (RETARGETING section 5.6: it keeps noise near the gimbal from turning
+/// Weight of |q - prior|^2 beside S_GR, 1/rad^2 (it keeps noise near the gimbal from turning
 /// into joint motion).
 pub const PRIOR_WEIGHT: f64 = 2e-3;
-/// No step is longer than this in any joint, rad (RETARGETING section 5.6).
+/// No step is longer than this in any joint, rad: a step of a linearisation is not to be trusted further.
 pub const STEP_MAX_RAD: f64 = 1.0;
 /// Damping at the first step. With the prior the normal matrix never falls below 2e-3, so the first step may be
 /// nearly Gauss-Newton.
@@ -45,10 +45,7 @@ pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_w
         };
         let candidate = evaluate(arm, human, step, prior, prior_weight);
         if candidate.objective < best.objective {
-            best = Refined {
-                accepted: best.accepted + 1,
-                ..candidate
-            };
+            best = Refined { accepted: best.accepted + 1, ..candidate };
             normal = None;
             damping = (damping * DAMPING_DOWN).max(DAMPING_MIN);
         } else {
@@ -61,12 +58,7 @@ pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_w
 fn evaluate(arm: &ArmModel, human: &Limbs, q: ArmQ, prior: &ArmQ, prior_weight: f64) -> Refined {
     let s_gr = arm.s_gr(&q, human);
     let distance: f64 = (0..ARM_Q).map(|j| (q[j] - prior[j]) * (q[j] - prior[j])).sum();
-    Refined {
-        q,
-        s_gr,
-        objective: s_gr + prior_weight * distance,
-        accepted: 0,
-    }
+    Refined { q, s_gr, objective: s_gr + prior_weight * distance, accepted: 0 }
 }
 
 type Matrix = [[f64; ARM_Q]; ARM_Q];

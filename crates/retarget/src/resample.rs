@@ -134,11 +134,7 @@ impl SourceClock {
             }
         }
         self.newest = Some(arrival);
-        Some(Placed {
-            source: arrival.source,
-            restart: source.is_none(),
-            playhead: self.playhead,
-        })
+        Some(Placed { source: arrival.source, restart: source.is_none(), playhead: self.playhead })
     }
 
     /// Source time of the next skeleton: one step after the last one, pulled toward its arrival. The step is that of the
@@ -199,13 +195,7 @@ impl Sample {
 
     fn aligned_to(&self, other: &Self) -> Self {
         let upper = align(&self.limbs.upper, &other.limbs.upper);
-        Self {
-            limbs: Limbs {
-                upper,
-                fore: align(&self.limbs.fore, &other.limbs.fore),
-            },
-            ..*self
-        }
+        Self { limbs: Limbs { upper, fore: align(&self.limbs.fore, &other.limbs.fore) }, ..*self }
     }
 }
 
@@ -235,21 +225,8 @@ pub struct Track {
 
 impl Default for Track {
     fn default() -> Self {
-        let knot = Knot {
-            source: 0,
-            sample: Sample {
-                latent: Latent::default(),
-                limbs: Limbs::identity(),
-            },
-        };
-        Self {
-            knots: [knot; KNOTS],
-            count: 0,
-            newest: 0,
-            shown: None,
-            fade: None,
-            received: Stamp::NONE,
-        }
+        let knot = Knot { source: 0, sample: Sample { latent: Latent::default(), limbs: Limbs::identity() } };
+        Self { knots: [knot; KNOTS], count: 0, newest: 0, shown: None, fade: None, received: Stamp::NONE }
     }
 }
 
@@ -259,10 +236,7 @@ impl Track {
     pub fn push(&mut self, placed: Placed, sample: Sample, received: Stamp, now: Stamp) {
         if placed.restart || self.count == 0 || received.since(self.received) > STALE_NS {
             self.count = 0;
-            self.fade = self.shown.map(|from| Fade {
-                from: from.aligned_to(&sample),
-                begun: ns(now),
-            });
+            self.fade = self.shown.map(|from| Fade { from: from.aligned_to(&sample), begun: ns(now) });
         }
         if self.count > 0 {
             // The playhead may have passed the newest knot and be holding it, if this arm was not valid for some frames:
@@ -271,16 +245,9 @@ impl Track {
             newest.source = newest.source.max(placed.playhead.min(placed.source - STEP_MIN_NS));
         }
         // Signs follow the previous knot, so that the path on the sphere is one piece also where it passes half a turn.
-        let sample = if self.count > 0 {
-            sample.aligned_to(&self.knots[self.newest].sample)
-        } else {
-            sample
-        };
+        let sample = if self.count > 0 { sample.aligned_to(&self.knots[self.newest].sample) } else { sample };
         self.newest = (self.newest + 1) % KNOTS;
-        self.knots[self.newest] = Knot {
-            source: placed.source,
-            sample,
-        };
+        self.knots[self.newest] = Knot { source: placed.source, sample };
         self.count = (self.count + 1).min(KNOTS);
         self.received = received;
     }
@@ -327,9 +294,7 @@ impl Track {
                 if !interpolate || span <= 0 {
                     return knot.sample;
                 }
-                return knot
-                    .sample
-                    .between(&later.sample, (playhead - knot.source) as f64 / span as f64);
+                return knot.sample.between(&later.sample, (playhead - knot.source) as f64 / span as f64);
             }
             later = knot;
         }

@@ -162,10 +162,9 @@ impl Manifest {
         if self.joints != identity.joints {
             return Err(key("joints", &self.joints, format!("{:?}", identity.joints)));
         }
-        for (name, value, expected) in [
-            ("mid_rad", self.mid_rad, identity.arm.mid()),
-            ("half_rad", self.half_rad, identity.arm.half()),
-        ] {
+        for (name, value, expected) in
+            [("mid_rad", self.mid_rad, identity.arm.mid()), ("half_rad", self.half_rad, identity.arm.half())]
+        {
             // Written so that a NaN is refused too.
             if !(0..ARM_Q).all(|j| (value[j] - expected[j]).abs() <= LIMIT_TOLERANCE_RAD) {
                 return Err(key(name, &value, format!("{expected:?} (the robot's joint limits)")));
@@ -182,19 +181,11 @@ impl Manifest {
 }
 
 fn key(key: &'static str, value: &impl std::fmt::Debug, expected: String) -> WeightsError {
-    WeightsError::Key {
-        key,
-        value: format!("{value:?}"),
-        expected,
-    }
+    WeightsError::Key { key, value: format!("{value:?}"), expected }
 }
 
 fn must<T: PartialEq + std::fmt::Debug>(name: &'static str, value: T, expected: T) -> Result<(), WeightsError> {
-    if value == expected {
-        Ok(())
-    } else {
-        Err(key(name, &value, format!("{expected:?}")))
-    }
+    if value == expected { Ok(()) } else { Err(key(name, &value, format!("{expected:?}"))) }
 }
 
 /// Checked weights of one robot, ready to run.
@@ -214,16 +205,10 @@ impl Weights {
         manifest.check(identity)?;
         let actual = sha256_hex(bytes);
         if actual != manifest.sha256 {
-            return Err(WeightsError::Sha256 {
-                actual,
-                expected: manifest.sha256,
-            });
+            return Err(WeightsError::Sha256 { actual, expected: manifest.sha256 });
         }
         let layers = read_layers(bytes, &manifest)?;
-        Ok(Self {
-            network: Network::new(&layers, &identity.arm),
-            manifest,
-        })
+        Ok(Self { network: Network::new(&layers, &identity.arm), manifest })
     }
 }
 
@@ -241,11 +226,7 @@ pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsE
         (0..=manifest.hidden_layers)
             .map(|i| {
                 let from = if i == 0 { inputs } else { manifest.hidden_width };
-                let to = if i == manifest.hidden_layers {
-                    outputs
-                } else {
-                    manifest.hidden_width
-                };
+                let to = if i == manifest.hidden_layers { outputs } else { manifest.hidden_width };
                 used += 2;
                 Ok(Dense {
                     inputs: from,
@@ -262,26 +243,16 @@ pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsE
         decoder: network("decoder", LATENT, ARM_Q)?,
     };
     if tensors.len() != used {
-        let name = tensors
-            .names()
-            .into_iter()
-            .find(|name| !is_ours(name, manifest.hidden_layers));
-        return Err(WeightsError::Unknown {
-            name: name.unwrap_or_default().to_owned(),
-        });
+        let name = tensors.names().into_iter().find(|name| !is_ours(name, manifest.hidden_layers));
+        return Err(WeightsError::Unknown { name: name.unwrap_or_default().to_owned() });
     }
     Ok(layers)
 }
 
 fn is_ours(name: &str, hidden_layers: usize) -> bool {
     let mut parts = name.split('.');
-    let network = parts
-        .next()
-        .is_some_and(|part| ["human", "robot", "decoder"].contains(&part));
-    let index = parts
-        .next()
-        .and_then(|part| part.parse::<usize>().ok())
-        .is_some_and(|i| i <= hidden_layers);
+    let network = parts.next().is_some_and(|part| ["human", "robot", "decoder"].contains(&part));
+    let index = parts.next().and_then(|part| part.parse::<usize>().ok()).is_some_and(|i| i <= hidden_layers);
     let kind = parts.next().is_some_and(|part| ["weight", "bias"].contains(&part));
     network && index && kind && parts.next().is_none()
 }
@@ -292,21 +263,12 @@ fn read_tensor(tensors: &SafeTensors<'_>, name: String, expected: &[usize]) -> R
     };
     if view.dtype() != Dtype::F32 || view.shape() != expected {
         let (dtype, shape) = (format!("{:?}", view.dtype()), view.shape().to_vec());
-        return Err(WeightsError::Shape {
-            name,
-            dtype,
-            shape,
-            expected: expected.to_vec(),
-        });
+        return Err(WeightsError::Shape { name, dtype, shape, expected: expected.to_vec() });
     }
     let (words, _) = view.data().as_chunks::<4>();
     let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
     match values.iter().position(|value| !value.is_finite()) {
-        Some(index) => Err(WeightsError::NotFinite {
-            name,
-            index,
-            value: values[index],
-        }),
+        Some(index) => Err(WeightsError::NotFinite { name, index, value: values[index] }),
         None => Ok(values),
     }
 }
@@ -314,18 +276,10 @@ fn read_tensor(tensors: &SafeTensors<'_>, name: String, expected: &[usize]) -> R
 /// The two files of a weights folder: safetensors bytes and manifest text (its `sha256` filled in).
 pub fn write_weights(layers: &Layers, manifest: &Manifest) -> Result<(Vec<u8>, String), WriteError> {
     let mut named = Vec::new();
-    for (name, network) in [
-        ("human", &layers.human),
-        ("robot", &layers.robot),
-        ("decoder", &layers.decoder),
-    ] {
+    for (name, network) in [("human", &layers.human), ("robot", &layers.robot), ("decoder", &layers.decoder)] {
         for (i, dense) in network.iter().enumerate() {
             let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-            named.push((
-                format!("{name}.{i}.weight"),
-                vec![dense.outputs, dense.inputs],
-                bytes(&dense.weight),
-            ));
+            named.push((format!("{name}.{i}.weight"), vec![dense.outputs, dense.inputs], bytes(&dense.weight)));
             named.push((format!("{name}.{i}.bias"), vec![dense.outputs], bytes(&dense.bias)));
         }
     }
@@ -334,10 +288,7 @@ pub fn write_weights(layers: &Layers, manifest: &Manifest) -> Result<(Vec<u8>, S
         .map(|(name, shape, data)| Ok((name, TensorView::new(Dtype::F32, shape.clone(), data)?)))
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()?;
     let bytes = safetensors::serialize(views, None)?;
-    let manifest = Manifest {
-        sha256: sha256_hex(&bytes),
-        ..manifest.clone()
-    };
+    let manifest = Manifest { sha256: sha256_hex(&bytes), ..manifest.clone() };
     Ok((bytes, toml::to_string(&manifest)?))
 }
 

@@ -36,11 +36,7 @@ unsafe impl GlobalAlloc for Counting {
 static COUNTING: Counting = Counting;
 
 fn config(method: Method, resample: Resample) -> Config {
-    let options = Options {
-        method: Some(method),
-        resample,
-        ..Options::default()
-    };
+    let options = Options { method: Some(method), resample, ..Options::default() };
     Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap()
 }
 
@@ -60,15 +56,7 @@ fn ten_thousand_ticks_allocate_nothing() {
             let before = COUNT.get();
             for k in 0..10_000_u64 {
                 let newest = &skeletons[(k / 15) as usize];
-                let out = tick(
-                    &config,
-                    &mut state,
-                    deadline(3000 + k),
-                    Input {
-                        k: 3000 + k,
-                        skeleton: Some(newest),
-                    },
-                );
+                let out = tick(&config, &mut state, deadline(3000 + k), Input { k: 3000 + k, skeleton: Some(newest) });
                 std::hint::black_box(out);
             }
             assert_eq!(COUNT.get() - before, 0, "{method:?} {resample:?}");
@@ -104,12 +92,7 @@ fn random_skeletons_never_panic_and_never_leave_the_limits() {
         let mut refused = 0;
         for i in 0..20_000_u64 {
             let now = deadline(i);
-            let mut frame = skeleton(
-                i,
-                now.0,
-                now.0,
-                &[random_q(&mut rng, &arm()), random_q(&mut rng, &arm())],
-            );
+            let mut frame = skeleton(i, now.0, now.0, &[random_q(&mut rng, &arm()), random_q(&mut rng, &arm())]);
             if rng.random_bool(0.5) {
                 frame.limbs[rng.random_range(0..4)][rng.random_range(0..4)] = f32::from_bits(hostile(&mut rng) as u32);
             }
@@ -122,28 +105,13 @@ fn random_skeletons_never_panic_and_never_leave_the_limits() {
                 5 => frame.limbs = [[0.0; 4]; 4],
                 _ => {}
             }
-            let (now, k) = if rng.random_bool(0.01) {
-                (Stamp(hostile(&mut rng)), hostile(&mut rng))
-            } else {
-                (now, i)
-            };
-            let out = tick(
-                &config,
-                &mut state,
-                now,
-                Input {
-                    k,
-                    skeleton: Some(&frame),
-                },
-            );
+            let (now, k) = if rng.random_bool(0.01) { (Stamp(hostile(&mut rng)), hostile(&mut rng)) } else { (now, i) };
+            let out = tick(&config, &mut state, now, Input { k, skeleton: Some(&frame) });
             refused = out.counters.limbs_refused;
             for (joints, home) in [(3..8, 0.25), (10..15, 0.25)] {
                 for (j, joint) in joints.enumerate() {
                     let q = out.target.q[joint];
-                    assert!(
-                        (arm().q_min[j]..=arm().q_max[j]).contains(&q) || q == home,
-                        "joint {joint} at {q}"
-                    );
+                    assert!((arm().q_min[j]..=arm().q_max[j]).contains(&q) || q == home, "joint {joint} at {q}");
                     assert!(out.target.dq[joint].abs() <= 2.35);
                 }
             }

@@ -26,11 +26,8 @@ fn forward_is_the_product_of_axis_rotations() {
     let fore = upper * about(Vector3::z(), -q[3]) * about(Vector3::y(), -q[4]);
     assert!(arm.forward(&q).upper.angle_to(&upper) < 1e-12);
     assert!(arm.forward(&q).fore.angle_to(&fore) < 1e-12);
-    assert!(
-        worst(&arm, &arm.reference, &Limbs::identity()) < 1e-9,
-        "the reference posture is the T-pose"
-    );
-    // +q1 forward, +q2 down, +q4 flexes the forearm forward, RETARGETING section 2.
+    assert!(worst(&arm, &arm.reference, &Limbs::identity()) < 1e-9, "the reference posture is the T-pose");
+    // +q1 forward, +q2 down, +q4 flexes the forearm forward.
     let bone = |q: ArmQ| arm.forward(&q).upper * Vector3::y();
     assert!(bone([0.5, 0.0, 1.57, 0.0, 0.0]).x > 0.4);
     assert!(bone([0.0, 0.5, 1.57, 0.0, 0.0]).z < -0.4);
@@ -44,10 +41,7 @@ fn the_squared_residual_is_s_gr() {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
         let squared: f64 = arm.residual(&q, &human).iter().map(|r| r * r).sum();
         let robot = arm.forward(&q);
-        let dots = [
-            robot.upper.coords.dot(&human.upper.coords),
-            robot.fore.coords.dot(&human.fore.coords),
-        ];
+        let dots = [robot.upper.coords.dot(&human.upper.coords), robot.fore.coords.dot(&human.fore.coords)];
         let by_definition: f64 = dots.iter().map(|dot| 1.0 - dot * dot).sum();
         assert!((squared - by_definition).abs() < 1e-12);
         assert!((s_gr(&robot, &human) - by_definition).abs() < 1e-12);
@@ -62,11 +56,7 @@ fn the_jacobian_is_the_derivative_of_the_residual() {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
         let at = arm.linearize(&q, &human);
         // At w = 0 the flip makes the residual jump: no derivative exists there.
-        if arm
-            .residual(&q, &human)
-            .chunks(3)
-            .any(|r| r.iter().map(|x| x * x).sum::<f64>() > 0.9999)
-        {
+        if arm.residual(&q, &human).chunks(3).any(|r| r.iter().map(|x| x * x).sum::<f64>() > 0.9999) {
             continue;
         }
         assert_eq!(at.residual, arm.residual(&q, &human));
@@ -92,10 +82,7 @@ fn the_closed_form_reaches_every_reachable_posture() {
         assert!(worst(&arm, &found, &human) < 0.05, "{q:?} became {found:?}");
         let near = closed_form(&arm, &human, &q);
         let off = (0..ARM_Q).map(|j| (near[j] - q[j]).abs()).fold(0.0, f64::max);
-        assert!(
-            off < 1e-3 || (q[1].abs() - FRAC_PI_2).abs() < 0.05,
-            "{q:?} became {near:?}, {off}"
-        );
+        assert!(off < 1e-3 || (q[1].abs() - FRAC_PI_2).abs() < 0.05, "{q:?} became {near:?}, {off}");
     }
 }
 
@@ -114,19 +101,11 @@ fn the_closed_form_keeps_the_split_of_a_hanging_arm() {
 fn the_refinement_never_rises_and_stays_within_limits() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(6));
     for _ in 0..3000 {
-        let (start, prior, human) = (
-            random_q(&mut rng, &arm),
-            random_q(&mut rng, &arm),
-            random_limbs(&mut rng),
-        );
+        let (start, prior, human) = (random_q(&mut rng, &arm), random_q(&mut rng, &arm), random_limbs(&mut rng));
         let mut last = f64::INFINITY;
         for steps in 0..8 {
             let end = refine(&arm, &human, &start, &prior, PRIOR_WEIGHT, steps);
-            assert!(
-                end.objective <= last,
-                "step {steps} rose from {last} to {}",
-                end.objective
-            );
+            assert!(end.objective <= last, "step {steps} rose from {last} to {}", end.objective);
             assert!((0..ARM_Q).all(|j| (arm.q_min[j]..=arm.q_max[j]).contains(&end.q[j])));
             last = end.objective;
         }
@@ -136,10 +115,8 @@ fn the_refinement_never_rises_and_stays_within_limits() {
 #[test]
 fn the_refinement_passes_garbage_without_a_panic() {
     let arm = arm();
-    let nan = Limbs {
-        upper: UnitQuaternion::new_unchecked(nalgebra::Quaternion::from([f64::NAN; 4])),
-        ..Limbs::identity()
-    };
+    let nan =
+        Limbs { upper: UnitQuaternion::new_unchecked(nalgebra::Quaternion::from([f64::NAN; 4])), ..Limbs::identity() };
     let start = arm.mid();
     assert_eq!(refine(&arm, &nan, &start, &start, PRIOR_WEIGHT, 3).q, start);
     let end = refine(&arm, &Limbs::identity(), &[f64::NAN; 5], &start, PRIOR_WEIGHT, 3);
@@ -154,11 +131,7 @@ fn two_steps_from_nearby_find_the_posture_again() {
         let q = random_q(&mut rng, &arm);
         let human = arm.forward(&q);
         let start = arm.clamp(&std::array::from_fn(|j| q[j] + rng.random_range(-0.05..0.05)));
-        errors.push(worst(
-            &arm,
-            &refine(&arm, &human, &start, &start, PRIOR_WEIGHT, 2).q,
-            &human,
-        ));
+        errors.push(worst(&arm, &refine(&arm, &human, &start, &start, PRIOR_WEIGHT, 2).q, &human));
     }
     errors.sort_by(f64::total_cmp);
     assert!(errors[1000] < 0.1, "median {}", errors[1000]);
@@ -210,10 +183,7 @@ fn slerp_takes_the_shorter_arc_whatever_the_signs() {
 #[test]
 fn features_are_bone_and_hinge_axes() {
     let q = UnitQuaternion::from_euler_angles(0.3, -0.8, 1.2);
-    let got = features(&Limbs {
-        upper: q,
-        fore: UnitQuaternion::identity(),
-    });
+    let got = features(&Limbs { upper: q, fore: UnitQuaternion::identity() });
     let matrix = q.to_rotation_matrix();
     for i in 0..3 {
         assert!((f64::from(got[i]) - matrix[(i, 1)]).abs() < 1e-6);
@@ -227,10 +197,7 @@ fn the_sign_of_a_quaternion_means_nothing() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(11));
     for _ in 0..200 {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
-        let minus = Limbs {
-            upper: UnitQuaternion::new_unchecked(-human.upper.into_inner()),
-            ..human
-        };
+        let minus = Limbs { upper: UnitQuaternion::new_unchecked(-human.upper.into_inner()), ..human };
         let robot = arm.forward(&q);
         assert_eq!(limb_error_deg(&robot, &human), limb_error_deg(&robot, &minus));
         assert!((limb_error_deg(&robot, &human)[0].to_radians() - robot.upper.angle_to(&human.upper)).abs() < 1e-6);

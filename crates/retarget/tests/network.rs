@@ -16,20 +16,14 @@ fn naive(layers: &[Dense], input: &[f64]) -> Vec<f64> {
         };
         let y: Vec<f64> = (0..layer.outputs).map(sum).collect();
         let hidden = i + 1 < layers.len();
-        x = y
-            .into_iter()
-            .map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y })
-            .collect();
+        x = y.into_iter().map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
     }
     x
 }
 
 fn close(got: &[f32], want: &[f64], what: &str) {
     for (got, want) in got.iter().zip(want) {
-        assert!(
-            (f64::from(*got) - want).abs() < 1e-5 * want.abs().max(1.0),
-            "{what}: {got} instead of {want}"
-        );
+        assert!((f64::from(*got) - want).abs() < 1e-5 * want.abs().max(1.0), "{what}: {got} instead of {want}");
     }
 }
 
@@ -57,18 +51,10 @@ fn the_networks_equal_a_plain_reference() {
                 for j in 0..5 {
                     let want = arm.mid()[j] + 1.02 * arm.half()[j] * y[j].tanh();
                     let want = want.max(arm.q_min[j]).min(arm.q_max[j]);
-                    assert!(
-                        (decoded[j] - want).abs() < 1e-5,
-                        "decoder: {} instead of {want}",
-                        decoded[j]
-                    );
+                    assert!((decoded[j] - want).abs() < 1e-5, "decoder: {} instead of {want}", decoded[j]);
                 }
             }
-            assert_eq!(
-                network.encode_human(&[features[1]])[0],
-                latents[1],
-                "an arm alone gives the same bits"
-            );
+            assert_eq!(network.encode_human(&[features[1]])[0], latents[1], "an arm alone gives the same bits");
             assert_eq!(network.decode(&[latents[1]])[0], network.decode(&latents)[1]);
         }
     }
@@ -109,10 +95,7 @@ type Case = (&'static str, &'static str, fn(&mut Vec<u8>, &mut String));
 /// Text in the header is replaced by text of equal length, and the manifest signs the result.
 fn forge(bytes: &mut [u8], manifest: &mut String, from: &str, to: &str) {
     assert_eq!(from.len(), to.len());
-    let at = bytes
-        .windows(from.len())
-        .position(|window| window == from.as_bytes())
-        .expect("in the header");
+    let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).expect("in the header");
     bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
     sign(bytes, manifest);
 }
@@ -161,42 +144,20 @@ const CASES: &[Case] = &[
         forge(bytes, m, "\"shape\":[24,24]", "\"shape\":[36,16]")
     }),
     ("other type", "I32", |bytes, m| forge(bytes, m, "\"F32\"", "\"I32\"")),
-    ("renamed tensor", "is missing", |bytes, m| {
-        forge(bytes, m, "human.0.bias", "human.9.bias")
-    }),
-    ("manifest with fewer layers", "expected F32", |_, m| {
-        set(m, "hidden_layers", "2")
-    }),
-    ("manifest with more layers", "expected F32", |_, m| {
-        set(m, "hidden_layers", "4")
-    }),
-    ("other width in the manifest", "expected F32", |_, m| {
-        set(m, "hidden_width", "25")
-    }),
-    ("no hidden layer", "hidden_layers is 0", |_, m| {
-        set(m, "hidden_layers", "0")
-    }),
-    ("too many layers", "hidden_layers is 17", |_, m| {
-        set(m, "hidden_layers", "17")
-    }),
+    ("renamed tensor", "is missing", |bytes, m| forge(bytes, m, "human.0.bias", "human.9.bias")),
+    ("manifest with fewer layers", "expected F32", |_, m| set(m, "hidden_layers", "2")),
+    ("manifest with more layers", "expected F32", |_, m| set(m, "hidden_layers", "4")),
+    ("other width in the manifest", "expected F32", |_, m| set(m, "hidden_width", "25")),
+    ("no hidden layer", "hidden_layers is 0", |_, m| set(m, "hidden_layers", "0")),
+    ("too many layers", "hidden_layers is 17", |_, m| set(m, "hidden_layers", "17")),
     ("too wide", "hidden_width is 513", |_, m| set(m, "hidden_width", "513")),
     ("not a number", "NaN", |bytes, m| set_float(bytes, m, f32::NAN)),
     ("infinite", "inf", |bytes, m| set_float(bytes, m, f32::INFINITY)),
-    ("foreign robot", "robot is \"other\"", |_, m| {
-        set(m, "robot", "\"other\"")
-    }),
-    ("foreign hash", "robot_hash", |_, m| {
-        set(m, "robot_hash", "\"feed000000000002\"")
-    }),
-    ("foreign joints", "joints is", |_, m| {
-        set(m, "joints", "['a', 'b', 'c', 'd', 'e']")
-    }),
-    ("other limits", "mid_rad", |_, m| {
-        set(m, "mid_rad", "[0.0, 0.0, 0.0, 0.0, 0.0]")
-    }),
-    ("limits that are no number", "half_rad", |_, m| {
-        set(m, "half_rad", "[nan, 0.0, 0.0, 0.0, 0.0]")
-    }),
+    ("foreign robot", "robot is \"other\"", |_, m| set(m, "robot", "\"other\"")),
+    ("foreign hash", "robot_hash", |_, m| set(m, "robot_hash", "\"feed000000000002\"")),
+    ("foreign joints", "joints is", |_, m| set(m, "joints", "['a', 'b', 'c', 'd', 'e']")),
+    ("other limits", "mid_rad", |_, m| set(m, "mid_rad", "[0.0, 0.0, 0.0, 0.0, 0.0]")),
+    ("limits that are no number", "half_rad", |_, m| set(m, "half_rad", "[nan, 0.0, 0.0, 0.0, 0.0]")),
     ("other latent", "latent is 9", |_, m| set(m, "latent", "9")),
     ("other format", "format is 2", |_, m| set(m, "format", "2")),
     ("unknown key", "unknown field", |_, m| set(m, "speed", "1")),
@@ -219,18 +180,10 @@ fn a_weights_file_with_any_flaw_is_refused_by_name() {
 fn a_tensor_that_no_layer_uses_is_refused() {
     let mut layers = layers(2, 3, 24);
     let manifest = Manifest::new(&identity(), &layers);
-    layers.decoder.push(Dense {
-        inputs: 5,
-        outputs: 1,
-        weight: vec![0.0; 5],
-        bias: vec![0.0],
-    });
+    layers.decoder.push(Dense { inputs: 5, outputs: 1, weight: vec![0.0; 5], bias: vec![0.0] });
     let (bytes, text) = write_weights(&layers, &manifest).unwrap();
     let error = Weights::read(&text, &bytes, &identity()).unwrap_err().to_string();
-    assert!(
-        error.contains("decoder.4") && error.contains("belongs to no layer"),
-        "{error}"
-    );
+    assert!(error.contains("decoder.4") && error.contains("belongs to no layer"), "{error}");
 }
 
 #[test]

@@ -26,12 +26,7 @@ fn human(t_s: f64) -> [ArmQ; 2] {
 }
 
 fn config(method: Method, resample: Resample, delay_ms: f64) -> Config {
-    let options = Options {
-        method: Some(method),
-        resample,
-        interpolation_delay_ms: delay_ms,
-        ..Options::default()
-    };
+    let options = Options { method: Some(method), resample, interpolation_delay_ms: delay_ms, ..Options::default() };
     Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).unwrap()
 }
 
@@ -47,10 +42,7 @@ fn source(rate_hz: f64, seconds: f64, origins: bool, mut late: impl FnMut(u64) -
             let arrival = (captured + late(i)).max(last);
             last = arrival;
             let q = human((captured - START_NS) as f64 * 1e-9);
-            (
-                arrival,
-                skeleton(i + 1, arrival, if origins { captured } else { 0 }, &q),
-            )
+            (arrival, skeleton(i + 1, arrival, if origins { captured } else { 0 }, &q))
         })
         .collect()
 }
@@ -84,10 +76,7 @@ fn fastest(outputs: &[(Stamp, Output)]) -> f64 {
         if a.valid_mask == 0 {
             return 0.0;
         }
-        (0..4)
-            .map(|limb| angle(a.human_limbs[limb], b.human_limbs[limb]))
-            .fold(0.0, f64::max)
-            / TICK_S
+        (0..4).map(|limb| angle(a.human_limbs[limb], b.human_limbs[limb])).fold(0.0, f64::max) / TICK_S
     };
     outputs.windows(2).map(step).fold(0.0, f64::max)
 }
@@ -97,10 +86,7 @@ fn fastest_human(rate_hz: f64, seconds: f64) -> f64 {
     let frames = source(rate_hz, seconds, true, |_| 0);
     let limb = |frame: &Skeleton, limb: usize| frame.limbs[limb].map(f64::from);
     let step = |pair: &[(u64, Skeleton)]| {
-        (0..4)
-            .map(|i| angle(limb(&pair[0].1, i), limb(&pair[1].1, i)))
-            .fold(0.0, f64::max)
-            * rate_hz
+        (0..4).map(|i| angle(limb(&pair[0].1, i), limb(&pair[1].1, i))).fold(0.0, f64::max) * rate_hz
     };
     frames.windows(2).map(step).fold(0.0, f64::max)
 }
@@ -127,29 +113,19 @@ fn motion_is_continuous_at_every_rate_and_delivery() {
                 for delay_ms in [0.0, 20.0, 40.0, 80.0] {
                     let mut rng = Pcg64::seed_from_u64(21);
                     let arrivals = source(rate_hz, 4.0, origins, |i| late(i, &mut rng));
-                    let outputs = run(
-                        &config(Method::ClosedForm, Resample::Interpolate, delay_ms),
-                        &arrivals,
-                        6.0,
-                    );
+                    let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, delay_ms), &arrivals, 6.0);
                     let fastest = fastest(&outputs);
                     worst = worst.max(fastest / person);
                     assert!(
                         fastest <= allowed,
                         "{rate_hz} Hz, {name}, origins {origins}, delay {delay_ms} ms: {fastest:.2} rad/s > {allowed:.2}"
                     );
-                    let q_step = outputs
-                        .windows(2)
-                        .filter(|pair| pair[0].1.target.valid_mask != 0)
-                        .map(|pair| {
-                            let (a, b) = (&pair[0].1.target.q, &pair[1].1.target.q);
-                            (0..17).map(|j| (a[j] - b[j]).abs()).fold(0.0, f64::max)
-                        });
+                    let q_step = outputs.windows(2).filter(|pair| pair[0].1.target.valid_mask != 0).map(|pair| {
+                        let (a, b) = (&pair[0].1.target.q, &pair[1].1.target.q);
+                        (0..17).map(|j| (a[j] - b[j]).abs()).fold(0.0, f64::max)
+                    });
                     let q_fastest = q_step.fold(0.0, f64::max) / TICK_S;
-                    assert!(
-                        q_fastest < 3.0 * allowed,
-                        "{rate_hz} Hz, {name}: joints at {q_fastest:.2} rad/s"
-                    );
+                    assert!(q_fastest < 3.0 * allowed, "{rate_hz} Hz, {name}: joints at {q_fastest:.2} rad/s");
                 }
             }
         }
@@ -160,11 +136,8 @@ fn motion_is_continuous_at_every_rate_and_delivery() {
 #[test]
 fn the_target_is_the_person_of_the_stated_delay_ago() {
     for rate_hz in [30.0, 60.0, 120.0, 240.0] {
-        let outputs = run(
-            &config(Method::ClosedForm, Resample::Interpolate, 40.0),
-            &source(rate_hz, 4.0, true, |_| 3 * MS),
-            4.0,
-        );
+        let outputs =
+            run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &source(rate_hz, 4.0, true, |_| 3 * MS), 4.0);
         for (now, output) in &outputs[1500..] {
             // Source time is arrival, 3 ms after capture.
             let then = human((now.0 - START_NS) as f64 * 1e-9 - 0.043);
@@ -179,11 +152,7 @@ fn the_target_is_the_person_of_the_stated_delay_ago() {
 
 #[test]
 fn velocity_is_the_difference_of_positions_and_bounded() {
-    let outputs = run(
-        &config(Method::ClosedForm, Resample::Interpolate, 40.0),
-        &source(60.0, 3.0, true, |_| 0),
-        3.0,
-    );
+    let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &source(60.0, 3.0, true, |_| 0), 3.0);
     let velocity_max = [1.95, 1.95, 2.35, 2.35, 1.95];
     for pair in outputs[300..].windows(2) {
         let (a, b) = (&pair[0].1.target, &pair[1].1.target);
@@ -192,14 +161,8 @@ fn velocity_is_the_difference_of_positions_and_bounded() {
             assert!((b.dq[3 + j] - want).abs() < 1e-9);
         }
     }
-    let steps = run(
-        &config(Method::ClosedForm, Resample::Latest, 0.0),
-        &source(30.0, 3.0, true, |_| 0),
-        3.0,
-    );
-    let over = steps
-        .iter()
-        .any(|(_, o)| (0..5).any(|j| o.target.dq[3 + j].abs() > velocity_max[j]));
+    let steps = run(&config(Method::ClosedForm, Resample::Latest, 0.0), &source(30.0, 3.0, true, |_| 0), 3.0);
+    let over = steps.iter().any(|(_, o)| (0..5).any(|j| o.target.dq[3 + j].abs() > velocity_max[j]));
     assert!(!over, "steps would need more than the velocity limit");
 }
 
@@ -213,10 +176,7 @@ fn a_gap_clears_fresh_holds_and_then_fades_in() {
     assert_eq!(at(1000).target.flags, target_flag::INPUT_FRESH);
     assert_eq!(at(1080).target.flags, target_flag::INPUT_FRESH);
     assert_eq!(at(1090).target.flags, 0, "the last skeleton came at 983 ms");
-    assert_eq!(
-        (at(1100).target.q, at(1100).target.valid_mask),
-        (at(1990).target.q, at(1990).target.valid_mask)
-    );
+    assert_eq!((at(1100).target.q, at(1100).target.valid_mask), (at(1990).target.q, at(1990).target.valid_mask));
     assert_eq!(at(1990).target.dq, [0.0; 17]);
     assert_eq!(at(2005).target.flags, target_flag::INPUT_FRESH);
     // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
@@ -240,10 +200,7 @@ fn a_new_writer_fades_in_even_without_a_gap() {
     let outputs = run(&config(Method::Network, Resample::Interpolate, 40.0), &arrivals, 2.0);
     assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
     let last = &outputs[2990].1.target;
-    assert!(
-        angle(last.human_limbs[0], arrivals[110].1.limbs[0].map(f64::from)) < 1e-3,
-        "it arrives there"
-    );
+    assert!(angle(last.human_limbs[0], arrivals[110].1.limbs[0].map(f64::from)) < 1e-3, "it arrives there");
 }
 
 #[test]
@@ -258,21 +215,10 @@ fn an_arm_that_is_not_seen_is_not_meant_and_one_that_is_lost_holds() {
     }
     let outputs = run(&config(Method::Network, Resample::Interpolate, 40.0), &arrivals, 2.0);
     let at = |ms: u64| &outputs[(ms * 3 / 2) as usize].1;
-    assert_eq!(
-        at(400).target.valid_mask,
-        0b1_1111 << 3,
-        "joints 1 to 5 of the left arm"
-    );
-    assert_eq!(
-        at(400).target.q[10..17],
-        [0.25; 7],
-        "the right arm shows the home posture"
-    );
+    assert_eq!(at(400).target.valid_mask, 0b1_1111 << 3, "joints 1 to 5 of the left arm");
+    assert_eq!(at(400).target.q[10..17], [0.25; 7], "the right arm shows the home posture");
     assert_eq!(at(400).target.human_limbs[2..], [[0.0; 4]; 2]);
-    assert_eq!(
-        (at(400).fresh, at(700).fresh, at(1600).fresh),
-        ([true, false], [false, false], [true, false])
-    );
+    assert_eq!((at(400).fresh, at(700).fresh, at(1600).fresh), ([true, false], [false, false], [true, false]));
     assert_eq!(at(700).target.flags, 0);
     assert_eq!(at(800).target.q, at(1400).target.q);
     assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
@@ -303,11 +249,7 @@ fn latest_has_no_delay_and_hold_repeats_what_interpolation_passes() {
     }
     let hold = run(&config(Method::ClosedForm, Resample::Hold, 40.0), &arrivals, 2.0);
     for (now, output) in &hold[300..] {
-        let shown = arrivals
-            .iter()
-            .rev()
-            .find(|(at, _)| at + 40 * MS <= now.0 + MS)
-            .unwrap();
+        let shown = arrivals.iter().rev().find(|(at, _)| at + 40 * MS <= now.0 + MS).unwrap();
         let before = arrivals.iter().rev().find(|(at, _)| at + 41 * MS <= now.0).unwrap();
         let off = |frame: &(u64, Skeleton)| angle(output.target.human_limbs[1], frame.1.limbs[1].map(f64::from));
         assert!(off(shown) < 1e-6 || off(before) < 1e-6);
@@ -319,11 +261,7 @@ fn origin_and_sequence_are_those_of_the_newest_skeleton() {
     let arrivals = source(60.0, 1.0, true, |_| 5 * MS);
     let outputs = run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &arrivals, 1.0);
     for (now, output) in &outputs {
-        let newest = arrivals
-            .iter()
-            .rev()
-            .find(|(at, _)| *at <= now.0)
-            .map(|(_, skeleton)| skeleton);
+        let newest = arrivals.iter().rev().find(|(at, _)| *at <= now.0).map(|(_, skeleton)| skeleton);
         let Some(newest) = newest else {
             assert_eq!((output.target.valid_mask, output.target.flags), (0, 0));
             continue;
@@ -342,10 +280,7 @@ fn both_arms_mirror() {
         &config,
         &mut State::default(),
         Stamp(START_NS),
-        Input {
-            k: 1,
-            skeleton: Some(&skeleton(1, START_NS, 0, &[q, q])),
-        },
+        Input { k: 1, skeleton: Some(&skeleton(1, START_NS, 0, &[q, q])) },
     );
     assert_eq!(out.target.q[3..8], out.target.q[10..15]);
     assert_eq!(out.latents[0], out.latents[1]);
@@ -361,9 +296,7 @@ fn a_quaternion_may_change_its_sign_between_frames() {
         skeleton.limbs[i % 4] = skeleton.limbs[i % 4].map(|x| -x);
     }
     for ((_, a), (_, b)) in run(&config, &steady, 1.0).iter().zip(run(&config, &flipping, 1.0)) {
-        let off = (0..17)
-            .map(|j| (a.target.q[j] - b.target.q[j]).abs())
-            .fold(0.0, f64::max);
+        let off = (0..17).map(|j| (a.target.q[j] - b.target.q[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-6, "joints differ by {off} rad");
     }
 }
@@ -385,15 +318,9 @@ fn a_client_whose_clock_runs_wrong_is_still_followed() {
                 angle(output.target.human_limbs[0], retarget::xyzw_from_rotation(&upper)).to_degrees()
             });
             let nearest = nearest.fold(f64::INFINITY, f64::min);
-            assert!(
-                nearest < 3.0,
-                "speed {speed}: {nearest} degrees from any posture of the last 250 ms"
-            );
+            assert!(nearest < 3.0, "speed {speed}: {nearest} degrees from any posture of the last 250 ms");
         }
-        assert!(
-            fastest(&outputs) < HURRY_UNSTAMPED * fastest_human(60.0, 5.0),
-            "speed {speed}"
-        );
+        assert!(fastest(&outputs) < HURRY_UNSTAMPED * fastest_human(60.0, 5.0), "speed {speed}");
     }
 }
 
@@ -404,17 +331,7 @@ fn a_stamp_of_the_future_is_not_fresh_for_ever() {
     let early = skeleton(1, u64::MAX, 0, &human(0.0));
     let flags = |state: &mut State, ms: u64| {
         let now = Stamp(START_NS + ms * MS);
-        tick(
-            &config,
-            state,
-            now,
-            Input {
-                k: ms,
-                skeleton: Some(&early),
-            },
-        )
-        .target
-        .flags
+        tick(&config, state, now, Input { k: ms, skeleton: Some(&early) }).target.flags
     };
     assert_eq!(flags(&mut state, 0), target_flag::INPUT_FRESH);
     assert_eq!(flags(&mut state, 99), target_flag::INPUT_FRESH);

@@ -8,13 +8,8 @@ use robot::Model;
 fn shipped(edit: impl Fn(String) -> String) -> Model {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/");
     let read = |name: &str| std::fs::read_to_string(format!("{folder}{name}")).expect("shipped with the repository");
-    Model::from_text(
-        "tiago_dual.toml",
-        &edit(read("tiago_dual.toml")),
-        "tiago_dual.urdf",
-        &read("tiago_dual.urdf"),
-    )
-    .expect("the shipped robot is accepted")
+    Model::from_text("tiago_dual.toml", &edit(read("tiago_dual.toml")), "tiago_dual.urdf", &read("tiago_dual.urdf"))
+        .expect("the shipped robot is accepted")
 }
 
 #[test]
@@ -23,12 +18,7 @@ fn the_arm_of_the_shipped_robot_is_the_one_of_the_design() {
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
     }
-    assert!(
-        arm.reference
-            .iter()
-            .zip(&design.reference)
-            .all(|(a, b)| (a - b).abs() < 1e-9)
-    );
+    assert!(arm.reference.iter().zip(&design.reference).all(|(a, b)| (a - b).abs() < 1e-9));
     assert!((0..5).all(|j| arm.q_min[j] < arm.reference[j] && arm.reference[j] < arm.q_max[j]));
 }
 
@@ -52,28 +42,12 @@ fn weights_belong_to_an_arm_and_not_to_a_comment() {
 fn the_network_without_weights_and_options_out_of_range_are_refused() {
     let model = shipped(|text| text);
     let refuse = |options: Options| Config::new(&model, None, &options).map(|_| ()).unwrap_err().to_string();
-    let network = Options {
-        method: Some(retarget::Method::Network),
-        ..Options::default()
-    };
+    let network = Options { method: Some(retarget::Method::Network), ..Options::default() };
     assert!(refuse(network).contains("no weights"));
-    let refused = refuse(Options {
-        interpolation_delay_ms: 101.0,
-        ..Options::default()
-    });
+    let refused = refuse(Options { interpolation_delay_ms: 101.0, ..Options::default() });
     assert_eq!(refused, "interpolation_delay_ms is 101, allowed are 0 to 100");
     assert!(
-        refuse(Options {
-            interpolation_delay_ms: f64::NAN,
-            ..Options::default()
-        })
-        .contains("interpolation_delay_ms")
+        refuse(Options { interpolation_delay_ms: f64::NAN, ..Options::default() }).contains("interpolation_delay_ms")
     );
-    assert!(
-        refuse(Options {
-            refine_steps: 17,
-            ..Options::default()
-        })
-        .contains("refine_steps is 17")
-    );
+    assert!(refuse(Options { refine_steps: 17, ..Options::default() }).contains("refine_steps is 17"));
 }

@@ -32,6 +32,17 @@ pub struct Arm {
 }
 
 impl Arm {
+    /// A placeholder until the model is whole enough to derive the arm.
+    pub(crate) fn blank() -> Self {
+        Self {
+            joints: [0; ARM_JOINTS],
+            axes: Default::default(),
+            reference: Default::default(),
+            q_min: Default::default(),
+            q_max: Default::default(),
+        }
+    }
+
     /// Rotations of the upper arm and of the forearm at the positions of joints 1 to 5, rad.
     pub fn limb_rotations(&self, q: &[f64; LIMB_JOINTS]) -> (Matrix3<f64>, Matrix3<f64>) {
         let turn = |i: usize| rotation(&self.axes[i], q[i] - self.reference[i]);

@@ -5,8 +5,12 @@
 //! - Bodies: body 0 is the base, body `1 + j` is what moves with joint `j` of the 17, in the frame of that joint's link.
 //! - All positions are in metres, angles in radians, in the base frame unless a name says otherwise.
 
+// Bounds are written as `!(value <= bound)` so that NaN is refused.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 mod arm;
 mod collision;
+mod effective;
 mod error;
 mod file;
 mod kinematics;

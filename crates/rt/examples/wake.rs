@@ -7,16 +7,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let seconds: u64 = arguments.next().map_or(Ok(5), |text| text.parse())?;
     let policy = match arguments.next() {
-        Some(text) => Policy::Fifo {
-            priority: text.parse()?,
-        },
+        Some(text) => Policy::Fifo { priority: text.parse()? },
         None => Policy::Other,
     };
-    let report = Realtime::apply(&RealtimeConfig {
-        policy,
-        cores: None,
-        lock_memory: true,
-    });
+    let report = Realtime::apply(&RealtimeConfig { policy, cores: None, lock_memory: true });
     println!("{report}");
     let (shutdown, mut periodic) = (Shutdown::on_signals()?, PeriodicLoop::start());
     while periodic.grid().elapsed() < seconds * messages::TICK_HZ && periodic.next(&shutdown).is_some() {}

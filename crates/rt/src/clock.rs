@@ -25,10 +25,7 @@ pub(crate) fn sleep_once(deadline: Stamp) -> bool {
     };
     // SAFETY: `time` is a valid timespec with tv_nsec < 1e9; with TIMER_ABSTIME the remainder pointer may be null.
     let rc = unsafe { libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut()) };
-    assert!(
-        rc == 0 || rc == libc::EINTR,
-        "clock_nanosleep refused an absolute deadline: errno {rc}"
-    );
+    assert!(rc == 0 || rc == libc::EINTR, "clock_nanosleep refused an absolute deadline: errno {rc}");
     rc == 0
 }
 
@@ -48,10 +45,7 @@ mod tests {
         let (a, start) = (now(), std::time::Instant::now());
         std::thread::sleep(std::time::Duration::from_millis(5));
         let (elapsed, ours) = (start.elapsed().as_nanos() as u64, now().since(a));
-        assert!(
-            ours >= elapsed,
-            "{ours} ns by our clock, at least {elapsed} ns by the library's"
-        );
+        assert!(ours >= elapsed, "{ours} ns by our clock, at least {elapsed} ns by the library's");
     }
 
     #[test]

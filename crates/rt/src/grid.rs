@@ -30,12 +30,7 @@ pub struct TickGrid {
 impl TickGrid {
     /// Begins with index `first_k`.
     pub fn starting_at(first_k: u64) -> Self {
-        Self {
-            first_k,
-            next_k: first_k,
-            ticks: 0,
-            missed: 0,
-        }
+        Self { first_k, next_k: first_k, ticks: 0, missed: 0 }
     }
 
     /// Begins with the first index whose deadline lies after `now`.
@@ -68,12 +63,7 @@ impl TickGrid {
         let waited_for = self.next_deadline();
         let k = tick_at(woke);
         let missed = self.take(k)?;
-        Some(Tick {
-            k,
-            woke,
-            late_ns: woke.since(waited_for),
-            missed,
-        })
+        Some(Tick { k, woke, late_ns: woke.since(waited_for), missed })
     }
 
     /// Ticks issued.
@@ -102,10 +92,7 @@ pub struct PeriodicLoop {
 impl PeriodicLoop {
     /// Begins at the next deadline.
     pub fn start() -> Self {
-        Self {
-            grid: TickGrid::after(now()),
-            lateness: Histogram::new(),
-        }
+        Self { grid: TickGrid::after(now()), lateness: Histogram::new() }
     }
 
     /// Waits for the next deadline; nothing once shutdown is requested.
@@ -172,10 +159,7 @@ mod tests {
         assert_eq!(grid.take(10), None);
         assert_eq!(grid.wake(deadline(10).plus_ns(5)), None);
         assert_eq!(grid.take(14), Some(3));
-        assert_eq!(
-            (grid.ticks(), grid.missed(), grid.elapsed(), grid.next_k()),
-            (2, 3, 5, 15)
-        );
+        assert_eq!((grid.ticks(), grid.missed(), grid.elapsed(), grid.next_k()), (2, 3, 5, 15));
     }
 
     #[test]

@@ -76,10 +76,7 @@ impl std::fmt::Display for Histogram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [p50, p99, p99_9] = [0.5, 0.99, 0.999].map(|quantile| self.quantile_us(quantile));
         let (count, max) = (self.count(), self.max_us());
-        write!(
-            f,
-            "n {count}, p50 {p50:.1} us, p99 {p99:.1} us, p99.9 {p99_9:.1} us, max {max:.1} us"
-        )
+        write!(f, "n {count}, p50 {p50:.1} us, p99 {p99:.1} us, p99.9 {p99_9:.1} us, max {max:.1} us")
     }
 }
 
@@ -95,10 +92,7 @@ mod tests {
         for quantile in [0.5, 0.9, 0.99, 0.999, 1.0] {
             let exact = values[(quantile * values.len() as f64).ceil() as usize - 1] as f64 * 1e-3;
             let told = histogram.quantile_us(quantile);
-            assert!(
-                (told - exact).abs() <= 1e-3 * exact,
-                "quantile {quantile}: {told} us, exact {exact} us"
-            );
+            assert!((told - exact).abs() <= 1e-3 * exact, "quantile {quantile}: {told} us, exact {exact} us");
         }
         assert_eq!(histogram.max_us(), 1_370.0);
         let json = histogram.to_json();
@@ -116,9 +110,6 @@ mod tests {
         histogram.record_between(Stamp(10), Stamp(5));
         assert_eq!(histogram.count(), 3);
         histogram.reset();
-        assert_eq!(
-            (histogram.count(), histogram.max_us(), histogram.quantile_us(0.5)),
-            (0, 0.0, 0.0)
-        );
+        assert_eq!((histogram.count(), histogram.max_us(), histogram.quantile_us(0.5)), (0, 0.0, 0.0));
     }
 }

@@ -8,9 +8,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// differ with probability 1 - 2^-32, even in processes that start in the same instant.
 pub fn incarnation() -> u32 {
     static CALLS: AtomicU64 = AtomicU64::new(0);
-    let wall = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_nanos() as u64);
+    let wall = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
     let call = CALLS.fetch_add(1, Ordering::Relaxed);
     let mut bits = 0;
     for part in [wall, now().0, u64::from(std::process::id()), call] {

@@ -28,19 +28,11 @@ impl ServiceManager {
     /// A path, or `@name` for the abstract namespace; nothing for no service manager.
     fn connect(socket: Option<OsString>, watchdog: Option<Duration>) -> Result<Self, RtError> {
         let Some(socket) = socket.filter(|socket| !socket.is_empty()) else {
-            return Ok(Self {
-                channel: None,
-                watchdog,
-            });
+            return Ok(Self { channel: None, watchdog });
         };
-        let channel = open(&socket).map_err(|source| RtError::NotifySocket {
-            socket: socket.to_string_lossy().into_owned(),
-            source,
-        })?;
-        Ok(Self {
-            channel: Some(channel),
-            watchdog,
-        })
+        let channel = open(&socket)
+            .map_err(|source| RtError::NotifySocket { socket: socket.to_string_lossy().into_owned(), source })?;
+        Ok(Self { channel: Some(channel), watchdog })
     }
 
     /// Whether a service manager listens.
@@ -126,18 +118,12 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("notify");
         let socket = UnixDatagram::bind(&path).expect("a socket");
-        talk(
-            &ServiceManager::connect(Some(path.into()), None).expect("a manager"),
-            &socket,
-        );
+        talk(&ServiceManager::connect(Some(path.into()), None).expect("a manager"), &socket);
 
         let name = format!("teleop-notify-{}", crate::incarnation());
         let address = SocketAddr::from_abstract_name(&name).expect("an address");
         let socket = UnixDatagram::bind_addr(&address).expect("a socket");
-        talk(
-            &ServiceManager::connect(Some(format!("@{name}").into()), None).expect("a manager"),
-            &socket,
-        );
+        talk(&ServiceManager::connect(Some(format!("@{name}").into()), None).expect("a manager"), &socket);
     }
 
     #[test]

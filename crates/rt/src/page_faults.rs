@@ -23,10 +23,7 @@ impl PageFaults {
 
     /// The faults since `earlier`.
     pub fn since(self, earlier: Self) -> Self {
-        Self {
-            major: self.major.saturating_sub(earlier.major),
-            minor: self.minor.saturating_sub(earlier.minor),
-        }
+        Self { major: self.major.saturating_sub(earlier.major), minor: self.minor.saturating_sub(earlier.minor) }
     }
 
     fn of(who: libc::c_int) -> Self {
@@ -37,10 +34,7 @@ impl PageFaults {
             assert_eq!(rc, 0, "getrusage knows RUSAGE_SELF and RUSAGE_THREAD");
             usage.assume_init()
         };
-        Self {
-            major: usage.ru_majflt as u64,
-            minor: usage.ru_minflt as u64,
-        }
+        Self { major: usage.ru_majflt as u64, minor: usage.ru_minflt as u64 }
     }
 }
 

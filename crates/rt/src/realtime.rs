@@ -73,11 +73,7 @@ impl RealtimeReport {
     /// The reasons of everything that was refused.
     pub fn refusals(&self) -> Vec<String> {
         let named = self.named();
-        named
-            .into_iter()
-            .filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_)))
-            .map(line)
-            .collect()
+        named.into_iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
     }
 
     fn named(&self) -> [(&'static str, &Outcome); 4] {
@@ -113,28 +109,16 @@ impl Realtime {
     /// are resident; call it before opening the bus, on the thread that ticks. Threads started later do not inherit
     /// SCHED_FIFO; they do inherit the affinity.
     pub fn apply(config: &RealtimeConfig) -> RealtimeReport {
-        let memory = if config.lock_memory {
-            outcome(lock_memory())
-        } else {
-            Outcome::NotRequested
-        };
+        let memory = if config.lock_memory { outcome(lock_memory()) } else { Outcome::NotRequested };
         // The slack first: newer kernels report and accept no slack once the thread is real-time.
         let timer_slack = outcome(set_timer_slack());
-        let cores = config
-            .cores
-            .as_deref()
-            .map_or(Outcome::NotRequested, |cores| outcome(set_cores(cores)));
+        let cores = config.cores.as_deref().map_or(Outcome::NotRequested, |cores| outcome(set_cores(cores)));
         let policy = match config.policy {
             Policy::Other => Outcome::NotRequested,
             Policy::Fifo { priority } => outcome(set_fifo(priority)),
         };
         prefault_stack();
-        RealtimeReport {
-            policy,
-            cores,
-            memory,
-            timer_slack,
-        }
+        RealtimeReport { policy, cores, memory, timer_slack }
     }
 }
 
@@ -167,9 +151,7 @@ fn set_fifo(priority: u8) -> Result<String, String> {
     let (policy, rc) = unsafe { (libc::sched_getscheduler(0), libc::sched_getparam(0, &mut granted)) };
     if rc != 0 || policy & !libc::SCHED_RESET_ON_FORK != libc::SCHED_FIFO || granted.sched_priority != wanted {
         let now = granted.sched_priority;
-        return Err(format!(
-            "SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} holds"
-        ));
+        return Err(format!("SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} holds"));
     }
     Ok(format!("SCHED_FIFO priority {priority}"))
 }
@@ -178,10 +160,7 @@ fn set_cores(cores: &[usize]) -> Result<String, String> {
     let mut wanted = empty_core_set();
     for &core in cores {
         if core >= libc::CPU_SETSIZE as usize {
-            return Err(format!(
-                "core {core}: the highest that can be named is {}",
-                libc::CPU_SETSIZE - 1
-            ));
+            return Err(format!("core {core}: the highest that can be named is {}", libc::CPU_SETSIZE - 1));
         }
         // SAFETY: `core` is below CPU_SETSIZE, so the bit lies inside the set.
         unsafe { libc::CPU_SET(core, &mut wanted) };
@@ -190,19 +169,12 @@ fn set_cores(cores: &[usize]) -> Result<String, String> {
     // SAFETY: `wanted` is a valid set of `size` bytes; pid 0 means the calling thread.
     if unsafe { libc::sched_setaffinity(0, size, &wanted) } != 0 {
         let online = std::thread::available_parallelism().map_or(0, usize::from);
-        return Err(format!(
-            "cores {cores:?}: {}; {online} core(s) are available to this process",
-            last_error()
-        ));
+        return Err(format!("cores {cores:?}: {}; {online} core(s) are available to this process", last_error()));
     }
     let mut granted = empty_core_set();
     // SAFETY: `granted` is writable and `size` bytes long; both sets are valid for the comparison.
     let same = unsafe { libc::sched_getaffinity(0, size, &mut granted) == 0 && libc::CPU_EQUAL(&wanted, &granted) };
-    if same {
-        Ok(format!("cores {cores:?}"))
-    } else {
-        Err(format!("cores {cores:?}: only a part was granted"))
-    }
+    if same { Ok(format!("cores {cores:?}")) } else { Err(format!("cores {cores:?}: only a part was granted")) }
 }
 
 fn empty_core_set() -> libc::cpu_set_t {
@@ -226,9 +198,7 @@ fn lock_memory() -> Result<String, String> {
     keep_heap();
     let locked = status_line("VmLck:");
     match locked.as_deref().map(str::trim) {
-        None | Some("0 kB") => Err(String::from(
-            "mlockall was accepted, but /proc/self/status shows no locked memory",
-        )),
+        None | Some("0 kB") => Err(String::from("mlockall was accepted, but /proc/self/status shows no locked memory")),
         Some(amount) => Ok(format!("{amount} locked, and all that is mapped later")),
     }
 }
@@ -245,21 +215,13 @@ fn keep_heap() {
 
 fn set_timer_slack() -> Result<String, String> {
     // SAFETY: PR_SET_TIMERSLACK takes one integer, PR_GET_TIMERSLACK none; neither touches memory.
-    let (set, slack_ns) = unsafe {
-        (
-            libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong),
-            libc::prctl(libc::PR_GET_TIMERSLACK),
-        )
-    };
+    let (set, slack_ns) =
+        unsafe { (libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong), libc::prctl(libc::PR_GET_TIMERSLACK)) };
     if set != 0 {
         return Err(format!("PR_SET_TIMERSLACK 1 ns: {}", last_error()));
     }
     // A real-time thread has none at all.
-    if (0..=1).contains(&slack_ns) {
-        Ok(format!("{slack_ns} ns"))
-    } else {
-        Err(format!("{slack_ns} ns holds"))
-    }
+    if (0..=1).contains(&slack_ns) { Ok(format!("{slack_ns} ns")) } else { Err(format!("{slack_ns} ns holds")) }
 }
 
 #[inline(never)]
@@ -272,16 +234,9 @@ fn prefault_stack() {
 }
 
 fn resource_limit(resource: libc::__rlimit_resource_t) -> libc::rlim_t {
-    let mut limit = libc::rlimit {
-        rlim_cur: 0,
-        rlim_max: 0,
-    };
+    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
     // SAFETY: `limit` is writable and of the right type.
-    if unsafe { libc::getrlimit(resource, &mut limit) } == 0 {
-        limit.rlim_cur
-    } else {
-        0
-    }
+    if unsafe { libc::getrlimit(resource, &mut limit) } == 0 { limit.rlim_cur } else { 0 }
 }
 
 fn has_capability(bit: u64) -> bool {
@@ -291,10 +246,7 @@ fn has_capability(bit: u64) -> bool {
 
 fn status_line(key: &str) -> Option<String> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    status
-        .lines()
-        .find_map(|line| line.strip_prefix(key))
-        .map(str::to_owned)
+    status.lines().find_map(|line| line.strip_prefix(key)).map(str::to_owned)
 }
 
 #[cfg(test)]
@@ -302,11 +254,7 @@ mod tests {
     use super::*;
 
     fn plain() -> RealtimeConfig {
-        RealtimeConfig {
-            policy: Policy::Other,
-            cores: None,
-            lock_memory: false,
-        }
+        RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: false }
     }
 
     /// Attributes belong to a thread: each test asks in a thread of its own.
@@ -327,10 +275,7 @@ mod tests {
     #[test]
     fn what_is_not_requested_is_not_touched() {
         let report = in_thread(|| Realtime::apply(&plain()));
-        assert_eq!(
-            [&report.policy, &report.cores, &report.memory],
-            [&Outcome::NotRequested; 3]
-        );
+        assert_eq!([&report.policy, &report.cores, &report.memory], [&Outcome::NotRequested; 3]);
         assert!(report.timer_slack.is_applied(), "{report}");
         assert!(!report.is_realtime());
         assert!(report.refusals().is_empty());
@@ -338,10 +283,7 @@ mod tests {
 
     #[test]
     fn fifo_holds_exactly_where_it_is_reported() {
-        let config = RealtimeConfig {
-            policy: Policy::Fifo { priority: 7 },
-            ..plain()
-        };
+        let config = RealtimeConfig { policy: Policy::Fifo { priority: 7 }, ..plain() };
         let (report, held) = in_thread(|| (Realtime::apply(&config), stat_policy()));
         match &report.policy {
             Outcome::Applied(_) => assert_eq!(held, (libc::SCHED_FIFO, 7)),
@@ -355,10 +297,7 @@ mod tests {
 
     #[test]
     fn a_priority_that_does_not_exist_is_refused_in_words() {
-        let config = RealtimeConfig {
-            policy: Policy::Fifo { priority: 200 },
-            ..plain()
-        };
+        let config = RealtimeConfig { policy: Policy::Fifo { priority: 200 }, ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
         assert!(!report.policy.is_applied());
         assert!(report.refusals()[0].contains("priority 200"), "{report}");
@@ -366,17 +305,11 @@ mod tests {
 
     #[test]
     fn affinity_is_read_back_and_impossible_cores_are_refused() {
-        let config = RealtimeConfig {
-            cores: Some(vec![first_allowed_core()]),
-            ..plain()
-        };
+        let config = RealtimeConfig { cores: Some(vec![first_allowed_core()]), ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
         assert!(report.cores.is_applied(), "{report}");
         for cores in [vec![], vec![1_000], vec![5_000]] {
-            let config = RealtimeConfig {
-                cores: Some(cores),
-                ..plain()
-            };
+            let config = RealtimeConfig { cores: Some(cores), ..plain() };
             let report = in_thread(|| Realtime::apply(&config));
             assert!(matches!(report.cores, Outcome::Refused(_)), "{report}");
         }
@@ -387,9 +320,7 @@ mod tests {
         // SAFETY: `set` is writable and of the size that is named; every index is below CPU_SETSIZE.
         unsafe {
             libc::sched_getaffinity(0, std::mem::size_of::<libc::cpu_set_t>(), &mut set);
-            (0..libc::CPU_SETSIZE as usize)
-                .find(|&core| libc::CPU_ISSET(core, &set))
-                .expect("a core to run on")
+            (0..libc::CPU_SETSIZE as usize).find(|&core| libc::CPU_ISSET(core, &set)).expect("a core to run on")
         }
     }
 }

@@ -35,9 +35,7 @@ impl Shutdown {
 
     /// Raises the flag.
     pub fn request(&self) {
-        let _ = self
-            .cause
-            .compare_exchange(0, BY_PROGRAM, Ordering::Relaxed, Ordering::Relaxed);
+        let _ = self.cause.compare_exchange(0, BY_PROGRAM, Ordering::Relaxed, Ordering::Relaxed);
     }
 
     /// Whether the end is wished.

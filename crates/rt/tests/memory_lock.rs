@@ -7,21 +7,14 @@ const BLOCK_BYTES: usize = 4 << 20;
 
 #[test]
 fn locked_memory_is_resident_where_the_lock_is_reported() {
-    let config = RealtimeConfig {
-        policy: Policy::Other,
-        cores: None,
-        lock_memory: true,
-    };
+    let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true };
     let report = Realtime::apply(&config);
     match &report.memory {
         Outcome::Applied(_) => {
             let locked = locked_kb();
             let thread = std::thread::Builder::new().stack_size(BLOCK_BYTES).spawn(locked_kb);
             let grown = thread.expect("a thread").join().expect("it does not panic") - locked;
-            assert!(
-                grown >= BLOCK_BYTES as u64 / 1024,
-                "a new stack is locked too: {grown} kB more"
-            );
+            assert!(grown >= BLOCK_BYTES as u64 / 1024, "a new stack is locked too: {grown} kB more");
             let mut block: Vec<u8> = Vec::with_capacity(BLOCK_BYTES);
             let before = PageFaults::of_thread();
             block.resize(BLOCK_BYTES, 1);
@@ -44,10 +37,7 @@ fn locked_memory_is_resident_where_the_lock_is_reported() {
 
 fn locked_kb() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells it");
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmLck:"))
-        .expect("Linux counts it");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmLck:")).expect("Linux counts it");
     line.trim().trim_end_matches(" kB").parse().expect("a number")
 }
 

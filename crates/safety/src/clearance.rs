@@ -76,8 +76,8 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
             continue;
         }
         let distance_m = between_segments(&first.ends, &second.ends) - first.radius_m - second.radius_m;
-        // Written so that NaN is taken, and stays.
-        if !(distance_m >= least.distance_m) && !least.distance_m.is_nan() {
+        // NaN is taken, and stays: nothing is less than it.
+        if distance_m < least.distance_m || distance_m.is_nan() {
             least = Clearance { distance_m, pair: [pair.a as u32, pair.b as u32] };
         }
     }

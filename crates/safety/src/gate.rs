@@ -207,30 +207,22 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
     };
     let last: [Point; JOINTS] = core::array::from_fn(|j| state.stored.joint(j).0);
     let on_plan = state.stored.later(ticks);
-    let decision = match judge(config, state, &last, &on_plan, ticks, &proposed) {
-        Ok(Passed::OnPlan) => {
-            state.stored = on_plan;
-            play(&on_plan, Verdict::OnPlan, f64::NAN)
-        }
-        Ok(Passed::New { stored, clearance_m }) => {
-            state.stored = stored;
-            // What is sent is what was judged: the rounded figures, not the proposal's own bits.
-            play(&stored, Verdict::Accept, clearance_m)
-        }
-        Err(denial) => {
-            state.stored = on_plan;
-            state.denials = state.denials.saturating_add(1);
-            play(&on_plan, Verdict::Deny(denial), f64::NAN)
-        }
-    };
+    let judged = judge(config, state, &last, &on_plan, ticks, &proposed);
+    let passed = judged.unwrap_or_else(|denial| {
+        state.denials = state.denials.saturating_add(1);
+        Passed { verdict: Verdict::Deny(denial), stored: on_plan, clearance_m: f64::NAN }
+    });
+    state.stored = passed.stored;
     state.k = Some(state.k.map_or(proposed.k, |last| last.max(proposed.k)));
-    decision
+    // What is sent is what was judged: the rounded figures, not the proposal's own bits.
+    play(&passed.stored, passed.verdict, passed.clearance_m)
 }
 
-/// A command that may be sent.
-enum Passed {
-    OnPlan,
-    New { stored: Stored, clearance_m: f64 },
+/// What may be sent, and why.
+struct Passed {
+    verdict: Verdict,
+    stored: Stored,
+    clearance_m: f64,
 }
 
 fn judge(
@@ -260,7 +252,7 @@ fn judge(
     }
     if all_on_plan {
         // A denial would send the same, so there is nothing to judge, and the gate's own figures are sent.
-        return Ok(Passed::OnPlan);
+        return Ok(Passed { verdict: Verdict::OnPlan, stored: *on_plan, clearance_m: f64::NAN });
     }
     let Permit::Follow { speed_scale } = proposed.permit else {
         return Err(Denial::Permit);
@@ -284,7 +276,7 @@ fn judge(
     if !at_rest.is_at_least(least) {
         return Err(Denial::ClearanceAtRest { pair: at_rest.pair });
     }
-    Ok(Passed::New { stored: Stored::new(next, phases), clearance_m: at_command.distance_m })
+    Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m: at_command.distance_m })
 }
 
 /// The command that plays `stored`.

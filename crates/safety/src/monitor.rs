@@ -35,17 +35,15 @@ pub fn tracking_error(
     q_measured: &[f64; JOINTS],
     servo_lag_s: f64,
 ) -> (f64, f64) {
-    let (mut angle_rad, mut length_m) = (0.0, 0.0);
+    let (mut angle_rad, mut length_m) = (0.0_f64, 0.0_f64);
     for j in 0..JOINTS {
         let error = (q_command[j] - servo_lag_s * v_command[j] - q_measured[j]).abs();
         let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
-        // Unlike f64::max this keeps NaN.
-        if !(error <= *greatest) {
-            *greatest = error;
-        }
+        // `f64::max` would lose NaN.
         if error.is_nan() {
             return (f64::NAN, f64::NAN);
         }
+        *greatest = greatest.max(error);
     }
     (angle_rad, length_m)
 }
@@ -65,7 +63,81 @@ impl Near {
     /// Judges a clearance, m. NaN is near.
     pub fn update(&mut self, model: &Model, clearance_m: f64) -> bool {
         let threshold = model.d_measured_min_m + if self.near { NEAR_HYSTERESIS_M } else { 0.0 };
-        self.near = !(clearance_m >= threshold);
+        self.near = clearance_m < threshold || clearance_m.is_nan();
         self.near
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> Model {
+        Model::from_text(
+            "tiago_dual.toml",
+            include_str!("../../../config/robots/tiago_dual.toml"),
+            "tiago_dual.urdf",
+            include_str!("../../../config/robots/tiago_dual.urdf"),
+        )
+        .expect("the robot of the repository loads")
+    }
+
+    #[test]
+    fn joints_outside_their_limits_are_seen_beyond_noise() {
+        let model = model();
+        assert!(!outside_limits(&model, &model.home));
+        for (past, outside) in [(0.0, false), (0.0049, false), (0.0051, true), (f64::NAN, true)] {
+            for j in 0..JOINTS {
+                let mut q = model.home;
+                q[j] = model.limits[j].q_max + past;
+                assert_eq!(outside_limits(&model, &q), outside, "joint {j} at {past}");
+                q[j] = model.limits[j].q_min - past;
+                assert_eq!(outside_limits(&model, &q), outside, "joint {j} at {past}");
+            }
+        }
+    }
+
+    #[test]
+    fn nearness_has_hysteresis() {
+        let model = model();
+        let mut near = Near::new();
+        let least = model.d_measured_min_m;
+        let (below, between, above) = (least - 1e-6, least + NEAR_HYSTERESIS_M / 2.0, least + NEAR_HYSTERESIS_M + 1e-6);
+        for (clearance, expected) in
+            [(between, false), (below, true), (between, true), (above, false), (f64::NAN, true), (above, false)]
+        {
+            assert_eq!(near.update(&model, clearance), expected, "{clearance}");
+        }
+    }
+
+    #[test]
+    fn the_greatest_tracking_error_counts_by_kind_and_nan_stays() {
+        let model = model();
+        let (q, still) = (model.home, [0.0; JOINTS]);
+        let (lift, turn) = (messages::TORSO, messages::LEFT_ARM.start);
+        let mut measured = q;
+        measured[lift] += 0.02;
+        measured[turn] -= 0.3;
+        let (angle_rad, length_m) = tracking_error(&model, &q, &still, &measured, 0.0);
+        assert!((angle_rad - 0.3).abs() < 1e-12 && (length_m - 0.02).abs() < 1e-12);
+        // A servo that lags by 30 ms is 0.3 rad behind a command of 10 rad/s, and that is no error.
+        let mut v = still;
+        v[turn] = 10.0;
+        assert!(tracking_error(&model, &q, &v, &measured, 0.03).0 < 1e-12);
+        measured[turn] = f64::NAN;
+        assert!(tracking_error(&model, &q, &still, &measured, 0.0).0.is_nan());
+    }
+
+    #[test]
+    fn the_measured_clearance_is_that_of_the_other_implementation() {
+        let model = model();
+        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+        let own = measured_clearance(&model, &mut frames, &model.home);
+        let (other, pair) = model.clearance(&frames);
+        assert!((own.distance_m - other).abs() < 1e-9);
+        assert_eq!(own.pair, [model.pairs[pair].a as u32, model.pairs[pair].b as u32]);
+        let mut q = model.home;
+        q[5] = f64::INFINITY;
+        assert!(measured_clearance(&model, &mut frames, &q).distance_m.is_nan());
     }
 }

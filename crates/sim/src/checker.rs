@@ -49,12 +49,7 @@ pub(crate) struct Checker {
 impl Checker {
     /// Begins with what is held at the start.
     pub(crate) fn new(config: &Config, held: Setpoint) -> Self {
-        Self {
-            last: held,
-            mode: Mode::Disengaged as u32,
-            engaged_k: None,
-            room: config.body.workspace(),
-        }
+        Self { last: held, mode: Mode::Disengaged as u32, engaged_k: None, room: config.body.workspace() }
     }
 
     /// Checks the step to `to`, executed in `mode`.
@@ -68,14 +63,7 @@ impl Checker {
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
         let clear = clearance_m >= config.body.d_min_m - TOLERANCE_CLEARANCE_M;
         if !clear {
-            note(
-                report,
-                ViolationKind::Clearance,
-                to.k,
-                pair,
-                clearance_m,
-                config.body.d_min_m,
-            );
+            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, config.body.d_min_m);
         }
         self.engage(config, report, to, mode);
         (self.last, self.mode) = (*to, mode);
@@ -107,13 +95,7 @@ impl Checker {
 
 fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
     report.counts[kind as usize] += 1;
-    report.first.get_or_insert(Violation {
-        kind,
-        k,
-        which,
-        value,
-        limit,
-    });
+    report.first.get_or_insert(Violation { kind, k, which, value, limit });
 }
 
 /// One joint of one step. What holds is computed, and its absence counted, so that NaN is a violation.

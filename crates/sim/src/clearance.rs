@@ -38,30 +38,15 @@ impl Body {
     pub(crate) fn new(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| {
             let ends = [&capsule.a, &capsule.b].map(|p| [p[0], p[1], p[2]]);
-            Capsule {
-                body: capsule.body,
-                ends,
-                half_length_m: length(minus(ends[1], ends[0])) / 2.0,
-            }
+            Capsule { body: capsule.body, ends, half_length_m: length(minus(ends[1], ends[0])) / 2.0 }
         });
         let radii = |a: usize, b: usize| model.capsules[a].radius_m + model.capsules[b].radius_m;
-        let pairs = model.pairs.iter().map(|pair| Pair {
-            a: pair.a,
-            b: pair.b,
-            radii_m: radii(pair.a, pair.b),
-        });
-        Self {
-            capsules: capsules.collect(),
-            pairs: pairs.collect(),
-            d_min_m: model.d_min_m,
-        }
+        let pairs = model.pairs.iter().map(|pair| Pair { a: pair.a, b: pair.b, radii_m: radii(pair.a, pair.b) });
+        Self { capsules: capsules.collect(), pairs: pairs.collect(), d_min_m: model.d_min_m }
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
-        Workspace {
-            frames: Frames::default(),
-            axes: vec![[[0.0; 3]; 2]; self.capsules.len()],
-        }
+        Workspace { frames: Frames::default(), axes: vec![[[0.0; 3]; 2]; self.capsules.len()] }
     }
 
     /// The least clearance of the checked pairs at posture `q`, m, and the index of that pair; infinite without pairs.
@@ -97,10 +82,7 @@ impl Body {
 /// Distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and then the vector
 /// between them is perpendicular to both: the least of the five candidates is the distance, parallel segments included.
 fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
-    let mut least = from_point(a[0], b)
-        .min(from_point(a[1], b))
-        .min(from_point(b[0], a))
-        .min(from_point(b[1], a));
+    let mut least = from_point(a[0], b).min(from_point(a[1], b)).min(from_point(b[0], a)).min(from_point(b[1], a));
     let (u, w, r) = (minus(a[1], a[0]), minus(b[1], b[0]), minus(a[0], b[0]));
     let (uu, uw, ww, ur, wr) = (dot(u, u), dot(u, w), dot(w, w), dot(u, r), dot(w, r));
     let denominator = uu * ww - uw * uw;
@@ -119,11 +101,7 @@ fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
 fn from_point(p: Point, segment: &[Point; 2]) -> f64 {
     let (d, r) = (minus(segment[1], segment[0]), minus(p, segment[0]));
     let dd = squared(d);
-    let t = if dd > 0.0 {
-        (dot(d, r) / dd).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let t = if dd > 0.0 { (dot(d, r) / dd).clamp(0.0, 1.0) } else { 0.0 };
     squared(std::array::from_fn(|i| r[i] - t * d[i]))
 }
 
@@ -158,18 +136,9 @@ mod tests {
         let parallel = [[0.5, 0.2, 0.0], [3.0, 0.2, 0.0]];
         let beyond_the_end = [[4.0, 4.0, 0.0], [4.0, 8.0, 0.0]];
         let point = [[0.25, 0.0, 0.7]; 2];
-        for (other, expected) in [
-            (crossing_above, 0.3),
-            (parallel, 0.2),
-            (beyond_the_end, 5.0),
-            (point, 0.7),
-            (x, 0.0),
-        ] {
-            assert!(
-                (distance(&x, &other) - expected).abs() < 1e-12,
-                "{other:?}: {}",
-                distance(&x, &other)
-            );
+        for (other, expected) in [(crossing_above, 0.3), (parallel, 0.2), (beyond_the_end, 5.0), (point, 0.7), (x, 0.0)]
+        {
+            assert!((distance(&x, &other) - expected).abs() < 1e-12, "{other:?}: {}", distance(&x, &other));
             assert!((distance(&other, &x) - expected).abs() < 1e-12);
         }
     }

@@ -106,30 +106,16 @@ impl Config {
     pub fn new(model: &Model, options: &Options) -> Result<Self, SimError> {
         let within = |key, value: f64, min: f64, max: f64| {
             let inside = value >= min && value <= max;
-            if inside {
-                Ok(value)
-            } else {
-                Err(SimError::OutOfBounds { key, value, min, max })
-            }
+            if inside { Ok(value) } else { Err(SimError::OutOfBounds { key, value, min, max }) }
         };
         // Above a tenth of the tick rate the plant's integration would be the plant.
         let frequency_max = TICK_HZ as f64 / 10.0;
         let natural_hz = within("natural_frequency_hz", options.natural_frequency_hz, 1.0, frequency_max)?;
         let damping_ratio = within("damping_ratio", options.damping_ratio, 0.1, 5.0)?;
-        let delay = within(
-            "delay_ticks",
-            f64::from(options.delay_ticks),
-            0.0,
-            f64::from(DELAY_MAX_TICKS),
-        )?;
+        let delay = within("delay_ticks", f64::from(options.delay_ticks), 0.0, f64::from(DELAY_MAX_TICKS))?;
         let noise = within("encoder_noise_rad", options.encoder_noise_rad, 0.0, 0.01)?;
         let step = within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
-        within(
-            "silence_ticks",
-            options.silence_ticks as f64,
-            1.0,
-            10.0 * TICK_HZ as f64,
-        )?;
+        within("silence_ticks", options.silence_ticks as f64, 1.0, 10.0 * TICK_HZ as f64)?;
         let limits = std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
         let initial = options.initial.unwrap_or(model.home);
         let margin = NOISE_SIGMAS * noise + step;
@@ -137,13 +123,7 @@ impl Config {
             let (min, max) = (limits[j].q_min, limits[j].q_max);
             if !(initial[j] >= min + margin && initial[j] <= max - margin) {
                 let joint = model.joint_names[j].clone();
-                return Err(SimError::InitialOutsideLimits {
-                    joint,
-                    value: initial[j],
-                    min,
-                    max,
-                    margin,
-                });
+                return Err(SimError::InitialOutsideLimits { joint, value: initial[j], min, max, margin });
             }
         }
         Ok(Self {

@@ -66,23 +66,14 @@ pub struct Plant {
 impl Plant {
     /// At rest in the initial posture at index `k`.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
-        let rest = Setpoint {
-            k,
-            q: config.initial,
-            v: [0.0; JOINTS],
-            a: [0.0; JOINTS],
-        };
+        let rest = Setpoint { k, q: config.initial, v: [0.0; JOINTS], a: [0.0; JOINTS] };
         Self {
             q: rest.q,
             v: rest.v,
             last: rest,
             ring: [rest; RING],
             rng: Pcg64::seed_from_u64(seed),
-            measured: Measured {
-                stamp: Stamp::NONE,
-                q: rest.q,
-                dq: rest.v,
-            },
+            measured: Measured { stamp: Stamp::NONE, q: rest.q, dq: rest.v },
             measured_k: None,
             injected: Injected::default(),
         }
@@ -114,11 +105,7 @@ impl Plant {
         let from = self.last;
         let gap = to.k.saturating_sub(from.k);
         for tick in (gap - gap.min(GAP_MAX_TICKS))..gap {
-            let setpoint = if tick + 1 == gap {
-                *to
-            } else {
-                between(&from, to, tick + 1, gap)
-            };
+            let setpoint = if tick + 1 == gap { *to } else { between(&from, to, tick + 1, gap) };
             self.step(config, &setpoint);
         }
         if gap > 0 {
@@ -160,11 +147,7 @@ impl Plant {
                 let (noise_q, noise_v) = self.normal_pair();
                 if !self.injected.frozen {
                     let q = self.q[j] + self.injected.encoder_offset[j] + config.noise * noise_q;
-                    self.measured.q[j] = if config.step > 0.0 {
-                        (q / config.step).round() * config.step
-                    } else {
-                        q
-                    };
+                    self.measured.q[j] = if config.step > 0.0 { (q / config.step).round() * config.step } else { q };
                     // The drive differentiates its encoder through a filter as fast as its own loop.
                     self.measured.dq[j] = self.v[j] + config.noise * config.omega * noise_v;
                 }
@@ -220,12 +203,7 @@ impl Driver for Port<'_> {
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint) -> bool {
         let taken = !self.plant.injected.rejecting;
         // A robot that takes no setpoints holds the last one.
-        let held = Setpoint {
-            k: setpoint.k,
-            v: [0.0; JOINTS],
-            a: [0.0; JOINTS],
-            ..self.plant.last
-        };
+        let held = Setpoint { k: setpoint.k, v: [0.0; JOINTS], a: [0.0; JOINTS], ..self.plant.last };
         self.plant.advance(self.config, if taken { setpoint } else { &held });
         taken
     }

@@ -21,13 +21,7 @@ pub enum ViolationKind {
 
 impl ViolationKind {
     /// Every kind.
-    pub const ALL: [Self; 5] = [
-        Self::Position,
-        Self::Velocity,
-        Self::Acceleration,
-        Self::Jerk,
-        Self::Clearance,
-    ];
+    pub const ALL: [Self; 5] = [Self::Position, Self::Velocity, Self::Acceleration, Self::Jerk, Self::Clearance];
 
     /// Name in reports.
     pub const fn name(self) -> &'static str {
@@ -131,9 +125,7 @@ impl Report {
 
     /// Root mean square of executed less measured over the revolute joints and all ticks, rad; 0 before the first.
     pub fn tracking_error_rms_rad(&self) -> f64 {
-        let (sum, joints) = self
-            .revolute()
-            .fold((0.0, 0), |(sum, n), j| (sum + self.tracking_squares[j], n + 1));
+        let (sum, joints) = self.revolute().fold((0.0, 0), |(sum, n), j| (sum + self.tracking_squares[j], n + 1));
         (sum / (joints * self.tracking_samples).max(1) as f64).sqrt()
     }
 

@@ -22,23 +22,12 @@ impl State {
     /// At rest in the initial posture at index `k`, holding what its encoders read; `seed` is that of the noise.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
         let mut plant = Plant::new(config, k, seed);
-        let measured = Port {
-            config,
-            plant: &mut plant,
-        }
-        .read(Stamp::NONE);
+        let measured = Port { config, plant: &mut plant }.read(Stamp::NONE);
         let follower =
             driver::State::hold(k, &measured.q).expect("the initial posture was checked, and the noise is finite");
         let checker = Checker::new(config, follower.setpoint());
         let report = Report::new(config.model.prismatic);
-        Self {
-            follower,
-            plant,
-            checker,
-            report,
-            sequence: 0,
-            port_fault: false,
-        }
+        Self { follower, plant, checker, report, sequence: 0, port_fault: false }
     }
 
     /// What the run amounts to so far.
@@ -93,22 +82,11 @@ pub struct Output {
 
 /// Executes up to the index that is due, moves the joints, measures, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    let State {
-        follower,
-        plant,
-        checker,
-        report,
-        port_fault,
-        ..
-    } = state;
+    let State { follower, plant, checker, report, port_fault, .. } = state;
     let mut port = Port { config, plant };
     let mut mode = follower.mode;
     let mut rejected = false;
-    let follow = driver::Input {
-        due_k: input.due_k,
-        command: input.command,
-        port_fault: *port_fault,
-    };
+    let follow = driver::Input { due_k: input.due_k, command: input.command, port_fault: *port_fault };
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
@@ -127,11 +105,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         }
     }
     state.sequence += 1;
-    let header = Header {
-        sequence: state.sequence,
-        stamp: now,
-        ..Header::ZERO
-    };
+    let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     Output {
         state: state.follower.echo(header, &measured),
         advanced: out.advanced,

@@ -44,8 +44,5 @@ fn ten_thousand_ticks_allocate_nothing() {
     }
     assert_eq!(COUNT.with(Cell::get), before);
     let follower = bench.state.follower();
-    assert!(
-        follower.accepted > 800 && follower.latched,
-        "commands, silence and refusals were among them"
-    );
+    assert!(follower.accepted > 800 && follower.latched, "commands, silence and refusals were among them");
 }

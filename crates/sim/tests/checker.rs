@@ -27,12 +27,7 @@ fn an_honest_motion_at_the_limits_violates_nothing() {
     for _ in 0..3 {
         ramp(&mut bench, 0.999);
     }
-    assert_eq!(
-        bench.violated(),
-        [""; 0],
-        "{:?}",
-        bench.state.report().first_violation()
-    );
+    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
     assert!(bench.state.report().steps() > 200);
 }
 
@@ -45,10 +40,7 @@ fn jerk_beyond_its_limit_is_counted() {
     bench.drive(ELBOW, j_max * (1.0 + 1e-6), 1);
     assert_eq!(bench.violated(), ["jerk"]);
     let violation = *bench.state.report().first_violation().unwrap();
-    assert_eq!(
-        (violation.kind, violation.k, violation.which),
-        (ViolationKind::Jerk, K + 4, ELBOW)
-    );
+    assert_eq!((violation.kind, violation.k, violation.which), (ViolationKind::Jerk, K + 4, ELBOW));
 }
 
 #[test]
@@ -87,10 +79,7 @@ fn a_peak_of_velocity_inside_a_tick_is_counted() {
 
 #[test]
 fn a_velocity_that_is_not_the_change_of_position_is_counted() {
-    for change in [
-        |c: &mut JointCommand| c.q[ELBOW] += 1e-6,
-        |c: &mut JointCommand| c.v[ELBOW] += 1e-4,
-    ] {
+    for change in [|c: &mut JointCommand| c.q[ELBOW] += 1e-6, |c: &mut JointCommand| c.v[ELBOW] += 1e-4] {
         let mut bench = Bench::ideal();
         bench.drive(ELBOW, 100.0, 20);
         assert_eq!(bench.violated(), [""; 0]);
@@ -98,10 +87,7 @@ fn a_velocity_that_is_not_the_change_of_position_is_counted() {
         change(&mut bench.command);
         bench.stop(ELBOW);
         let command = bench.command;
-        assert!(
-            bench.tick(command.k, Some(&command)).accepted.is_some(),
-            "the follower does not see it"
-        );
+        assert!(bench.tick(command.k, Some(&command)).accepted.is_some(), "the follower does not see it");
         assert_eq!(bench.violated(), ["jerk"]);
     }
 }
@@ -111,12 +97,7 @@ fn a_position_outside_is_counted() {
     let mut initial = MODEL.home;
     let q_max = MODEL.limits[ELBOW].q_max;
     initial[ELBOW] = q_max - 2e-4;
-    let exact = Options {
-        initial: Some(initial),
-        encoder_noise_rad: 0.0,
-        encoder_step_rad: 0.0,
-        ..Options::default()
-    };
+    let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
     let mut bench = Bench::new(&exact, 1);
     bench.drive(ELBOW, 100.0, 20);
     assert!(bench.command.q[ELBOW] < q_max);
@@ -139,31 +120,14 @@ fn clearance_agrees_with_the_robot_model_and_is_counted_below_its_bound() {
                     ..limits.q_max - 1e-2 * (limits.q_max - limits.q_min),
             )
         });
-        let mut bench = Bench::new(
-            &Options {
-                initial: Some(initial),
-                ..Options::default()
-            },
-            1,
-        );
+        let mut bench = Bench::new(&Options { initial: Some(initial), ..Options::default() }, 1);
         bench.tick(K + 1, None);
         MODEL.forward(&bench.state.follower().motion.q, &mut frames);
         let (expected, _) = MODEL.clearance(&frames);
         let report = bench.state.report();
-        assert!(
-            (report.min_clearance_m() - expected).abs() < 1e-9,
-            "{} {expected}",
-            report.min_clearance_m()
-        );
-        assert_eq!(
-            report.violations_of(ViolationKind::Clearance) > 0,
-            expected < MODEL.d_min_m
-        );
-        *(if expected < MODEL.d_min_m {
-            &mut below
-        } else {
-            &mut above
-        }) += 1;
+        assert!((report.min_clearance_m() - expected).abs() < 1e-9, "{} {expected}", report.min_clearance_m());
+        assert_eq!(report.violations_of(ViolationKind::Clearance) > 0, expected < MODEL.d_min_m);
+        *(if expected < MODEL.d_min_m { &mut below } else { &mut above }) += 1;
     }
     assert!(below > 20 && above > 20, "{below} below, {above} above");
 }
@@ -174,13 +138,7 @@ fn the_first_second_of_engaging_is_measured() {
     let mut bench = Bench::ideal();
     bench.command.mode = Mode::Disengaged as u32;
     bench.drive(ELBOW, 0.0, 10);
-    assert_eq!(
-        (
-            bench.state.report().engagements(),
-            bench.state.report().engage_max_step_rad()
-        ),
-        (0, 0.0)
-    );
+    assert_eq!((bench.state.report().engagements(), bench.state.report().engage_max_step_rad()), (0, 0.0));
     bench.command.mode = Mode::Engaging as u32;
     bench.drive(ELBOW, 30.0, 1);
     let step = 30.0 * TICK_S.powi(3) / 6.0;
@@ -203,34 +161,13 @@ fn the_first_second_of_engaging_is_measured() {
 #[test]
 fn options_out_of_bounds_are_named() {
     let error = |options: Options| sim::Config::new(&MODEL, &options).unwrap_err();
-    let delay = error(Options {
-        delay_ticks: 32,
-        ..Options::default()
-    });
-    assert!(
-        matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }),
-        "{delay}"
-    );
-    let nan = error(Options {
-        damping_ratio: f64::NAN,
-        ..Options::default()
-    });
-    assert!(
-        matches!(
-            nan,
-            SimError::OutOfBounds {
-                key: "damping_ratio",
-                ..
-            }
-        ),
-        "{nan}"
-    );
+    let delay = error(Options { delay_ticks: 32, ..Options::default() });
+    assert!(matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }), "{delay}");
+    let nan = error(Options { damping_ratio: f64::NAN, ..Options::default() });
+    assert!(matches!(nan, SimError::OutOfBounds { key: "damping_ratio", .. }), "{nan}");
     let mut initial = MODEL.home;
     initial[ELBOW] = MODEL.limits[ELBOW].q_max;
-    let outside = error(Options {
-        initial: Some(initial),
-        ..Options::default()
-    });
+    let outside = error(Options { initial: Some(initial), ..Options::default() });
     assert!(outside.to_string().contains("arm_left_4_joint"), "{outside}");
     assert_eq!(JointCommand::ZERO.mode, Mode::Disengaged as u32);
 }

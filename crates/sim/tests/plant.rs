@@ -20,28 +20,15 @@ fn error(bench: &Bench) -> f64 {
 #[test]
 fn a_joint_lags_by_its_delay() {
     for delay_ticks in [0, 2, 15] {
-        let mut bench = Bench::new(
-            &Options {
-                delay_ticks,
-                ..Options::default()
-            },
-            1,
-        );
+        let mut bench = Bench::new(&Options { delay_ticks, ..Options::default() }, 1);
         cruise(&mut bench);
         let v = bench.command.v[ELBOW];
         assert!(v > 0.1);
         let expected = v * f64::from(delay_ticks) * TICK_S;
         // A quarter of a tick more or less: the servo integrates in steps.
-        assert!(
-            (error(&bench) - expected).abs() < 0.25 * v * TICK_S,
-            "{delay_ticks}: {} {expected}",
-            error(&bench)
-        );
+        assert!((error(&bench) - expected).abs() < 0.25 * v * TICK_S, "{delay_ticks}: {} {expected}", error(&bench));
         for j in others(ELBOW) {
-            assert!(
-                (bench.state.q()[j] - bench.config.initial()[j]).abs() < 1e-3,
-                "joint {j} stays"
-            );
+            assert!((bench.state.q()[j] - bench.config.initial()[j]).abs() < 1e-3, "joint {j} stays");
         }
     }
 }
@@ -55,18 +42,10 @@ fn the_servo_settles_with_its_natural_frequency() {
     let mut plant = sim::Plant::new(&bench.config, K, 1);
     let mut target = *bench.config.initial();
     target[ELBOW] += 1e-4;
-    let mut port = sim::Port {
-        config: &bench.config,
-        plant: &mut plant,
-    };
+    let mut port = sim::Port { config: &bench.config, plant: &mut plant };
     let ticks = (2.0 / (std::f64::consts::TAU * hz) / TICK_S).round() as u64;
     for n in 1..=ticks {
-        let setpoint = driver::Setpoint {
-            k: K + n,
-            q: target,
-            v: [0.0; JOINTS],
-            a: [0.0; JOINTS],
-        };
+        let setpoint = driver::Setpoint { k: K + n, q: target, v: [0.0; JOINTS], a: [0.0; JOINTS] };
         assert!(driver::Driver::write(&mut port, messages::Stamp(1), &setpoint));
     }
     let wt = ticks as f64 * TICK_S * std::f64::consts::TAU * hz;
@@ -88,11 +67,7 @@ fn the_same_seed_is_the_same_run() {
 
 #[test]
 fn measurements_are_whole_encoder_steps_near_the_truth() {
-    let options = Options {
-        encoder_step_rad: 3e-4,
-        encoder_noise_rad: 1e-4,
-        ..Options::default()
-    };
+    let options = Options { encoder_step_rad: 3e-4, encoder_noise_rad: 1e-4, ..Options::default() };
     let mut bench = Bench::new(&options, 1);
     for k in K + 1..K + 200 {
         let state = bench.tick(k, None).state;
@@ -135,12 +110,7 @@ fn without_commands_the_plan_is_played_without_a_violation() {
     }
     let stopped = bench.tick(k + 1501, None);
     assert!(stopped.faults.has(Fault::DriverFault) && stopped.state.v == [0.0; JOINTS]);
-    assert_eq!(
-        bench.violated(),
-        [""; 0],
-        "{:?}",
-        bench.state.report().first_violation()
-    );
+    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
     assert!((bench.state.q()[ELBOW] - stopped.state.q[ELBOW]).abs() < 1e-6);
 }
 
@@ -152,11 +122,7 @@ fn injected_faults_show_where_they_should() {
         bench.state.inject(fault);
         cruise(&mut bench);
         let out = bench.drive(ELBOW, 0.0, 1);
-        (
-            out.state.q[ELBOW] - out.state.q_measured[ELBOW],
-            out.state.q[ELBOW] - bench.config.initial()[ELBOW],
-            bench,
-        )
+        (out.state.q[ELBOW] - out.state.q_measured[ELBOW], out.state.q[ELBOW] - bench.config.initial()[ELBOW], bench)
     };
     let (error, travel, _) = measured_error(Injection::NotFollowed { joint: ELBOW });
     assert!((error - travel).abs() < 1e-6 && travel > 0.02, "{error} {travel}");

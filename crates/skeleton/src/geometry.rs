@@ -69,11 +69,7 @@ pub fn slerp(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
     let (Some(from), Some(to)) = (read(a), read(b)) else {
         return a;
     };
-    let to = if from.coords.dot(&to.coords) < 0.0 {
-        UnitQuaternion::new_unchecked(-to.into_inner())
-    } else {
-        to
-    };
+    let to = if from.coords.dot(&to.coords) < 0.0 { UnitQuaternion::new_unchecked(-to.into_inner()) } else { to };
     let q = from.try_slerp(&to, f64::from(t), 1e-9).unwrap_or(from);
     [q.i, q.j, q.k, q.w].map(|c| c as f32)
 }

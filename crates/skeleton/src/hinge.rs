@@ -53,10 +53,7 @@ impl Calibrator {
             samples: 0,
             frames: 0,
         };
-        Self {
-            arms: [arm; 2],
-            frames: 0,
-        }
+        Self { arms: [arm; 2], frames: 0 }
     }
 
     /// Frames added so far.
@@ -131,10 +128,6 @@ impl Arm {
 
     fn fore_hinge(&self, upper_hinge: Vector3<f64>) -> Option<Vector3<f64>> {
         let sum = self.hand_from_shoulder * upper_hinge;
-        if sum.norm() >= FORE_SPREAD_MIN * f64::from(self.frames) {
-            unit(sum)
-        } else {
-            None
-        }
+        if sum.norm() >= FORE_SPREAD_MIN * f64::from(self.frames) { unit(sum) } else { None }
     }
 }

@@ -34,30 +34,17 @@ pub struct LimbFrames {
 
 impl LimbFrames {
     /// Four limbs of which none is valid.
-    pub const NONE: Self = Self {
-        rotations: [[0.0, 0.0, 0.0, 1.0]; LIMBS],
-        flags: 0,
-    };
+    pub const NONE: Self = Self { rotations: [[0.0, 0.0, 0.0, 1.0]; LIMBS], flags: 0 };
 }
 
 /// Shoulder, elbow, wrist of both arms.
 pub(crate) const ARMS: [[usize; 3]; 2] = [
-    [
-        Smpl::LeftShoulder as usize,
-        Smpl::LeftElbow as usize,
-        Smpl::LeftWrist as usize,
-    ],
-    [
-        Smpl::RightShoulder as usize,
-        Smpl::RightElbow as usize,
-        Smpl::RightWrist as usize,
-    ],
+    [Smpl::LeftShoulder as usize, Smpl::LeftElbow as usize, Smpl::LeftWrist as usize],
+    [Smpl::RightShoulder as usize, Smpl::RightElbow as usize, Smpl::RightWrist as usize],
 ];
 /// Upper arm and forearm of both arms.
-const ARM_LIMBS: [[usize; 2]; 2] = [
-    [Limb::LeftUpper as usize, Limb::LeftFore as usize],
-    [Limb::RightUpper as usize, Limb::RightFore as usize],
-];
+const ARM_LIMBS: [[usize; 2]; 2] =
+    [[Limb::LeftUpper as usize, Limb::LeftFore as usize], [Limb::RightUpper as usize, Limb::RightFore as usize]];
 
 /// The torso frame's axes as columns, in the frame of `positions`: y from the right to the left shoulder, z from the
 /// hips to the shoulders and upright in a T-pose (see [`TORSO_LEAN_RAD`]). `None` if shoulders and hips coincide.
@@ -69,11 +56,7 @@ pub fn torso_rotation(positions: &[[f32; 3]; SMPL_JOINTS]) -> Option<Matrix3<f64
     let back = unit_normal_to(unit(spine)?, y)?;
     let front = y.cross(&back);
     let (sin, cos) = TORSO_LEAN_RAD.sin_cos();
-    Some(Matrix3::from_columns(&[
-        front * cos - back * sin,
-        y,
-        front * sin + back * cos,
-    ]))
+    Some(Matrix3::from_columns(&[front * cos - back * sin, y, front * sin + back * cos]))
 }
 
 /// The four limb rotations of a person: for each limb R with `bone = R (0, +-1, 0)` and `hinge = R (0, 0, -+1)` (left and
@@ -146,9 +129,7 @@ fn momentary_hinge(
     let sign = if side == 0 { 1.0 } else { -1.0 };
     let (bone, axis) = held.unwrap_or((Vector3::y() * sign, Vector3::z() * -sign));
     let kept = carry(bone, upper, axis);
-    let kept = unit_normal_to(kept, upper)
-        .or_else(|| unit_normal_to(Vector3::x(), upper))
-        .unwrap_or(axis);
+    let kept = unit_normal_to(kept, upper).or_else(|| unit_normal_to(Vector3::x(), upper)).unwrap_or(axis);
     let normal = fore.map_or_else(Vector3::zeros, |fore| upper.cross(&fore));
     let sin = normal.norm();
     let t = ((sin - STRAIGHT_SIN) / (FLEXED_SIN - STRAIGHT_SIN)).clamp(0.0, 1.0);

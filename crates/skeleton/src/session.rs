@@ -57,13 +57,7 @@ impl Body {
     fn read(raw: &RawSkeleton, person: &Person) -> Self {
         let hips = person.hips();
         let arms = ARMS.map(|joints| {
-            joints.map(|joint| {
-                if person.has(joint) {
-                    person.at(joint) - hips
-                } else {
-                    Vector3::zeros()
-                }
-            })
+            joints.map(|joint| if person.has(joint) { person.at(joint) - hips } else { Vector3::zeros() })
         });
         let mut lengths = [None; LIMBS];
         for (side, [shoulder, elbow, wrist]) in ARMS.into_iter().enumerate() {
@@ -73,12 +67,7 @@ impl Body {
                 }
             }
         }
-        Self {
-            origin: raw.header.origin,
-            arms,
-            lengths,
-            payload: payload_hash(person),
-        }
+        Self { origin: raw.header.origin, arms, lengths, payload: payload_hash(person) }
     }
 }
 
@@ -163,34 +152,15 @@ impl Session {
             self.upright = true;
         }
         let now = chirality(&person.positions).ok_or(DropReason::Size)?;
-        let legs = [
-            Smpl::LeftKnee,
-            Smpl::RightKnee,
-            Smpl::LeftAnkle,
-            Smpl::RightAnkle,
-            Smpl::LeftFoot,
-            Smpl::RightFoot,
-        ];
+        let legs =
+            [Smpl::LeftKnee, Smpl::RightKnee, Smpl::LeftAnkle, Smpl::RightAnkle, Smpl::LeftFoot, Smpl::RightFoot];
         let sees_legs = legs.iter().all(|&joint| person.has(joint as usize));
-        let was = self.chirality.unwrap_or(Chirality {
-            sides: now.sides,
-            front: if sees_legs { now.front } else { 0.0 },
-        });
-        let front = if sees_legs {
-            was.front + (now.front - was.front) / CHIRALITY_FRAMES
-        } else {
-            was.front
-        };
-        let mean = Chirality {
-            sides: was.sides + (now.sides - was.sides) / CHIRALITY_FRAMES,
-            front,
-        };
+        let was =
+            self.chirality.unwrap_or(Chirality { sides: now.sides, front: if sees_legs { now.front } else { 0.0 } });
+        let front = if sees_legs { was.front + (now.front - was.front) / CHIRALITY_FRAMES } else { was.front };
+        let mean = Chirality { sides: was.sides + (now.sides - was.sides) / CHIRALITY_FRAMES, front };
         self.chirality = Some(mean);
-        if mean.sides < SIDES_MIN || mean.front < FRONT_MIN {
-            Err(DropReason::Chirality)
-        } else {
-            Ok(())
-        }
+        if mean.sides < SIDES_MIN || mean.front < FRONT_MIN { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
     fn check_frozen(&mut self, config: &Config, now: Stamp, previous: &Body, body: &Body) -> Result<(), DropReason> {
@@ -289,7 +259,5 @@ fn payload_hash(person: &Person) -> u64 {
     let positions = person.positions.iter().flatten();
     positions
         .chain(person.rotations.iter().flatten())
-        .fold(0xcbf2_9ce4_8422_2325, |hash, value| {
-            (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3)
-        })
+        .fold(0xcbf2_9ce4_8422_2325, |hash, value| (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3))
 }

@@ -39,11 +39,7 @@ impl Default for State {
 impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self {
-            session: None,
-            dropped: [0; DROP_REASONS],
-            accepted: 0,
-        }
+        Self { session: None, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
     /// Frames dropped so far for this reason.
@@ -64,18 +60,12 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     match look(config, &mut state.session, now, input.raw) {
         Ok(skeleton) => {
             state.accepted = state.accepted.saturating_add(1);
-            Output {
-                skeleton: Some(skeleton),
-                drop: None,
-            }
+            Output { skeleton: Some(skeleton), drop: None }
         }
         Err(reason) => {
             let count = &mut state.dropped[reason as usize];
             *count = count.saturating_add(1);
-            Output {
-                skeleton: None,
-                drop: Some(reason),
-            }
+            Output { skeleton: None, drop: Some(reason) }
         }
     }
 }

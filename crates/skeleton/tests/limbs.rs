@@ -95,11 +95,7 @@ fn a_straight_elbow_holds_its_hinge_without_a_jump() {
         assert_eq!(out.flags & skeleton_flag::CALIBRATED, 0);
         let upper = out.rotations[0];
         let truth = arm([0.5 * t.clamp(1.0, 2.0), 0.4, 1.5, flexion, 0.0]).0;
-        assert!(
-            angle_deg(upper, truth) < 20.0,
-            "frame {i}: {} degrees off",
-            angle_deg(upper, truth)
-        );
+        assert!(angle_deg(upper, truth) < 20.0, "frame {i}: {} degrees off", angle_deg(upper, truth));
         if let Some(last) = last {
             assert!(angle_deg(upper, read(last)) < 6.0, "frame {i} jumps");
         }

@@ -9,10 +9,7 @@ use rand::{RngExt, SeedableRng};
 use skeleton::{Config, DropReason, Input, State, tick};
 
 fn standing(t: f64) -> Body {
-    person(
-        [0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()],
-        [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1],
-    )
+    person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
 }
 
 /// Feeds a frame on arrival and gives the reason, if it was dropped.
@@ -39,9 +36,7 @@ fn a_person_is_accepted_and_the_header_copied() {
     frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
     frame.calibration.flags = calibration_flag::ALL;
     let now = Stamp(1_005_000_000);
-    let skeleton = tick(&Config::default(), &mut state, now, Input { raw: &frame })
-        .skeleton
-        .expect("accepted");
+    let skeleton = tick(&Config::default(), &mut state, now, Input { raw: &frame }).skeleton.expect("accepted");
     assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
     assert_eq!((skeleton.header.origin, skeleton.received), (frame.header.origin, now));
     assert_eq!((skeleton.session_nonce, skeleton.operator_id), (7, 1));
@@ -68,13 +63,9 @@ fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
         (DropReason::NotFinite, |f| f.rotations[5][3] = f32::INFINITY),
         (DropReason::NotUnit, |f| f.rotations[16] = [0.0; 4]),
         (DropReason::OutOfRange, |f| f.confidence[3] = 1.5),
-        (DropReason::OutOfRange, |f| {
-            f.positions.iter_mut().flatten().for_each(|c| *c *= 1000.0)
-        }),
+        (DropReason::OutOfRange, |f| f.positions.iter_mut().flatten().for_each(|c| *c *= 1000.0)),
         (DropReason::TrunkLost, |f| f.confidence[2] = 0.4),
-        (DropReason::Size, |f| {
-            f.positions.iter_mut().flatten().for_each(|c| *c *= 0.5)
-        }),
+        (DropReason::Size, |f| f.positions.iter_mut().flatten().for_each(|c| *c *= 0.5)),
         (DropReason::Chirality, |f| {
             for p in &mut f.positions {
                 p[1] = -p[1];
@@ -83,11 +74,7 @@ fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
     ];
     for (i, (reason, damage)) in cases.into_iter().enumerate() {
         // A mirror image is refused from the start; the evidence of a running session has to change first.
-        let mut state = if reason == DropReason::Chirality {
-            State::new()
-        } else {
-            running(30)
-        };
+        let mut state = if reason == DropReason::Chirality { State::new() } else { running(30) };
         let mut frame = raw(&standing(0.5), 30);
         damage(&mut frame);
         assert_eq!(feed(&mut state, &frame), Some(reason), "case {i}");
@@ -187,9 +174,7 @@ fn limbs_keep_their_length() {
     assert_eq!(reasons[0], None, "3 % off the mean, but no step");
     assert_eq!(reasons[11], Some(DropReason::LengthChange), "8 % off the mean");
     // A lasting change is learnt anew once everything downstream has stopped.
-    let accepted = (0..120)
-        .filter(|i| feed(&mut state, &stretched(113 + i, 1.085)).is_none())
-        .count();
+    let accepted = (0..120).filter(|i| feed(&mut state, &stretched(113 + i, 1.085)).is_none()).count();
     assert!((40..=80).contains(&accepted), "{accepted} of 120 frames accepted");
 }
 
@@ -197,22 +182,14 @@ fn limbs_keep_their_length() {
 fn a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
     let mut state = State::new();
     for i in 0..120 {
-        assert_eq!(
-            feed(&mut state, &raw(&standing(0.0), i)),
-            None,
-            "a client holds its first frame"
-        );
+        assert_eq!(feed(&mut state, &raw(&standing(0.0), i)), None, "a client holds its first frame");
     }
     let mut state = running(60);
-    let dropped: Vec<bool> = (0..120)
-        .map(|i| feed(&mut state, &raw(&standing(59.0 / 60.0), 60 + i)).is_some())
-        .collect();
+    let dropped: Vec<bool> =
+        (0..120).map(|i| feed(&mut state, &raw(&standing(59.0 / 60.0), 60 + i)).is_some()).collect();
     let first = dropped.iter().position(|&d| d).expect("frozen");
     assert!((11..=13).contains(&first), "dropped after {first} frames of 16.7 ms");
-    assert_eq!(
-        state.dropped(DropReason::Frozen),
-        dropped.iter().filter(|&&d| d).count() as u64
-    );
+    assert_eq!(state.dropped(DropReason::Frozen), dropped.iter().filter(|&&d| d).count() as u64);
     assert!(!dropped[119], "after a second the posture counts as held on purpose");
 }
 
@@ -244,13 +221,8 @@ fn an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
     frame.positions[20] = [f32::NAN; 3];
     frame.rotations[20] = [f32::NAN; 4];
     let now = frame.header.origin;
-    let out = tick(&Config::default(), &mut state, now, Input { raw: &frame })
-        .skeleton
-        .expect("accepted");
-    assert_eq!(
-        out.flags & skeleton_flag::ALL,
-        skeleton_flag::ALL & !skeleton_flag::LIMB[1]
-    );
+    let out = tick(&Config::default(), &mut state, now, Input { raw: &frame }).skeleton.expect("accepted");
+    assert_eq!(out.flags & skeleton_flag::ALL, skeleton_flag::ALL & !skeleton_flag::LIMB[1]);
     assert!(out.positions.iter().flatten().all(|c| c.is_finite()));
 }
 
@@ -321,13 +293,6 @@ proptest! {
 #[test]
 fn zeros_are_no_person() {
     let mut state = State::new();
-    let out = tick(
-        &Config::default(),
-        &mut state,
-        Stamp(5),
-        Input {
-            raw: &RawSkeleton::ZERO,
-        },
-    );
+    let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO });
     assert_eq!(out.drop, Some(DropReason::Layout));
 }

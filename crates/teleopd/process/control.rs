@@ -26,7 +26,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
     let server = Server::bind(process.instance.operator_socket()).map_err(|error| {
-        let exit = if matches!(error, operator::OperatorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
+        let exit =
+            if matches!(error, operator::OperatorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
         Failure::new(exit, error)
     })?;
     let core = Domain::open(process.instance.core_domain(), "control").map_err(bus_failure)?;

@@ -33,7 +33,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             if !authority.admits(now, &sample.message, timeout_ns) {
                 return;
             }
-            let Some(person) = skeleton::tick(&config, &mut state, now, skeleton::Input { raw: &sample.message }).skeleton
+            let Some(person) =
+                skeleton::tick(&config, &mut state, now, skeleton::Input { raw: &sample.message }).skeleton
             else {
                 return;
             };

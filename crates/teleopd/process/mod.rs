@@ -32,7 +32,11 @@ pub struct Process {
 
 impl Process {
     /// Reads the configuration and asks for real-time rights: `priority` of SCHED_FIFO, nothing for an expendable process.
-    pub fn start(name: &'static str, place: &Place, priority: impl Fn(&Loaded) -> Option<u32>) -> Result<Self, Failure> {
+    pub fn start(
+        name: &'static str,
+        place: &Place,
+        priority: impl Fn(&Loaded) -> Option<u32>,
+    ) -> Result<Self, Failure> {
         rt::die_with_parent();
         let overrides = Overrides { engage_without_realtime: place.engage_without_realtime };
         let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;

@@ -29,7 +29,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     while let Some(tick) = periodic.next(&process.shutdown) {
         let skeleton = skeletons.latest();
         let mut target =
-            retarget::tick(&config, &mut state, tick.woke, retarget::Input { k: tick.k, skeleton: skeleton.as_ref() }).target;
+            retarget::tick(&config, &mut state, tick.woke, retarget::Input { k: tick.k, skeleton: skeleton.as_ref() })
+                .target;
         sequence += 1;
         let stamp = rt::now();
         target.header = Header {

@@ -17,9 +17,7 @@ fn text(name: &str) -> Option<String> {
 }
 
 fn number(name: &str, default: u64) -> u64 {
-    text(name).map_or(default, |text| {
-        text.parse().unwrap_or_else(|_| panic!("{name} {text}: not a number"))
-    })
+    text(name).map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} {text}: not a number")))
 }
 
 fn flag(name: &str) -> bool {
@@ -28,11 +26,8 @@ fn flag(name: &str) -> bool {
 
 fn main() {
     let (ticks, seed, dense) = (number("--ticks", 100_000), number("--seed", 1), number("--dense", 500));
-    let options = if flag("--without-certificate") {
-        Options::without_certificate_for_tests()
-    } else {
-        Options::default()
-    };
+    let options =
+        if flag("--without-certificate") { Options::without_certificate_for_tests() } else { Options::default() };
     let subject = text("--robot").map_or_else(Subject::made_up, |path| Subject::load(&path));
     let config = subject.config(options);
     let mut state = State::at_rest(&config, subject.home);
@@ -52,16 +47,8 @@ fn main() {
         } else {
             attacker.next(k, state.planned(), &checker);
         }
-        let target = Target {
-            q: &attacker.q,
-            dq: &attacker.dq,
-            valid_mask: attacker.valid_mask,
-        };
-        let input = Input {
-            k,
-            target: Some(target),
-            permit: attacker.permit,
-        };
+        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let input = Input { k, target: Some(target), permit: attacker.permit };
         let began = Instant::now();
         let out = tick(&config, &mut state, Stamp::NONE, input);
         times.push(began.elapsed().as_nanos() as u64);
@@ -77,33 +64,14 @@ fn main() {
     }
     times.sort_unstable();
     let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize] as f64 / 1e3;
-    println!(
-        "{} checked pairs, {ticks} ticks, seed {seed}",
-        config.geometry().pair_count()
-    );
-    println!(
-        "violations {}, min clearance {:.4} mm",
-        checker.violations,
-        checker.clearance_m * 1e3
-    );
+    println!("{} checked pairs, {ticks} ticks, seed {seed}", config.geometry().pair_count());
+    println!("violations {}, min clearance {:.4} mm", checker.violations, checker.clearance_m * 1e3);
     for words in &checker.first {
         println!("  {words}");
     }
-    println!(
-        "tick us: p50 {:.1} p99 {:.1} p99.99 {:.1} max {:.1}",
-        at(0.5),
-        at(0.99),
-        at(0.9999),
-        at(1.0)
-    );
+    println!("tick us: p50 {:.1} p99 {:.1} p99.99 {:.1} max {:.1}", at(0.5), at(0.99), at(0.9999), at(1.0));
     let share = candidates.map(|n| 100.0 * n as f64 / ticks as f64);
-    println!(
-        "all {:.1} %, left {:.1} %, right {:.1} %, plan {:.1} %",
-        share[0], share[1], share[2], share[3]
-    );
-    println!(
-        "kinematics per tick: mean {:.1}, most {most}",
-        evaluations as f64 / ticks as f64
-    );
+    println!("all {:.1} %, left {:.1} %, right {:.1} %, plan {:.1} %", share[0], share[1], share[2], share[3]);
+    println!("kinematics per tick: mean {:.1}, most {most}", evaluations as f64 / ticks as f64);
     std::process::exit(i32::from(checker.violations > 0));
 }

@@ -19,9 +19,7 @@ fn text(name: &str) -> Option<String> {
 }
 
 fn number(name: &str, default: u64) -> u64 {
-    text(name).map_or(default, |text| {
-        text.parse().unwrap_or_else(|_| panic!("{name} {text}: not a number"))
-    })
+    text(name).map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} {text}: not a number")))
 }
 
 fn main() {
@@ -31,24 +29,11 @@ fn main() {
     let mut state = State::at_rest(&config, subject.home);
     let (goals, mut reached, mut returned, mut tried) = (number("--goals", 100), 0, 0, 0);
     let go = |state: &mut State, q: &[f64; JOINTS]| {
-        let target = Target {
-            q,
-            dq: &[0.0; JOINTS],
-            valid_mask: ALL_JOINTS,
-        };
+        let target = Target { q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
         let permit = Permit::Follow { speed_scale: 1.0 };
         let mut last = None;
         let reached = (0..PATIENCE).any(|k| {
-            let out = tick(
-                &config,
-                state,
-                Stamp::NONE,
-                Input {
-                    k,
-                    target: Some(target),
-                    permit,
-                },
-            );
+            let out = tick(&config, state, Stamp::NONE, Input { k, target: Some(target), permit });
             last = Some(out);
             out.on_target && out.at_rest
         });

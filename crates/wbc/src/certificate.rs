@@ -81,10 +81,7 @@ pub(crate) struct Node {
 
 impl Node {
     fn new(capsules: usize) -> Self {
-        let nowhere = Segment {
-            a: Vector3::zeros(),
-            b: Vector3::zeros(),
-        };
+        let nowhere = Segment { a: Vector3::zeros(), b: Vector3::zeros() };
         Self {
             t: 0.0,
             x: [JointState::default(); JOINTS],
@@ -143,13 +140,7 @@ pub(crate) struct Scratch {
 impl Scratch {
     pub(crate) fn new(geometry: &Geometry) -> Self {
         let capsules = geometry.shapes.len();
-        let idle = Entry {
-            pair: 0,
-            n: [Vector3::zeros(); 2],
-            sep: [0.0; 2],
-            floor: 0.0,
-            rest_floor: 0.0,
-        };
+        let idle = Entry { pair: 0, n: [Vector3::zeros(); 2], sep: [0.0; 2], floor: 0.0, rest_floor: 0.0 };
         Self {
             nodes: vec![Node::new(capsules); DEPTH_MAX + 2],
             entries: vec![idle; ENTRIES],
@@ -181,16 +172,9 @@ pub(crate) fn certify(
     anchor: &Anchor,
     scratch: &mut Scratch,
 ) -> Verdict {
-    let mut proof = Proof {
-        geometry,
-        motion,
-        s: scratch,
-    };
+    let mut proof = Proof { geometry, motion, s: scratch };
     let safe = proof.whole(fresh, anchor);
-    Verdict {
-        blamed: (!safe).then_some(scratch.blamed),
-        evaluations: scratch.evaluations,
-    }
+    Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
 }
 
 /// What a new decision keeps on its way and where it comes to rest, m, for a pair that is now `separation` apart: see
@@ -205,11 +189,7 @@ fn floors(d_min: f64, separation: f64) -> (f64, f64) {
 #[inline]
 fn lowest(from: f64, to: f64, sag: f64) -> f64 {
     let rise = to - from;
-    if rise.abs() >= 4.0 * sag {
-        from.min(to)
-    } else {
-        0.5 * (from + to) - sag - rise * rise / (16.0 * sag)
-    }
+    if rise.abs() >= 4.0 * sag { from.min(to) } else { 0.5 * (from + to) - sag - rise * rise / (16.0 * sag) }
 }
 
 struct Proof<'a> {
@@ -225,10 +205,7 @@ impl Proof<'_> {
         self.s.top = 0;
         self.begin_segment();
         for j in 0..JOINTS {
-            self.s.swings[j] = Swing {
-                path: self.motion.joints[j].path(),
-                ..Swing::default()
-            };
+            self.s.swings[j] = Swing { path: self.motion.joints[j].path(), ..Swing::default() };
         }
         let mut needed = 0;
         for (i, pair) in self.geometry.pairs.iter().enumerate() {
@@ -243,13 +220,7 @@ impl Proof<'_> {
             if self.s.top == ENTRIES {
                 return self.blame(i);
             }
-            self.s.entries[self.s.top] = Entry {
-                pair: i,
-                n: [Vector3::zeros(); 2],
-                sep: [0.0; 2],
-                floor,
-                rest_floor,
-            };
+            self.s.entries[self.s.top] = Entry { pair: i, n: [Vector3::zeros(); 2], sep: [0.0; 2], floor, rest_floor };
             self.s.top += 1;
             needed |= pair.needed;
         }
@@ -260,12 +231,7 @@ impl Proof<'_> {
         self.evaluate(1, self.motion.end_s(), needed, None);
         for e in 0..self.s.top {
             for side in [1, 0] {
-                let Entry {
-                    pair,
-                    floor,
-                    rest_floor,
-                    ..
-                } = self.s.entries[e];
+                let Entry { pair, floor, rest_floor, .. } = self.s.entries[e];
                 let (n, sep) = self.direction(side, pair);
                 if sep < if side == 1 { rest_floor } else { floor } {
                     return self.blame(pair);
@@ -298,16 +264,8 @@ impl Proof<'_> {
                 return self.blame(entry.pair);
             }
             // The right half waits in place while the left half is proved on top of it.
-            self.s.entries[e] = Entry {
-                n: [n, entry.n[1]],
-                sep: [sep, entry.sep[1]],
-                ..entry
-            };
-            self.s.entries[kept + e - first] = Entry {
-                n: [entry.n[0], n],
-                sep: [entry.sep[0], sep],
-                ..entry
-            };
+            self.s.entries[e] = Entry { n: [n, entry.n[1]], sep: [sep, entry.sep[1]], ..entry };
+            self.s.entries[kept + e - first] = Entry { n: [entry.n[0], n], sep: [entry.sep[0], sep], ..entry };
         }
         self.s.top = 2 * kept - first;
         if !self.prove(from, middle, depth + 1, kept) {
@@ -405,16 +363,9 @@ impl Proof<'_> {
     fn direction(&mut self, node: usize, pair: usize) -> (Vector3<f64>, f64) {
         let pair = &self.geometry.pairs[pair];
         let node = &mut self.s.nodes[node];
-        let (a, b) = (
-            node.axis(self.geometry, pair.a.capsule),
-            node.axis(self.geometry, pair.b.capsule),
-        );
+        let (a, b) = (node.axis(self.geometry, pair.a.capsule), node.axis(self.geometry, pair.b.capsule));
         let (n, sep) = normal(&a, &b);
-        let n = if pair.turns {
-            node.placements[pair.common].r.tr_mul(&n)
-        } else {
-            n
-        };
+        let n = if pair.turns { node.placements[pair.common].r.tr_mul(&n) } else { n };
         (n, sep - pair.radii)
     }
 
@@ -423,15 +374,8 @@ impl Proof<'_> {
     fn separation_along(&mut self, node: usize, pair: usize, n: &Vector3<f64>) -> f64 {
         let pair = &self.geometry.pairs[pair];
         let node = &mut self.s.nodes[node];
-        let (a, b) = (
-            node.axis(self.geometry, pair.a.capsule),
-            node.axis(self.geometry, pair.b.capsule),
-        );
-        let n = if pair.turns {
-            node.placements[pair.common].r * n
-        } else {
-            *n
-        };
+        let (a, b) = (node.axis(self.geometry, pair.a.capsule), node.axis(self.geometry, pair.b.capsule));
+        let n = if pair.turns { node.placements[pair.common].r * n } else { *n };
         separation(&n, &a, &b) - pair.radii
     }
 

@@ -24,10 +24,7 @@ pub struct Placement {
 impl Placement {
     /// The identity.
     pub fn identity() -> Self {
-        Self {
-            r: Matrix3::identity(),
-            t: Vector3::zeros(),
-        }
+        Self { r: Matrix3::identity(), t: Vector3::zeros() }
     }
 
     /// The point of the reference frame that `p` of the moving frame lies at.
@@ -38,10 +35,7 @@ impl Placement {
 
     /// `self` after `inner`: a_from_c = a_from_b.then(b_from_c).
     pub fn then(&self, inner: &Self) -> Self {
-        Self {
-            r: self.r * inner.r,
-            t: self.r * inner.t + self.t,
-        }
+        Self { r: self.r * inner.r, t: self.r * inner.t + self.t }
     }
 
     /// The inverse pose.
@@ -92,11 +86,7 @@ impl Chain {
         let turns = links.map(|link| {
             let r = link.parent_from_body.r;
             let k = link.axis.cross_matrix();
-            Turn {
-                m0: r,
-                m1: r * k,
-                m2: r * k * k,
-            }
+            Turn { m0: r, m1: r * k, m2: r * k * k }
         });
         let mut ancestors = [0; BODIES];
         for (j, link) in links.iter().enumerate() {
@@ -108,11 +98,7 @@ impl Chain {
             }
             ancestors[j + 1] = ancestors[link.parent] | 1 << j;
         }
-        Ok(Self {
-            links,
-            turns,
-            ancestors,
-        })
+        Ok(Self { links, turns, ancestors })
     }
 
     /// The joints.
@@ -138,18 +124,12 @@ impl Chain {
             let offset = &link.parent_from_body;
             out[j + 1] = if link.prismatic {
                 let t = offset.t + offset.r * link.axis * q[j];
-                Placement {
-                    r: parent.r * offset.r,
-                    t: parent.r * t + parent.t,
-                }
+                Placement { r: parent.r * offset.r, t: parent.r * t + parent.t }
             } else {
                 let turn = &self.turns[j];
                 let (sin, cos) = q[j].sin_cos();
                 let r = turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos);
-                Placement {
-                    r: parent.r * r,
-                    t: parent.point(&offset.t),
-                }
+                Placement { r: parent.r * r, t: parent.point(&offset.t) }
             };
         }
     }
@@ -158,11 +138,7 @@ impl Chain {
     pub fn common_body(&self, a: usize, b: usize) -> usize {
         let shared = self.ancestors[a] & self.ancestors[b];
         // Joint indices grow along a chain, so the last shared joint is the deepest.
-        if shared == 0 {
-            0
-        } else {
-            JOINTS_BITS - shared.leading_zeros() as usize
-        }
+        if shared == 0 { 0 } else { JOINTS_BITS - shared.leading_zeros() as usize }
     }
 
     /// Reach of joint `joint` to a point of `body` (one of those it moves): the largest distance of the point from the

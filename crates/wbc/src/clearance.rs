@@ -24,10 +24,7 @@ pub(crate) struct Anchor {
 
 impl Anchor {
     pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
-        let nowhere = Segment {
-            a: Vector3::zeros(),
-            b: Vector3::zeros(),
-        };
+        let nowhere = Segment { a: Vector3::zeros(), b: Vector3::zeros() };
         let mut anchor = Self {
             q,
             placements: [Placement::identity(); BODIES],
@@ -76,11 +73,7 @@ impl Anchor {
             let axis = placement.r * link.axis;
             let of_a = carries_a & 1 << j != 0;
             let point = if of_a { on_a } else { on_b };
-            let velocity = if link.prismatic {
-                axis
-            } else {
-                axis.cross(&(point - placement.t))
-            };
+            let velocity = if link.prismatic { axis } else { axis.cross(&(point - placement.t)) };
             if of_a { n.dot(&velocity) } else { -n.dot(&velocity) }
         })
     }

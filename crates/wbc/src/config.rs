@@ -171,12 +171,7 @@ fn check_limits(joint: usize, l: &Bounds, home: f64) -> Result<(), WbcError> {
         return Err(WbcError::Range { joint, q_min, q_max });
     }
     if !(home >= q_min && home <= q_max) {
-        return Err(WbcError::Home {
-            joint,
-            value: home,
-            q_min,
-            q_max,
-        });
+        return Err(WbcError::Home { joint, value: home, q_min, q_max });
     }
     Ok(())
 }

@@ -109,11 +109,7 @@ impl Geometry {
     /// The model of these capsules on `chain`; `pairs` are indices into `capsules`.
     pub fn new(chain: Chain, capsules: &[BodyCapsule], pairs: &[[usize; 2]], d_min_m: f64) -> Result<Self, WbcError> {
         let at_most = |what, value, bound| {
-            if value <= bound {
-                Ok(())
-            } else {
-                Err(WbcError::Collision { what, value, bound })
-            }
+            if value <= bound { Ok(()) } else { Err(WbcError::Collision { what, value, bound }) }
         };
         at_most("number of capsules", capsules.len(), CAPSULES_MAX)?;
         for capsule in capsules {
@@ -128,12 +124,7 @@ impl Geometry {
                 checked.push(checked_pair(&chain, &shapes, a, b));
             }
         }
-        Ok(Self {
-            chain,
-            shapes,
-            pairs: checked,
-            d_min_m,
-        })
+        Ok(Self { chain, shapes, pairs: checked, d_min_m })
     }
 
     /// Bounds on the acceleration (m/s^2) and the path (m) of any point of a capsule's axis in the base frame while the
@@ -159,10 +150,7 @@ impl Geometry {
     pub(crate) fn axis(&self, i: usize, placements: &Placements) -> Segment {
         let c = &self.shapes[i].capsule;
         let body = &placements[c.body];
-        Segment {
-            a: body.point(&c.a),
-            b: body.point(&c.b),
-        }
+        Segment { a: body.point(&c.a), b: body.point(&c.b) }
     }
 }
 
@@ -170,18 +158,9 @@ fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
     let set = chain.ancestors(capsule.body);
     let joints: Vec<usize> = (0..JOINTS).filter(|&j| set & 1 << j != 0).collect();
     // A norm is convex, so its largest value along the axis is at an end.
-    let farthest = |j: usize| {
-        chain
-            .reach(j, capsule.body, &capsule.a)
-            .max(chain.reach(j, capsule.body, &capsule.b))
-    };
+    let farthest = |j: usize| chain.reach(j, capsule.body, &capsule.a).max(chain.reach(j, capsule.body, &capsule.b));
     let reach = joints.iter().map(|&j| farthest(j)).collect();
-    Shape {
-        capsule,
-        chain: joints,
-        reach,
-        sphere: (capsule.a - capsule.b).norm() / 2.0 + capsule.radius_m,
-    }
+    Shape { capsule, chain: joints, reach, sphere: (capsule.a - capsule.b).norm() / 2.0 + capsule.radius_m }
 }
 
 fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedPair {
@@ -189,10 +168,7 @@ fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedP
     let (set_a, set_b) = (chain.ancestors(body_a), chain.ancestors(body_b));
     let shared = set_a & set_b;
     let common = chain.common_body(body_a, body_b);
-    let side = |capsule: usize| Side {
-        capsule,
-        from: shared.count_ones() as usize,
-    };
+    let side = |capsule: usize| Side { capsule, from: shared.count_ones() as usize };
     let turns = (0..JOINTS).any(|j| shared & 1 << j != 0 && !chain.links()[j].prismatic);
     CheckedPair {
         a: side(a),
@@ -222,11 +198,7 @@ pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3
         } else {
             let b = d1.dot(&d2);
             let denominator = a * e - b * b;
-            let s = if denominator > 0.0 {
-                ((b * f - c * e) / denominator).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
+            let s = if denominator > 0.0 { ((b * f - c * e) / denominator).clamp(0.0, 1.0) } else { 0.0 };
             let t = (b * s + f) / e;
             if t < 0.0 {
                 ((-c / a).clamp(0.0, 1.0), 0.0)

@@ -34,11 +34,7 @@ pub struct Bounds {
 
 impl Bounds {
     fn mirrored(&self) -> Self {
-        Self {
-            q_min: -self.q_max,
-            q_max: -self.q_min,
-            ..*self
-        }
+        Self { q_min: -self.q_max, q_max: -self.q_min, ..*self }
     }
 
     /// Whether a tick of jerk `j` from `x`, and the stop after it, respect every limit.

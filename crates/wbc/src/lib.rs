@@ -17,10 +17,7 @@
 //! Words: a *stop* brings a joint to rest; a *plan* is the stops of all joints, started together; *fresh* is a joint
 //! that took a new decision in this tick; an *anchor* is the posture with the distances that a proof starts from.
 
-#![allow(
-    clippy::needless_range_loop,
-    reason = "a joint index runs over several arrays at once"
-)]
+#![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod certificate;
 pub mod chain;

@@ -40,12 +40,7 @@ impl Parts {
                 stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
             }
         });
-        let capsule = |c: &robot::Capsule| BodyCapsule {
-            body: c.body,
-            a: c.a,
-            b: c.b,
-            radius_m: c.radius_m,
-        };
+        let capsule = |c: &robot::Capsule| BodyCapsule { body: c.body, a: c.a, b: c.b, radius_m: c.radius_m };
         Ok(Self {
             chain: Chain::new(links)?,
             limits,
@@ -68,10 +63,7 @@ fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
             let (ours, theirs) = (&placements[joint + 1], &frames.base_from_body[joint + 1]);
             let off = (ours.r - theirs.r).amax().max((ours.t - theirs.t).amax());
             if off.is_nan() || off > KINEMATICS_TOLERANCE {
-                return Err(WbcError::Kinematics {
-                    joint,
-                    what: "forward kinematics differ from the model's",
-                });
+                return Err(WbcError::Kinematics { joint, what: "forward kinematics differ from the model's" });
             }
         }
     }

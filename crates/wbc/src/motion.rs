@@ -53,11 +53,7 @@ impl JointMotion {
         self.len += 1;
         self.jerk_max = self.jerk_max.max(jerk.abs());
         let next = x.after(jerk, duration);
-        self.knots[self.len] = Knot {
-            t: t + duration,
-            x: next,
-            jerk: 0.0,
-        };
+        self.knots[self.len] = Knot { t: t + duration, x: next, jerk: 0.0 };
         next
     }
 
@@ -91,11 +87,7 @@ impl JointMotion {
             i -= 1;
         }
         let knot = &self.knots[i];
-        if i + 1 == self.len {
-            knot.x
-        } else {
-            knot.x.after(knot.jerk, t - knot.t)
-        }
+        if i + 1 == self.len { knot.x } else { knot.x.after(knot.jerk, t - knot.t) }
     }
 
     /// Bounds over [t0, t1], with `x0` and `x1` the states at its ends.
@@ -137,11 +129,7 @@ impl JointMotion {
 
 #[inline]
 fn monotone_path(from: JointState, to: JointState, dt: f64) -> f64 {
-    if from.v * to.v >= 0.0 {
-        (to.q - from.q).abs()
-    } else {
-        from.v.abs().max(to.v.abs()) * dt
-    }
+    if from.v * to.v >= 0.0 { (to.q - from.q).abs() } else { from.v.abs().max(to.v.abs()) * dt }
 }
 
 /// The motion of all joints, played together.
@@ -154,9 +142,7 @@ pub struct Motion {
 impl Motion {
     /// All joints on their stops.
     pub fn stops(planned: &Planned) -> Self {
-        Self {
-            joints: std::array::from_fn(|j| JointMotion::stop(planned.joint(j), &JointStop::of(&planned.plan, j))),
-        }
+        Self { joints: std::array::from_fn(|j| JointMotion::stop(planned.joint(j), &JointStop::of(&planned.plan, j))) }
     }
 
     /// When the last joint comes to rest, s from now.

@@ -76,18 +76,12 @@ impl JointStop {
             0.0
         };
         let first_jerk = if a + peak < 0.0 { j_max } else { -j_max };
-        Self {
-            jerk: [s * first_jerk, 0.0, s * j_max],
-            duration_s: [first, cruise, peak / j_max],
-        }
+        Self { jerk: [s * first_jerk, 0.0, s * j_max], duration_s: [first, cruise, peak / j_max] }
     }
 
     /// Joint `j` of a plan.
     pub fn of(plan: &StopPlan, j: usize) -> Self {
-        Self {
-            jerk: plan.jerk[j],
-            duration_s: plan.duration_s[j],
-        }
+        Self { jerk: plan.jerk[j], duration_s: plan.duration_s[j] }
     }
 
     /// Writes this stop into joint `j` of a plan.
@@ -150,10 +144,7 @@ impl JointStop {
 
     /// The smallest and the largest position along the stop from `x`.
     pub fn extremes(&self, x: JointState) -> (f64, f64) {
-        let mirrored = Self {
-            jerk: self.jerk.map(|j| -j),
-            ..*self
-        };
+        let mirrored = Self { jerk: self.jerk.map(|j| -j), ..*self };
         (-mirrored.highest(negated(x)), self.highest(x))
     }
 }
@@ -161,11 +152,7 @@ impl JointStop {
 /// The state seen from the other direction.
 #[inline]
 pub(crate) fn negated(x: JointState) -> JointState {
-    JointState {
-        q: -x.q,
-        v: -x.v,
-        a: -x.a,
-    }
+    JointState { q: -x.q, v: -x.v, a: -x.a }
 }
 
 /// The largest position within `t` seconds of constant jerk `j` from `x`, and the state at the end: the ends, and the
@@ -210,26 +197,14 @@ pub struct Planned {
 impl Planned {
     /// At rest at `q`.
     pub const fn at_rest(q: [f64; JOINTS]) -> Self {
-        const NOTHING: StopPlan = StopPlan {
-            jerk: [[0.0; 3]; JOINTS],
-            duration_s: [[0.0; 3]; JOINTS],
-        };
-        Self {
-            q,
-            v: [0.0; JOINTS],
-            a: [0.0; JOINTS],
-            plan: NOTHING,
-        }
+        const NOTHING: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+        Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NOTHING }
     }
 
     /// State of joint `j`.
     #[inline]
     pub fn joint(&self, j: usize) -> JointState {
-        JointState {
-            q: self.q[j],
-            v: self.v[j],
-            a: self.a[j],
-        }
+        JointState { q: self.q[j], v: self.v[j], a: self.a[j] }
     }
 
     /// Sets state and stop of joint `j`.
@@ -297,10 +272,7 @@ mod tests {
             let stop = JointStop::new(v, a, a_max, j_max);
             let mut x = JointState { q: 0.0, v, a };
             for phase in 0..3 {
-                assert!(
-                    stop.duration_s[phase] >= 0.0 && stop.duration_s[phase].is_finite(),
-                    "{v} {a}: {stop:?}"
-                );
+                assert!(stop.duration_s[phase] >= 0.0 && stop.duration_s[phase].is_finite(), "{v} {a}: {stop:?}");
                 assert!(stop.jerk[phase].abs() <= j_max);
                 x = x.after(stop.jerk[phase], stop.duration_s[phase]);
                 assert!(x.a.abs() <= a_max * (1.0 + 1e-14), "{v} {a}: {x:?}");
@@ -316,14 +288,8 @@ mod tests {
             let stop = JointStop::new(v, a, a_max, j_max);
             let (later, left) = stop.advance(x, stop.total_s() * 0.4);
             let again = JointStop::new(later.v, later.a, a_max, j_max);
-            assert!(
-                (again.total_s() - left.total_s()).abs() < 3e-8,
-                "{v} {a}: {again:?} {left:?}"
-            );
-            assert!(
-                (again.stop_position(later) - stop.stop_position(x)).abs() < 1e-12,
-                "{v} {a}"
-            );
+            assert!((again.total_s() - left.total_s()).abs() < 3e-8, "{v} {a}: {again:?} {left:?}");
+            assert!((again.stop_position(later) - stop.stop_position(x)).abs() < 1e-12, "{v} {a}");
         }
     }
 
@@ -359,14 +325,8 @@ mod tests {
             }
             // Between samples the position exceeds both by at most |a| dt^2 / 8.
             let gap = a_max * (total / 2000.0).powi(2) / 8.0 + 1e-15;
-            assert!(
-                low <= dense_low + 1e-15 && low >= dense_low - gap,
-                "{v} {a}: {low} {dense_low}"
-            );
-            assert!(
-                high >= dense_high - 1e-15 && high <= dense_high + gap,
-                "{v} {a}: {high} {dense_high}"
-            );
+            assert!(low <= dense_low + 1e-15 && low >= dense_low - gap, "{v} {a}: {low} {dense_low}");
+            assert!(high >= dense_high - 1e-15 && high <= dense_high + gap, "{v} {a}: {high} {dense_high}");
         }
     }
 }

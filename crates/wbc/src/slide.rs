@@ -36,14 +36,7 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    pub(crate) const NONE: Self = Self {
-        rows: [Row {
-            pair: 0,
-            g: [0.0; JOINTS],
-            c: 0.0,
-        }; ROWS_MAX],
-        len: 0,
-    };
+    pub(crate) const NONE: Self = Self { rows: [Row { pair: 0, g: [0.0; JOINTS], c: 0.0 }; ROWS_MAX], len: 0 };
 
     /// Adds a pair; false if it is there already, or there is no room: then another attempt would be the same one.
     pub(crate) fn add(&mut self, config: &Config, anchor: &Anchor, pair: usize) -> bool {
@@ -51,11 +44,7 @@ impl Rows {
             return false;
         }
         let left = anchor.separation[pair] - config.geometry.d_min_m - MARGIN_M;
-        self.rows[self.len] = Row {
-            pair,
-            g: anchor.gradient(&config.geometry, pair),
-            c: -RATE_PER_S * left,
-        };
+        self.rows[self.len] = Row { pair, g: anchor.gradient(&config.geometry, pair), c: -RATE_PER_S * left };
         self.len += 1;
         true
     }

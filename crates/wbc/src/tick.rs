@@ -165,13 +165,7 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2])
 pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
-    certify(
-        &config.geometry,
-        &Motion::stops(planned),
-        ALL_JOINTS,
-        &anchor,
-        &mut scratch,
-    )
+    certify(&config.geometry, &Motion::stops(planned), ALL_JOINTS, &anchor, &mut scratch)
 }
 
 /// What the joints should do: per joint an aim, none to hold.
@@ -188,13 +182,7 @@ struct Choice {
 
 impl Choice {
     fn plan(next: Planned) -> Self {
-        Self {
-            next,
-            candidate: Candidate::Plan,
-            fresh: 0,
-            fallbacks: 0,
-            evaluations: 0,
-        }
+        Self { next, candidate: Candidate::Plan, fresh: 0, fallbacks: 0, evaluations: 0 }
     }
 
     /// The pair for which an attempt could not be proved, if any.
@@ -202,13 +190,7 @@ impl Choice {
         if !config.certificate {
             return None;
         }
-        let verdict = certify(
-            &config.geometry,
-            &attempt.motion,
-            attempt.fresh,
-            &state.anchor,
-            &mut state.scratch,
-        );
+        let verdict = certify(&config.geometry, &attempt.motion, attempt.fresh, &state.anchor, &mut state.scratch);
         self.evaluations += verdict.evaluations;
         self.fallbacks += u32::from(verdict.blamed.is_some());
         verdict.blamed
@@ -217,12 +199,7 @@ impl Choice {
     fn taken(self, attempt: &Attempt, candidate: Candidate) -> Self {
         // Without a new decision it is the plan, whatever it was called.
         let candidate = if attempt.fresh == 0 { Candidate::Plan } else { candidate };
-        Self {
-            next: attempt.next,
-            candidate,
-            fresh: attempt.fresh,
-            ..self
-        }
+        Self { next: attempt.next, candidate, fresh: attempt.fresh, ..self }
     }
 }
 
@@ -232,17 +209,8 @@ fn aims(config: &Config, input: &Input<'_>) -> Aims {
     };
     std::array::from_fn(|j| {
         let meant = target.valid_mask & 1 << j != 0;
-        let aim = if meant {
-            JointAim {
-                q: target.q[j],
-                dq: target.dq[j],
-            }
-        } else {
-            JointAim {
-                q: config.home[j],
-                dq: 0.0,
-            }
-        };
+        let aim =
+            if meant { JointAim { q: target.q[j], dq: target.dq[j] } } else { JointAim { q: config.home[j], dq: 0.0 } };
         aim.within(&config.bounds[j])
     })
 }
@@ -260,12 +228,8 @@ struct Wishes {
 
 impl Wishes {
     fn new(config: &Config, before: &Planned, aims: &Aims, scale: f64) -> Self {
-        let mut wishes = Self {
-            bounds: config.bounds,
-            asked: config.bounds,
-            velocity: [None; JOINTS],
-            jerks: [None; JOINTS],
-        };
+        let mut wishes =
+            Self { bounds: config.bounds, asked: config.bounds, velocity: [None; JOINTS], jerks: [None; JOINTS] };
         for j in 0..JOINTS {
             let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
             wishes.bounds[j] = relaxed(&config.bounds[j], config.hard_range[j], scale, x, &stop);
@@ -309,11 +273,7 @@ struct Attempt {
 
 impl Attempt {
     fn new(wishes: &Wishes, before: &Planned, on_plan: &Planned, group: JointSet, step: f64) -> Self {
-        let mut attempt = Self {
-            next: *on_plan,
-            motion: Motion::stops(before),
-            fresh: 0,
-        };
+        let mut attempt = Self { next: *on_plan, motion: Motion::stops(before), fresh: 0 };
         for j in (0..JOINTS).filter(|&j| group & 1 << j != 0) {
             let (x, bounds) = (before.joint(j), &wishes.bounds[j]);
             let Some(full) = wishes.jerks[j] else { continue };

@@ -46,10 +46,7 @@ impl JointAim {
         }
         let q = self.q.clamp(bounds.q_min, bounds.q_max);
         let outward = (self.q - q) * self.dq > 0.0;
-        Some(Self {
-            q,
-            dq: if outward { 0.0 } else { self.dq },
-        })
+        Some(Self { q, dq: if outward { 0.0 } else { self.dq } })
     }
 }
 
@@ -65,9 +62,7 @@ pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<
     let v_fb = if e.abs() <= linear {
         POSITION_GAIN_PER_S * e
     } else {
-        (2.0 * APPROACH_SHARE * bounds.a_max * (e.abs() - linear / 2.0))
-            .sqrt()
-            .copysign(e)
+        (2.0 * APPROACH_SHARE * bounds.a_max * (e.abs() - linear / 2.0)).sqrt().copysign(e)
     };
     Some((aim.dq + v_fb).clamp(-bounds.v_max, bounds.v_max))
 }

@@ -17,23 +17,12 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
     let mut attacker = Attacker::new(subject, seed);
     for k in 0..ticks {
         attacker.next(k, state.planned(), &checker);
-        let target = Target {
-            q: &attacker.q,
-            dq: &attacker.dq,
-            valid_mask: attacker.valid_mask,
-        };
-        let input = Input {
-            k,
-            target: Some(target),
-            permit: attacker.permit,
-        };
+        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let input = Input { k, target: Some(target), permit: attacker.permit };
         let out = tick(config, &mut state, Stamp::NONE, input);
         checker.command(k, &out, k.is_multiple_of(dense));
         let exact = (checker.clearance(&out.q) - out.clearance_m).abs();
-        assert!(
-            exact < 1e-6 || !k.is_multiple_of(64),
-            "k {k}: reported clearance is off by {exact}"
-        );
+        assert!(exact < 1e-6 || !k.is_multiple_of(64), "k {k}: reported clearance is off by {exact}");
     }
     checker
 }
@@ -43,11 +32,7 @@ fn no_attack_breaks_a_limit_or_the_clearance() {
     for seed in 100..105 {
         let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
-        assert!(
-            checker.clearance_m < D_MIN_M + 1e-3,
-            "seed {seed} never came close: {}",
-            checker.clearance_m
-        );
+        assert!(checker.clearance_m < D_MIN_M + 1e-3, "seed {seed} never came close: {}", checker.clearance_m);
     }
 }
 
@@ -55,39 +40,23 @@ fn no_attack_breaks_a_limit_or_the_clearance() {
 fn no_attack_breaks_them_on_the_shipped_robot() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
     let subject = Subject::load(path);
-    assert!(
-        certify_rest(&subject.config(Options::default()), &subject.home).0,
-        "home is clear"
-    );
+    assert!(certify_rest(&subject.config(Options::default()), &subject.home).0, "home is clear");
     let checker = attack(&subject, Options::default(), 7, 20_000, 300);
     assert_eq!(checker.violations, 0, "{:#?}", checker.first);
 }
 
 #[test]
 fn without_the_certificate_the_same_attack_succeeds() {
-    let checker = attack(
-        &Subject::made_up(),
-        Options::without_certificate_for_tests(),
-        100,
-        5_000,
-        u64::MAX,
-    );
+    let checker = attack(&Subject::made_up(), Options::without_certificate_for_tests(), 100, 5_000, u64::MAX);
     assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
-    assert!(
-        checker.first.iter().all(|words| words.contains("clearance")),
-        "{:#?}",
-        checker.first
-    );
+    assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
 }
 
 /// A random motion of all joints with its stop, near the limits of speed and acceleration.
 fn random_plan(rng: &mut Pcg64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS]);
     for (j, l) in limits().iter().enumerate() {
-        let mut x = wbc::JointState {
-            q: rng.random_range(l.q_min..=l.q_max),
-            ..Default::default()
-        };
+        let mut x = wbc::JointState { q: rng.random_range(l.q_min..=l.q_max), ..Default::default() };
         x.v = l.v_max * rng.random_range(-1.0..=1.0);
         x.a = l.a_max * rng.random_range(-1.0..=1.0);
         planned.set_joint(j, x, JointStop::new(x.v, x.a, l.a_max, l.j_max));
@@ -132,24 +101,13 @@ fn wave(t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
 
 #[test]
 fn smooth_motion_in_the_open_is_tracked_and_not_altered() {
-    let configs = [
-        config(Options::default()),
-        config(Options::without_certificate_for_tests()),
-    ];
+    let configs = [config(Options::default()), config(Options::without_certificate_for_tests())];
     let mut states = configs.each_ref().map(|c| State::at_rest(c, home()));
     let (mut squares, mut count) = (0.0, 0.0);
     for k in 0..9000 {
         let (q, dq) = wave(k as f64 * TICK_S);
-        let target = Target {
-            q: &q,
-            dq: &dq,
-            valid_mask: ALL_JOINTS,
-        };
-        let input = Input {
-            k,
-            target: Some(target),
-            permit: Permit::Follow { speed_scale: 1.0 },
-        };
+        let target = Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+        let input = Input { k, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
         let [with, without] = [0, 1].map(|i| tick(&configs[i], &mut states[i], Stamp::NONE, input));
         assert_eq!(with.candidate, Candidate::All);
         for (j, wanted) in q.iter().enumerate() {
@@ -173,22 +131,9 @@ fn a_scaled_speed_is_never_exceeded_from_rest() {
     let mut fastest = 0.0_f64;
     for k in 0..1500 {
         let q = limits().map(|l| rng.random_range(l.q_min..=l.q_max));
-        let target = Target {
-            q: if k % 300 < 150 { &q } else { &home() },
-            dq: &[5.0; JOINTS],
-            valid_mask: ALL_JOINTS,
-        };
+        let target = Target { q: if k % 300 < 150 { &q } else { &home() }, dq: &[5.0; JOINTS], valid_mask: ALL_JOINTS };
         let permit = Permit::Follow { speed_scale: 0.05 };
-        let out = tick(
-            &config,
-            &mut state,
-            Stamp::NONE,
-            Input {
-                k,
-                target: Some(target),
-                permit,
-            },
-        );
+        let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit });
         for (j, l) in limits().iter().enumerate() {
             fastest = fastest.max(out.v[j].abs() / l.v_max);
         }
@@ -204,52 +149,19 @@ fn nonsense_holds_and_a_stop_ends_in_exact_rest() {
     let (mut q, dq) = (home(), [0.0; JOINTS]);
     q[5] += 1.0;
     let follow = Permit::Follow { speed_scale: 1.0 };
-    let good = Target {
-        q: &q,
-        dq: &dq,
-        valid_mask: ALL_JOINTS,
-    };
+    let good = Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
     for k in 0..300 {
-        tick(
-            &config,
-            &mut state,
-            Stamp::NONE,
-            Input {
-                k,
-                target: Some(good),
-                permit: follow,
-            },
-        );
+        tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(good), permit: follow });
     }
     assert!(state.planned().v[5].abs() > 0.5, "moving before the nonsense");
     let expected = state.planned().rest_posture();
     let bad = [f64::NAN; JOINTS];
-    let nonsense = Target {
-        q: &bad,
-        dq: &bad,
-        valid_mask: ALL_JOINTS,
-    };
+    let nonsense = Target { q: &bad, dq: &bad, valid_mask: ALL_JOINTS };
     let endings = [
-        Input {
-            k: 0,
-            target: Some(nonsense),
-            permit: follow,
-        },
-        Input {
-            k: 0,
-            target: None,
-            permit: follow,
-        },
-        Input {
-            k: 0,
-            target: Some(good),
-            permit: Permit::Stop,
-        },
-        Input {
-            k: 0,
-            target: Some(good),
-            permit: Permit::Follow { speed_scale: f64::NAN },
-        },
+        Input { k: 0, target: Some(nonsense), permit: follow },
+        Input { k: 0, target: None, permit: follow },
+        Input { k: 0, target: Some(good), permit: Permit::Stop },
+        Input { k: 0, target: Some(good), permit: Permit::Follow { speed_scale: f64::NAN } },
     ];
     for (i, input) in endings.into_iter().enumerate() {
         let mut state = state.clone();
@@ -269,16 +181,8 @@ fn a_target_that_stands_still_is_reached_to_exact_rest() {
     let mut q = home();
     q[4] += 0.3;
     q[12] -= 0.2;
-    let target = Target {
-        q: &q,
-        dq: &[0.0; JOINTS],
-        valid_mask: ALL_JOINTS & !(1 << 8),
-    };
-    let input = Input {
-        k: 0,
-        target: Some(target),
-        permit: Permit::Follow { speed_scale: 1.0 },
-    };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS & !(1 << 8) };
+    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..3000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
@@ -295,26 +199,15 @@ fn a_blocked_arm_leaves_the_other_free() {
     // The left hand into the chest.
     (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
     q[13] += 0.5;
-    let target = Target {
-        q: &q,
-        dq: &[0.0; JOINTS],
-        valid_mask: ALL_JOINTS,
-    };
-    let input = Input {
-        k: 0,
-        target: Some(target),
-        permit: Permit::Follow { speed_scale: 1.0 },
-    };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..6000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
     }
     let left_off = (3..10).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
     let right_off = (10..17).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
-    assert!(
-        left_off > 0.02 && right_off < 1e-3,
-        "left {left_off}, right {right_off}"
-    );
+    assert!(left_off > 0.02 && right_off < 1e-3, "left {left_off}, right {right_off}");
     assert!(!out.on_target);
 }
 
@@ -324,31 +217,15 @@ fn a_reseeded_state_continues_the_plan_it_is_given() {
     let mut state = State::at_rest(&config, home());
     let mut q = home();
     q[5] += 1.0;
-    let target = Target {
-        q: &q,
-        dq: &[0.0; JOINTS],
-        valid_mask: ALL_JOINTS,
-    };
-    let input = Input {
-        k: 0,
-        target: Some(target),
-        permit: Permit::Follow { speed_scale: 1.0 },
-    };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     for _ in 0..300 {
         tick(&config, &mut state, Stamp::NONE, input);
     }
     let seen = state.planned().advanced(5.0 * TICK_S);
     let mut fresh = State::at_rest(&config, home());
     fresh.reseed(&seen);
-    let out = tick(
-        &config,
-        &mut fresh,
-        Stamp::NONE,
-        Input {
-            permit: Permit::Stop,
-            ..input
-        },
-    );
+    let out = tick(&config, &mut fresh, Stamp::NONE, Input { permit: Permit::Stop, ..input });
     let next = seen.advanced(TICK_S);
     assert_eq!((out.q, out.v, out.a, out.plan), (next.q, next.v, next.a, next.plan));
 }

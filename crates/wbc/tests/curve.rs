@@ -30,10 +30,7 @@ fn links(rng: &mut Pcg64) -> [Link; JOINTS] {
         }
         Link {
             parent: j,
-            parent_from_body: Placement {
-                r: turn.into_inner(),
-                t: offset,
-            },
+            parent_from_body: Placement { r: turn.into_inner(), t: offset },
             axis: axis.into_inner(),
             prismatic,
             stroke: 0.2,
@@ -49,31 +46,16 @@ fn no_point_accelerates_more_than_the_bound() {
         let links = links(&mut rng);
         let body = rng.random_range(1..=JOINTS);
         let point = vector(&mut rng, 0.2);
-        let capsule = BodyCapsule {
-            body,
-            a: point,
-            b: point,
-            radius_m: 0.01,
-        };
+        let capsule = BodyCapsule { body, a: point, b: point, radius_m: 0.01 };
         let chain = Chain::new(links).unwrap();
         let geometry = Geometry::new(chain.clone(), &[capsule], &[], 0.01).unwrap();
         let moving: Vec<usize> = (0..rng.random_range(1..4)).map(|_| rng.random_range(0..body)).collect();
         let mut pick = |size: f64| -> [f64; JOINTS] {
-            std::array::from_fn(|j| {
-                if moving.contains(&j) {
-                    rng.random_range(-size..=size)
-                } else {
-                    0.0
-                }
-            })
+            std::array::from_fn(|j| if moving.contains(&j) { rng.random_range(-size..=size) } else { 0.0 })
         };
         let still = pick(0.2);
         let (v, a) = (pick(2.0), if worst > 0.5 { pick(4.0) } else { [0.0; JOINTS] });
-        let swings = std::array::from_fn(|j| Swing {
-            v: v[j].abs(),
-            a: a[j].abs(),
-            path: 0.0,
-        });
+        let swings = std::array::from_fn(|j| Swing { v: v[j].abs(), a: a[j].abs(), path: 0.0 });
         let (bound, _) = geometry.curve_bound(0, &swings);
         let at = |t: f64| {
             let q = std::array::from_fn(|j| still[j] + v[j] * t + a[j] * t * t / 2.0);
@@ -94,8 +76,5 @@ fn no_point_accelerates_more_than_the_bound() {
         }
     }
     // Were a term of B dropped, these would pass 1.
-    assert!(
-        worst > 0.9 && worst_mixed > 0.9,
-        "never near the bound: {worst} {worst_mixed}"
-    );
+    assert!(worst > 0.9 && worst_mixed > 0.9, "never near the bound: {worst} {worst_mixed}");
 }

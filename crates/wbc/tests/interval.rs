@@ -45,11 +45,7 @@ fn admissible(b: &Bounds, x: JointState, j: f64) -> bool {
 /// A state that its own stop keeps within the bounds, often at one of them.
 fn state(rng: &mut Pcg64, b: &Bounds) -> Option<JointState> {
     let share = |rng: &mut Pcg64| {
-        if rng.random_bool(0.3) {
-            1.0
-        } else {
-            rng.random_range(-1.0..=1.0)
-        }
+        if rng.random_bool(0.3) { 1.0 } else { rng.random_range(-1.0..=1.0) }
     };
     let mut a = b.a_max * share(rng);
     let mut v = b.v_max * share(rng);
@@ -92,37 +88,22 @@ fn ends_are_admissible_and_nothing_beyond_them_is() {
         let grid = (0..=64).map(|i| b.j_max * (f64::from(i) / 32.0 - 1.0));
         let Some([low, high]) = b.interval(x) else {
             empty += 1;
-            assert!(
-                grid.into_iter().all(|j| !admissible(&b, x, j)),
-                "{x:?} in {b:?} has a jerk"
-            );
+            assert!(grid.into_iter().all(|j| !admissible(&b, x, j)), "{x:?} in {b:?} has a jerk");
             continue;
         };
-        assert!(
-            admissible(&b, x, low) && admissible(&b, x, high),
-            "[{low}, {high}] of {x:?} in {b:?}"
-        );
+        assert!(admissible(&b, x, low) && admissible(&b, x, high), "[{low}, {high}] of {x:?} in {b:?}");
         assert!(b.admits(x, low) && b.admits(x, high) && b.admits(x, 0.5 * (low + high)));
         // Sampling sees a violation later than the exact test, by the position that a parabola hides between samples.
         let beyond = 2e-2 * b.j_max;
         for j in grid.chain([low - beyond, high + beyond]) {
             let outside = j < low - beyond * 0.999 || j > high + beyond * 0.999;
-            assert!(
-                !outside || !admissible(&b, x, j),
-                "{j} outside [{low}, {high}] of {x:?} in {b:?}"
-            );
+            assert!(!outside || !admissible(&b, x, j), "{j} outside [{low}, {high}] of {x:?} in {b:?}");
         }
         bounded += u32::from(high - low < 1.999 * b.j_max);
         for wanted in [low - 1.0, high + 1.0, 0.3 * low + 0.7 * high, f64::MAX] {
             let taken = b.nearest_admissible(x, wanted).expect("the interval is not empty");
-            assert!(
-                (taken - wanted.clamp(low, high)).abs() < 1e-6 * b.j_max,
-                "{wanted} -> {taken} of [{low}, {high}]"
-            );
+            assert!((taken - wanted.clamp(low, high)).abs() < 1e-6 * b.j_max, "{wanted} -> {taken} of [{low}, {high}]");
         }
     }
-    assert!(
-        bounded > 500,
-        "{bounded} states were bounded by anything but the jerk, {empty} empty"
-    );
+    assert!(bounded > 500, "{bounded} states were bounded by anything but the jerk, {empty} empty");
 }

@@ -11,34 +11,20 @@ const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
 const D_MIN_M: f64 = 0.01;
 /// Fast and hardly braked: nearly all of the acceleration is centripetal, so B is nearly attained.
-const BOUNDS: Bounds = Bounds {
-    q_min: -6.0,
-    q_max: 6.0,
-    v_max: 8.0,
-    a_max: 20.0,
-    j_max: 4000.0,
-};
+const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, j_max: 4000.0 };
 
 /// Joint 0 turns a carrier, joint 1 on it swings a ball about the same kind of axis; the post stands on body `post`.
 fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
     let links = std::array::from_fn(|j| Link {
         parent: usize::from(j == 1),
-        parent_from_body: Placement {
-            r: Matrix3::identity(),
-            t: Vector3::zeros(),
-        },
+        parent_from_body: Placement { r: Matrix3::identity(), t: Vector3::zeros() },
         axis: Vector3::z(),
         prismatic: false,
         stroke: 6.0,
     });
     let ball = Vector3::new(REACH_M, 0.0, 0.0);
     let away = Vector3::new(angle.cos(), angle.sin(), 0.0) * (REACH_M + 2.0 * RADIUS_M + gap_m);
-    let capsule = |body, p| BodyCapsule {
-        body,
-        a: p,
-        b: p,
-        radius_m: RADIUS_M,
-    };
+    let capsule = |body, p| BodyCapsule { body, a: p, b: p, radius_m: RADIUS_M };
     let parts = Parts {
         chain: Chain::new(links).unwrap(),
         limits: [BOUNDS; JOINTS],
@@ -54,11 +40,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
 fn swing(carrier: f64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS]);
     for (j, q, v) in [(0, 0.3, carrier), (1, -0.4, BOUNDS.v_max)] {
-        planned.set_joint(
-            j,
-            JointState { q, v, a: 0.0 },
-            JointStop::new(v, 0.0, BOUNDS.a_max, BOUNDS.j_max),
-        );
+        planned.set_joint(j, JointState { q, v, a: 0.0 }, JointStop::new(v, 0.0, BOUNDS.a_max, BOUNDS.j_max));
     }
     planned
 }
@@ -75,18 +57,12 @@ fn a_post_outside_an_arc_is_certified_exactly_as_far_as_it_is_clear() {
             for i in -40..=40 {
                 let gap = D_MIN_M + f64::from(i) * 1e-4;
                 let proved = certify_plan(&robot(post, gap, seen), &planned).blamed.is_none();
-                assert!(
-                    !proved || gap >= D_MIN_M,
-                    "gap {gap} at {angle} was certified on body {post}"
-                );
+                assert!(!proved || gap >= D_MIN_M, "gap {gap} at {angle} was certified on body {post}");
                 if proved {
                     tightest = tightest.min(gap);
                 }
             }
         }
-        assert!(
-            tightest < D_MIN_M + 2e-3,
-            "post on {post}, carrier {carrier}: nothing below {tightest} was proved"
-        );
+        assert!(tightest < D_MIN_M + 2e-3, "post on {post}, carrier {carrier}: nothing below {tightest} was proved");
     }
 }

@@ -1,5 +1,8 @@
 //! Capsules for a robot file: fits them around meshes and primitives, proves which pairs can never meet, checks both.
 
+// Bounds are written as `!(value <= bound)` so that NaN is refused.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 pub mod check;
 pub mod error;
 pub mod fit;

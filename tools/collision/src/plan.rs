@@ -16,6 +16,10 @@ pub struct Plan {
     pub clear_mm: f64,
     /// Failing that, it is proved clear if the convex hulls of what both capsules contain stay farther apart than this, mm.
     pub clear_hull_mm: f64,
+    /// The same bound for the pairs named in `close`, mm.
+    pub clear_close_mm: f64,
+    /// Capsules of one wrist, shoulder or neck that are built closer together than the clearance.
+    pub close: Vec<[String; 2]>,
     /// Groups of links that share capsules.
     pub groups: Vec<Group>,
     /// Joints that move inside a group and are swept.
@@ -84,6 +88,16 @@ pub struct Finger {
 }
 
 impl Plan {
+    /// How far apart the hulls of two capsules' contents must be proved to stay, mm.
+    pub fn hull_bound_mm(&self, a: &str, b: &str) -> f64 {
+        let named = |[x, y]: &[String; 2], side: &str| {
+            let (x, y) = (x.replace(SIDE, side), y.replace(SIDE, side));
+            (x == a && y == b) || (x == b && y == a)
+        };
+        let close = self.close.iter().any(|names| named(names, "left") || named(names, "right"));
+        if close { self.clear_close_mm } else { self.clear_hull_mm }
+    }
+
     /// Reads a plan; `file` names it in errors.
     pub fn parse(file: &str, text: &str) -> Result<Self, CollisionError> {
         let plan: Self = toml::from_str(text).map_err(|error| CollisionError::content(file, error.to_string()))?;

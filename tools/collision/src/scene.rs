@@ -126,7 +126,6 @@ impl<'a> Scene<'a> {
             };
             joints.iter().all(known)
         };
-        // Motors turn in place: a sweep over them is a posture at zero.
         let Some(finger) = self.fingers.iter().find(of_finger) else {
             let name = movable.next().map_or("", |joint| joint.name.as_str());
             return Err(self.wrong(format!("joint `{name}` moves inside a group and belongs to no finger of the plan")));

@@ -148,12 +148,13 @@ impl<'a> Judge<'a> {
         }
         let (hull_a, hull_b) = (self.hull(first)?, self.hull(second)?);
         let (corners_a, corners_b) = (hull_a.corners(), hull_b.corners());
+        let bound_m = self.plan.hull_bound_mm(&a.name, &b.name) * 1e-3;
         let distance = |frames: &Frames| {
             let pose = |body: usize| &frames.base_from_body[body];
             hull_a.distance_m(pose(a.body), &hull_b, pose(b.body))
         };
         let (part_a, part_b) = (Part { body: a.body, points: &corners_a }, Part { body: b.body, points: &corners_b });
-        match prove_parts(self.model, &part_a, &part_b, self.plan.clear_hull_mm * 1e-3, &distance) {
+        match prove_parts(self.model, &part_a, &part_b, bound_m, &distance) {
             Verdict::Clear { at_least_m } => Some((at_least_m, true)),
             Verdict::Meets { .. } | Verdict::Open => None,
         }
@@ -241,8 +242,9 @@ pub fn robot_file(
     );
     let _ = write!(
         text,
-        "\n# Proved to stay apart everywhere within the limits in force: the capsules by {} mm, or what they contain by {} mm.\n[collision.allowed.proved_clear]\n{}",
-        plan.clear_mm, plan.clear_hull_mm, tables[1].1
+        "\n# Proved to stay apart everywhere within the limits in force: the capsules by {} mm, or the convex hulls of what\n\
+         # they contain by {} mm ({} mm inside one wrist).\n[collision.allowed.proved_clear]\n{}",
+        plan.clear_mm, plan.clear_hull_mm, plan.clear_close_mm, tables[1].1
     );
     Ok(Decided { text, near_home })
 }

@@ -37,6 +37,8 @@ const TOY_PLAN: &str = r#"
 margin_mm = 1.0
 clear_mm = 12.0
 clear_hull_mm = 1.0
+clear_close_mm = 1.0
+close = []
 
 [[groups]]
 name = "base"

@@ -22,8 +22,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), String> {
     let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
-    let publisher =
-        Publisher::start(instance.input_domain(), player, rt::now).map_err(|error| error.to_string())?;
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(|error| error.to_string())?;
 
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     let mut control = Client::connect(instance.operator_socket()).ok();

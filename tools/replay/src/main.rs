@@ -86,7 +86,10 @@ fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
         motion.duration_s()
     );
     let guesses = &motion.guesses;
-    println!("unit {} ({} m each), stature {:.2} m, up {}", guesses.unit, guesses.scale_m_per_unit, guesses.stature_m, guesses.up);
+    println!(
+        "unit {} ({} m each), stature {:.2} m, up {}",
+        guesses.unit, guesses.scale_m_per_unit, guesses.stature_m, guesses.up
+    );
     for warning in &guesses.warnings {
         println!("{warning}");
     }

@@ -59,7 +59,8 @@ fn check(run: &Run) {
     for (kind, count) in run.summary["violations"].as_object().unwrap() {
         assert_eq!(count, 0, "{kind}");
     }
-    let taken: Vec<u64> = run.summary["frames"].as_array().unwrap().iter().map(|one| one["k"].as_u64().unwrap()).collect();
+    let taken: Vec<u64> =
+        run.summary["frames"].as_array().unwrap().iter().map(|one| one["k"].as_u64().unwrap()).collect();
     assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "frames are taken in order");
     assert!(taken.len() > 100);
 }

@@ -37,11 +37,7 @@ struct Header {
 /// # Errors
 /// If the folder cannot be written.
 pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let failed = |source| TrainError::File {
-        path: path.to_path_buf(),
-        action: "write",
-        source,
-    };
+    let failed = |source| TrainError::File { path: path.to_path_buf(), action: "write", source };
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(failed)?;
     }
@@ -62,16 +58,8 @@ pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), TrainError> {
-    let damaged = |reason: String| TrainError::Checkpoint {
-        path: path.to_path_buf(),
-        reason,
-    };
-    let header = Header {
-        format: FORMAT,
-        step: session.step,
-        options: session.options,
-        origin: origin.clone(),
-    };
+    let damaged = |reason: String| TrainError::Checkpoint { path: path.to_path_buf(), reason };
+    let header = Header { format: FORMAT, step: session.step, options: session.options, origin: origin.clone() };
     let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
     let adam = &session.adam;
     let named = [
@@ -83,10 +71,7 @@ pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), Train
     let views = named
         .iter()
         .map(|(name, values)| {
-            Ok((
-                *name,
-                TensorView::new(Dtype::F32, vec![values.len()], bytemuck::cast_slice(values))?,
-            ))
+            Ok((*name, TensorView::new(Dtype::F32, vec![values.len()], bytemuck::cast_slice(values))?))
         })
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>();
     let bytes = views
@@ -100,15 +85,9 @@ pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), Train
 /// # Errors
 /// If the file cannot be read, is damaged, or belongs to another arm or other poses.
 pub fn resume(path: &Path, arm: crate::kinematics::Arm, origin: &Origin) -> Result<Session, TrainError> {
-    let damaged = |reason: String| TrainError::Checkpoint {
-        path: path.to_path_buf(),
-        reason,
-    };
-    let bytes = std::fs::read(path).map_err(|source| TrainError::File {
-        path: path.to_path_buf(),
-        action: "read",
-        source,
-    })?;
+    let damaged = |reason: String| TrainError::Checkpoint { path: path.to_path_buf(), reason };
+    let bytes =
+        std::fs::read(path).map_err(|source| TrainError::File { path: path.to_path_buf(), action: "read", source })?;
     let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
     let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
     let text = text.ok_or_else(|| damaged("is not a checkpoint of this trainer".into()))?;
@@ -118,14 +97,10 @@ pub fn resume(path: &Path, arm: crate::kinematics::Arm, origin: &Origin) -> Resu
     }
     if header.origin.robot_hash != origin.robot_hash {
         let (theirs, ours) = (&header.origin.robot_hash, &origin.robot_hash);
-        return Err(damaged(format!(
-            "is for an arm of hash {theirs}, the robot file's is {ours}"
-        )));
+        return Err(damaged(format!("is for an arm of hash {theirs}, the robot file's is {ours}")));
     }
     if header.origin.poses != origin.poses {
-        return Err(damaged(
-            "was trained on other recorded poses; give it the same --human and --calibration".into(),
-        ));
+        return Err(damaged("was trained on other recorded poses; give it the same --human and --calibration".into()));
     }
     let mut session = Session::new(header.options, arm);
     let tensors = SafeTensors::deserialize(&bytes).map_err(|error| damaged(error.to_string()))?;
@@ -139,16 +114,9 @@ pub fn resume(path: &Path, arm: crate::kinematics::Arm, origin: &Origin) -> Resu
         let view = tensors.tensor(name).map_err(|error| damaged(error.to_string()))?;
         let (words, rest) = view.data().as_chunks::<4>();
         if view.dtype() != Dtype::F32 || words.len() != values.len() || !rest.is_empty() {
-            return Err(damaged(format!(
-                "{name} has {} values, expected {}",
-                words.len(),
-                values.len()
-            )));
+            return Err(damaged(format!("{name} has {} values, expected {}", words.len(), values.len())));
         }
-        values
-            .iter_mut()
-            .zip(words)
-            .for_each(|(value, word)| *value = f32::from_le_bytes(*word));
+        values.iter_mut().zip(words).for_each(|(value, word)| *value = f32::from_le_bytes(*word));
     }
     session.step = header.step;
     Ok(session)

@@ -109,11 +109,7 @@ impl Cli {
     pub fn options(&self) -> Result<Options, TrainError> {
         let steps = self.steps.unwrap_or(self.preset.steps());
         let bounds = |option, value: String, expected: &str| {
-            Err(TrainError::Option {
-                option,
-                value,
-                expected: expected.to_owned(),
-            })
+            Err(TrainError::Option { option, value, expected: expected.to_owned() })
         };
         if !(1..=10_000_000).contains(&steps) {
             return bounds("steps", steps.to_string(), "1 to 10000000");
@@ -130,16 +126,9 @@ impl Cli {
             }
         }
         Ok(Options {
-            size: Size {
-                hidden_layers: 6,
-                hidden_width: 128,
-            },
+            size: Size { hidden_layers: 6, hidden_width: 128 },
             batch: self.batch,
-            schedule: Schedule {
-                peak: 1e-3,
-                warm_up: 500.min(steps / 4),
-                steps,
-            },
+            schedule: Schedule { peak: 1e-3, warm_up: 500.min(steps / 4), steps },
             seed: self.seed,
             weighting,
             mixture: Mixture::default(),

@@ -40,11 +40,7 @@ impl Clips {
     /// If the folder cannot be listed, or has no clip to train on or none to validate with.
     pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, TrainError> {
         let files = motion_files(folder)?;
-        let mut clips = Self {
-            training: Vec::new(),
-            validation: Vec::new(),
-            skipped: Vec::new(),
-        };
+        let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
         for (index, file) in files.iter().enumerate() {
             match read_clip(file, calibration) {
                 Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
@@ -72,41 +68,24 @@ impl Clips {
     /// The training clips' poses in one list.
     #[must_use]
     pub fn recorded(&self) -> Recorded {
-        Recorded {
-            poses: self
-                .training
-                .iter()
-                .flat_map(|clip| clip.arms.iter().flatten().copied())
-                .collect(),
-        }
+        Recorded { poses: self.training.iter().flat_map(|clip| clip.arms.iter().flatten().copied()).collect() }
     }
 
     /// At most `count` poses spread evenly over the validation clips.
     #[must_use]
     pub fn validation_sample(&self, count: usize) -> Vec<Limbs> {
-        let all: Vec<Limbs> = self
-            .validation
-            .iter()
-            .flat_map(|clip| clip.arms.iter().flatten().copied())
-            .collect();
+        let all: Vec<Limbs> = self.validation.iter().flat_map(|clip| clip.arms.iter().flatten().copied()).collect();
         let stride = all.len().div_ceil(count.max(1)).max(1);
         all.into_iter().step_by(stride).collect()
     }
 }
 
 fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let list = |source| TrainError::File {
-        path: folder.to_path_buf(),
-        action: "list",
-        source,
-    };
+    let list = |source| TrainError::File { path: folder.to_path_buf(), action: "list", source };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(list)? {
         let path = entry.map_err(list)?.path();
-        if path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"))
-        {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh")) {
             files.push(path);
         }
     }
@@ -127,23 +106,14 @@ fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> 
     if frames.iter().flatten().flatten().any(|value| !value.is_finite()) {
         return Err("has limb rotations that are not finite".into());
     }
-    Ok(Clip {
-        name: motion.name,
-        arms: arms(&frames),
-    })
+    Ok(Clip { name: motion.name, arms: arms(&frames) })
 }
 
 /// Both arms as left arms: the right one mirrored at the plane between left and right.
 fn arms(frames: &[[[f32; 4]; LIMBS]]) -> [Vec<Limbs>; 2] {
     let mirror = |[x, y, z, w]: [f32; 4]| [-x, y, -z, w];
-    let left = frames
-        .iter()
-        .map(|limbs| [limbs[Limb::LeftUpper as usize], limbs[Limb::LeftFore as usize]]);
-    let right = frames.iter().map(|limbs| {
-        [
-            mirror(limbs[Limb::RightUpper as usize]),
-            mirror(limbs[Limb::RightFore as usize]),
-        ]
-    });
+    let left = frames.iter().map(|limbs| [limbs[Limb::LeftUpper as usize], limbs[Limb::LeftFore as usize]]);
+    let right =
+        frames.iter().map(|limbs| [mirror(limbs[Limb::RightUpper as usize]), mirror(limbs[Limb::RightFore as usize])]);
     [left.collect(), right.collect()]
 }

@@ -71,10 +71,7 @@ pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
     let rotation = |[x, y, z, w]: [f32; 4]| {
         UnitQuaternion::new_normalize(Quaternion::new(f64::from(w), f64::from(x), f64::from(y), f64::from(z)))
     };
-    Limbs {
-        upper: rotation(pose[0]),
-        fore: rotation(pose[1]),
-    }
+    Limbs { upper: rotation(pose[0]), fore: rotation(pose[1]) }
 }
 
 /// Evaluates `network` on every frame of `clips`; the optimum only on every `stride`-th, because it takes its time.
@@ -97,13 +94,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
         }
     }
     let (k0, k2, optimum) = (k0.figures(), k2.figures(), optimum.figures());
-    Evaluation {
-        k0,
-        k2,
-        optimum,
-        clips: clips.len(),
-        arm_frames,
-    }
+    Evaluation { k0, k2, optimum, clips: clips.len(), arm_frames }
 }
 
 impl Evaluation {
@@ -112,19 +103,12 @@ impl Evaluation {
     pub fn table(&self) -> toml::Table {
         let mut table = toml::Table::new();
         let mut count = |key: &str, value: usize| {
-            table.insert(
-                key.into(),
-                toml::Value::Integer(i64::try_from(value).unwrap_or(i64::MAX)),
-            )
+            table.insert(key.into(), toml::Value::Integer(i64::try_from(value).unwrap_or(i64::MAX)))
         };
         count("clips", self.clips);
         count("arm_frames", self.arm_frames);
         for (name, figures) in [("k0", &self.k0), ("k2", &self.k2), ("optimum", &self.optimum)] {
-            for (key, value) in [
-                ("mean_deg", figures.mean_deg),
-                ("p95_deg", figures.p95_deg),
-                ("s_gr", figures.s_gr),
-            ] {
+            for (key, value) in [("mean_deg", figures.mean_deg), ("p95_deg", figures.p95_deg), ("s_gr", figures.s_gr)] {
                 // Five digits say all that a mean over this many frames can.
                 let value = (value * 1e5).round() / 1e5;
                 table.insert(format!("{name}_{key}"), toml::Value::Float(value));
@@ -143,11 +127,7 @@ impl fmt::Display for Evaluation {
             ("K = 2 (two LM steps)", &self.k2),
             ("optimum (multi-start)", &self.optimum),
         ] {
-            writeln!(
-                f,
-                "{name:<28} {:>10.3} {:>10.2} {:>10.5}",
-                row.mean_deg, row.p95_deg, row.s_gr
-            )?;
+            writeln!(f, "{name:<28} {:>10.3} {:>10.2} {:>10.5}", row.mean_deg, row.p95_deg, row.s_gr)?;
         }
         Ok(())
     }

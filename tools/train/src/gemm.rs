@@ -19,34 +19,18 @@ impl<'a> Mat<'a> {
     /// The `rows` x `cols` matrix stored row by row at the start of `data`. Panics if `data` is shorter.
     #[must_use]
     pub fn new(data: &'a [f32], rows: usize, cols: usize) -> Self {
-        assert!(
-            data.len() >= rows * cols,
-            "matrix {rows} x {cols} over {} values",
-            data.len()
-        );
-        Self {
-            data,
-            rows,
-            cols,
-            transposed: false,
-        }
+        assert!(data.len() >= rows * cols, "matrix {rows} x {cols} over {} values", data.len());
+        Self { data, rows, cols, transposed: false }
     }
 
     /// The same storage, read as its transpose.
     #[must_use]
     pub fn t(self) -> Self {
-        Self {
-            transposed: !self.transposed,
-            ..self
-        }
+        Self { transposed: !self.transposed, ..self }
     }
 
     fn shape(self) -> (usize, usize) {
-        if self.transposed {
-            (self.cols, self.rows)
-        } else {
-            (self.rows, self.cols)
-        }
+        if self.transposed { (self.cols, self.rows) } else { (self.rows, self.cols) }
     }
 
     /// (column stride, row stride) in elements, as `gemm` wants them.
@@ -146,9 +130,7 @@ mod tests {
     }
 
     fn transpose(a: &[f32], rows: usize, cols: usize) -> Vec<f32> {
-        (0..cols)
-            .flat_map(|j| (0..rows).map(move |i| a[i * cols + j]))
-            .collect()
+        (0..cols).flat_map(|j| (0..rows).map(move |i| a[i * cols + j])).collect()
     }
 
     #[test]
@@ -176,11 +158,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "inner dimensions")]
     fn products_of_unlike_shapes_are_refused() {
-        multiply(
-            &mut [0.0; 4],
-            Mat::new(&[0.0; 6], 2, 3),
-            Mat::new(&[0.0; 4], 2, 2),
-            false,
-        );
+        multiply(&mut [0.0; 4], Mat::new(&[0.0; 6], 2, 3), Mat::new(&[0.0; 4], 2, 2), false);
     }
 }

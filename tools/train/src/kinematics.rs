@@ -60,11 +60,7 @@ pub fn rotate(q: Quaternion, v: [f32; 3]) -> [f32; 3] {
 
 #[inline]
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// (imag, real) of a b^-1: the error rotation between two limb rotations.
@@ -78,9 +74,7 @@ fn error(a: Quaternion, b: Quaternion) -> ([f32; 3], f32) {
 /// which keeps its digits near zero.
 #[must_use]
 pub fn s_gr(a: &Limbs, b: &Limbs) -> f32 {
-    (0..2)
-        .map(|limb| error(a[limb], b[limb]).0.iter().map(|v| v * v).sum::<f32>())
-        .sum()
+    (0..2).map(|limb| error(a[limb], b[limb]).0.iter().map(|v| v * v).sum::<f32>()).sum()
 }
 
 /// Rotation angle between two limb rotations, in degrees, 0..=180.
@@ -160,13 +154,7 @@ pub(crate) mod tests {
     /// A TiaGo-like left arm (axes and reference of the T-pose reach, limits of the same order).
     pub(crate) fn example_arm() -> Arm {
         Arm {
-            axes: [
-                [0.0, 0.0, -1.0],
-                [-1.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-                [0.0, 0.0, -1.0],
-                [0.0, -1.0, 0.0],
-            ],
+            axes: [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
             reference: [0.0, 0.0, FRAC_PI_2, 0.0, 0.0],
             mid: [0.2, 0.0, 1.2, 1.0, 0.0],
             half: [1.3, 1.1, 2.3, 1.3, 2.0],
@@ -191,11 +179,7 @@ pub(crate) mod tests {
                 up[joint] += h;
                 down[joint] -= h;
                 let numeric = (s_gr(&human, &arm.forward(&up)) - s_gr(&human, &arm.forward(&down))) / (2.0 * h);
-                assert!(
-                    (numeric - gradient[joint]).abs() < 1e-3,
-                    "joint {joint}: {numeric} {}",
-                    gradient[joint]
-                );
+                assert!((numeric - gradient[joint]).abs() < 1e-3, "joint {joint}: {numeric} {}", gradient[joint]);
             }
         }
     }

@@ -66,20 +66,11 @@ impl Mlp {
         let mut at = start;
         let mut input = shape.input;
         for index in 0..=shape.hidden_layers {
-            let output = if index == shape.hidden_layers {
-                shape.output
-            } else {
-                shape.hidden_width
-            };
+            let output = if index == shape.hidden_layers { shape.output } else { shape.hidden_width };
             let weight = at..at + input * output;
             let bias = weight.end..weight.end + output;
             at = bias.end;
-            layers.push(Layer {
-                input,
-                output,
-                weight,
-                bias,
-            });
+            layers.push(Layer { input, output, weight, bias });
             input = output;
         }
         Self { shape, layers }
@@ -141,20 +132,10 @@ impl Mlp {
         grad_input: Option<&mut [f32]>,
     ) {
         let rows = trace.rows;
-        let Trace {
-            input,
-            hidden,
-            slope,
-            delta: [first, second],
-            ..
-        } = trace;
+        let Trace { input, hidden, slope, delta: [first, second], .. } = trace;
         let (mut delta, mut next): (&mut [f32], &mut [f32]) = (first, second);
         for (index, layer) in self.layers.iter().enumerate().skip(1).rev() {
-            let out: &[f32] = if index == self.shape.hidden_layers {
-                grad_output
-            } else {
-                delta
-            };
+            let out: &[f32] = if index == self.shape.hidden_layers { grad_output } else { delta };
             let below = &hidden[index - 1];
             accumulate_layer(layer, out, below, rows, gradient);
             let weight = Mat::new(&parameters[layer.weight.clone()], layer.output, layer.input);
@@ -174,12 +155,7 @@ impl Mlp {
 /// dW += delta^T h, db += column sums of delta.
 fn accumulate_layer(layer: &Layer, delta: &[f32], below: &[f32], rows: usize, gradient: &mut [f32]) {
     let delta_t = Mat::new(delta, rows, layer.output).t();
-    multiply(
-        &mut gradient[layer.weight.clone()],
-        delta_t,
-        Mat::new(below, rows, layer.input),
-        true,
-    );
+    multiply(&mut gradient[layer.weight.clone()], delta_t, Mat::new(below, rows, layer.input), true);
     let bias = &mut gradient[layer.bias.clone()];
     widest(|| add_rows(bias, delta));
 }
@@ -249,15 +225,7 @@ mod tests {
 
     #[test]
     fn a_layer_computes_what_its_definition_says() {
-        let mlp = Mlp::new(
-            Shape {
-                input: 2,
-                hidden_layers: 1,
-                hidden_width: 1,
-                output: 1,
-            },
-            3,
-        );
+        let mlp = Mlp::new(Shape { input: 2, hidden_layers: 1, hidden_width: 1, output: 1 }, 3);
         assert_eq!(mlp.end(), 3 + 2 + 1 + 1 + 1);
         let parameters = [9.0, 9.0, 9.0, 0.5, -1.0, 0.25, 2.0, 0.125];
         let mut trace = mlp.trace(1);

@@ -37,21 +37,12 @@ impl Networks {
     /// Lays the three out one after another.
     #[must_use]
     pub fn new(size: Size) -> Self {
-        let shape = |input, output| Shape {
-            input,
-            hidden_layers: size.hidden_layers,
-            hidden_width: size.hidden_width,
-            output,
-        };
+        let shape =
+            |input, output| Shape { input, hidden_layers: size.hidden_layers, hidden_width: size.hidden_width, output };
         let human = Mlp::new(shape(FEATURES, LATENT), 0);
         let robot = Mlp::new(shape(ARM, LATENT), human.end());
         let decoder = Mlp::new(shape(LATENT, ARM), robot.end());
-        Self {
-            size,
-            human,
-            robot,
-            decoder,
-        }
+        Self { size, human, robot, decoder }
     }
 
     /// Number of parameters of all three.
@@ -63,11 +54,7 @@ impl Networks {
     /// The perceptrons by the names they have in a weights file.
     #[must_use]
     pub fn named(&self) -> [(&'static str, &Mlp); 3] {
-        [
-            ("human", &self.human),
-            ("robot", &self.robot),
-            ("decoder", &self.decoder),
-        ]
+        [("human", &self.human), ("robot", &self.robot), ("decoder", &self.decoder)]
     }
 
     /// Random weights: uniform with variance 2/inputs before a SiLU (He et al. 2015), 1/inputs before an output; no bias.

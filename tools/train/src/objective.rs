@@ -27,13 +27,7 @@ pub struct Weighting {
 impl Default for Weighting {
     /// The measured best of the prototype; the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
     fn default() -> Self {
-        Self {
-            kinematics: 10.0,
-            limits: 5.0,
-            triplet: 1.0,
-            reconstruction: 1.0,
-            cycle: 0.2,
-        }
+        Self { kinematics: 10.0, limits: 5.0, triplet: 1.0, reconstruction: 1.0, cycle: 0.2 }
     }
 }
 
@@ -128,33 +122,17 @@ impl Shard {
         let mut terms = Terms::default();
         terms.cycle = self.cycle_term(weighting.cycle);
         let cycle_input = Some(self.grad_cycle_input.as_mut_slice());
-        networks.robot.backward(
-            parameters,
-            &mut self.cycle,
-            &self.grad_cycle,
-            &mut self.gradient,
-            cycle_input,
-        );
+        networks.robot.backward(parameters, &mut self.cycle, &self.grad_cycle, &mut self.gradient, cycle_input);
         (terms.kinematics, terms.limits) = self.human_outputs(arm, weighting);
         terms.reconstruction = self.robot_outputs(arm, weighting.reconstruction);
         let latent = Some(self.grad_latent.as_mut_slice());
-        networks.decoder.backward(
-            parameters,
-            &mut self.decoder,
-            &self.grad_output,
-            &mut self.gradient,
-            latent,
-        );
+        networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
         terms.triplet = self.triplet_term(weighting.triplet);
         let (of_human, of_robot) = self.grad_latent.split_at(rows * LATENT);
         self.grad_human.iter_mut().zip(of_human).for_each(|(g, v)| *g += v);
         self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
-        networks
-            .human
-            .backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
-        networks
-            .robot
-            .backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
+        networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
+        networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
         terms
     }
 
@@ -171,11 +149,7 @@ impl Shard {
         networks.decoder.forward(parameters, &mut self.decoder);
         self.decoder.output.iter_mut().for_each(|y| *y = REACH * y.tanh());
         let positions = &self.decoder.output[..self.cycle.input.len()];
-        self.cycle
-            .input
-            .iter_mut()
-            .zip(positions)
-            .for_each(|(input, n)| *input = n.clamp(-1.0, 1.0));
+        self.cycle.input.iter_mut().zip(positions).for_each(|(input, n)| *input = n.clamp(-1.0, 1.0));
         networks.robot.forward(parameters, &mut self.cycle);
     }
 
@@ -251,11 +225,7 @@ impl Shard {
             }
             let latent = |member: usize| -> [f32; LATENT] {
                 let (is_human, index, _) = members[member];
-                let of = if is_human {
-                    &self.human.output
-                } else {
-                    &self.robot.output
-                };
+                let of = if is_human { &self.human.output } else { &self.robot.output };
                 std::array::from_fn(|i| of[index * LATENT + i])
             };
             let (to_near, near_distance) = direction(&latent(anchor), &latent(near));
@@ -267,11 +237,7 @@ impl Shard {
             sum += f64::from(hinge);
             let mut add = |member: usize, i: usize, value: f32| {
                 let (is_human, index, _) = members[member];
-                let of = if is_human {
-                    &mut self.grad_human
-                } else {
-                    &mut self.grad_robot
-                };
+                let of = if is_human { &mut self.grad_human } else { &mut self.grad_robot };
                 of[index * LATENT + i] += scale * value;
             };
             for i in 0..LATENT {

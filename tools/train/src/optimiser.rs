@@ -49,12 +49,7 @@ impl Adam {
     #[must_use]
     pub fn new(parameters: Vec<f32>) -> Self {
         let zeros = vec![0.0; parameters.len()];
-        Self {
-            average: parameters.clone(),
-            parameters,
-            first: zeros.clone(),
-            second: zeros,
-        }
+        Self { average: parameters.clone(), parameters, first: zeros.clone(), second: zeros }
     }
 
     /// One step along the mean of two gradients; `step` counts from 0.
@@ -90,11 +85,7 @@ mod tests {
 
     #[test]
     fn the_rate_rises_over_the_warm_up_and_falls_to_zero() {
-        let schedule = Schedule {
-            peak: 1e-3,
-            warm_up: 500,
-            steps: 40_000,
-        };
+        let schedule = Schedule { peak: 1e-3, warm_up: 500, steps: 40_000 };
         assert!(schedule.rate(0) < 3e-6);
         assert!((schedule.rate(500) - 1e-3).abs() < 1e-12);
         assert!((schedule.rate(20_250) - 5e-4).abs() < 1e-9);
@@ -114,19 +105,11 @@ mod tests {
     #[test]
     fn it_finds_the_bottom_of_a_bowl() {
         let mut adam = Adam::new(vec![3.0, -2.0]);
-        let schedule = Schedule {
-            peak: 0.1,
-            warm_up: 10,
-            steps: 500,
-        };
+        let schedule = Schedule { peak: 0.1, warm_up: 10, steps: 500 };
         for step in 0..500 {
             let gradient: Vec<f32> = adam.parameters.iter().map(|p| 2.0 * (p - 1.0)).collect();
             adam.step([&gradient, &gradient], step, schedule.rate(step));
         }
-        assert!(
-            adam.parameters.iter().all(|p| (p - 1.0).abs() < 1e-2),
-            "{:?}",
-            adam.parameters
-        );
+        assert!(adam.parameters.iter().all(|p| (p - 1.0).abs() < 1e-2), "{:?}", adam.parameters);
     }
 }

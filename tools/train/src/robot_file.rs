@@ -13,16 +13,8 @@ use std::path::Path;
 pub fn read_model(path: &Path) -> Result<Model, TrainError> {
     let name = path.display().to_string();
     let text = read_text(path)?;
-    let urdf = path
-        .parent()
-        .unwrap_or(Path::new("."))
-        .join(robot::urdf_file(&name, &text)?);
-    Ok(Model::from_text(
-        &name,
-        &text,
-        &urdf.display().to_string(),
-        &read_text(&urdf)?,
-    )?)
+    let urdf = path.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&name, &text)?);
+    Ok(Model::from_text(&name, &text, &urdf.display().to_string(), &read_text(&urdf)?)?)
 }
 
 /// The text of a file.

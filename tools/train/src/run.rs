@@ -40,21 +40,12 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
         };
     };
     let recorded = clips.recorded();
-    let origin = Origin {
-        robot_hash: format!("{:016x}", identity.robot_hash),
-        poses: recorded.digest(),
-    };
+    let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let mut session = match &cli.resume {
         Some(path) => checkpoint::resume(path, arm, &origin)?,
         None => Session::new(cli.options()?, arm),
     };
-    train(
-        &mut session,
-        &recorded,
-        &clips,
-        &with_suffix(out, ".checkpoint"),
-        &origin,
-    )?;
+    train(&mut session, &recorded, &clips, &with_suffix(out, ".checkpoint"), &origin)?;
     let networks = layers(&session.networks, &session.adam.average);
     let network = Network::new(&networks, &identity.arm);
     let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
@@ -63,9 +54,7 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     manifest.steps = session.step;
     manifest.trained_on = description(&session.options, &clips, &recorded, cli.calibration.mode().name());
     manifest.validation = evaluation.table();
-    manifest
-        .validation
-        .insert("calibration".into(), cli.calibration.mode().name().into());
+    manifest.validation.insert("calibration".into(), cli.calibration.mode().name().into());
     write(out, &networks, &manifest)?;
     // The run is complete and its schedule has ended: there is nothing to resume.
     let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
@@ -100,15 +89,9 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
 fn print_evaluation(base: &Path, identity: &ArmIdentity, clips: &Clips) -> Result<(), TrainError> {
     let manifest = read_text(&with_suffix(base, ".toml"))?;
     let tensors = with_suffix(base, ".safetensors");
-    let bytes = std::fs::read(&tensors).map_err(|source| TrainError::File {
-        path: tensors,
-        action: "read",
-        source,
-    })?;
-    let weights = Weights::read(&manifest, &bytes, identity).map_err(|source| TrainError::Weights {
-        path: base.to_path_buf(),
-        source,
-    })?;
+    let bytes = std::fs::read(&tensors).map_err(|source| TrainError::File { path: tensors, action: "read", source })?;
+    let weights = Weights::read(&manifest, &bytes, identity)
+        .map_err(|source| TrainError::Weights { path: base.to_path_buf(), source })?;
     let evaluation: Evaluation = evaluate(&identity.arm, &weights.network, &clips.validation, OPTIMUM_STRIDE);
     print!("{evaluation}");
     Ok(())
@@ -135,11 +118,7 @@ fn train(
         if !terms.total(&session.options.weighting).is_finite() {
             return Err(TrainError::Diverged { step: session.step });
         }
-        shown = if session.step == first + 1 {
-            terms
-        } else {
-            blended(&shown, &terms)
-        };
+        shown = if session.step == first + 1 { terms } else { blended(&shown, &terms) };
         let last = session.step == steps;
         if session.step.is_multiple_of(SHOWN_STEPS) || last {
             let rate = (session.step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
@@ -155,11 +134,7 @@ fn train(
         }
     }
     bar.finish_and_clear();
-    println!(
-        "{} steps in {:.0} s",
-        session.step - first,
-        start.elapsed().as_secs_f64()
-    );
+    println!("{} steps in {:.0} s", session.step - first, start.elapsed().as_secs_f64());
     Ok(())
 }
 

@@ -36,11 +36,7 @@ impl Recorded {
 
 impl Default for Mixture {
     fn default() -> Self {
-        Self {
-            procedural: 0.5,
-            torso_jitter_rad: 5_f32.to_radians(),
-            limb_jitter_rad: 1.5_f32.to_radians(),
-        }
+        Self { procedural: 0.5, torso_jitter_rad: 5_f32.to_radians(), limb_jitter_rad: 1.5_f32.to_radians() }
     }
 }
 
@@ -87,11 +83,8 @@ impl Batch {
     pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
         let mut rng = Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1);
         let rows = self.rows();
-        let from_recording = if recorded.poses.is_empty() {
-            0
-        } else {
-            ((1.0 - mixture.procedural) * rows as f64).round() as usize
-        };
+        let from_recording =
+            if recorded.poses.is_empty() { 0 } else { ((1.0 - mixture.procedural) * rows as f64).round() as usize };
         for (row, limbs) in self.human.iter_mut().enumerate() {
             let pose = if row < from_recording {
                 recorded.poses[rng.random_range(0..recorded.poses.len())]
@@ -125,21 +118,14 @@ pub fn procedural(rng: &mut Pcg64) -> Limbs {
         product(about([0.0, 0.0, 1.0], -azimuth), about([1.0, 0.0, 0.0], elevation)),
         about([0.0, 1.0, 0.0], twist),
     );
-    let fore = product(
-        product(upper, about([0.0, 0.0, 1.0], -elbow)),
-        about([0.0, 1.0, 0.0], -pronation),
-    );
+    let fore = product(product(upper, about([0.0, 0.0, 1.0], -elbow)), about([0.0, 1.0, 0.0], -pronation));
     [upper, fore]
 }
 
 fn jittered(rng: &mut Pcg64, limbs: &Limbs, mixture: &Mixture) -> Limbs {
     let mut small = |bound: f32| {
         let mut half = || {
-            if bound > 0.0 {
-                0.5 * rng.random_range(-bound..bound)
-            } else {
-                0.0
-            }
+            if bound > 0.0 { 0.5 * rng.random_range(-bound..bound) } else { 0.0 }
         };
         let v = [half(), half(), half()];
         let scale = 1.0 / (1.0 + v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
@@ -161,11 +147,7 @@ mod tests {
         for _ in 0..4000 {
             let [upper, fore] = procedural(&mut rng);
             let bone = rotate(upper, [0.0, 1.0, 0.0]);
-            let elbow = bone
-                .iter()
-                .zip(rotate(fore, [0.0, 1.0, 0.0]))
-                .map(|(a, b)| a * b)
-                .sum::<f32>();
+            let elbow = bone.iter().zip(rotate(fore, [0.0, 1.0, 0.0])).map(|(a, b)| a * b).sum::<f32>();
             assert!(elbow >= 145_f32.to_radians().cos() - 1e-4);
             assert!(bone[2] <= 0.95 + 1e-4);
             lowest = lowest.min(bone[2]);
@@ -179,9 +161,7 @@ mod tests {
 
     #[test]
     fn a_batch_depends_on_its_seed_step_and_shard_alone() {
-        let recorded = Recorded {
-            poses: vec![[[0.0, 0.0, 0.0, 1.0]; 2]; 3],
-        };
+        let recorded = Recorded { poses: vec![[[0.0, 0.0, 0.0, 1.0]; 2]; 3] };
         let draw = |seed, step, shard| {
             let mut batch = Batch::new(16);
             batch.draw(seed, step, shard, &example_arm(), &recorded, &Mixture::default());
@@ -200,11 +180,7 @@ mod tests {
     #[test]
     fn jitter_keeps_rotations_unit_and_within_its_bounds() {
         let mut rng = Pcg64::new(3, 3);
-        let mixture = Mixture {
-            procedural: 1.0,
-            torso_jitter_rad: 0.1,
-            limb_jitter_rad: 0.02,
-        };
+        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02 };
         for _ in 0..200 {
             let pose = procedural(&mut rng);
             let moved = jittered(&mut rng, &pose, &mixture);

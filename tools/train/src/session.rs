@@ -45,41 +45,22 @@ impl Session {
         let networks = Networks::new(options.size);
         let adam = Adam::new(networks.initial(options.seed));
         let shard = Shard::new(&networks, options.batch / 2);
-        Self {
-            options,
-            networks,
-            adam,
-            step: 0,
-            arm,
-            shards: [shard.clone(), shard],
-        }
+        Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
     }
 
     /// One step of Adam; the loss terms of its batch.
     pub fn advance(&mut self, recorded: &Recorded) -> Terms {
-        let Self {
-            options,
-            networks,
-            adam,
-            step,
-            arm,
-            shards: [left, right],
-        } = self;
+        let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
         let work = |shard: &mut Shard, index: u64| {
-            shard
-                .batch
-                .draw(options.seed, *step, index, arm, recorded, &options.mixture);
+            shard.batch.draw(options.seed, *step, index, arm, recorded, &options.mixture);
             shard.evaluate(networks, arm, parameters, &options.weighting)
         };
         let (of_left, of_right) = std::thread::scope(|scope| {
             let other = scope.spawn(|| work(right, 1));
             let mine = work(left, 0);
             // A panic of the other thread is a bug: it aborts the process (profile), or is passed on under `cargo test`.
-            (
-                mine,
-                other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
-            )
+            (mine, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
         adam.step([&left.gradient, &right.gradient], *step, options.schedule.rate(*step));
         *step += 1;

@@ -23,9 +23,7 @@ fn a_missing_folder_is_named() {
 #[test]
 fn a_folder_without_usable_clips_is_refused_with_every_file_and_its_reason() {
     let folder = folder_of(4);
-    let text = Clips::read(folder.path(), CalibrationMode::Clip)
-        .expect_err("is refused")
-        .to_string();
+    let text = Clips::read(folder.path(), CalibrationMode::Clip).expect_err("is refused").to_string();
     assert!(text.contains("0 of 4 motion files are usable"), "{text}");
     assert!((0..4).all(|i| text.contains(&format!("{i}.bvh:"))), "{text}");
 }
@@ -46,21 +44,11 @@ fn recorded_clips_are_split_as_in_the_published_figures() {
     assert_eq!(names, published);
     assert_eq!((clips.training.len(), clips.skipped.len()), (49, 0));
     // People mostly let both arms hang: as left arms, both bones then point down, and alike.
-    let walk = clips
-        .training
-        .iter()
-        .find(|clip| clip.name == "002_01")
-        .expect("a walk is among them");
+    let walk = clips.training.iter().find(|clip| clip.name == "002_01").expect("a walk is among them");
     for arm in &walk.arms {
-        let down = arm
-            .iter()
-            .filter(|pose| rotate(pose[0], [0.0, 1.0, 0.0])[2] < -0.7)
-            .count();
+        let down = arm.iter().filter(|pose| rotate(pose[0], [0.0, 1.0, 0.0])[2] < -0.7).count();
         assert!(down > arm.len() * 9 / 10, "{down} of {} frames hang", arm.len());
     }
-    let apart = walk.arms[0]
-        .iter()
-        .zip(&walk.arms[1])
-        .map(|(left, right)| limb_degrees(left[0], right[0]));
+    let apart = walk.arms[0].iter().zip(&walk.arms[1]).map(|(left, right)| limb_degrees(left[0], right[0]));
     assert!(apart.sum::<f32>() / (walk.arms[0].len() as f32) < 60.0);
 }

@@ -11,13 +11,7 @@ const ROWS: usize = 24;
 
 fn arm() -> Arm {
     Arm {
-        axes: [
-            [0.0, 0.0, -1.0],
-            [-1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 0.0, -1.0],
-            [0.0, -1.0, 0.0],
-        ],
+        axes: [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
         reference: [0.0, 0.0, std::f32::consts::FRAC_PI_2, 0.0, 0.0],
         // Narrow limits, so that some outputs overrun them.
         mid: [0.2, 0.1, 1.2, 1.0, -0.1],
@@ -110,13 +104,8 @@ fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard)
     let q = inside.broadcast_mul(&half)?.broadcast_add(&mid)?;
     let kinematics = metric(arm, &q, &batch.human)?.mean_all()?;
     let limits = (n.abs()? - 1.0)?.relu()?.broadcast_mul(&half)?.mean_all()?;
-    let reconstruction = (decode(&z_robot)? - &posture)?
-        .broadcast_mul(&half)?
-        .abs()?
-        .mean_all()?;
-    let cycle = (&z_human - perceptron(&networks.robot, parameters, &inside)?)?
-        .abs()?
-        .mean_all()?;
+    let reconstruction = (decode(&z_robot)? - &posture)?.broadcast_mul(&half)?.abs()?.mean_all()?;
+    let cycle = (&z_human - perceptron(&networks.robot, parameters, &inside)?)?.abs()?.mean_all()?;
     let mut triplet = Tensor::zeros((), DType::F64, &Device::Cpu)?;
     for row in 0..ROWS {
         let other = (row + batch.shift) % ROWS;
@@ -138,30 +127,12 @@ fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard)
 }
 
 fn weightings() -> [(&'static str, Weighting); 6] {
-    let none = Weighting {
-        kinematics: 0.0,
-        limits: 0.0,
-        triplet: 0.0,
-        reconstruction: 0.0,
-        cycle: 0.0,
-    };
+    let none = Weighting { kinematics: 0.0, limits: 0.0, triplet: 0.0, reconstruction: 0.0, cycle: 0.0 };
     [
-        (
-            "kinematics",
-            Weighting {
-                kinematics: 10.0,
-                ..none
-            },
-        ),
+        ("kinematics", Weighting { kinematics: 10.0, ..none }),
         ("limits", Weighting { limits: 5.0, ..none }),
         ("triplet", Weighting { triplet: 1.0, ..none }),
-        (
-            "reconstruction",
-            Weighting {
-                reconstruction: 1.0,
-                ..none
-            },
-        ),
+        ("reconstruction", Weighting { reconstruction: 1.0, ..none }),
         ("cycle", Weighting { cycle: 0.2, ..none }),
         ("all", Weighting::default()),
     ]
@@ -169,72 +140,41 @@ fn weightings() -> [(&'static str, Weighting); 6] {
 
 #[test]
 fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() -> Result<()> {
-    let networks = Networks::new(Size {
-        hidden_layers: 3,
-        hidden_width: 20,
-    });
+    let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 });
     let arm = arm();
     let mut parameters = networks.initial(11);
     // A steep last layer of the decoder drives some outputs over the limits; biases away from zero test their gradient.
     let last = networks.decoder.layers.last().expect("the decoder has layers");
     parameters[last.weight.clone()].iter_mut().for_each(|w| *w *= 60.0);
     for layer in networks.named().iter().flat_map(|(_, mlp)| &mlp.layers) {
-        parameters[layer.bias.clone()]
-            .iter_mut()
-            .enumerate()
-            .for_each(|(i, b)| *b = 0.1 * (i as f32).sin());
+        parameters[layer.bias.clone()].iter_mut().enumerate().for_each(|(i, b)| *b = 0.1 * (i as f32).sin());
     }
     let mut shard = Shard::new(&networks, ROWS);
-    shard
-        .batch
-        .draw(5, 3, 0, &arm, &Recorded::default(), &Mixture::default());
+    shard.batch.draw(5, 3, 0, &arm, &Recorded::default(), &Mixture::default());
     let variable = Var::from_tensor(&tensor(&parameters, &[parameters.len()])?)?;
     for (name, weighting) in weightings() {
         let terms = shard.evaluate(&networks, &arm, &parameters, &weighting);
         let values = reference(&networks, &arm, variable.as_tensor(), &shard)?;
-        let of = [
-            terms.kinematics,
-            terms.limits,
-            terms.triplet,
-            terms.reconstruction,
-            terms.cycle,
-        ];
+        let of = [terms.kinematics, terms.limits, terms.triplet, terms.reconstruction, terms.cycle];
         for (ours, theirs) in of.iter().zip(&values) {
             let theirs = theirs.to_scalar::<f64>()?;
             assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");
-            assert!(
-                (ours - theirs).abs() <= 1e-5 * theirs.abs().max(1e-3),
-                "{name}: value {ours} against {theirs}"
-            );
+            assert!((ours - theirs).abs() <= 1e-5 * theirs.abs().max(1e-3), "{name}: value {ours} against {theirs}");
         }
-        let weights = [
-            weighting.kinematics,
-            weighting.limits,
-            weighting.triplet,
-            weighting.reconstruction,
-            weighting.cycle,
-        ];
+        let weights =
+            [weighting.kinematics, weighting.limits, weighting.triplet, weighting.reconstruction, weighting.cycle];
         let mut loss = Tensor::zeros((), DType::F64, &Device::Cpu)?;
         for (value, weight) in values.iter().zip(weights) {
             loss = (loss + (value * f64::from(weight))?)?;
         }
         let gradients = loss.backward()?;
-        let want = gradients
-            .get(&variable)
-            .expect("the loss depends on the parameters")
-            .to_vec1::<f64>()?;
+        let want = gradients.get(&variable).expect("the loss depends on the parameters").to_vec1::<f64>()?;
         for (network, mlp) in networks.named() {
             let range = mlp.layers[0].weight.start..mlp.end();
             let norm = want[range.clone()].iter().map(|v| v * v).sum::<f64>().sqrt();
             let off = shard.gradient[range.clone()].iter().zip(&want[range]);
-            let off = off
-                .map(|(ours, theirs)| (f64::from(*ours) - theirs).powi(2))
-                .sum::<f64>()
-                .sqrt();
-            assert!(
-                off <= 2e-5 * norm + 1e-9,
-                "{name}, {network}: off by {off:e} of {norm:e}"
-            );
+            let off = off.map(|(ours, theirs)| (f64::from(*ours) - theirs).powi(2)).sum::<f64>().sqrt();
+            assert!(off <= 2e-5 * norm + 1e-9, "{name}, {network}: off by {off:e} of {norm:e}");
             let idle = (name == "triplet" && network == "decoder")
                 || (name == "reconstruction" && network == "human")
                 || (["kinematics", "limits"].contains(&name) && network == "robot");

@@ -22,42 +22,24 @@ fn identity() -> ArmIdentity {
         robot: "example".into(),
         robot_hash: 7,
         joints: ["a", "b", "c", "d", "e"].map(String::from),
-        arm: ArmModel::new(
-            axes,
-            reference,
-            [-1.1, -1.1, -0.7, -0.3, -2.0],
-            [1.5, 1.1, 3.8, 2.2, 2.0],
-        ),
+        arm: ArmModel::new(axes, reference, [-1.1, -1.1, -0.7, -0.3, -2.0], [1.5, 1.1, 3.8, 2.2, 2.0]),
     }
 }
 
 fn session(steps: u64, seed: u64) -> Session {
     let options = Options {
-        size: Size {
-            hidden_layers: 2,
-            hidden_width: 32,
-        },
+        size: Size { hidden_layers: 2, hidden_width: 32 },
         batch: 64,
-        schedule: Schedule {
-            peak: 3e-3,
-            warm_up: 20,
-            steps,
-        },
+        schedule: Schedule { peak: 3e-3, warm_up: 20, steps },
         seed,
         weighting: Weighting::default(),
-        mixture: Mixture {
-            procedural: 1.0,
-            ..Mixture::default()
-        },
+        mixture: Mixture { procedural: 1.0, ..Mixture::default() },
     };
     Session::new(options, Arm::from(&identity().arm))
 }
 
 fn origin() -> Origin {
-    Origin {
-        robot_hash: "7".into(),
-        poses: Recorded::default().digest(),
-    }
+    Origin { robot_hash: "7".into(), poses: Recorded::default().digest() }
 }
 
 fn advance(session: &mut Session, steps: u64) -> Vec<Terms> {
@@ -121,20 +103,8 @@ fn a_checkpoint_of_another_robot_other_poses_or_half_a_file_is_refused() {
     let arm = Arm::from(&identity().arm);
     save(&path, &session(10, 5), &origin()).expect("a checkpoint can be written");
     let message = |origin: &Origin| resume(&path, arm, origin).expect_err("is refused").to_string();
-    assert!(
-        message(&Origin {
-            robot_hash: "8".into(),
-            ..origin()
-        })
-        .contains("hash 7")
-    );
-    assert!(
-        message(&Origin {
-            poses: "other".into(),
-            ..origin()
-        })
-        .contains("other recorded poses")
-    );
+    assert!(message(&Origin { robot_hash: "8".into(), ..origin() }).contains("hash 7"));
+    assert!(message(&Origin { poses: "other".into(), ..origin() }).contains("other recorded poses"));
     let bytes = std::fs::read(&path).expect("the checkpoint is there");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("it can be cut");
     assert!(message(&origin()).contains("run.checkpoint"));
@@ -155,16 +125,11 @@ fn written_weights_give_the_retargeting_the_outputs_of_the_trainer() {
     let weights = Weights::read(&text, &bytes, &identity()).expect("the retargeting takes them");
     let poses = unseen_poses();
     for (pose, ours) in poses.iter().zip(run.retarget(&poses)) {
-        let [theirs] = weights
-            .network
-            .decode(&weights.network.encode_human(&[features(&limbs(pose))]));
+        let [theirs] = weights.network.decode(&weights.network.encode_human(&[features(&limbs(pose))]));
         for (a, b) in ours.iter().zip(theirs) {
             assert!((f64::from(*a) - b).abs() < 1e-5, "{ours:?} against {theirs:?}");
         }
     }
-    let parts: Vec<_> = std::fs::read_dir(folder.path())
-        .expect("the folder can be listed")
-        .flatten()
-        .collect();
+    let parts: Vec<_> = std::fs::read_dir(folder.path()).expect("the folder can be listed").flatten().collect();
     assert_eq!(parts.len(), 2, "no partial file is left behind");
 }

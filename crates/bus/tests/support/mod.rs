@@ -15,17 +15,11 @@ pub(crate) struct Place {
 impl Place {
     pub(crate) fn new(name: &str) -> Self {
         let folder = tempfile::Builder::new().prefix("bus").tempdir().expect("a folder");
-        Self {
-            folder,
-            prefix: format!("t{}_{}_{name}_", std::process::id(), rt::incarnation()),
-        }
+        Self { folder, prefix: format!("t{}_{}_{name}_", std::process::id(), rt::incarnation()) }
     }
 
     pub(crate) fn config(&self) -> DomainConfig {
-        DomainConfig {
-            root: self.root(),
-            prefix: self.prefix.clone(),
-        }
+        DomainConfig { root: self.root(), prefix: self.prefix.clone() }
     }
 
     pub(crate) fn root(&self) -> PathBuf {
@@ -63,7 +57,5 @@ pub(crate) fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) ->
 pub(crate) fn shared_memory_bytes(prefix: &str) -> u64 {
     let entries = std::fs::read_dir(Path::new("/dev/shm")).into_iter().flatten().flatten();
     let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
-    ours.filter_map(|entry| entry.metadata().ok())
-        .map(|data| data.len())
-        .sum()
+    ours.filter_map(|entry| entry.metadata().ok()).map(|data| data.len()).sum()
 }

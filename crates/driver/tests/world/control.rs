@@ -61,21 +61,13 @@ impl Control {
                 ChainView::Following | ChainView::Pending if self.trusts_itself => {
                     let mut motion = last;
                     motion.play(k - 1 - last_k);
-                    Some(Seed {
-                        seed_k: last_k,
-                        seed_played: k - 1 - last_k,
-                        motion,
-                    })
+                    Some(Seed { seed_k: last_k, seed_played: k - 1 - last_k, motion })
                 }
                 ChainView::Following | ChainView::Pending => Some(reseed(echo, k)?),
             },
         };
         if let Some(seed) = seed {
-            let chain = Chain {
-                incarnation: self.incarnation,
-                seed_k: seed.seed_k,
-                seed_played: seed.seed_played,
-            };
+            let chain = Chain { incarnation: self.incarnation, seed_k: seed.seed_k, seed_played: seed.seed_played };
             self.stream = Some((chain, k - 1, seed.motion));
         }
         let (chain, _, base) = self.stream.expect("set above or before");
@@ -83,11 +75,7 @@ impl Control {
         self.stream = Some((chain, k, motion));
         self.sequence += 1;
         let command = JointCommand {
-            header: Header {
-                sequence: self.sequence,
-                incarnation: self.incarnation,
-                ..Header::ZERO
-            },
+            header: Header { sequence: self.sequence, incarnation: self.incarnation, ..Header::ZERO },
             k,
             seed_k: chain.seed_k,
             seed_played: chain.seed_played,
@@ -98,10 +86,7 @@ impl Control {
             reset_count: self.reset_count,
             ..JointCommand::ZERO
         };
-        assert!(
-            motion.v.iter().all(|v| v.abs() < V_MAX),
-            "the test's own motion is honest"
-        );
+        assert!(motion.v.iter().all(|v| v.abs() < V_MAX), "the test's own motion is honest");
         self.sent.insert((self.incarnation, k), (command, made));
         Some(command)
     }

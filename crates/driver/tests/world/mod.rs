@@ -30,12 +30,7 @@ pub(crate) struct Moment {
 
 impl Moment {
     /// Everybody on time.
-    pub(crate) const CALM: Self = Self {
-        control: Some(0),
-        driver: 0b1111,
-        command_delay: 0,
-        echo_delay: 0,
-    };
+    pub(crate) const CALM: Self = Self { control: Some(0), driver: 0b1111, command_delay: 0, echo_delay: 0 };
 }
 
 /// What a tick came to.
@@ -67,10 +62,7 @@ struct Slot<T> {
 
 impl<T: Copy> Slot<T> {
     fn new() -> Self {
-        Self {
-            under_way: Vec::with_capacity(16),
-            held: None,
-        }
+        Self { under_way: Vec::with_capacity(16), held: None }
     }
 
     fn read(&mut self, quarter: u64) -> Option<T> {
@@ -108,9 +100,7 @@ impl World {
             if moment.control == Some(quarter) {
                 let echo = self.echoes.read(self.quarter);
                 if let Some(command) = self.control.tick(self.quarter / 4, echo.as_ref()) {
-                    self.commands
-                        .under_way
-                        .push((self.quarter + moment.command_delay, command));
+                    self.commands.under_way.push((self.quarter + moment.command_delay, command));
                 }
             }
             if moment.driver & (1 << quarter) != 0 {
@@ -124,11 +114,7 @@ impl World {
     fn drive(&mut self, echo_delay: u64) {
         let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
         let command = self.commands.read(self.quarter);
-        let input = Input {
-            due_k: (self.quarter - GRACE_QUARTERS) / 4,
-            command: command.as_ref(),
-            port_fault: false,
-        };
+        let input = Input { due_k: (self.quarter - GRACE_QUARTERS) / 4, command: command.as_ref(), port_fault: false };
         let (oracle, control, tally) = (&mut self.oracle, &self.control, &mut self.tally);
         let out = tick_each(&self.config, &mut self.follower, now, input, |step| {
             oracle.step(control, step, command.as_ref(), tally);
@@ -136,14 +122,8 @@ impl World {
         tally.refused += u64::from(out.refused.is_some());
         assert_eq!(out.executed, self.follower.setpoint());
         assert!(self.follower.index() >= input.due_k, "what is due is executed");
-        let measured = driver::Measured {
-            stamp: now,
-            q: out.executed.q,
-            dq: out.executed.v,
-        };
-        self.echoes
-            .under_way
-            .push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
+        let measured = driver::Measured { stamp: now, q: out.executed.q, dq: out.executed.v };
+        self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
     }
 
     /// Replaces the driver by one that has just started and holds where the last one was.

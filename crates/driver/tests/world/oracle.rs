@@ -21,29 +21,15 @@ pub(crate) struct Oracle {
 
 impl Oracle {
     pub(crate) fn new(follower: &State) -> Self {
-        Self {
-            base: follower.motion,
-            base_k: follower.executed_k,
-            chain: None,
-            played: 0,
-            last: follower.setpoint(),
-        }
+        Self { base: follower.motion, base_k: follower.executed_k, chain: None, played: 0, last: follower.setpoint() }
     }
 
     pub(crate) fn step(&mut self, control: &Control, step: &Step, command: Option<&JointCommand>, tally: &mut Tally) {
-        assert!(
-            step.setpoint.k > self.last.k,
-            "an index is executed once: {} after {}",
-            step.setpoint.k,
-            self.last.k
-        );
+        assert!(step.setpoint.k > self.last.k, "an index is executed once: {} after {}", step.setpoint.k, self.last.k);
         match step.kind {
             StepKind::Plan | StepKind::Rest => {
                 let ticks = step.setpoint.k - self.last.k;
-                assert!(
-                    step.kind == StepKind::Rest || ticks == 1,
-                    "the plan is played tick by tick"
-                );
+                assert!(step.kind == StepKind::Rest || ticks == 1, "the plan is played tick by tick");
                 self.played += ticks;
                 tally.plan_ticks += ticks;
                 assert_eq!(step.setpoint.k, self.base_k + self.played);
@@ -77,23 +63,14 @@ impl Oracle {
             continues(&sent, &made, &motion_of(&before), 0);
             (sent, made) = (before, before_made);
         }
-        assert_eq!(
-            sent.k,
-            self.last.k + 1,
-            "the first of what was skipped continues the executed index"
-        );
+        assert_eq!(sent.k, self.last.k + 1, "the first of what was skipped continues the executed index");
         continues(&sent, &made, &self.base, self.played);
     }
 }
 
 /// Whether `sent` is what `made` makes of plan tick `played` of `base`.
 fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
-    let setpoint = Setpoint {
-        k: sent.k,
-        q: sent.q,
-        v: sent.v,
-        a: sent.a,
-    };
+    let setpoint = Setpoint { k: sent.k, q: sent.q, v: sent.v, a: sent.a };
     let expected = match made {
         Made::OnPlan => on_plan(base, played + 1),
         Made::Jerk(jerk) => {
@@ -134,12 +111,7 @@ fn on_plan(base: &Motion, ticks: u64) -> Motion {
 }
 
 fn motion_of(command: &JointCommand) -> Motion {
-    Motion {
-        q: command.q,
-        v: command.v,
-        a: command.a,
-        plan: command.plan,
-    }
+    Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
 }
 
 fn same(executed: &Setpoint, expected: &Motion, what: &str) {
@@ -148,10 +120,6 @@ fn same(executed: &Setpoint, expected: &Motion, what: &str) {
         let equal = near(executed.q[j], expected.q[j], 1.0)
             && near(executed.v[j], expected.v[j], 1.0)
             && near(executed.a[j], expected.a[j], 100.0);
-        assert!(
-            equal,
-            "index {}, joint {j}: executed does not continue {what}: {executed:?} {expected:?}",
-            executed.k
-        );
+        assert!(equal, "index {}, joint {j}: executed does not continue {what}: {executed:?} {expected:?}", executed.k);
     }
 }

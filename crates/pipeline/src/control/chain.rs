@@ -43,7 +43,8 @@ impl Stream {
                     let missing = k.saturating_sub(1).saturating_sub(known.last_k);
                     let mut motion = known.last;
                     motion.play(missing);
-                    let seed = (k > known.last_k).then_some(Seed { seed_k: known.last_k, seed_played: missing, motion });
+                    let seed =
+                        (k > known.last_k).then_some(Seed { seed_k: known.last_k, seed_played: missing, motion });
                     Self::begin(stream, seed, incarnation)
                 }
             },

@@ -5,13 +5,12 @@ mod status;
 
 pub use status::status_json;
 
-use crate::load::Loaded;
 use crate::ConfigError;
+use crate::load::Loaded;
 use chain::{Continue, Stream};
 use driver::Motion;
 use messages::{
-    Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Stamp, Status,
-    command_flag, state_flag, target_flag,
+    Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Stamp, Status, command_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -21,6 +20,10 @@ use safety::{gate, monitor};
 /// A command is aligned with its target when no valid joint is farther from it than this, rad: a tenth of the tracking
 /// error that stops, so that the end of the blend cannot be felt.
 const ALIGNED_RAD: f64 = 0.02;
+
+/// A command that moves no joint faster than this (rad/s, m/s) has settled: blocked by an obstacle it creeps along it,
+/// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
+const SETTLED_SPEED: f64 = 0.05;
 
 /// What the control tick must know beforehand.
 #[derive(Clone, Debug)]
@@ -146,7 +149,8 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
 
     let observed = observe(config, state, &input, missed);
     let decided = engage::tick(&config.engage, &mut state.engage, now, observed);
-    let target = state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
+    let target =
+        state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
     let command = match from {
         Continue::Nothing => None,
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
@@ -222,8 +226,14 @@ fn command(
     };
     let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
     let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted, permit });
-    let offer =
-        gate::Proposed { k: input.k, permit: decided.permit, q: proposed.q, v: proposed.v, a: proposed.a, plan: proposed.plan };
+    let offer = gate::Proposed {
+        k: input.k,
+        permit: decided.permit,
+        q: proposed.q,
+        v: proposed.v,
+        a: proposed.a,
+        plan: proposed.plan,
+    };
     let decision = gate::tick(&config.gate, &mut state.gate, now, offer);
     let denied = !decision.accepted();
     let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
@@ -234,7 +244,7 @@ fn command(
     state.motion = MotionView {
         at_rest: decision.v.iter().chain(&decision.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
         aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
-        settled: proposed.settled,
+        settled: motion.v.iter().all(|v| v.abs() <= SETTLED_SPEED),
         gate_denied: denied,
     };
     state.status.clearance_command_m = proposed.clearance_m;
@@ -282,7 +292,14 @@ fn aligned(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> bool {
 }
 
 impl ControlState {
-    fn note(&mut self, config: &ControlConfig, now: Stamp, input: &ControlInput<'_>, out: &engage::Output, missed: u64) {
+    fn note(
+        &mut self,
+        config: &ControlConfig,
+        now: Stamp,
+        input: &ControlInput<'_>,
+        out: &engage::Output,
+        missed: u64,
+    ) {
         let status = &mut self.status;
         status.ticks += 1;
         status.missed_deadlines += missed;

@@ -12,7 +12,7 @@ use retarget::{
     xyzw_from_rotation,
 };
 
-/// Axes and reference of RETARGETING section 2, limits of the robot's URDF.
+/// Axes and reference of a TiaGo++, limits of the robot's URDF.
 pub(crate) fn arm() -> ArmModel {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
     ArmModel::new(
@@ -25,20 +25,11 @@ pub(crate) fn arm() -> ArmModel {
 
 pub(crate) fn identity() -> ArmIdentity {
     let joints = std::array::from_fn(|j| format!("arm_left_{}_joint", j + 1));
-    ArmIdentity {
-        robot: "test".into(),
-        robot_hash: 0xfeed_0000_0000_0001,
-        joints,
-        arm: arm(),
-    }
+    ArmIdentity { robot: "test".into(), robot_hash: 0xfeed_0000_0000_0001, joints, arm: arm() }
 }
 
 pub(crate) fn robot() -> RobotArms {
-    RobotArms {
-        identity: identity(),
-        velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95],
-        home: [0.25; JOINTS],
-    }
+    RobotArms { identity: identity(), velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95], home: [0.25; JOINTS] }
 }
 
 pub(crate) fn random_q(rng: &mut Pcg64, arm: &ArmModel) -> ArmQ {
@@ -50,10 +41,7 @@ pub(crate) fn random_limbs(rng: &mut Pcg64) -> Limbs {
         let parts: [f64; 4] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
         nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::from(parts))
     };
-    Limbs {
-        upper: rotation(),
-        fore: rotation(),
-    }
+    Limbs { upper: rotation(), fore: rotation() }
 }
 
 /// Weights of unit gain, so that activations stay of order one.
@@ -74,11 +62,7 @@ pub(crate) fn layers(seed: u64, hidden: usize, width: usize) -> Layers {
         layers.push(dense(width, outputs));
         layers
     };
-    Layers {
-        human: network(12, LATENT),
-        robot: network(5, LATENT),
-        decoder: network(LATENT, 5),
-    }
+    Layers { human: network(12, LATENT), robot: network(5, LATENT), decoder: network(LATENT, 5) }
 }
 
 pub(crate) fn weights(layers: &Layers) -> Weights {
@@ -88,11 +72,7 @@ pub(crate) fn weights(layers: &Layers) -> Weights {
 
 /// A skeleton whose two arms take the postures `q` (both arms by the model of the left one).
 pub(crate) fn skeleton(sequence: u64, received_ns: u64, origin_ns: u64, q: &[ArmQ; 2]) -> Skeleton {
-    let mut out = Skeleton {
-        received: Stamp(received_ns),
-        flags: skeleton_flag::ALL,
-        ..Skeleton::ZERO
-    };
+    let mut out = Skeleton { received: Stamp(received_ns), flags: skeleton_flag::ALL, ..Skeleton::ZERO };
     out.header.sequence = sequence;
     out.header.incarnation = 1;
     out.header.origin = Stamp(origin_ns);

@@ -108,7 +108,7 @@ impl Settings {
     /// Checks every value against its bounds and its partner; NaN is outside all bounds.
     pub fn validate(&self) -> Result<(), ConfigError> {
         for (key, value, min, max) in self.bounds() {
-            if !(value >= min && value <= max) {
+            if !(min..=max).contains(&value) {
                 return Err(ConfigError::OutOfRange { key, value, min, max });
             }
         }

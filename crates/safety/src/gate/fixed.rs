@@ -23,7 +23,7 @@ const TIME_BITS: u32 = 48;
 /// Units of time per second.
 pub(super) const TIME_UNITS: f64 = (1_u64 << TIME_BITS) as f64;
 /// A tick, in units of time, to the nearest.
-pub(super) const TICK: i64 = (((1_i64 << TIME_BITS) + TICK_HZ as i64 / 2) / TICK_HZ as i64) as i64;
+pub(super) const TICK: i64 = ((1_i64 << TIME_BITS) + TICK_HZ as i64 / 2) / TICK_HZ as i64;
 
 /// Highest position and velocity, SI.
 pub(super) const MOTION_CEILING: f64 = 64.0;

@@ -146,10 +146,10 @@ impl Adversary {
 
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
         let mut rest = [0.0; JOINTS];
-        for j in 0..JOINTS {
+        for (j, rest) in rest.iter_mut().enumerate() {
             let next = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             let stop = stop_of(&sent.plan, j);
-            rest[j] = play(next, &stop, 1e3).q;
+            *rest = play(next, &stop, 1e3).q;
             let what = wrong(&self.model.limits[j], joint(last, j), &stop_of(&last.plan, j), next, &stop, GRANTED);
             if let Some(what) = what {
                 self.report.violations.push(format!("tick {} joint {j}: {what}: {last:?} {sent:?}", self.report.ticks));

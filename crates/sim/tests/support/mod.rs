@@ -31,16 +31,8 @@ impl Bench {
     pub(crate) fn new(options: &Options, seed: u64) -> Self {
         let config = Config::new(&MODEL, options).unwrap_or_else(|error| panic!("{error}"));
         let state = State::new(&config, K, seed);
-        let mut command = JointCommand {
-            k: K,
-            seed_k: K,
-            seed_played: 0,
-            ..JointCommand::ZERO
-        };
-        command.header = Header {
-            incarnation: 1,
-            ..Header::ZERO
-        };
+        let mut command = JointCommand { k: K, seed_k: K, seed_played: 0, ..JointCommand::ZERO };
+        command.header = Header { incarnation: 1, ..Header::ZERO };
         command.q = state.follower().motion.q;
         command.mode = Mode::Engaged as u32;
         Self { config, state, command }
@@ -48,15 +40,7 @@ impl Bench {
 
     /// Encoders without noise and step, servos without delay.
     pub(crate) fn ideal() -> Self {
-        Self::new(
-            &Options {
-                encoder_noise_rad: 0.0,
-                encoder_step_rad: 0.0,
-                delay_ticks: 0,
-                ..Options::default()
-            },
-            1,
-        )
+        Self::new(&Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }, 1)
     }
 
     /// The next command: `joint` moves with this jerk for one tick; its plan is the stop from there.
@@ -106,13 +90,7 @@ impl Bench {
 
     /// Names of the kinds of violation that occurred.
     pub(crate) fn violated(&self) -> Vec<&'static str> {
-        self.state
-            .report()
-            .violations()
-            .iter()
-            .filter(|(_, count)| *count > 0)
-            .map(|(name, _)| *name)
-            .collect()
+        self.state.report().violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
     }
 
     pub(crate) fn chain(&self) -> Chain {

@@ -62,11 +62,7 @@ pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
     let mut rotations = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
     for (side, q) in [left, right].into_iter().enumerate() {
         let (upper, fore) = arm(q);
-        let (sign, upper, fore) = if side == 0 {
-            (1.0, upper, fore)
-        } else {
-            (-1.0, mirror(upper), mirror(fore))
-        };
+        let (sign, upper, fore) = if side == 0 { (1.0, upper, fore) } else { (-1.0, mirror(upper), mirror(fore)) };
         let mut at = Vector3::from(positions[16 + side]).cast::<f64>();
         for (joint, rotation, length) in [(18, upper, 0.3), (20, fore, 0.26)] {
             at += rotation * Vector3::y() * (sign * length);
@@ -83,11 +79,7 @@ pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
 #[allow(dead_code)]
 pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
-    raw.header = Header {
-        sequence: i + 1,
-        origin: Stamp(1_000_000_000 + i * 16_666_667),
-        ..Header::ZERO
-    };
+    raw.header = Header { sequence: i + 1, origin: Stamp(1_000_000_000 + i * 16_666_667), ..Header::ZERO };
     raw.session_nonce = 7;
     raw.operator_id = 1;
     raw.layout = SkeletonLayout::Smpl22 as u32;

@@ -85,15 +85,7 @@ impl Attacker {
                 }
             }
             Mode::Nonsense => {
-                let values = [
-                    f64::NAN,
-                    f64::INFINITY,
-                    -f64::MAX,
-                    f64::MAX,
-                    1e300,
-                    -0.0,
-                    f64::MIN_POSITIVE,
-                ];
+                let values = [f64::NAN, f64::INFINITY, -f64::MAX, f64::MAX, 1e300, -0.0, f64::MIN_POSITIVE];
                 for j in 0..JOINTS {
                     self.q[j] = values[self.rng.random_range(0..values.len())];
                     self.dq[j] = values[self.rng.random_range(0..values.len())];
@@ -105,16 +97,10 @@ impl Attacker {
     fn change(&mut self, k: u64) {
         self.until = k + self.rng.random_range(20..900);
         self.dq = [0.0; JOINTS];
-        self.valid_mask = if self.rng.random_bool(0.8) {
-            ALL_JOINTS
-        } else {
-            self.rng.random_range(0..=ALL_JOINTS)
-        };
+        self.valid_mask = if self.rng.random_bool(0.8) { ALL_JOINTS } else { self.rng.random_range(0..=ALL_JOINTS) };
         self.permit = match self.rng.random_range(0..20) {
             0 => Permit::Stop,
-            1..4 => Permit::Follow {
-                speed_scale: self.rng.random_range(0.05..1.0),
-            },
+            1..4 => Permit::Follow { speed_scale: self.rng.random_range(0.05..1.0) },
             _ => Permit::Follow { speed_scale: 1.0 },
         };
         self.base = self.posture();
@@ -133,11 +119,7 @@ impl Attacker {
             Mode::Limits => {
                 for (j, l) in self.limits.iter().enumerate() {
                     let beyond = if self.rng.random_bool(0.5) { 5.0 } else { 0.0 };
-                    self.q[j] = if self.rng.random_bool(0.5) {
-                        l.q_min - beyond
-                    } else {
-                        l.q_max + beyond
-                    };
+                    self.q[j] = if self.rng.random_bool(0.5) { l.q_min - beyond } else { l.q_max + beyond };
                     self.dq[j] = self.rng.random_range(-20.0..20.0);
                 }
             }

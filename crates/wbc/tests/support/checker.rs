@@ -22,13 +22,7 @@ pub struct Checker {
 
 impl Checker {
     pub fn new(subject: &Subject, start: &Planned) -> Self {
-        Self {
-            subject: subject.clone(),
-            before: *start,
-            clearance_m: f64::INFINITY,
-            violations: 0,
-            first: Vec::new(),
-        }
+        Self { subject: subject.clone(), before: *start, clearance_m: f64::INFINITY, violations: 0, first: Vec::new() }
     }
 
     fn violated(&mut self, what: impl FnOnce() -> String) {
@@ -40,12 +34,7 @@ impl Checker {
 
     /// One tick's command; `dense` also samples its plan every millisecond.
     pub fn command(&mut self, k: u64, out: &Output, dense: bool) {
-        let now = Planned {
-            q: out.q,
-            v: out.v,
-            a: out.a,
-            plan: out.plan,
-        };
+        let now = Planned { q: out.q, v: out.v, a: out.a, plan: out.plan };
         for j in 0..JOINTS {
             self.joint_state(k, j, &now);
             if out.on_plan & 1 << j == 0 {
@@ -71,12 +60,7 @@ impl Checker {
         let l = self.subject.limits[j];
         let inside = now.q[j] >= l.q_min && now.q[j] <= l.q_max;
         if !(inside && now.v[j].abs() <= l.v_max && now.a[j].abs() <= l.a_max) {
-            self.violated(|| {
-                format!(
-                    "k {k} joint {j}: q {} v {} a {} outside limits",
-                    now.q[j], now.v[j], now.a[j]
-                )
-            });
+            self.violated(|| format!("k {k} joint {j}: q {} v {} a {} outside limits", now.q[j], now.v[j], now.a[j]));
         }
     }
 
@@ -87,12 +71,7 @@ impl Checker {
         let q = q0 + v0 * TICK_S + a0 * TICK_S.powi(2) / 2.0 + jerk * TICK_S.powi(3) / 6.0;
         let l = self.subject.limits[j];
         if jerk.abs() > l.j_max || (v - now.v[j]).abs() > ROUNDING || (q - now.q[j]).abs() > ROUNDING {
-            self.violated(|| {
-                format!(
-                    "k {k} joint {j}: jerk {jerk}, v {v} != {}, q {q} != {}",
-                    now.v[j], now.q[j]
-                )
-            });
+            self.violated(|| format!("k {k} joint {j}: jerk {jerk}, v {v} != {}, q {q} != {}", now.v[j], now.q[j]));
         }
         let turn = -a0 / jerk;
         if turn > 0.0 && turn < TICK_S && (v0 + a0 * turn / 2.0).abs() > l.v_max {
@@ -170,17 +149,10 @@ pub fn play(p: &Planned, j: usize, t: f64) -> (f64, f64, f64) {
 pub fn axis_distance(p: [Vector3<f64>; 2], q: [Vector3<f64>; 2]) -> f64 {
     let to_segment = |x: Vector3<f64>, s: [Vector3<f64>; 2]| {
         let d = s[1] - s[0];
-        let along = if d.norm() < 1e-9 {
-            0.0
-        } else {
-            ((x - s[0]).dot(&d) / d.dot(&d)).clamp(0.0, 1.0)
-        };
+        let along = if d.norm() < 1e-9 { 0.0 } else { ((x - s[0]).dot(&d) / d.dot(&d)).clamp(0.0, 1.0) };
         (s[0] + d * along - x).norm()
     };
-    let ends = to_segment(p[0], q)
-        .min(to_segment(p[1], q))
-        .min(to_segment(q[0], p))
-        .min(to_segment(q[1], p));
+    let ends = to_segment(p[0], q).min(to_segment(p[1], q)).min(to_segment(q[0], p)).min(to_segment(q[1], p));
     let (u, v) = (p[1] - p[0], q[1] - q[0]);
     let normal = u.cross(&v);
     if normal.norm() < 1e-9 {
@@ -190,9 +162,5 @@ pub fn axis_distance(p: [Vector3<f64>; 2], q: [Vector3<f64>; 2]) -> f64 {
     let s = between.cross(&v).dot(&normal) / normal.norm_squared();
     let t = between.cross(&u).dot(&normal) / normal.norm_squared();
     let inside = (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t);
-    if inside {
-        ends.min(between.dot(&normal).abs() / normal.norm())
-    } else {
-        ends
-    }
+    if inside { ends.min(between.dot(&normal).abs() / normal.norm()) } else { ends }
 }

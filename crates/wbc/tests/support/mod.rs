@@ -47,13 +47,7 @@ pub fn joint_rows() -> [JointRow; JOINTS] {
 
 /// Limits in joint order.
 pub fn limits() -> [Bounds; JOINTS] {
-    let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds {
-        q_min,
-        q_max,
-        v_max,
-        a_max,
-        j_max,
-    };
+    let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds { q_min, q_max, v_max, a_max, j_max };
     let arm = [
         bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
         bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
@@ -83,12 +77,7 @@ pub fn home() -> [f64; JOINTS] {
 
 /// Capsules as (body, a, b, radius).
 pub fn capsules() -> Vec<BodyCapsule> {
-    let capsule = |body, a: [f64; 3], b: [f64; 3], radius_m| BodyCapsule {
-        body,
-        a: a.into(),
-        b: b.into(),
-        radius_m,
-    };
+    let capsule = |body, a: [f64; 3], b: [f64; 3], radius_m| BodyCapsule { body, a: a.into(), b: b.into(), radius_m };
     let mut all = vec![
         capsule(0, [-0.1, -0.15, 0.15], [-0.1, 0.15, 0.15], 0.16),
         capsule(0, [0.1, -0.15, 0.15], [0.1, 0.15, 0.15], 0.16),
@@ -140,10 +129,7 @@ pub fn chain() -> Chain {
         let (parent, origin, axis, prismatic) = joint_rows()[j];
         Link {
             parent,
-            parent_from_body: Placement {
-                r: Matrix3::identity(),
-                t: Vector3::from(origin),
-            },
+            parent_from_body: Placement { r: Matrix3::identity(), t: Vector3::from(origin) },
             axis: Vector3::from(axis),
             prismatic,
             stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
@@ -156,14 +142,7 @@ pub fn chain() -> Chain {
 pub fn parts() -> Parts {
     let capsules = capsules();
     let pairs = pairs(&capsules);
-    Parts {
-        chain: chain(),
-        limits: limits(),
-        home: home(),
-        capsules,
-        pairs,
-        d_min_m: D_MIN_M,
-    }
+    Parts { chain: chain(), limits: limits(), home: home(), capsules, pairs, d_min_m: D_MIN_M }
 }
 
 /// The robot's configuration.
@@ -184,41 +163,13 @@ pub struct Subject {
 
 impl Subject {
     pub fn made_up() -> Self {
-        let Parts {
-            limits,
-            home,
-            capsules,
-            pairs,
-            d_min_m,
-            ..
-        } = parts();
-        Self {
-            limits,
-            home,
-            capsules,
-            pairs,
-            d_min_m,
-            model: None,
-        }
+        let Parts { limits, home, capsules, pairs, d_min_m, .. } = parts();
+        Self { limits, home, capsules, pairs, d_min_m, model: None }
     }
 
     pub fn of(model: robot::Model) -> Self {
-        let Parts {
-            limits,
-            home,
-            capsules,
-            pairs,
-            d_min_m,
-            ..
-        } = Parts::of(&model).expect("a valid robot");
-        Self {
-            limits,
-            home,
-            capsules,
-            pairs,
-            d_min_m,
-            model: Some(Rc::new(model)),
-        }
+        let Parts { limits, home, capsules, pairs, d_min_m, .. } = Parts::of(&model).expect("a valid robot");
+        Self { limits, home, capsules, pairs, d_min_m, model: Some(Rc::new(model)) }
     }
 
     /// The robot of a robot file; its URDF lies beside it.
@@ -253,10 +204,7 @@ impl Subject {
             let own = if prismatic {
                 Isometry3::from_parts(Translation3::from(origin + axis * q[j]), UnitQuaternion::identity())
             } else {
-                Isometry3::from_parts(
-                    Translation3::from(origin),
-                    UnitQuaternion::from_scaled_axis(axis * q[j]),
-                )
+                Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::from_scaled_axis(axis * q[j]))
             };
             bodies[j + 1] = bodies[parent] * own;
         }
