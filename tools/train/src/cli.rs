@@ -35,6 +35,18 @@ pub struct Cli {
     /// Poses per step, even
     #[arg(long, default_value_t = 512)]
     pub batch: usize,
+    /// Peak learning rate of Adam
+    #[arg(long, default_value_t = 1e-3)]
+    pub rate: f64,
+    /// Share of procedural human poses, 0 to 1
+    #[arg(long, default_value_t = Mixture::default().procedural)]
+    pub procedural: f64,
+    /// Largest random turn of both limbs together about each torso axis, degrees
+    #[arg(long, default_value_t = Mixture::default().torso_jitter_rad.to_degrees())]
+    pub torso_jitter_deg: f32,
+    /// Largest random turn of each limb by itself about each torso axis, degrees
+    #[arg(long, default_value_t = Mixture::default().limb_jitter_rad.to_degrees())]
+    pub limb_jitter_deg: f32,
     /// Leave a loss term out, to see what it is worth; may be repeated
     #[arg(long, value_enum, value_name = "TERM")]
     pub without: Vec<Term>,
@@ -105,7 +117,7 @@ impl Cli {
     /// The options of a new run.
     ///
     /// # Errors
-    /// If steps or batch are out of bounds.
+    /// If one of the numbers is out of bounds.
     pub fn options(&self) -> Result<Options, TrainError> {
         let steps = self.steps.unwrap_or(self.preset.steps());
         let bounds = |option, value: String, expected: &str| {
@@ -114,9 +126,36 @@ impl Cli {
         if !(1..=10_000_000).contains(&steps) {
             return bounds("steps", steps.to_string(), "1 to 10000000");
         }
-        if self.batch < 4 || self.batch % 2 != 0 || self.batch > 65_536 {
+        if self.batch < 4 || !self.batch.is_multiple_of(2) || self.batch > 65_536 {
             return bounds("batch", self.batch.to_string(), "an even number from 4 to 65536");
         }
+        if !(self.rate > 0.0 && self.rate <= 0.1) {
+            return bounds("rate", self.rate.to_string(), "above 0, at most 0.1");
+        }
+        if !(0.0..=1.0).contains(&self.procedural) {
+            return bounds("procedural", self.procedural.to_string(), "0 to 1");
+        }
+        for (option, value) in [("torso-jitter-deg", self.torso_jitter_deg), ("limb-jitter-deg", self.limb_jitter_deg)]
+        {
+            if !(0.0..=45.0).contains(&value) {
+                return bounds(option, value.to_string(), "0 to 45");
+            }
+        }
+        Ok(Options {
+            size: Size { hidden_layers: 6, hidden_width: 128 },
+            batch: self.batch,
+            schedule: Schedule { peak: self.rate, warm_up: 500.min(steps / 4), steps },
+            seed: self.seed,
+            weighting: self.weighting(),
+            mixture: Mixture {
+                procedural: self.procedural,
+                torso_jitter_rad: self.torso_jitter_deg.to_radians(),
+                limb_jitter_rad: self.limb_jitter_deg.to_radians(),
+            },
+        })
+    }
+
+    fn weighting(&self) -> Weighting {
         let mut weighting = Weighting::default();
         for term in &self.without {
             match term {
@@ -125,13 +164,6 @@ impl Cli {
                 Term::Ltc => weighting.cycle = 0.0,
             }
         }
-        Ok(Options {
-            size: Size { hidden_layers: 6, hidden_width: 128 },
-            batch: self.batch,
-            schedule: Schedule { peak: 1e-3, warm_up: 500.min(steps / 4), steps },
-            seed: self.seed,
-            weighting,
-            mixture: Mixture::default(),
-        })
+        weighting
     }
 }

@@ -1,7 +1,7 @@
 //! The five loss terms and their gradient over one batch, without labels and without pairs.
 //!
-//! L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 5 overrun of the limits + 1 triplet + 1 |x_r - D(Q_r(x_r))|
-//!   + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|, every term a mean. The kinematics see the clamped output, and only what lies
+//! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 5 overrun + 1 triplet + 1 |x_r - D(Q_r(x_r))| + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
+//! with the overrun of the joint limits by the unclamped output, every term a mean. The kinematics see the clamped output, and only what lies
 //! inside the limits is moved by them; what lies outside is brought back by the overrun alone.
 
 use crate::kinematics::{ARM, Arm, s_gr};
@@ -119,21 +119,20 @@ impl Shard {
         self.grad_human.fill(0.0);
         self.grad_robot.fill(0.0);
         self.forward(networks, parameters);
-        let mut terms = Terms::default();
-        terms.cycle = self.cycle_term(weighting.cycle);
+        let cycle = self.cycle_term(weighting.cycle);
         let cycle_input = Some(self.grad_cycle_input.as_mut_slice());
         networks.robot.backward(parameters, &mut self.cycle, &self.grad_cycle, &mut self.gradient, cycle_input);
-        (terms.kinematics, terms.limits) = self.human_outputs(arm, weighting);
-        terms.reconstruction = self.robot_outputs(arm, weighting.reconstruction);
+        let (kinematics, limits) = self.human_outputs(arm, weighting);
+        let reconstruction = self.robot_outputs(arm, weighting.reconstruction);
         let latent = Some(self.grad_latent.as_mut_slice());
         networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
-        terms.triplet = self.triplet_term(weighting.triplet);
+        let triplet = self.triplet_term(weighting.triplet);
         let (of_human, of_robot) = self.grad_latent.split_at(rows * LATENT);
         self.grad_human.iter_mut().zip(of_human).for_each(|(g, v)| *g += v);
         self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
         networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
         networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
-        terms
+        Terms { kinematics, limits, triplet, reconstruction, cycle }
     }
 
     /// Both encoders, the decoder on both latents (its output becomes 1.02 tanh, the normalised joint positions), and the
