@@ -27,7 +27,7 @@ fn no_stage_allocates_in_a_tick() {
     let loaded = pipeline::load(&path, Overrides::default()).expect("settings");
     let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");
     let control_config = ControlConfig::new(&loaded, true).expect("control");
-    let sim_config = pipeline::sim_config(&loaded).expect("sim");
+    let sim_config = pipeline::sim_config(&loaded, true).expect("sim");
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
     let skeleton_config = skeleton::Config::default();

@@ -43,6 +43,7 @@ impl Transition {
             Self::AT_REST => "at rest",
             Self::RESET => "reset",
             Self::CLEARED => "cleared",
+            Self::SETTLED => "settled",
             why => match crate::Fault::from_u32(why) {
                 Some(fault) => fault.row().name,
                 None => "unknown",

@@ -49,7 +49,7 @@ impl WorldConfig {
             skeleton: skeleton::Config::default(),
             retarget: crate::retarget_config(loaded)?,
             control: ControlConfig::new(loaded, true)?,
-            sim: crate::sim_config(loaded)?,
+            sim: crate::sim_config(loaded, true)?,
             config_hash: loaded.hash,
             authority_timeout_ns: (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
         })

@@ -30,6 +30,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             if matches!(error, operator::OperatorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
         Failure::new(exit, error)
     })?;
+    // One threshold for a silent operator, wherever it is noticed.
+    let server = server.with_lease_ns((process.loaded.settings.safety.operator_silent_ms * 1e6) as u64);
     let core = Domain::open(process.instance.core_domain(), "control").map_err(bus_failure)?;
     let mut control = Control {
         grace_ns: (process.loaded.settings.control.grace_us * 1e3) as u64,

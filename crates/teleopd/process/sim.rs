@@ -12,7 +12,8 @@ use std::time::Duration;
 /// Runs until shutdown.
 pub fn run(place: &Place) -> Result<(), Failure> {
     let process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
-    let config = pipeline::sim_config(&process.loaded).map_err(|error| Failure::new(Exit::Config, error))?;
+    let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
+        .map_err(|error| Failure::new(Exit::Config, error))?;
     let seed = process.loaded.settings.sim.seed;
     let core = Domain::open(process.instance.core_domain(), "sim").map_err(bus_failure)?;
     let mut commands = core.waking_reader::<JointCommand>(Service::JointCommand).map_err(bus_failure)?;
