@@ -30,4 +30,4 @@ pub use limits::JointLimits;
 pub use model::Model;
 pub use pose::Pose;
 pub use segment::{SegmentDistance, segment_distance};
-pub use shapes::{Hull, capsule_distance_oracle, hull_volume_oracle};
+pub use shapes::{Hull, hull_volume_oracle, segment_distance_oracle};

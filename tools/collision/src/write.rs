@@ -243,7 +243,7 @@ pub fn robot_file(
     let _ = write!(
         text,
         "\n# Proved to stay apart everywhere within the limits in force: the capsules by {} mm, or the convex hulls of what\n\
-         # they contain by {} mm ({} mm inside one wrist).\n[collision.allowed.proved_clear]\n{}",
+         # they contain by {} mm ({} mm inside one wrist or shoulder).\n[collision.allowed.proved_clear]\n{}",
         plan.clear_mm, plan.clear_hull_mm, plan.clear_close_mm, tables[1].1
     );
     Ok(Decided { text, near_home })
