@@ -37,6 +37,7 @@ pub struct ControlConfig {
     /// Known delay from a setpoint to its measurement, s: what the command is ahead by is no tracking error.
     servo_lag_s: f64,
     config_hash: u64,
+    realtime: bool,
 }
 
 impl ControlConfig {
@@ -55,6 +56,7 @@ impl ControlConfig {
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(loaded.settings.sim.delay_ticks) * messages::TICK_S,
             config_hash: loaded.hash,
+            realtime,
             model,
         })
     }
@@ -317,7 +319,7 @@ impl ControlState {
         status.latched = out.latched.0;
         status.fault_counts = out.fault_counts;
         status.speed_scale = out.permit.speed_scale();
-        status.realtime = u32::from(input.realtime_ok);
+        status.realtime = u32::from(config.realtime);
         if let Some(transition) = out.transition {
             status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;
             status.transition_count += 1;
