@@ -1,8 +1,9 @@
 //! Kinematics in integers: the same result on every machine.
 //!
 //! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the like),
-//! times in 2^-48 s. A tick of 1/1500 s is no whole number of them, and is 0.8e-15 s off. Scaling an `f64` by a power of
-//! two is exact, so the only rounding is to the nearest unit. Ceilings keep every intermediate inside its type:
+//! times in 2^-48 s. A tick of 1/1500 s is no whole number of them; ticks are counted and then converted, so that what
+//! one is off by (0.8e-15 s) does not add up. Scaling an `f64` by a power of two is exact, so the only rounding is to the
+//! nearest unit. Ceilings keep every intermediate inside its type:
 //!
 //! | quantity | ceiling, SI | units |
 //! |---|---|---|
@@ -36,6 +37,13 @@ pub(super) const TIME_CEILING_S: f64 = 16.0;
 
 const MOTION_CLAMP: i64 = (1 << 46) + 1;
 const ACCELERATION_CLAMP: i64 = (1 << 52) + 1;
+
+/// The length of `ticks` (at most 2^20) in units of time, to the nearest: a tick is no whole number of units, and many
+/// are not off by more than one.
+pub(super) fn ticks_long(ticks: u64) -> i64 {
+    let ticks = i128::from(ticks.min(1 << 20));
+    (((ticks << TIME_BITS) + i128::from(TICK_HZ) / 2) / i128::from(TICK_HZ)) as i64
+}
 
 /// `value` in units, or None where it is not finite or beyond the ceiling.
 pub(super) fn quantise(value: f64, ceiling: f64, units: f64) -> Option<i64> {
@@ -182,6 +190,13 @@ mod tests {
                 assert!((got as f64 / UNITS - expected).abs() < 8.0 / UNITS, "{got} {expected}");
             }
         }
+    }
+
+    #[test]
+    fn many_ticks_are_as_long_as_they_are() {
+        assert_eq!(ticks_long(1), TICK);
+        assert_eq!(ticks_long(1500), 1 << TIME_BITS);
+        assert_eq!(ticks_long(u64::MAX), ticks_long(1 << 20));
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 use messages::{JOINTS, StopPlan};
 
-use super::fixed::{JERK_CEILING, Phase, Point, TICK, TIME_CEILING_S, TIME_UNITS, UNITS, quantise};
+use super::fixed::{JERK_CEILING, Phase, Point, TIME_CEILING_S, TIME_UNITS, UNITS, quantise, ticks_long};
 
-/// Longest time a plan is played for, in units: three longest phases. Then every joint is at rest.
-const PLAYED_MAX: i64 = 3 << 52;
+/// Longest time a plan is played for, in ticks: 49 s, and three longest phases are 48 s. Then every joint is at rest.
+const PLAYED_MAX: u64 = 73_500;
 
 /// What a joint has left of its stop.
 pub(super) type Phases = [Phase; 3];
@@ -17,8 +17,8 @@ pub(super) struct Stored {
     pub(super) origin: [Point; JOINTS],
     /// The stop from there.
     pub(super) phases: [Phases; JOINTS],
-    /// How much of it has been played, in units of time.
-    pub(super) played: i64,
+    /// How many ticks of it have been played.
+    pub(super) played: u64,
 }
 
 /// A joint's stop in units; None where it is no plan of finite, ordered phases within the ceilings.
@@ -59,14 +59,12 @@ impl Stored {
 
     /// The same plan, `ticks` later.
     pub(super) fn later(&self, ticks: u64) -> Self {
-        // 2^15 ticks are 21 s, more than all three phases.
-        let more = ticks.min(1 << 15) as i64 * TICK;
-        Self { played: (self.played + more).min(PLAYED_MAX), ..*self }
+        Self { played: self.played.saturating_add(ticks).min(PLAYED_MAX), ..*self }
     }
 
     /// Where joint `j` is, and what is left of its stop.
     pub(super) fn joint(&self, j: usize) -> (Point, Phases) {
-        advanced(self.origin[j], &self.phases[j], self.played)
+        advanced(self.origin[j], &self.phases[j], ticks_long(self.played))
     }
 }
 
