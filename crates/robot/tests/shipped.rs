@@ -68,7 +68,7 @@ fn arms_are_checked_against_the_torso() {
     for pair in &model.allowed {
         let names = [&model.capsules[pair.a].name, &model.capsules[pair.b].name];
         let upper = |name: &&String| name.starts_with("arm_") && (name.ends_with("_2") || name.ends_with("_3"));
-        if names.iter().any(|name| upper(name)) && names.iter().any(|name| name.starts_with("torso_")) {
+        if names.iter().any(upper) && names.iter().any(|name| name.starts_with("torso_")) {
             assert_eq!(pair.reason, AllowedReason::ProvedClear, "{names:?}");
         }
     }
