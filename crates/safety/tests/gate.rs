@@ -70,14 +70,17 @@ fn largest(l: &JointLimits, x: Joint, stop: &Stop, inside: f64, outside: f64, gr
 /// A state near one of the joint's limits: chosen so that its stop, or the stop's fastest point, just fits.
 fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
     let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-    let a =
-        side * l.a_max * [1.0 - 1e-3 * rng.random::<f64>(), rng.random_range(-1.0..1.0), 0.0][rng.random_range(0..3)];
+    let whole = [1.0 - 1e-3 * rng.random::<f64>(), rng.random_range(-1.0..1.0), 0.0][rng.random_range(0..3)];
+    // Every other state turns, in speed or in direction, within its next tick.
+    let turns = rng.random_bool(0.5);
+    let a = side * if turns { l.j_max * T * rng.random_range(-1.0..1.0) } else { l.a_max * whole };
     let peak = a * a.abs() / (2.0 * l.j_max);
-    let fastest = l.v_max * [1.0 - 1e-4 * rng.random::<f64>(), rng.random(), rng.random()][rng.random_range(0..3)];
-    let v = (side * fastest - peak).clamp(-l.v_max, l.v_max);
+    let fastest = l.v_max * [1.0 - 1e-4 * rng.random::<f64>(), 1.0 - 1e-9, rng.random()][rng.random_range(0..3)];
+    let turning_back = turns && rng.random_bool(0.5);
+    let v = if turning_back { -a * T * rng.random::<f64>() } else { (side * fastest - peak).clamp(-l.v_max, l.v_max) };
     let x = Joint { q: 0.0, v, a };
     let reach = play(x, &stop_from(x, l.a_max, l.j_max), 1e3).q;
-    let room = (l.q_max - l.q_min) * [1e-7 * rng.random::<f64>(), 1e-5, 0.3][rng.random_range(0..3)];
+    let room = (l.q_max - l.q_min) * [1e-11, 1e-7 * rng.random::<f64>(), 0.3][rng.random_range(0..3)];
     let q = if reach >= 0.0 { l.q_max - reach - room } else { l.q_min - reach + room };
     Joint { q, ..x }
 }
@@ -110,9 +113,14 @@ fn the_gate_accepts_exactly_the_largest_admissible_step() {
             assert!(decision.accepted(), "{:?} at {exact} of {l:?} from {x:?}", decision.verdict);
 
             let beyond = largest(l, x, &stop, inside, outside, TWICE_THE_SLACK);
-            let beyond = beyond + (outside - inside) * 1e-9;
-            let to = x.after(beyond, T);
-            let what = wrong(l, x, &stop, to, &stop_from(to, l.a_max, l.j_max), TWICE_THE_SLACK).expect("just beyond");
+            // The first of ever larger steps beyond that the judge sees: where a limit is flat, `f64` needs a larger one.
+            let seen = (0..9).find_map(|n| {
+                let jerk = beyond + (outside - inside) * 1e-9 * 10_f64.powi(n);
+                let to = x.after(jerk, T);
+                let stop_after = stop_from(to, l.a_max, l.j_max);
+                wrong(l, x, &stop, to, &stop_after, TWICE_THE_SLACK).map(|what| (jerk, what))
+            });
+            let (beyond, what) = seen.expect("just beyond");
             let decision = judge(&config, &mut state.clone(), with_jerk(&model, j, x, beyond));
             let expected: &[Check] = match what {
                 "jerk" => &[Check::Jerk],
@@ -134,8 +142,8 @@ fn the_gate_accepts_exactly_the_largest_admissible_step() {
         }
     }
     println!("bound by: {bound_by:?}");
-    for what in ["jerk", "acceleration", "plan's velocity", "plan's position"] {
-        assert!(bound_by.get(what).is_some_and(|count| *count > 500), "{what} bound too rarely: {bound_by:?}");
+    for what in ["jerk", "acceleration", "velocity", "position", "plan's velocity", "plan's position"] {
+        assert!(bound_by.get(what).is_some_and(|count| *count > 100), "{what} bound too rarely: {bound_by:?}");
     }
 }
 
