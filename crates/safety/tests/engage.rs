@@ -130,6 +130,12 @@ fn tracking_errors_stop() {
         let mut bench = Bench::engaged();
         set(&mut bench, small);
         assert_eq!(bench.steps(ticks(1000)).mode, Mode::Engaged);
+        for _ in 0..3 {
+            set(&mut bench, large);
+            assert_eq!(bench.steps(140).mode, Mode::Engaged, "93 ms");
+            set(&mut bench, small);
+            assert_eq!(bench.step().mode, Mode::Engaged, "and well again");
+        }
         set(&mut bench, large);
         let taken = bench.until(Mode::Faulted, ticks(200));
         assert!((150..=151).contains(&taken), "{taken}");
