@@ -9,7 +9,7 @@ use skeleton::chirality;
 
 /// Units that exporters use, m. The last one is CMU's own (the cgspeed release): 0.45 inch divided by 0.2025.
 const UNITS: [(&str, f64); 5] = [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254), ("CMU unit", 0.056_444)];
-/// Statures that a person may have, m (fault table); no two of the units fit into it at once.
+/// Statures that a person may have, m; no two of the units fit into it at once.
 const STATURE_M: [f64; 2] = [1.2, 2.2];
 /// What a person of no plausible unit is scaled to, m.
 const STATURE_NOMINAL_M: f64 = 1.75;

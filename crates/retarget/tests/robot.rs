@@ -13,7 +13,7 @@ fn shipped(edit: impl Fn(String) -> String) -> Model {
 }
 
 #[test]
-fn the_arm_of_the_shipped_robot_is_the_one_of_the_design() {
+fn the_arm_of_the_shipped_robot_is_the_one_that_was_worked_out_by_hand() {
     let (arm, design) = (ArmModel::of(&shipped(|text| text)), support::arm());
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");

@@ -25,7 +25,7 @@ pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, Targ
 
 use watch::{ModeView, Watch, charged_ns};
 
-/// Share of the velocity limits in the first second of engaging (design, "Engaging": at most 5 %).
+/// Share of the velocity limits in the first second of engaging: slow enough to let go before anything has moved far.
 const SPEED_SCALE_FIRST: f64 = 0.05;
 /// How long that lasts, ns.
 const FIRST_NS: u64 = 1_000_000_000;

@@ -1,6 +1,6 @@
 //! What counts as plausible, and the reasons for dropping what is not.
 
-/// Bounds of a plausible person. The defaults are this project's fault table; each can be tightened or, for a noisy
+/// Bounds of a plausible person. The defaults suit motion capture; each can be tightened or, for a noisy
 /// tracker, loosened by its owner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {

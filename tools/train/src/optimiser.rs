@@ -40,8 +40,10 @@ pub struct Adam {
 
 /// Decay of the moving average (measured best of the prototype).
 const AVERAGE_DECAY: f32 = 0.998;
-/// Moments' decay and the denominator's floor: Kingma and Ba 2015, the defaults.
-const BETA: (f32, f32) = (0.9, 0.999);
+/// Moments' decay. Kingma and Ba's 0.999 for the second one lets rare large gradients meet a small denominator: 0.99 gave
+/// 2.94 degrees instead of 3.03 after 4,000 steps (2026-11-21).
+const BETA: (f32, f32) = (0.9, 0.99);
+/// The denominator's floor (Kingma and Ba 2015).
 const EPSILON: f32 = 1e-8;
 
 impl Adam {

@@ -85,7 +85,7 @@ pub struct Config {
 const RELAX_MAX: f64 = 100.0;
 
 impl Settings {
-    /// (key, value, least, most). The ceilings are twice to ten times the figures of the design: a configuration may
+    /// (key, value, least, most). The ceilings are twice to ten times the shipped figures: a configuration may
     /// adapt to a robot, not switch a monitor off.
     fn bounds(&self) -> [(&'static str, f64, f64, f64); 13] {
         [

@@ -19,7 +19,7 @@ pub fn model() -> Model {
     .expect("the robot of the repository loads")
 }
 
-/// The figures of the design.
+/// The shipped figures.
 pub fn settings() -> Settings {
     Settings {
         target_stale_ms: 10.0,
@@ -74,7 +74,7 @@ impl Bench {
         input.robot.incarnation = 9;
         input.robot.reset_count = 41;
         input.motion.at_rest = true;
-        let config = Config::new(&settings()).expect("the design's figures are allowed");
+        let config = Config::new(&settings()).expect("the shipped figures are allowed");
         let alive = Alive { target: true, input: true, state: true, heartbeat: true };
         Self { config, state: State::new(), input, alive, last: None }
     }
