@@ -16,7 +16,8 @@ use crate::interval::Bounds;
 use crate::plan::JointState;
 use messages::TICK_S;
 
-/// Position gain near the target, 1/s: a tenth of the tick rate would excite the servo, this tracks smooth motion to 0.3 mrad RMS (`adversarial --smooth`).
+/// Position gain near the target, 1/s: far below the tick rate, and enough to track smooth motion to 0.3 mrad RMS
+/// (`adversarial --smooth`).
 const POSITION_GAIN_PER_S: f64 = 30.0;
 /// Velocity gain, 1/s: three times the position gain, so that the position loop does not ring.
 const VELOCITY_GAIN_PER_S: f64 = 90.0;

@@ -4,8 +4,8 @@ use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ};
 
 use super::{Config, Input};
 
-/// What a stamp may lie ahead of the tick's own reading of the same clock: it was taken by another process while this
-/// one was on its way: two readings of one clock agree, the rest is scheduling.
+/// What a stamp may lie ahead of the tick's own reading of the same clock: another process took it while this one was
+/// on its way, and two readings of one clock differ by scheduling alone.
 const FUTURE_TOLERANCE_NS: u64 = 2_000_000;
 
 /// Longest part of the own gap that may be charged to a writer: two ticks, so that a tick which starts late by its
