@@ -182,7 +182,7 @@ impl Shard {
                     limits += f64::from(overrun);
                     weighting.limits / (rows * ARM) as f32 * arm.half[joint] * sign(n[joint])
                 } else {
-                    weighting.kinematics / rows as f32 * gradient[joint] * arm.half[joint] + 0.0 * through_cycle
+                    weighting.kinematics / rows as f32 * gradient[joint] * arm.half[joint] + through_cycle
                 };
                 *grad = over_n * tanh_slope(n[joint]);
             }

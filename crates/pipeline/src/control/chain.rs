@@ -11,7 +11,8 @@ pub(super) struct Stream {
     last: Motion,
 }
 
-/// What to do before the command of this tick.
+/// What to do before the command of this tick. A box for the large variant would allocate in the tick.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Continue {
     /// Continue from the own last command: the driver executes it, or still can.

@@ -25,6 +25,9 @@ const ALIGNED_RAD: f64 = 0.02;
 /// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
 const SETTLED_SPEED: f64 = 0.05;
 
+/// Rounding of two kinematics that agree to 1e-12 over a reach of a metre, m, with a wide margin.
+const CLEARANCE_ROUNDING_M: f64 = 1e-9;
+
 /// What the control tick must know beforehand.
 #[derive(Clone, Debug)]
 pub struct ControlConfig {
@@ -188,7 +191,7 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
             reset_count: robot.reset_count,
             outside_limits: may_start && monitor::outside_limits(&config.model, &robot.q_measured),
-            in_collision: may_start && !clearance.is_at_least(config.model.d_min_m),
+            in_collision: may_start && too_close_to_start(config, state, &robot, clearance),
             collision_near: state.near.update(&config.model, clearance.distance_m),
             tracking_error_rad: error_rad,
             tracking_error_m: error_m,
@@ -204,6 +207,19 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         robot,
         motion: state.motion,
     }
+}
+
+/// Whether a start is refused: the measured posture is closer than servo error explains, or the commanded one is closer
+/// than any certified plan ends. A robot that came to rest at the very bound may start again: encoder noise is no reason.
+fn too_close_to_start(
+    config: &ControlConfig,
+    state: &mut ControlState,
+    robot: &RobotState,
+    measured: monitor::Clearance,
+) -> bool {
+    let commanded = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q);
+    !measured.is_at_least(config.model.d_measured_min_m)
+        || !commanded.is_at_least(config.model.d_min_m - CLEARANCE_ROUNDING_M)
 }
 
 /// Values that no retargeting produces: not finite, or far outside any joint's range.
