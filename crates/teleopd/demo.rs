@@ -238,7 +238,7 @@ impl Show {
             for (left, right) in human.rows().zip(robot.rows()) {
                 picture.push_str(&format!("\x1b[2K{left}  {right}\n"));
             }
-            print!("{picture}\x1b[2K{line}\n");
+            println!("{picture}\x1b[2K{line}");
             self.drawn = true;
             let _ = std::io::stdout().flush();
         }
