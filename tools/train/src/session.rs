@@ -62,7 +62,7 @@ impl Session {
             // A panic of the other thread is a bug: it aborts the process (profile), or is passed on under `cargo test`.
             (mine, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
-        adam.step([&left.gradient, &right.gradient], *step, options.schedule.rate(*step));
+        adam.step([&left.gradient, &right.gradient], *step, &options.schedule);
         *step += 1;
         Terms::mean(&of_left, &of_right)
     }

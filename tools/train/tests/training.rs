@@ -30,7 +30,7 @@ fn session(steps: u64, seed: u64) -> Session {
     let options = Options {
         size: Size { hidden_layers: 2, hidden_width: 32 },
         batch: 64,
-        schedule: Schedule { peak: 3e-3, warm_up: 20, steps },
+        schedule: Schedule { peak: 3e-3, warm_up: 20, second_decay: 0.999, steps },
         seed,
         weighting: Weighting::default(),
         mixture: Mixture { procedural: 1.0, ..Mixture::default() },
