@@ -10,7 +10,10 @@ use safety::engage::OperatorView;
 use std::path::Path;
 
 /// Length of a run: engaging takes 3 to 5 s, the rest is motion under faults.
-const TICKS: u64 = 12 * TICK_HZ;
+const TICKS: u64 = 18 * TICK_HZ;
+
+/// From here on, faults: processes stop, and the operator lets go, resets and enables again every 4 s.
+const FAULTS_FROM: u64 = 6 * TICK_HZ;
 
 fn world_config() -> WorldConfig {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
@@ -49,7 +52,7 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
     let (mut mode, mut modes, mut engaged_ticks) = (Mode::Disengaged, vec![], 0);
     let mut stopped: (Running, u64) = (Running::ALL, 0);
     for k in 0..TICKS {
-        if badness > 0.0 && k > 6 * TICK_HZ && k >= stopped.1 {
+        if badness > 0.0 && k > FAULTS_FROM && k >= stopped.1 {
             let who = rng.random_range(0..40);
             let running = Running { ingest: who != 0, retarget: who != 1, control: who != 2, driver: who != 3 };
             stopped = (running, k + rng.random_range(1..60));
@@ -64,11 +67,14 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
             world.publish(&raw);
         }
+        // The hand of an operator who lets go for 0.4 s, presses reset meanwhile, and enables again.
+        let beat = (k > FAULTS_FROM && badness > 0.0).then(|| k % (4 * TICK_HZ));
         let operator = OperatorView {
             connected: true,
-            enable_level: k > TICK_HZ,
-            enable_edge: k == TICK_HZ + 1 || (k > 6 * TICK_HZ && k % (2 * TICK_HZ) == 0),
-            reset_edge: k > 6 * TICK_HZ && k % TICK_HZ == 7,
+            enable_level: k > TICK_HZ && beat.is_none_or(|beat| beat >= 600),
+            enable_edge: k == TICK_HZ + 1 || beat == Some(600),
+            release_edge: beat == Some(0),
+            reset_edge: beat == Some(500),
             heartbeat_received: now,
             ..OperatorView::default()
         };
@@ -80,7 +86,7 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
             if modes.last() != Some(&control.status.mode) {
                 modes.push(control.status.mode);
             }
-            engaged_ticks += u64::from(mode == Mode::Engaged);
+            engaged_ticks += u64::from(mode == Mode::Engaged && k > FAULTS_FROM);
         }
     }
     for (kind, count) in world.report().violations() {
@@ -133,7 +139,7 @@ impl Oracle {
 fn perfect_links_engage_and_stay_engaged() {
     let outcome = run(&world_config(), 1, 0.0);
     assert_eq!(outcome.modes, [Mode::Disengaged as u32, Mode::Engaging as u32, Mode::Engaged as u32]);
-    assert!(outcome.engaged_ticks > 5 * TICK_HZ, "{outcome:?}");
+    assert!(outcome.engaged_ticks > 11 * TICK_HZ, "{outcome:?}");
 }
 
 #[test]
@@ -150,11 +156,17 @@ fn two_runs_of_a_seed_are_bit_identical() {
 #[test]
 fn nothing_that_links_and_processes_do_breaks_a_limit() {
     let config = world_config();
-    let mut engaged = 0;
+    // Ticks engaged under faults, and cycles from a latched stop back to following: for mild and for bad links.
+    let (mut engaged, mut recovered) = ([0, 0], 0);
     for seed in 100..120 {
-        let badness = if seed % 2 == 0 { 0.2 } else { 1.0 };
-        println!("seed {seed}, badness {badness}");
-        engaged += run(&config, seed, badness).engaged_ticks;
+        let bad = (seed % 2) as usize;
+        println!("seed {seed}, badness {}", [0.2, 1.0][bad]);
+        let outcome = run(&config, seed, [0.2, 1.0][bad]);
+        engaged[bad] += outcome.engaged_ticks;
+        let faulted = outcome.modes.iter().position(|mode| *mode == Mode::Faulted as u32);
+        recovered += usize::from(faulted.is_some_and(|at| outcome.modes[at..].contains(&(Mode::Engaged as u32))));
     }
-    assert!(engaged > TICK_HZ, "the robot hardly ever moved: {engaged} ticks");
+    println!("engaged under faults {engaged:?} ticks, {recovered} runs recovered from a latched stop");
+    assert!(engaged.iter().all(|ticks| *ticks > TICK_HZ), "the robot hardly ever moved: {engaged:?}");
+    assert!(recovered > 0, "no run recovered from a latched stop");
 }

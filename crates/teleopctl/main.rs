@@ -96,6 +96,12 @@ fn status(client: &mut Client, json: bool) -> Result<bool, OperatorError> {
         status.clearance_measured_m * 1e3
     );
     println!("tracking error    {:.4} rad", status.tracking_error);
+    let degrees = |rad: f64| rad.to_degrees();
+    println!(
+        "limb error        {:.1} deg target, {:.1} deg measured",
+        degrees(status.limb_error_target_rad),
+        degrees(status.limb_error_measured_rad)
+    );
     println!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
     println!("operators         {}", status.operators);
     println!("gate denials      {}", status.gate_denials);

@@ -11,6 +11,7 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
     let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
+    pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     for file in &loaded.files {
         println!("read {}", file.display());
     }

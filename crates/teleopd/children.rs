@@ -32,7 +32,8 @@ pub struct Children {
 impl Children {
     /// Starts every process and waits until each is READY. `quiet` sends what they print to `<run dir>/<name>.log`.
     pub fn start(instance: &Instance, place: &Place, quiet: bool) -> Result<Self, Failure> {
-        let socket_path = instance.run_dir().join("ready.sock");
+        // Of its own, so that a second start in the same folder disturbs nothing before it is refused.
+        let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
         let socket = UnixDatagram::bind(&socket_path)
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", socket_path.display())))?;
@@ -62,6 +63,7 @@ impl Children {
         if place.engage_without_realtime {
             command.arg("--engage-without-realtime");
         }
+        let _ = std::fs::remove_file(instance.report(name));
         let log_path = instance.run_dir().join(format!("{name}.log"));
         if quiet {
             let log = std::fs::File::create(&log_path)
@@ -106,7 +108,6 @@ impl Children {
 
     /// The first process that has ended, if any.
     pub fn ended(&mut self) -> Option<(&'static str, ExitStatus)> {
-        // What the processes say after READY (watchdog, status) is nobody's business here, but must not pile up.
         self.running.iter_mut().find_map(|(name, child)| child.try_wait().ok().flatten().map(|status| (*name, status)))
     }
 

@@ -31,7 +31,12 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     if let Some(seconds) = options.seconds
         && !(seconds > 0.0 && seconds <= 86_400.0)
     {
-        return Err(Failure::new(Exit::NoInput, format!("--seconds {seconds} is outside (0, 86400]")));
+        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
+    }
+    // Before the run, not after it: a report that cannot be written is known now.
+    if let Some(path) = &options.report {
+        std::fs::File::create(path)
+            .map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))?;
     }
     let motion = match &options.motion {
         Some(path) => motion::load(path).map_err(|error| Failure::new(Exit::NoInput, error))?,
@@ -64,7 +69,14 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     drop(operator);
     let mut trouble = children.stop();
     trouble.extend(ended.err());
-    let report = Report::collect(&instance)?;
+    if folder.temporary {
+        instance.retire();
+    }
+    let report = Report::collect(&instance).map_err(|failure| {
+        let mut causes = trouble.clone();
+        causes.push(failure.text);
+        Failure::new(failure.exit, causes.join("; "))
+    })?;
     report.print();
     if let Some(path) = &options.report {
         let text = format!("{:#}\n", report.to_json());
@@ -125,6 +137,9 @@ impl Run<'_> {
             if mode == Mode::Engaged && engaged.is_none() {
                 engaged = Some(Instant::now());
                 self.publisher.set_engaged(true);
+            }
+            if engaged.is_some() && mode == Mode::Disengaged {
+                return Err("the robot was released before the end of the motion".into());
             }
             match engaged {
                 None if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
@@ -218,11 +233,12 @@ impl Show {
             self.last = Some((Instant::now(), status.ticks));
         }
         let line = format!(
-            "{:<11} frame {frame}/{frames}  control {rate:6.0} Hz  input {:5.1} ms old  clearance {:5.1} mm  limb error {:4.1} deg",
+            "{:<9} {frame:>4}/{frames} {rate:4.0} Hz  input {:4.1} ms  clear {:3.0} mm  error {:.1}, measured {:.1} deg",
             mode_of(&status).name(),
             status.input_age_ns as f64 * 1e-6,
             status.clearance_command_m * 1e3,
             status.limb_error_target_rad.to_degrees(),
+            status.limb_error_measured_rad.to_degrees(),
         );
         if !self.terminal {
             println!("{line}");

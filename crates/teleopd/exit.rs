@@ -9,12 +9,16 @@ pub enum Exit {
     Ok = 0,
     /// The run ended, and something in it was not as it must be.
     Failed = 1,
+    /// EX_USAGE: an argument that makes no sense.
+    Usage = 64,
     /// EX_NOINPUT: a file to read is missing or malformed.
     NoInput = 66,
     /// EX_UNAVAILABLE: a service, socket or peer is missing.
     Unavailable = 69,
     /// EX_SOFTWARE: an operating system call failed that must not.
     Software = 70,
+    /// EX_CANTCREAT: a file to write cannot be made.
+    CantCreate = 73,
     /// EX_TEMPFAIL: another instance holds the place.
     TempFail = 75,
     /// EX_CONFIG: the configuration, robot file or weights are refused.

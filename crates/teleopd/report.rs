@@ -107,7 +107,8 @@ impl Report {
         println!("\n{:<34} {:>10} {:>10} {:>10}", format!("{seconds:.2} s"), "retarget", "control", "driver");
         for (label, key) in [("ticks", "ticks"), ("missed deadlines", "missed_deadlines")] {
             let row = &v[key];
-            println!("{label:<34} {:>10} {:>10} {:>10}", row["retarget"], row["control"], row["driver"]);
+            let [retarget, control, driver] = ["retarget", "control", "driver"].map(|name| number(&row[name]));
+            println!("{label:<34} {retarget:>10} {control:>10} {driver:>10}");
         }
         let rate = |name: &str| number(&v["ticks"][name]) / seconds;
         println!("{:<34} {:>10.1} {:>10.1} {:>10.1}", "rate, Hz", rate("retarget"), rate("control"), rate("driver"));
@@ -130,15 +131,15 @@ impl Report {
             number(&tracking["rms"]),
             number(&tracking["max"])
         );
-        println!("{:<34} {:>10.6} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
+        println!("{:<34} {:>10.1e} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
         let ratio = number(&v["engage"]["first_second_velocity_ratio"]);
         println!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
         println!("{:<34} {:>10.1} mm", "smallest clearance", number(&v["min_clearance_mm"]));
         let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
-        println!("{:<34} {}", "violations", counts.join(", "));
+        println!("{:<16} {}", "violations", counts.join(", "));
         let faults: Vec<_> =
             v["faults"].as_object().into_iter().flatten().map(|(name, count)| format!("{name} x {count}")).collect();
-        println!("{:<34} {}", "faults", if faults.is_empty() { "none".into() } else { faults.join(", ") });
+        println!("{:<16} {}", "raised", if faults.is_empty() { "none".into() } else { faults.join(", ") });
         for one in v["mode_transitions"].as_array().into_iter().flatten() {
             let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();
             println!("{:>12.3} s   {} -> {} ({})", number(&one["t_s"]), text("from"), text("to"), text("why"));

@@ -87,7 +87,7 @@ macro_rules! faults {
 }
 
 faults! {
-    NotRealtime: Inhibit, 1, "The process has no real-time rights and the configuration does not allow to engage without.";
+    NotRealtime: Inhibit, 1, "No real-time scheduling (SCHED_FIFO, locked memory, PREEMPT_RT kernel), and neither control.engage_without_realtime nor --engage-without-realtime allows to do without.";
     ConfigMismatch: Inhibit, 1, "Two processes run with different configurations.";
     StartOutsideLimits: Inhibit, 1, "A measured joint is outside its limits.";
     StartInCollision: Inhibit, 1, "The measured posture is closer to self-collision than allowed.";

@@ -89,6 +89,10 @@ pub fn load(path: &Path) -> Result<Motion, MotionError> {
     if extension != "bvh" {
         return Err(MotionError::UnknownFormat { file: file(), extension });
     }
+    // Before it is opened: opening a pipe would wait for whoever writes into it.
+    if !std::fs::metadata(path).map_err(io)?.is_file() {
+        return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, "is not a regular file")));
+    }
     let mut source = std::fs::File::open(path).map_err(io)?;
     let bytes = source.metadata().map_err(io)?.len();
     if bytes > FILE_BYTES_MAX {

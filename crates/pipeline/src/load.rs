@@ -48,7 +48,12 @@ pub struct Overrides {
 
 /// Reads and checks the settings file and every file it names.
 pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
-    let text = read_text(config)?;
+    let text = read_text(config).map_err(|error| match error {
+        ConfigError::Read { file, cause } => {
+            ConfigError::Read { file, cause: format!("{cause} (run from the repository's root, or give --config)") }
+        }
+        other => other,
+    })?;
     let mut settings = Settings::parse(&config.display().to_string(), &text)?;
     settings.control.engage_without_realtime |= overrides.engage_without_realtime;
     let folder = config.parent().unwrap_or(Path::new("."));
@@ -111,7 +116,11 @@ fn read_text(path: &Path) -> Result<String, ConfigError> {
 
 fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
     let refuse = |cause: String| ConfigError::Read { file: path.display().to_string(), cause };
-    let length = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?.len();
+    let metadata = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?;
+    if !metadata.is_file() {
+        return Err(refuse("is not a regular file".into()));
+    }
+    let length = metadata.len();
     if length > most {
         return Err(refuse(format!("has {length} bytes, more than the {most} that are read")));
     }

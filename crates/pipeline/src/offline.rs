@@ -118,6 +118,9 @@ impl Offline {
         if released.is_some() && self.mode == Mode::Disengaged {
             return Err(OfflineEnd::AtRest);
         }
+        if released.is_none() && self.player.started() && self.mode == Mode::Disengaged {
+            return Err(OfflineEnd::Stopped("the robot was released before the end of the motion".into()));
+        }
         if released.is_none() && !self.player.started() && k > ENGAGED_WITHIN {
             return Err(OfflineEnd::Stopped("the robot did not engage".into()));
         }
@@ -142,7 +145,8 @@ impl Offline {
         let k = self.report.rows;
         let now = self.world.now();
         if let Some((frame, raw)) = self.player.due(now, self.mode == Mode::Engaged) {
-            if self.player.started() {
+            // The last frame is held until the robot is released: it was taken once.
+            if self.player.started() && self.report.frames.last().is_none_or(|(last, _)| *last != frame) {
                 self.report.frames.push((frame, k));
             }
             self.world.publish(&raw);

@@ -176,6 +176,11 @@ impl Settings {
             ("realtime.priority_control", f64::from(self.realtime.priority_control), 1.0, 98.0),
             ("realtime.priority_driver", f64::from(self.realtime.priority_driver), 1.0, 98.0),
             ("realtime.core", self.realtime.core as f64, -1.0, 1023.0),
+            ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, messages::TICK_HZ as f64 / 10.0),
+            ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 5.0),
+            ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, f64::from(sim::DELAY_MAX_TICKS)),
+            ("sim.encoder_noise_rad", self.sim.encoder_noise_rad, 0.0, 0.01),
+            ("sim.encoder_step_rad", self.sim.encoder_step_rad, 0.0, 0.01),
         ];
         for (key, value, low, high) in bounds {
             // Written so that NaN is refused too.

@@ -23,10 +23,10 @@ impl Shutdown {
         Self::default()
     }
 
-    /// A flag that SIGINT and SIGTERM raise instead of ending the process.
+    /// A flag that SIGINT, SIGTERM and SIGHUP (a closed terminal) raise instead of ending the process.
     pub fn on_signals() -> Result<Self, RtError> {
         let shutdown = Self::new();
-        for signal in [libc::SIGINT, libc::SIGTERM] {
+        for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP] {
             signal_hook::flag::register_usize(signal, Arc::clone(&shutdown.cause), signal as usize)
                 .map_err(|source| RtError::Signal { signal, source })?;
         }

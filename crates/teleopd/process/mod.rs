@@ -64,7 +64,9 @@ impl Process {
     /// while `alive` moves.
     pub fn ready(&self) -> Result<(), Failure> {
         let software = |error: std::io::Error| Failure::new(Exit::Software, error);
-        self.manager.ready().map_err(software)?;
+        self.manager
+            .ready()
+            .map_err(|error| Failure::new(Exit::Software, format!("NOTIFY_SOCKET: READY was not taken: {error}")))?;
         if let Some(timeout) = self.manager.watchdog_timeout() {
             let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
             let (alive, shutdown) = (Arc::clone(&self.alive), self.shutdown.clone());

@@ -9,7 +9,10 @@ use messages::{Header, JointCommand, RobotState, Service, Stamp, TICK_HZ, deadli
 use serde_json::{Map, Value, json};
 use std::time::Duration;
 
-/// Runs until shutdown.
+/// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
+const END_WITHIN_NS: u64 = 1_000_000_000;
+
+/// Runs until shutdown, and then until the robot is at rest.
 pub fn run(place: &Place) -> Result<(), Failure> {
     let process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
@@ -30,13 +33,21 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut state = sim::State::new(&config, due(rt::now()) + 3, seed);
     process.ready()?;
-    while !process.shutdown.requested() {
+    let mut ending: Option<Stamp> = None;
+    loop {
         let now = rt::now();
+        if process.shutdown.requested() {
+            // A driver that is told to end takes no command any more: it plays its plan, and ends at rest.
+            let since = *ending.get_or_insert(now);
+            if state.follower().motion.at_rest() || now.since(since) > END_WITHIN_NS {
+                break;
+            }
+        }
         let give_up = deadline(state.follower().index() + 1).plus_ns(grace_ns);
         if now < give_up {
             commands.wait(Duration::from_nanos(give_up.since(now)));
         }
-        let command = commands.latest();
+        let command = commands.latest().filter(|_| ending.is_none());
         let now = rt::now();
         let out = sim::tick(&config, &mut state, now, sim::Input { due_k: due(now), command: command.as_ref() });
         if out.advanced == 0 {

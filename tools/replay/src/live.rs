@@ -1,6 +1,6 @@
 //! Publishes through the input domain; the first frame is held until the robot follows.
 
-use crate::Cli;
+use crate::{Cli, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
@@ -13,16 +13,18 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Publishes until the end of the motion, or until Ctrl-C.
-pub fn run(cli: &Cli, motion: &Motion) -> Result<(), String> {
-    let shutdown = Shutdown::on_signals().map_err(|error| error.to_string())?;
+pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
+    let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
     if !cli.run_dir.is_dir() {
-        return Err(format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display()));
+        let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
+        return Err(Failure::unavailable(text));
     }
-    let instance = Instance::new(&cli.run_dir).map_err(|error| format!("{}: {error}", cli.run_dir.display()))?;
+    let instance = Instance::new(&cli.run_dir)
+        .map_err(|error| Failure::unavailable(format!("{}: {error}", cli.run_dir.display())))?;
     let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
-    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(|error| error.to_string())?;
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(Failure::unavailable)?;
 
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     let mut control = Client::connect(instance.operator_socket()).ok();
@@ -56,7 +58,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), String> {
     }
     bar.finish();
     if publisher.failures() > 0 {
-        return Err(format!("{} frames were not taken by the bus", publisher.failures()));
+        return Err(Failure::failed(format!("{} frames were not taken by the bus", publisher.failures())));
     }
     Ok(())
 }

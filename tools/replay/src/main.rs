@@ -10,6 +10,33 @@ use std::process::ExitCode;
 
 /// EX_NOINPUT of sysexits(3): a file to read is missing or malformed.
 const EX_NOINPUT: u8 = 66;
+/// EX_USAGE: an argument that makes no sense.
+const EX_USAGE: u8 = 64;
+
+/// A text for the user and the exit code of sysexits(3).
+struct Failure(u8, String);
+
+impl Failure {
+    /// EX_UNAVAILABLE: no instance runs there.
+    fn unavailable(text: impl std::fmt::Display) -> Self {
+        Self(69, text.to_string())
+    }
+
+    /// EX_CANTCREAT: a file to write cannot be made.
+    fn cannot_create(text: impl std::fmt::Display) -> Self {
+        Self(73, text.to_string())
+    }
+
+    /// EX_CONFIG: the settings, robot or weights are refused.
+    fn config(text: impl std::fmt::Display) -> Self {
+        Self(78, text.to_string())
+    }
+
+    /// The run itself failed.
+    fn failed(text: impl std::fmt::Display) -> Self {
+        Self(1, text.to_string())
+    }
+}
 
 /// Publishes a recorded motion to a running teleopd, or writes what the robot would do.
 #[derive(Debug, Parser)]
@@ -48,9 +75,10 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    if !(cli.speed > 0.0 && cli.speed <= 10.0) {
-        eprintln!("replay: --speed {} is outside (0, 10]", cli.speed);
-        return ExitCode::from(EX_NOINPUT);
+    // Recordings of 60 Hz at half speed still come at 30 Hz, the least that is followed.
+    if !(0.5..=10.0).contains(&cli.speed) {
+        eprintln!("replay: --speed {} is outside [0.5, 10]", cli.speed);
+        return ExitCode::from(EX_USAGE);
     }
     let motion = if cli.file.as_os_str() == "builtin" {
         motion::builtin()
@@ -70,9 +98,9 @@ fn main() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(text) => {
+        Err(Failure(code, text)) => {
             eprintln!("replay: {text}");
-            ExitCode::FAILURE
+            ExitCode::from(code)
         }
     }
 }

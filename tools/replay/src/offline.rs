@@ -1,6 +1,6 @@
 //! Runs the stages' own ticks in virtual time and writes every command.
 
-use crate::Cli;
+use crate::{Cli, EX_USAGE, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
@@ -11,16 +11,22 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// Writes `out` and the JSON file beside it.
-pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), String> {
-    if cli.looped {
-        return Err("--offline ends, --loop does not: give one of them".into());
+pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
+    if out.extension().is_some_and(|extension| extension == "json") {
+        return Err(Failure(
+            EX_USAGE,
+            format!("{}: the JSON file beside the CSV would take its place; name it .csv", out.display()),
+        ));
     }
-    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(|error| error.to_string())?;
+    if cli.looped {
+        return Err(Failure(EX_USAGE, "--offline ends, --loop does not: give one of them".into()));
+    }
+    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
-    let mut offline = Offline::new(&loaded, motion, options).map_err(|error| error.to_string())?;
-    let file = File::create(out).map_err(|error| format!("{}: {error}", out.display()))?;
+    let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::config)?;
+    let file = File::create(out).map_err(|error| Failure::cannot_create(format!("{}: {error}", out.display())))?;
     let mut csv = BufWriter::new(file);
-    let write = |error: std::io::Error| format!("{}: {error}", out.display());
+    let write = |error: std::io::Error| Failure::cannot_create(format!("{}: {error}", out.display()));
 
     let mut header = String::from("t_s");
     for prefix in ["", "target."] {
@@ -65,16 +71,17 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), String> {
         "min_clearance_mm": report.min_clearance_mm,
         "limb_error_deg": { "mean": report.limb_error_deg_mean },
     });
-    std::fs::write(&beside, format!("{summary:#}\n")).map_err(|error| format!("{}: {error}", beside.display()))?;
+    std::fs::write(&beside, format!("{summary:#}\n"))
+        .map_err(|error| Failure::cannot_create(format!("{}: {error}", beside.display())))?;
     println!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     println!(
-        "limb error {:.2} deg, smallest clearance {:.1} mm, violations {}",
+        "limb error of the target {:.2} deg, smallest clearance {:.1} mm, violations {}",
         report.limb_error_deg_mean,
         report.min_clearance_mm,
         json!(report.violations)
     );
     match end {
         OfflineEnd::AtRest => Ok(()),
-        OfflineEnd::Stopped(why) => Err(why),
+        OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
     }
 }
