@@ -136,6 +136,22 @@ fn a_silent_operator_releases() {
 }
 
 #[test]
+fn a_killed_supervisor_leaves_the_robot_at_rest() {
+    let mut rig = Rig::empty();
+    rig.start_up();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 19);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    rig.kill("up");
+    let sim = rig.figures("sim");
+    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
+    assert_no_violations(&sim);
+    rig.figures("control");
+}
+
+#[test]
 fn a_second_client_gets_no_authority() {
     let mut rig = Rig::whole();
     let hand = rig.hand();

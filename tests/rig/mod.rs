@@ -92,6 +92,32 @@ impl Rig {
         self.children.push((name.to_owned(), child));
     }
 
+    /// Starts `teleopd up`, and waits until its control answers.
+    pub fn start_up(&mut self) {
+        let child = self.command("up").stdin(Stdio::null()).stdout(Stdio::null()).spawn().expect("up starts");
+        self.children.push(("up".into(), child));
+        let give_up = Instant::now() + SOON;
+        while !self.instance.run_dir().join("core").exists()
+            || Client::connect(self.instance.operator_socket()).is_err()
+        {
+            assert!(Instant::now() < give_up, "up is not ready");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// The figures of a process that ended by itself; waits for them.
+    pub fn figures(&self, name: &str) -> serde_json::Value {
+        let give_up = Instant::now() + SOON;
+        loop {
+            let text = std::fs::read_to_string(self.instance.report(name)).unwrap_or_default();
+            if let Ok(figures) = serde_json::from_str(&text) {
+                return figures;
+            }
+            assert!(Instant::now() < give_up, "{name} left no figures");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Runs a process that is expected to end by itself, and returns what it said.
     pub fn run(&self, name: &str) -> Output {
         self.command(name).stdin(Stdio::null()).output().expect("the process runs")

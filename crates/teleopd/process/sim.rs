@@ -69,6 +69,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     }
     let mut report = figures.to_json(state.report());
     report["commands_accepted"] = json!(state.follower().accepted);
+    report["ended_at_rest"] = json!(state.follower().motion.at_rest());
     report["publish_failures"] = json!(publish_failures);
     report["realtime"] = json!(process.realtime.is_realtime());
     process.leave(&report)
