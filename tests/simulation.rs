@@ -50,12 +50,13 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
     let mut player = Player::new(&motion::builtin(), play, seed | 1, 1);
     let mut oracle = Oracle::new(config);
     let (mut mode, mut modes, mut engaged_ticks) = (Mode::Disengaged, vec![], 0);
-    let mut stopped: (Running, u64) = (Running::ALL, 0);
+    let (mut stopped, mut next_fault) = ((Running::ALL, 0), 0);
     for k in 0..TICKS {
-        if badness > 0.0 && k > FAULTS_FROM && k >= stopped.1 {
-            let who = rng.random_range(0..40);
+        if badness > 0.0 && k > FAULTS_FROM && k >= next_fault {
+            let who = rng.random_range(0..6);
             let running = Running { ingest: who != 0, retarget: who != 1, control: who != 2, driver: who != 3 };
             stopped = (running, k + rng.random_range(1..60));
+            next_fault = k + rng.random_range(200..3000);
             if who == 4 {
                 world.restart_control(config);
             }

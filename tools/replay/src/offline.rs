@@ -28,13 +28,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     let mut csv = BufWriter::new(file);
     let write = |error: std::io::Error| Failure::cannot_create(format!("{}: {error}", out.display()));
 
-    let mut header = String::from("t_s");
-    for prefix in ["", "target."] {
-        for name in &loaded.model.joint_names {
-            header.push_str(&format!(",{prefix}{name}"));
-        }
-    }
-    writeln!(csv, "{header}").map_err(write)?;
+    writeln!(csv, "{}", header(&loaded.model.joint_names)).map_err(write)?;
     let bar = ProgressBar::new(offline.progress().1);
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
         bar.set_style(style);
@@ -84,4 +78,15 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         OfflineEnd::AtRest => Ok(()),
         OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
     }
+}
+
+/// `t_s`, one column per joint of the command, then one per joint of the target.
+fn header(joint_names: &[String; JOINTS]) -> String {
+    let mut header = String::from("t_s");
+    for prefix in ["", "target."] {
+        for name in joint_names {
+            header.push_str(&format!(",{prefix}{name}"));
+        }
+    }
+    header
 }
