@@ -152,8 +152,8 @@ fn an_override_may_only_tighten() {
     refused(&with("position_min_m = -0.1"), URDF, &["torso_lift_joint", "-0.1", "tighten"]);
     refused(&with("velocity_max_rad_per_s = 0.01"), URDF, &["torso_lift_joint", "wrong unit"]);
     refused(&edit(TOML, "[home_m]", "[home_m]", "[tighten.nobody]\n[home_m]"), URDF, &["nobody"]);
-    let model = load(&with("velocity_max_m_per_s = 0.05\nposition_max_m = 0.3"), URDF).unwrap();
-    assert_eq!((model.limits[0].v_max, model.limits[0].q_max), (0.05, 0.3));
+    let model = load(&with("velocity_max_m_per_s = 0.05\nposition_max_m = 0.345"), URDF).unwrap();
+    assert_eq!((model.limits[0].v_max, model.limits[0].q_max), (0.05, 0.345));
     assert_eq!(model.urdf_limits[0].v_max, 0.07);
     let slow =
         edit(TOML, "[limits.arm_1_to_4]", "acceleration_max_rad_per_s2 = 8.0", "acceleration_max_rad_per_s2 = 4.0");
