@@ -73,7 +73,8 @@ fn a_dead_input_holds_and_then_disengages() {
         rig.kill(process);
         hand.wait_mode(Mode::Holding);
         eyes.wait_at_rest();
-        assert!(hand.raised(fault) > 0, "{process}: {fault:?} was not raised");
+        // Without real-time scheduling a dead retarget shows as stale input first, as a stale target later.
+        hand.wait("told which stream is stale", |status| status.fault_counts[fault.index()] > 0);
         hand.wait_mode(Mode::Disengaged);
         // A restart alone never engages, although the enable is still held.
         rig.start(process);
