@@ -69,7 +69,7 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
             world.publish(&raw);
         }
         // The hand of an operator who lets go for 0.4 s, presses reset meanwhile, and enables again.
-        let beat = (k > FAULTS_FROM && badness > 0.0).then(|| k % (4 * TICK_HZ));
+        let beat = (k > FAULTS_FROM && badness > 0.0).then_some(k % (4 * TICK_HZ));
         let operator = OperatorView {
             connected: true,
             enable_level: k > TICK_HZ && beat.is_none_or(|beat| beat >= 600),
