@@ -1,7 +1,10 @@
 //! From a motion to what a client publishes: hinge calibration, limb rotations, raw frames.
 
 use crate::{Frame, Motion};
-use messages::{HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag};
+use messages::{
+    HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, calibration_flag,
+    raw_flag,
+};
 use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
 
 /// Which frames the hinges are estimated from.
@@ -13,6 +16,9 @@ pub enum CalibrationMode {
     First10s,
     /// No hinges: the elbow's momentary plane.
     None,
+    /// The rig's own: for rigs whose joints have no rotation in the T-pose, palms down, as the motions that this project
+    /// makes itself. The hinge is -z of the left, +z of the right shoulder and wrist.
+    Rig,
 }
 
 impl CalibrationMode {
@@ -22,6 +28,7 @@ impl CalibrationMode {
             Self::Clip => "clip",
             Self::First10s => "first-10s",
             Self::None => "none",
+            Self::Rig => "rig",
         }
     }
 }
@@ -31,10 +38,17 @@ pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
     let frames = match mode {
         CalibrationMode::Clip => motion.frames.len(),
         CalibrationMode::First10s => (10.0 * motion.frame_rate_hz).round() as usize,
-        CalibrationMode::None => 0,
+        CalibrationMode::None | CalibrationMode::Rig => 0,
     };
     if !motion.has_rotations {
         return HingeCalibration::ZERO;
+    }
+    if mode == CalibrationMode::Rig {
+        let mut rig = HingeCalibration { flags: calibration_flag::ALL, ..HingeCalibration::ZERO };
+        let (left, right) = ([0.0, 0.0, -1.0], [0.0, 0.0, 1.0]);
+        rig.hinge[..2].copy_from_slice(&[left; 2]);
+        rig.hinge[2..4].copy_from_slice(&[right; 2]);
+        return rig;
     }
     let mut calibrator = Calibrator::new();
     for frame in motion.frames.iter().take(frames) {

@@ -54,7 +54,7 @@ struct Cli {
     #[arg(long, value_name = "OUT.csv")]
     offline: Option<PathBuf>,
     /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead).
-    #[arg(long, value_name = "first-10s|clip|none", default_value = "first-10s", value_parser = calibration)]
+    #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     calibration: CalibrationMode,
     /// Settings for --offline.
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
@@ -69,7 +69,8 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
         "first-10s" => Ok(CalibrationMode::First10s),
         "clip" => Ok(CalibrationMode::Clip),
         "none" => Ok(CalibrationMode::None),
-        _ => Err("is one of first-10s, clip, none".into()),
+        "rig" => Ok(CalibrationMode::Rig),
+        _ => Err("is one of first-10s, clip, none, rig".into()),
     }
 }
 
@@ -125,6 +126,7 @@ fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
         CalibrationMode::First10s => "the first 10 s (the whole motion if shorter)",
         CalibrationMode::Clip => "the whole motion",
         CalibrationMode::None => "the momentary elbow plane",
+        CalibrationMode::Rig => "the rig: its joints have no rotation in the T-pose",
     };
     println!("elbow hinges from {hinges}");
 }

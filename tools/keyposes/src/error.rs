@@ -1,0 +1,64 @@
+//! What can go wrong, in words that name file, place, value and bound.
+
+use std::path::{Path, PathBuf};
+
+/// Why a command ends without its result.
+#[derive(Debug, thiserror::Error)]
+pub enum KeyposesError {
+    /// A file or folder cannot be read or written.
+    #[error("{}: {source}", .path.display())]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A motion file is refused.
+    #[error(transparent)]
+    Motion(#[from] motion::MotionError),
+    /// Settings, robot or weights are refused.
+    #[error(transparent)]
+    Config(#[from] pipeline::ConfigError),
+    /// A pose of the command line names nothing.
+    #[error("pose {text}: {reason}")]
+    Pose {
+        /// As given.
+        text: String,
+        /// What is wrong with it, and what is allowed.
+        reason: String,
+    },
+    /// An option is out of its bounds.
+    #[error("{option} {value} is outside [{low}, {high}]")]
+    Range {
+        /// The option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// Lowest value allowed.
+        low: f64,
+        /// Highest value allowed.
+        high: f64,
+    },
+    /// A trajectory is refused.
+    #[error("{}:{line}: {reason}", .path.display())]
+    Trajectory {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong, with value and bound.
+        reason: String,
+    },
+}
+
+impl KeyposesError {
+    /// For `map_err`: the error of a file.
+    pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        |source| Self::File { path: path.to_path_buf(), source }
+    }
+}
+
+/// `value` if it is within the bounds (NaN is not).
+pub(crate) fn within(option: &'static str, value: f64, low: f64, high: f64) -> Result<f64, KeyposesError> {
+    if (low..=high).contains(&value) { Ok(value) } else { Err(KeyposesError::Range { option, value, low, high }) }
+}

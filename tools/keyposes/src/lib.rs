@@ -1,0 +1,9 @@
+//! Named key poses, the motions between them with the robot's best joint trajectories, and interpolation between poses in
+//! the latent space. All poses are our own.
+
+pub mod draw;
+pub mod error;
+pub mod motions;
+pub mod person;
+pub mod trajectory;
+pub mod write;

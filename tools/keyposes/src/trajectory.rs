@@ -1,0 +1,212 @@
+//! Joint trajectories of both arms: the oracle's of a motion, from and to CSV, and as the motion of a person.
+
+use crate::error::KeyposesError;
+use crate::motions::sway;
+use crate::person::{standing, with_limbs};
+use messages::LIMBS;
+use motion::{CalibrationMode, Guesses, Motion};
+use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, mirror, oracle, refine, rotation_from_xyzw};
+use robot::Model;
+use std::path::Path;
+
+/// Joint positions 1 to 5 of both arms at a constant rate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    /// Names of the joints, left arm and right arm.
+    pub joint_names: [[String; ARM_Q]; ARMS],
+    /// Rows per second.
+    pub rate_hz: f64,
+    /// Rows: joint positions of the left and of the right arm, rad.
+    pub q: Vec<[ArmQ; ARMS]>,
+}
+
+/// Names of joints 1 to 5 of both arms.
+pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
+    std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
+}
+
+/// The limbs of both arms, each as those of a left arm; none if a rotation is not one.
+pub fn arms_of(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; ARMS]> {
+    let limb = |i: usize| limbs[i].map(f64::from);
+    let arm = |upper: [f64; 4], fore: [f64; 4]| {
+        Some(Limbs { upper: rotation_from_xyzw(upper)?, fore: rotation_from_xyzw(fore)? })
+    };
+    Some([arm(limb(0), limb(1))?, arm(mirror(limb(2)), mirror(limb(3)))?])
+}
+
+/// Random starts of the oracle, beside the four that are not random.
+const RANDOM_STARTS: u32 = 6;
+const ORACLE_SEED: u64 = 7;
+/// Weight of |q - previous|^2 in the continuation, 1/rad^2, and how much S_GR it may cost: 1e-6 is 0.1 degrees.
+const CONTINUE_WEIGHT: f64 = 1e-5;
+const CONTINUE_COST: f64 = 1e-6;
+const CONTINUE_STEPS: u32 = 40;
+
+/// The reachable optimum of every frame, from the multi-start oracle. Where joints are degenerate (arm hanging) or two
+/// optima are equally good, the one that continues the frame before is taken, if it costs at most 1e-6 of S_GR.
+pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
+    let arm = ArmModel::of(model);
+    let calibration = motion::calibrate(motion, CalibrationMode::Rig);
+    let home = |side: usize| std::array::from_fn(|j| model.home[model.arms[side].joints[j]]);
+    let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
+    let limbs = motion::limbs(motion, &calibration);
+    let rows = limbs.iter().filter_map(arms_of).map(|arms| {
+        previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
+        previous
+    });
+    let q = rows.collect();
+    Trajectory { joint_names: joint_names(model), rate_hz: motion.frame_rate_hz, q }
+}
+
+fn best(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
+    let optimum = oracle(arm, human, previous, RANDOM_STARTS, ORACLE_SEED);
+    let near = refine(arm, human, previous, previous, CONTINUE_WEIGHT, CONTINUE_STEPS);
+    if near.s_gr <= optimum.s_gr + CONTINUE_COST { near.q } else { optimum.q }
+}
+
+/// Most rows that are read: an hour at 1500 Hz.
+const ROWS_MAX: usize = 5_400_000;
+/// Largest file that is read, bytes.
+const FILE_BYTES_MAX: u64 = 1 << 30;
+/// Rates that are played as they are, Hz; others are interpolated to 60 Hz.
+const RATE_HZ: (f64, f64) = (30.0, 240.0);
+const RATE_RESAMPLED_HZ: f64 = 60.0;
+/// A rate counts as constant if no step of time differs from the mean by more than this share: five decimals of a second
+/// at 240 Hz are 0.2 %.
+const STEP_TOLERANCE: f64 = 0.01;
+/// Beyond the joint limits by less than this is rounding, rad.
+const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
+
+/// Reads a CSV file with a column `time_s` (or `t_s`) and one per arm joint 1 to 5, by name and in any order; other
+/// columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated to 60 Hz.
+///
+/// # Errors
+/// File, line and cause: a column that is missing, a number that is none, times that do not rise, a joint beyond its
+/// limit.
+pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, KeyposesError> {
+    let bytes = std::fs::metadata(path).map_err(KeyposesError::file(path))?;
+    if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {
+        let reason = format!("is not a regular file of at most {FILE_BYTES_MAX} bytes");
+        return Err(KeyposesError::Trajectory { path: path.to_path_buf(), line: 1, reason });
+    }
+    let text = std::fs::read_to_string(path).map_err(KeyposesError::file(path))?;
+    parse_csv(&text, model).map_err(|(line, reason)| KeyposesError::Trajectory {
+        path: path.to_path_buf(),
+        line,
+        reason,
+    })
+}
+
+type Row = (f64, [ArmQ; ARMS]);
+
+fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
+    let names = joint_names(model);
+    let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| !line.trim().is_empty());
+    let (line, header) = lines.next().ok_or((1, "is empty".to_owned()))?;
+    let header: Vec<&str> = header.split(',').map(str::trim).collect();
+    let column = |name: &str| header.iter().position(|&column| column == name);
+    let time = column("time_s").or(column("t_s")).ok_or((line, "has no column time_s".to_owned()))?;
+    let mut columns = [[0; ARM_Q]; ARMS];
+    for (name, column_of) in names.iter().flatten().zip(columns.iter_mut().flatten()) {
+        *column_of = column(name).ok_or((line, format!("has no column {name}")))?;
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    for (line, text) in lines {
+        let row = parse_row(text, time, &columns, header.len()).map_err(|reason| (line, reason))?;
+        check_row(&row, rows.last(), model).map_err(|reason| (line, reason))?;
+        if rows.len() >= ROWS_MAX {
+            return Err((line, format!("more than {ROWS_MAX} rows")));
+        }
+        rows.push(row);
+    }
+    let (Some(first), Some(last), true) = (rows.first(), rows.last(), rows.len() >= 2) else {
+        return Err((line, format!("has {} rows, at least 2 are needed", rows.len())));
+    };
+    let mean_s = (last.0 - first.0) / (rows.len() - 1) as f64;
+    let constant = rows.windows(2).all(|w| ((w[1].0 - w[0].0) / mean_s - 1.0).abs() <= STEP_TOLERANCE);
+    // Rounded times give a rate that is nearly, but not quite, 60 Hz.
+    let rate_hz = (1.0 / mean_s * 100.0).round() / 100.0;
+    if constant && (RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz) {
+        let q = rows.into_iter().map(|(_, q)| q).collect();
+        return Ok(Trajectory { joint_names: names, rate_hz, q });
+    }
+    let count = ((last.0 - first.0) * RATE_RESAMPLED_HZ).floor();
+    if !(1.0..=ROWS_MAX as f64).contains(&count) {
+        return Err((line, format!("lasts {} s, which is {count} frames of 60 Hz", last.0 - first.0)));
+    }
+    let q = (0..=count as usize).map(|i| at(&rows, first.0 + i as f64 / RATE_RESAMPLED_HZ)).collect();
+    Ok(Trajectory { joint_names: names, rate_hz: RATE_RESAMPLED_HZ, q })
+}
+
+fn parse_row(text: &str, time: usize, columns: &[[usize; ARM_Q]; ARMS], width: usize) -> Result<Row, String> {
+    let cells: Vec<&str> = text.split(',').map(str::trim).collect();
+    if cells.len() != width {
+        return Err(format!("has {} columns, the header {width}", cells.len()));
+    }
+    let number = |column: usize| {
+        let value = cells[column].parse::<f64>().ok().filter(|x| x.is_finite());
+        value.ok_or_else(|| format!("column {}: {:?} is not a number", column + 1, cells[column]))
+    };
+    let mut q = [[0.0; ARM_Q]; ARMS];
+    for (q, &column) in q.iter_mut().flatten().zip(columns.iter().flatten()) {
+        *q = number(column)?;
+    }
+    Ok((number(time)?, q))
+}
+
+fn check_row((time_s, q): &Row, before: Option<&Row>, model: &Model) -> Result<(), String> {
+    if let Some((earlier, _)) = before.filter(|(earlier, _)| time_s <= earlier) {
+        return Err(format!("time_s {time_s} is not after {earlier}"));
+    }
+    for (q, arm) in q.iter().zip(&model.arms) {
+        for (q, &joint) in q.iter().zip(&arm.joints) {
+            let (low, high) = (model.limits[joint].q_min, model.limits[joint].q_max);
+            if !(low - LIMIT_TOLERANCE_RAD..=high + LIMIT_TOLERANCE_RAD).contains(q) {
+                return Err(format!("{} = {q} is outside [{low}, {high}]", model.joint_names[joint]));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Linear between the rows around `time_s`.
+fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
+    let after = rows.partition_point(|(t, _)| *t <= time_s).clamp(1, rows.len() - 1);
+    let ((t0, a), (t1, b)) = (&rows[after - 1], &rows[after]);
+    let s = ((time_s - t0) / (t1 - t0)).clamp(0.0, 1.0);
+    std::array::from_fn(|arm| std::array::from_fn(|j| a[arm][j] + s * (b[arm][j] - a[arm][j])))
+}
+
+/// The person whose limbs turn as the robot's: a standing one whose upper arms and forearms have the rotations U(q) and
+/// F(q) of the robot's forward kinematics. Retargeting it gives the trajectory back, through every check of a live person.
+/// Calibrate it with `CalibrationMode::Rig`.
+pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
+    let arm = ArmModel::of(model);
+    let standing = standing();
+    let frame = |q: &[ArmQ; ARMS]| {
+        let arms = q.each_ref().map(|q| {
+            let limbs = arm.forward(q);
+            [limbs.upper, limbs.fore, limbs.fore]
+        });
+        with_limbs(&standing, &arms)
+    };
+    let mut frames: Vec<_> = trajectory.q.iter().map(frame).collect();
+    sway(&mut frames);
+    let guesses = Guesses {
+        scale_m_per_unit: 1.0,
+        unit: "m",
+        stature_m: crate::person::STATURE_M,
+        up: "+Z",
+        warnings: vec![
+            "a joint trajectory: the person has the limb rotations of the robot's forward kinematics".into(),
+        ],
+    };
+    Motion {
+        name: name.to_owned(),
+        frame_rate_hz: trajectory.rate_hz,
+        frames,
+        first: None,
+        has_rotations: true,
+        guesses,
+    }
+}
