@@ -12,7 +12,7 @@ const PURE: [&str; 8] = ["messages", "robot", "skeleton", "retarget", "wbc", "sa
 const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix", "getrandom"];
 
 /// For each package of the workspace: the packages of the workspace it may name as a dependency.
-const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 18] = [
     ("messages", &[]),
     ("robot", &["messages"]),
     ("driver", &["messages"]),
@@ -33,6 +33,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["robot"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
+    ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
 ];
 
 /// Text that has no place in a pure crate's sources, with what it would bring in.

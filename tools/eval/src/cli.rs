@@ -1,0 +1,94 @@
+//! The command line.
+
+use clap::{Parser, ValueEnum};
+use motion::CalibrationMode;
+use std::path::PathBuf;
+
+/// Measures retargeting methods side by side on recorded motion: how near they come to the human, to the best that the
+/// arm can do, how smooth they are and how long they take.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "eval", version)]
+pub struct Cli {
+    /// Folder of .bvh files
+    #[arg(long, value_name = "DIR")]
+    pub human: PathBuf,
+    /// Robot file
+    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
+    pub robot: PathBuf,
+    /// Our weights; the manifest stands beside them
+    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual.safetensors")]
+    pub weights: PathBuf,
+    /// Folder of the learned baselines' weights
+    #[arg(long, value_name = "DIR", default_value = "weights/baselines")]
+    pub baselines: PathBuf,
+    /// Clips: names separated by commas, or all [default: every fifth starting with the third, which training leaves
+    /// out; all if there are fewer than five]
+    #[arg(long, value_name = "NAMES")]
+    pub clips: Option<String>,
+    /// Methods, separated by commas [default: all whose weights are there]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub methods: Option<Vec<String>>,
+    /// Frames that each clip's elbow hinges are estimated from
+    #[arg(long, value_enum, default_value = "first-10s")]
+    pub calibration: Calibration,
+    /// Where limb rotations are compared: relative to the chest, or in space with the human's torso turning and the
+    /// robot's upright and facing where the human faces first. Methods are given the chest's in both cases
+    #[arg(long, value_enum, default_value = "chest")]
+    pub frame: Frame,
+    /// Take every N-th frame; jerk and flips need all of them
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub stride: usize,
+    /// Write the figures as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Draw the figures as SVG files into this folder
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+    /// Interpolate between random key poses in the latent space and in joint space
+    #[arg(long)]
+    pub keyposes: bool,
+}
+
+/// Frames that hinges are estimated from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Calibration {
+    /// The whole clip: looks ahead.
+    Clip,
+    /// The first 10 seconds, as live.
+    #[value(name = "first-10s")]
+    First10s,
+    /// None: the elbow's momentary plane.
+    None,
+}
+
+impl Calibration {
+    /// The same of the motion crate.
+    #[must_use]
+    pub const fn mode(self) -> CalibrationMode {
+        match self {
+            Self::Clip => CalibrationMode::Clip,
+            Self::First10s => CalibrationMode::First10s,
+            Self::None => CalibrationMode::None,
+        }
+    }
+}
+
+/// Where limb rotations are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Frame {
+    /// Relative to the chest.
+    Chest,
+    /// In space.
+    Global,
+}
+
+impl Frame {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Chest => "chest",
+            Self::Global => "global",
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! Retargeting methods side by side on recorded motion: error, smoothness, time.
+//!
+//! Glossary: a *limb* is an upper arm or a forearm; a *pose* is the limbs of both arms of a human, a *posture* the joint
+//! positions of both arms of the robot; *K* is the number of refinement steps after the network; the *oracle* is S_GR
+//! minimised from many starts. What each column means is defined in [`metrics`].
+
+pub mod cli;
+pub mod clips;
+pub mod error;
+pub mod learned;
+pub mod lookup;
+pub mod methods;
+pub mod metrics;
+pub mod parallel;
+pub mod report;
+pub mod run;
+pub mod sew;
+pub mod timing;

@@ -1,0 +1,14 @@
+//! `eval`: retargeting methods side by side. See `eval --help`.
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match eval::run::run(&eval::cli::Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("eval: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! What is measured, and how it is defined.
+//!
+//! - *S_GR*: the paper's metric, sum over the four limbs of 1 - <q_h, q_r>^2, mean over frames.
+//! - *Limb degrees*: rotation angle between a human limb and the robot's, over all limbs and frames.
+//! - *Direction degrees*: angle between the bones alone; no calibration of hinges can alter it.
+//! - *Joint MSE*: mean squared difference to the oracle's joint positions, rad^2, joints 1 to 5 of both arms. An arm's
+//!   frame is masked where the oracle's upper arm lies within 5 degrees of the first joint's axis (on this robot: joint
+//!   2 within 5 degrees of 90): joints 1 and 3 then turn the same way and only their sum is determined.
+//! - *Jerk ratio*: RMS third difference of the joint positions divided by the oracle's over the same windows of four
+//!   contiguous frames of one arm. The oracle solves frame by frame, given its previous posture, so it is as smooth as
+//!   the optimum itself is; where it is not, it is no yardstick: windows with a masked frame, or in which the oracle
+//!   jumps (a joint moves more than [`FLIP_JOINT_RAD`] between frames), count for neither. Nor do windows in which the
+//!   method jumps: seven of 11,659 would make up 85 % of the sum of squares, and they are flips, counted on their own.
+//!   The ratio with the method's jumps left in is `jerk_ratio_with_jumps` of the JSON.
+//! - *Flips*: frames of an arm in which a joint moves more than [`FLIP_JOINT_RAD`] since the frame before while neither
+//!   limb of the human turned more than [`FLIP_HUMAN_RAD`], per 1000 frames of an arm.
+//! - *Reachable*: limb degrees over the frames of an arm that the oracle solves to less than 2 degrees in both limbs.
+//!
+//! Jerk and flips need contiguous frames and are left out where frames are skipped.
+
+use crate::clips::{Clip, Human};
+use crate::methods::Posture;
+use nalgebra::{UnitQuaternion, Vector3};
+use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg};
+
+/// 30 degrees: at 60 frames/s 31 rad/s, which no arm does.
+pub const FLIP_JOINT_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;
+/// 5 degrees: at 60 frames/s 5.2 rad/s, a fast human arm.
+pub const FLIP_HUMAN_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// Distance from the gimbal below which joints 1 and 3 are not told apart.
+pub const GIMBAL_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// Error of the oracle below which a pose counts as reachable.
+pub const REACHABLE_DEG: f64 = 2.0;
+
+/// One clip as one method retargeted it. All slices have one entry per frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// Limbs as the method got them.
+    pub human: &'a [Human],
+    /// Limbs that it is compared with: the same, or the global ones.
+    pub target: &'a [Human],
+    /// The oracle's postures.
+    pub oracle: &'a [Posture],
+    /// The method's.
+    pub postures: &'a [Posture],
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Whether frames follow one another as recorded.
+    pub contiguous: bool,
+}
+
+/// A row of the table.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Mean S_GR of a frame.
+    pub s_gr: f64,
+    /// Mean limb error, degrees.
+    pub limb_deg_mean: f64,
+    /// Its 95th percentile, degrees.
+    pub limb_deg_p95: f64,
+    /// Mean angle between bones, degrees.
+    pub direction_deg: f64,
+    /// Joint MSE against the oracle, rad^2; none if every frame is masked.
+    pub joint_mse_rad2: Option<f64>,
+    /// Jerk ratio between jumps; none where it is not defined.
+    pub jerk_ratio: Option<f64>,
+    /// The same with the method's own jumps.
+    pub jerk_ratio_with_jumps: Option<f64>,
+    /// Flips per 1000 frames of an arm; none where frames are skipped.
+    pub flips_per_1000: Option<f64>,
+    /// Mean limb error where reachable, degrees; none if nothing is.
+    pub reachable_deg_mean: Option<f64>,
+    /// Its 99th percentile, degrees.
+    pub reachable_deg_p99: Option<f64>,
+    /// Share of the frames of an arm that are reachable.
+    pub reachable_share: f64,
+    /// Mean error of left upper arm, left forearm, right upper arm, right forearm, degrees.
+    pub by_limb_deg: [f64; 4],
+}
+
+/// Sums and lists over all runs.
+#[derive(Default)]
+struct Tally {
+    frames: usize,
+    degrees: Vec<f64>,
+    reachable: Vec<f64>,
+    s_gr: f64,
+    direction: f64,
+    by_limb: [f64; 4],
+    joint: Mean,
+    /// Sums of squares, rad^2/s^6: between jumps, and with the method's jumps.
+    jerk: [Jerk; 2],
+    flips: usize,
+    transitions: usize,
+}
+
+#[derive(Default)]
+struct Jerk {
+    method: f64,
+    oracle: f64,
+}
+
+impl Jerk {
+    fn ratio(&self) -> Option<f64> {
+        (self.oracle > 0.0).then(|| (self.method / self.oracle).sqrt())
+    }
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: usize,
+}
+
+impl Mean {
+    fn value(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum / self.count as f64)
+    }
+}
+
+/// The figures of one method over its runs.
+#[must_use]
+pub fn measure(arm: &ArmModel, runs: &[Run<'_>]) -> Figures {
+    let mut tally = Tally::default();
+    for run in runs {
+        tally.errors(arm, run);
+        if run.contiguous {
+            tally.motion(arm, run);
+        }
+    }
+    tally.figures()
+}
+
+impl Tally {
+    fn errors(&mut self, arm: &ArmModel, run: &Run<'_>) {
+        for ((target, posture), oracle) in run.target.iter().zip(run.postures).zip(run.oracle) {
+            self.frames += 1;
+            for side in 0..2 {
+                let (human, q, best) = (&target[side], &posture[side], &oracle[side]);
+                let robot = arm.forward(q);
+                let degrees = limb_error_deg(&robot, human);
+                self.s_gr += retarget::s_gr(&robot, human);
+                self.direction += direction_deg(&robot, human).iter().sum::<f64>();
+                self.degrees.extend(degrees);
+                for (sum, error) in self.by_limb[2 * side..].iter_mut().zip(degrees) {
+                    *sum += error;
+                }
+                if limb_error_deg(&arm.forward(best), human).iter().all(|error| *error < REACHABLE_DEG) {
+                    self.reachable.extend(degrees);
+                }
+                if !near_gimbal(arm, best) {
+                    self.joint.sum += q.iter().zip(best).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+                    self.joint.count += ARM_Q;
+                }
+            }
+        }
+    }
+
+    fn motion(&mut self, arm: &ArmModel, run: &Run<'_>) {
+        for side in 0..2 {
+            let postures: Vec<ArmQ> = run.postures.iter().map(|both| both[side]).collect();
+            let oracle: Vec<ArmQ> = run.oracle.iter().map(|both| both[side]).collect();
+            for (q, human) in postures.windows(2).zip(run.human.windows(2)) {
+                let [before, after] = [&human[0][side], &human[1][side]];
+                let still = turn_rad(&before.upper, &after.upper).max(turn_rad(&before.fore, &after.fore));
+                self.transitions += 1;
+                self.flips += usize::from(jumps(&q[0], &q[1]) && still < FLIP_HUMAN_RAD);
+            }
+            for (q, best) in postures.windows(4).zip(oracle.windows(4)) {
+                let jump = |q: &[ArmQ]| q.windows(2).any(|w| jumps(&w[0], &w[1]));
+                if best.iter().any(|q| near_gimbal(arm, q)) || jump(best) {
+                    continue;
+                }
+                let scale = run.rate_hz.powi(6);
+                for jerk in &mut self.jerk[usize::from(jump(q))..] {
+                    jerk.method += third_difference_squared(q) * scale;
+                    jerk.oracle += third_difference_squared(best) * scale;
+                }
+            }
+        }
+    }
+
+    fn figures(mut self) -> Figures {
+        let frames = self.frames.max(1) as f64;
+        self.degrees.sort_by(f64::total_cmp);
+        self.reachable.sort_by(f64::total_cmp);
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let some = !self.reachable.is_empty();
+        Figures {
+            s_gr: self.s_gr / frames,
+            limb_deg_mean: self.degrees.iter().sum::<f64>() / (4.0 * frames),
+            limb_deg_p95: percentile(&self.degrees, 95),
+            direction_deg: self.direction / (4.0 * frames),
+            joint_mse_rad2: self.joint.value(),
+            jerk_ratio: self.jerk[0].ratio(),
+            jerk_ratio_with_jumps: self.jerk[1].ratio(),
+            flips_per_1000: (self.transitions > 0).then(|| 1e3 * self.flips as f64 / self.transitions as f64),
+            reachable_deg_mean: some.then(|| mean(&self.reachable)),
+            reachable_deg_p99: some.then(|| percentile(&self.reachable, 99)),
+            reachable_share: self.reachable.len() as f64 / (4.0 * frames),
+            by_limb_deg: self.by_limb.map(|sum| sum / frames),
+        }
+    }
+}
+
+/// The value that `percent` of the sorted values lie below; 0 of none.
+fn percentile(sorted: &[f64], percent: usize) -> f64 {
+    sorted.get(sorted.len() * percent / 100).copied().unwrap_or(0.0)
+}
+
+/// Angles between the bones of robot and human, degrees: upper arm, forearm.
+#[must_use]
+pub fn direction_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
+    let y = Vector3::y();
+    let angle = |r: &UnitQuaternion<f64>, h: &UnitQuaternion<f64>| {
+        let (a, b) = (r * y, h * y);
+        a.cross(&b).norm().atan2(a.dot(&b)).to_degrees()
+    };
+    [angle(&robot.upper, &human.upper), angle(&robot.fore, &human.fore)]
+}
+
+/// Whether the upper arm lies within [`GIMBAL_RAD`] of the first joint's axis, in either direction.
+#[must_use]
+pub fn near_gimbal(arm: &ArmModel, q: &ArmQ) -> bool {
+    let turn = UnitQuaternion::new(arm.axes[1] * (q[1] - arm.reference[1]));
+    let upper = turn * arm.axes[2];
+    arm.axes[0].cross(&upper).norm() < GIMBAL_RAD.sin()
+}
+
+fn jumps(before: &ArmQ, after: &ArmQ) -> bool {
+    before.iter().zip(after).any(|(a, b)| (a - b).abs() > FLIP_JOINT_RAD)
+}
+
+/// Rotation angle between two rotations, rad; q and -q are the same.
+fn turn_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
+    let turn = a.inverse() * b;
+    2.0 * turn.imag().norm().atan2(turn.w.abs())
+}
+
+fn third_difference_squared(q: &[ArmQ]) -> f64 {
+    let [a, b, c, d] = q else { return 0.0 };
+    (0..ARM_Q).map(|j| (d[j] - 3.0 * c[j] + 3.0 * b[j] - a[j]).powi(2)).sum()
+}
+
+/// A clip with what it is compared with.
+#[derive(Clone, Debug)]
+pub struct Task {
+    /// The clip.
+    pub clip: Clip,
+    /// What its postures are compared with.
+    pub target: Vec<Human>,
+    /// The oracle's postures for `target`.
+    pub oracle: Vec<Posture>,
+    /// Those of an oracle with other starts.
+    pub second_oracle: Vec<Posture>,
+    /// Whether frames follow one another as recorded.
+    pub contiguous: bool,
+}
+
+impl Task {
+    /// This clip as retargeted to `postures`.
+    #[must_use]
+    pub fn run<'a>(&'a self, postures: &'a [Posture]) -> Run<'a> {
+        Run {
+            human: &self.clip.human,
+            target: &self.target,
+            oracle: &self.oracle,
+            postures,
+            rate_hz: self.clip.rate_hz,
+            contiguous: self.contiguous,
+        }
+    }
+}

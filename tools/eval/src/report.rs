@@ -1,0 +1,219 @@
+//! The table for people and its twin in JSON.
+
+use crate::cli::Cli;
+use crate::methods::{Missing, ORACLE_STARTS};
+use crate::metrics::{Figures, Task};
+use retarget::Weights;
+use serde_json::{Map, Value, json};
+use std::fmt;
+
+/// A method and what was measured, with microseconds per pose.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Name.
+    pub name: String,
+    /// Figures, or why there are none.
+    pub result: Result<(Figures, Option<f64>), Missing>,
+}
+
+/// What it was measured on.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// Folder of the clips.
+    pub human: String,
+    /// Names of the clips.
+    pub clips: Vec<String>,
+    /// Frames, both arms each.
+    pub frames: usize,
+    /// Every how many-th frame was taken.
+    pub stride: usize,
+    /// How hinges were calibrated.
+    pub calibration: &'static str,
+    /// Where rotations were compared.
+    pub frame: &'static str,
+    /// Our weights.
+    pub weights: Option<WeightsFacts>,
+}
+
+/// What is known of our weights.
+#[derive(Clone, Debug)]
+pub struct WeightsFacts {
+    /// Their file.
+    pub path: String,
+    /// SHA-256.
+    pub sha256: String,
+    /// Steps of the training.
+    pub steps: u64,
+    /// What they were trained on.
+    pub trained_on: String,
+}
+
+/// All that was measured.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Methods in the order of the table.
+    pub rows: Vec<Row>,
+    /// The second oracle, measured against the first.
+    pub floor: Figures,
+    /// What it was measured on.
+    pub setting: Setting,
+}
+
+impl Setting {
+    /// The setting of a run.
+    #[must_use]
+    pub fn of(cli: &Cli, weights: Option<&Weights>, tasks: &[Task]) -> Self {
+        Self {
+            human: cli.human.display().to_string(),
+            clips: tasks.iter().map(|task| task.clip.name.clone()).collect(),
+            frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
+            stride: cli.stride,
+            calibration: cli.calibration.mode().name(),
+            frame: cli.frame.name(),
+            weights: weights.map(|weights| WeightsFacts {
+                path: cli.weights.display().to_string(),
+                sha256: weights.manifest.sha256.clone(),
+                steps: weights.manifest.steps,
+                trained_on: weights.manifest.trained_on.clone(),
+            }),
+        }
+    }
+}
+
+/// A figure in `width` columns, or a dash.
+fn cell(value: Option<f64>, width: usize, digits: usize) -> String {
+    match value {
+        Some(value) if value.is_finite() => format!("{value:>width$.digits$}"),
+        _ => format!("{:>width$}", "-"),
+    }
+}
+
+/// Microseconds: three digits are all that a repetition gives.
+fn time_cell(value: Option<f64>) -> String {
+    cell(value, 8, if value.is_some_and(|value| value >= 100.0) { 0 } else { 2 })
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<18} {:>7} {:>7} {:>7} {:>7} {:>8} {:>7} {:>6} {:>8} {:>7} {:>7}",
+            "", "S_GR", "limb", "limb", "bones", "joints", "jerk", "flips", "time", "reach.", "reach."
+        )?;
+        writeln!(
+            f,
+            "{:<18} {:>7} {:>7} {:>7} {:>7} {:>8} {:>7} {:>6} {:>8} {:>7} {:>7}",
+            "method", "", "deg", "p95", "deg", "rad^2", "ratio", "/1000", "us", "deg", "p99"
+        )?;
+        for row in &self.rows {
+            let Ok((figures, us)) = &row.result else { continue };
+            write!(f, "{:<18} {} ", row.name, cell(Some(figures.s_gr), 7, 4))?;
+            write!(f, "{} ", cell(Some(figures.limb_deg_mean), 7, 2))?;
+            write!(f, "{} ", cell(Some(figures.limb_deg_p95), 7, 2))?;
+            write!(f, "{} ", cell(Some(figures.direction_deg), 7, 2))?;
+            write!(f, "{} ", cell(figures.joint_mse_rad2, 8, 4))?;
+            write!(f, "{} ", cell(figures.jerk_ratio, 7, 2))?;
+            write!(f, "{} ", cell(figures.flips_per_1000, 6, 2))?;
+            write!(f, "{} ", time_cell(*us))?;
+            write!(f, "{} ", cell(figures.reachable_deg_mean, 7, 2))?;
+            writeln!(f, "{}", cell(figures.reachable_deg_p99, 7, 2))?;
+        }
+        self.notes(f)
+    }
+}
+
+impl Report {
+    fn notes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (setting, floor) = (&self.setting, &self.floor);
+        writeln!(
+            f,
+            "\nfloor: two oracles ({ORACLE_STARTS} and more random starts, other seeds) differ by {} rad^2; jerk ratio {}",
+            cell(floor.joint_mse_rad2, 0, 5),
+            cell(floor.jerk_ratio, 0, 2),
+        )?;
+        writeln!(
+            f,
+            "reachable (oracle below 2 degrees in both limbs): {:.1} % of the frames of an arm",
+            100.0 * floor.reachable_share
+        )?;
+        let missing: Vec<_> = self.rows.iter().filter_map(|row| row.result.as_ref().err().map(|m| (row, m))).collect();
+        for (row, missing) in missing {
+            writeln!(f, "missing {}: {}", row.name, missing.command)?;
+        }
+        writeln!(f, "{} clips of {}: {}", setting.clips.len(), setting.human, setting.clips.join(" "))?;
+        writeln!(
+            f,
+            "{} frames of both arms{}; hinges calibrated on: {}; rotations compared in: {}",
+            setting.frames,
+            if setting.stride == 1 { String::new() } else { format!(", every {}-th", setting.stride) },
+            setting.calibration,
+            setting.frame
+        )?;
+        match &setting.weights {
+            None => writeln!(f, "weights: none")?,
+            Some(weights) => {
+                let sha = weights.sha256.get(..12).unwrap_or(&weights.sha256);
+                writeln!(
+                    f,
+                    "weights {} (sha256 {sha}), {} steps on {}",
+                    weights.path, weights.steps, weights.trained_on
+                )?;
+            }
+        }
+        writeln!(f, "time: both arms, batch 1, median over repetitions in this run on this machine")
+    }
+
+    /// The same as JSON.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let mut methods = Map::new();
+        let mut missing = Map::new();
+        for row in &self.rows {
+            match &row.result {
+                Ok((figures, us)) => methods.insert(row.name.clone(), figures_json(figures, *us)),
+                Err(reason) => {
+                    missing.insert(row.name.clone(), json!({"reason": reason.reason, "command": reason.command}))
+                }
+            };
+        }
+        let setting = &self.setting;
+        json!({
+            "human": setting.human,
+            "clips": setting.clips,
+            "frames": setting.frames,
+            "stride": setting.stride,
+            "calibration": setting.calibration,
+            "frame": setting.frame,
+            "weights": setting.weights.as_ref().map(|weights| json!({
+                "path": weights.path,
+                "sha256": weights.sha256,
+                "steps": weights.steps,
+                "trained_on": weights.trained_on,
+            })),
+            "methods": methods,
+            "missing": missing,
+            "floor": {
+                "joint_mse_rad2": self.floor.joint_mse_rad2,
+                "jerk_ratio": self.floor.jerk_ratio,
+            },
+            "reachable_share": self.floor.reachable_share,
+        })
+    }
+}
+
+fn figures_json(figures: &Figures, us_per_pose: Option<f64>) -> Value {
+    json!({
+        "s_gr": figures.s_gr,
+        "limb_deg_mean": figures.limb_deg_mean,
+        "limb_deg_p95": figures.limb_deg_p95,
+        "direction_deg": figures.direction_deg,
+        "joint_mse_rad2": figures.joint_mse_rad2,
+        "jerk_ratio": figures.jerk_ratio,
+        "jerk_ratio_with_jumps": figures.jerk_ratio_with_jumps,
+        "flips_per_1000": figures.flips_per_1000,
+        "us_per_pose": us_per_pose,
+        "reachable_deg_mean": figures.reachable_deg_mean,
+        "reachable_deg_p99": figures.reachable_deg_p99,
+        "by_limb_deg": figures.by_limb_deg,
+    })
+}
