@@ -2,8 +2,8 @@
 
 use crate::error::TrainError;
 use crate::networks::Size;
-use crate::objective::Weighting;
 use crate::optimiser::Schedule;
+use crate::preset::Preset;
 use crate::sampling::Mixture;
 use crate::session::Options;
 use clap::{Parser, ValueEnum};
@@ -23,7 +23,7 @@ pub struct Cli {
     /// Where the weights go: OUT.safetensors and OUT.toml; checkpoints go to OUT.checkpoint
     #[arg(long, value_name = "OUT", required_unless_present = "evaluate")]
     pub out: Option<PathBuf>,
-    /// How long to train
+    /// What to train, and how long
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
     /// Steps instead of the preset's
@@ -32,9 +32,9 @@ pub struct Cli {
     /// Seed of weights and poses
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Poses per step, even
-    #[arg(long, default_value_t = 512)]
-    pub batch: usize,
+    /// Poses per step, even, instead of the preset's
+    #[arg(long)]
+    pub batch: Option<usize>,
     /// Peak learning rate of Adam
     #[arg(long, default_value_t = 1e-3)]
     pub rate: f64,
@@ -51,9 +51,6 @@ pub struct Cli {
     /// Largest random turn of each limb by itself about each torso axis, degrees
     #[arg(long, default_value_t = 1.5)]
     pub limb_jitter_deg: f32,
-    /// Leave a loss term out, to see what it is worth; may be repeated
-    #[arg(long, value_enum, value_name = "TERM")]
-    pub without: Vec<Term>,
     /// Continue a checkpoint with the options it was made with
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
@@ -63,26 +60,6 @@ pub struct Cli {
     /// Do not train: print the figures of these weights (path without extension) on the validation clips
     #[arg(long, value_name = "WEIGHTS", conflicts_with_all = ["out", "resume"])]
     pub evaluate: Option<PathBuf>,
-}
-
-/// How long to train.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Preset {
-    /// Minutes, for a first look.
-    Quick,
-    /// What ships.
-    Full,
-}
-
-/// A loss term that can be left out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Term {
-    /// The triplet term.
-    Triplet,
-    /// The reconstruction of robot postures.
-    Rec,
-    /// The latent cycle.
-    Ltc,
 }
 
 /// Frames that hinges are estimated from.
@@ -106,32 +83,23 @@ impl Calibration {
     }
 }
 
-impl Preset {
-    /// Steps. Beside ten other jobs on two cores (2026-11-21) 6,000 took 3.5 minutes and reached 2.9 degrees on the
-    /// validation clips, 40,000 took 19 minutes and reached 2.2.
-    const fn steps(self) -> u64 {
-        match self {
-            Self::Quick => 6_000,
-            Self::Full => 40_000,
-        }
-    }
-}
-
 impl Cli {
     /// The options of a new run.
     ///
     /// # Errors
     /// If one of the numbers is out of bounds.
     pub fn options(&self) -> Result<Options, TrainError> {
-        let steps = self.steps.unwrap_or(self.preset.steps());
+        let recipe = self.preset.recipe();
+        let steps = self.steps.unwrap_or(recipe.steps);
+        let batch = self.batch.unwrap_or(recipe.batch);
         let bounds = |option, value: String, expected: &str| {
             Err(TrainError::Option { option, value, expected: expected.to_owned() })
         };
         if !(1..=10_000_000).contains(&steps) {
             return bounds("steps", steps.to_string(), "1 to 10000000");
         }
-        if self.batch < 4 || !self.batch.is_multiple_of(2) || self.batch > 65_536 {
-            return bounds("batch", self.batch.to_string(), "an even number from 4 to 65536");
+        if batch < 4 || !batch.is_multiple_of(2) || batch > 65_536 {
+            return bounds("batch", batch.to_string(), "an even number from 4 to 65536");
         }
         if !(self.rate > 0.0 && self.rate <= 0.1) {
             return bounds("rate", self.rate.to_string(), "above 0, at most 0.1");
@@ -150,27 +118,16 @@ impl Cli {
         }
         Ok(Options {
             size: Size { hidden_layers: 6, hidden_width: 128 },
-            batch: self.batch,
+            pose: recipe.pose,
+            batch,
             schedule: Schedule { peak: self.rate, warm_up: 500.min(steps / 4), second_decay: self.second_decay, steps },
             seed: self.seed,
-            weighting: self.weighting(),
+            weighting: recipe.weighting,
             mixture: Mixture {
                 procedural: self.procedural,
                 torso_jitter_rad: self.torso_jitter_deg.to_radians(),
                 limb_jitter_rad: self.limb_jitter_deg.to_radians(),
             },
         })
-    }
-
-    fn weighting(&self) -> Weighting {
-        let mut weighting = Weighting::default();
-        for term in &self.without {
-            match term {
-                Term::Triplet => weighting.triplet = 0.0,
-                Term::Rec => weighting.reconstruction = 0.0,
-                Term::Ltc => weighting.cycle = 0.0,
-            }
-        }
-        weighting
     }
 }

@@ -22,6 +22,13 @@ pub struct Clip {
     pub arms: [Vec<Limbs>; 2],
 }
 
+impl Clip {
+    /// Both arms, frame by frame.
+    pub fn frames(&self) -> impl Iterator<Item = [Limbs; 2]> {
+        self.arms[0].iter().zip(&self.arms[1]).map(|(left, right)| [*left, *right])
+    }
+}
+
 /// What a folder holds.
 #[derive(Clone, Debug)]
 pub struct Clips {
@@ -65,16 +72,16 @@ impl Clips {
         Ok(clips)
     }
 
-    /// The training clips' poses in one list.
+    /// The training clips' frames in one list.
     #[must_use]
     pub fn recorded(&self) -> Recorded {
-        Recorded { poses: self.training.iter().flat_map(|clip| clip.arms.iter().flatten().copied()).collect() }
+        Recorded { frames: self.training.iter().flat_map(Clip::frames).collect() }
     }
 
-    /// At most `count` poses spread evenly over the validation clips.
+    /// At most `count` frames spread evenly over the validation clips.
     #[must_use]
-    pub fn validation_sample(&self, count: usize) -> Vec<Limbs> {
-        let all: Vec<Limbs> = self.validation.iter().flat_map(|clip| clip.arms.iter().flatten().copied()).collect();
+    pub fn validation_sample(&self, count: usize) -> Vec<[Limbs; 2]> {
+        let all: Vec<[Limbs; 2]> = self.validation.iter().flat_map(Clip::frames).collect();
         let stride = all.len().div_ceil(count.max(1)).max(1);
         all.into_iter().step_by(stride).collect()
     }

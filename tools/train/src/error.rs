@@ -40,6 +40,14 @@ pub enum TrainError {
         /// Why.
         source: retarget::WeightsError,
     },
+    /// A baseline's file is damaged, or made for another arm.
+    #[error("{path}: {reason}")]
+    Baseline {
+        /// Its path without extension.
+        path: PathBuf,
+        /// What does not fit.
+        reason: String,
+    },
     /// A weights file could not be composed.
     #[error("weights: {0}")]
     Compose(#[from] retarget::WriteError),
@@ -76,7 +84,7 @@ impl TrainError {
         match self {
             Self::File { action: "write", .. } => 73,
             Self::File { .. } => 66,
-            Self::TooFewClips { .. } | Self::Weights { .. } | Self::Checkpoint { .. } => 65,
+            Self::TooFewClips { .. } | Self::Weights { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => 65,
             Self::Robot(_) => 78,
             Self::Option { .. } => 64,
             Self::Compose(_) | Self::Diverged { .. } => 70,

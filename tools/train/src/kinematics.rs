@@ -96,6 +96,56 @@ pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     out
 }
 
+/// eps of the smoothed angle 2 sqrt(S + eps): S_GR of half a degree, below which the angle turns quadratic.
+pub const ANGLE_SMOOTHING: f32 = 2e-5;
+
+/// How far an arm is from the human's limbs, and where that falls.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// S_GR of both limbs, 0..=2.
+    pub s_gr: f32,
+    /// Smoothed angles of both limbs, rad; at most 2 sqrt(1 + eps) each: the angle itself near zero, less far away.
+    pub angle: f32,
+    /// Of the weighted sum, over the joint positions, 1/rad.
+    pub gradient: [f32; ARM],
+}
+
+/// What a human encoder is given of an arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HumanInput {
+    /// Bone and hinge axes of both limbs in the torso frame, see `features`.
+    Axes,
+    /// Rotation of the upper arm in the torso frame and of the forearm in the upper arm's, x, y, z, w with w >= 0 (the
+    /// paper's input: rotations relative to the parent).
+    LocalQuaternions,
+}
+
+impl HumanInput {
+    /// Numbers per arm.
+    #[must_use]
+    pub const fn width(self) -> usize {
+        match self {
+            Self::Axes => FEATURES,
+            Self::LocalQuaternions => 8,
+        }
+    }
+
+    /// Writes the `width` numbers of an arm.
+    pub fn write(self, limbs: &Limbs, out: &mut [f32]) {
+        match self {
+            Self::Axes => out.copy_from_slice(&features(limbs)),
+            Self::LocalQuaternions => {
+                let [x, y, z, w] = limbs[0];
+                for (part, q) in out.chunks_exact_mut(4).zip([limbs[0], product([-x, -y, -z, w], limbs[1])]) {
+                    let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
+                    part.copy_from_slice(&q.map(|v| sign * v));
+                }
+            }
+        }
+    }
+}
+
 impl Arm {
     /// Limb rotations at joint positions `q` (rad).
     #[must_use]
@@ -120,23 +170,28 @@ impl Arm {
         (limbs, axes)
     }
 
-    /// S_GR between the human limbs and the arm at `q`, and its gradient over `q` (1/rad).
+    /// S_GR and smoothed angle between the human limbs and the arm at `q`, each summed over both limbs, and the gradient over
+    /// `q` (1/rad) of `square` S_GR + `angle` times the angle.
     ///
     /// With e = q_h q_r^-1 = (v, s) and w_i the axis of joint i as it stands: dq_r/dq_i = (w_i/2) q_r, so
-    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i.
+    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i. The angle of a limb is a = 2 sqrt(S + eps), rad, with
+    /// da/dS = 1 / sqrt(S + eps).
     #[must_use]
-    pub fn s_gr_with_gradient(&self, human: &Limbs, q: &[f32; ARM]) -> (f32, [f32; ARM]) {
+    pub fn fit_with_gradient(&self, human: &Limbs, q: &[f32; ARM], square: f32, angle: f32) -> Fit {
         let (limbs, axes) = self.forward_with_axes(q);
-        let mut value = 0.0;
-        let mut gradient = [0.0; ARM];
+        let mut fit = Fit { s_gr: 0.0, angle: 0.0, gradient: [0.0; ARM] };
         for (limb, joints) in [(0, 3), (1, ARM)] {
             let (v, s) = error(human[limb], limbs[limb]);
-            value += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-            for (g, w) in gradient[..joints].iter_mut().zip(&axes) {
-                *g -= s * (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]);
+            let s_gr = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+            let root = (s_gr + ANGLE_SMOOTHING).sqrt();
+            fit.s_gr += s_gr;
+            fit.angle += 2.0 * root;
+            let slope = -s * (square + angle / root);
+            for (g, w) in fit.gradient[..joints].iter_mut().zip(&axes) {
+                *g += slope * (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]);
             }
         }
-        (value, gradient)
+        fit
     }
 
     /// Joint positions (rad) of positions normalised to -1..1 over the limits.
@@ -171,15 +226,19 @@ pub(crate) mod tests {
         for i in 0..50 {
             let human = arm.forward(&pose(0.37 * i as f32 + 1.0));
             let q = pose(0.91 * i as f32);
-            let (value, gradient) = arm.s_gr_with_gradient(&human, &q);
-            assert!((value - s_gr(&human, &arm.forward(&q))).abs() < 1e-5);
-            for joint in 0..ARM {
-                let h = 2e-3;
-                let (mut up, mut down) = (q, q);
-                up[joint] += h;
-                down[joint] -= h;
-                let numeric = (s_gr(&human, &arm.forward(&up)) - s_gr(&human, &arm.forward(&down))) / (2.0 * h);
-                assert!((numeric - gradient[joint]).abs() < 1e-3, "joint {joint}: {numeric} {}", gradient[joint]);
+            for (square, angle) in [(1.0, 0.0), (0.0, 1.0), (2.0, 0.5)] {
+                let fit = |q: &[f32; ARM]| arm.fit_with_gradient(&human, q, square, angle);
+                let value = |q: &[f32; ARM]| square * fit(q).s_gr + angle * fit(q).angle;
+                assert!((fit(&q).s_gr - s_gr(&human, &arm.forward(&q))).abs() < 1e-5);
+                for joint in 0..ARM {
+                    let h = 2e-3;
+                    let (mut up, mut down) = (q, q);
+                    up[joint] += h;
+                    down[joint] -= h;
+                    let numeric = (value(&up) - value(&down)) / (2.0 * h);
+                    let ours = fit(&q).gradient[joint];
+                    assert!((numeric - ours).abs() < 3e-3, "joint {joint}: {numeric} {ours}");
+                }
             }
         }
     }

@@ -4,6 +4,7 @@
 //! rotations of an arm's two limbs, a *posture* its joint positions; a *shard* is one thread's half of a batch; *K* is the
 //! number of refinement steps after the network.
 
+pub mod baseline;
 pub mod checkpoint;
 pub mod cli;
 pub mod clips;
@@ -15,6 +16,8 @@ pub mod mlp;
 pub mod networks;
 pub mod objective;
 pub mod optimiser;
+pub mod pairs;
+pub mod preset;
 pub mod robot_file;
 pub mod run;
 pub mod sampling;

@@ -1,6 +1,7 @@
-//! The three perceptrons of one arm in one parameter vector: Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5.
+//! The three perceptrons in one parameter vector. Of one arm: Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5; of both arms with one
+//! latent, as baselines: Q_h 24 or 16 -> 8, Q_r 10 -> 8, D_r 8 -> 10.
 
-use crate::kinematics::{ARM, FEATURES};
+use crate::kinematics::{ARM, HumanInput};
 use crate::mlp::{Mlp, Shape};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -20,11 +21,42 @@ pub struct Size {
     pub hidden_width: usize,
 }
 
+/// What one latent stands for, and what the human encoder is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Pose {
+    /// Arms per latent: 1 (what the product runs), or 2, the whole pose.
+    pub arms: usize,
+    /// Of each arm.
+    pub input: HumanInput,
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self { arms: 1, input: HumanInput::Axes }
+    }
+}
+
+impl Pose {
+    /// Inputs of the human encoder.
+    #[must_use]
+    pub const fn features(self) -> usize {
+        self.arms * self.input.width()
+    }
+
+    /// Joints of a posture.
+    #[must_use]
+    pub const fn joints(self) -> usize {
+        self.arms * ARM
+    }
+}
+
 /// Layout of the three perceptrons in one parameter vector.
 #[derive(Clone, Debug)]
 pub struct Networks {
     /// Hidden layers of each.
     pub size: Size,
+    /// What they map between.
+    pub pose: Pose,
     /// Q_h: human features to latent.
     pub human: Mlp,
     /// Q_r: normalised joint positions to latent.
@@ -36,13 +68,13 @@ pub struct Networks {
 impl Networks {
     /// Lays the three out one after another.
     #[must_use]
-    pub fn new(size: Size) -> Self {
-        let shape =
-            |input, output| Shape { input, hidden_layers: size.hidden_layers, hidden_width: size.hidden_width, output };
-        let human = Mlp::new(shape(FEATURES, LATENT), 0);
-        let robot = Mlp::new(shape(ARM, LATENT), human.end());
-        let decoder = Mlp::new(shape(LATENT, ARM), robot.end());
-        Self { size, human, robot, decoder }
+    pub fn new(size: Size, pose: Pose) -> Self {
+        let Size { hidden_layers, hidden_width } = size;
+        let shape = |input, output| Shape { input, hidden_layers, hidden_width, output };
+        let human = Mlp::new(shape(pose.features(), LATENT), 0);
+        let robot = Mlp::new(shape(pose.joints(), LATENT), human.end());
+        let decoder = Mlp::new(shape(LATENT, pose.joints()), robot.end());
+        Self { size, pose, human, robot, decoder }
     }
 
     /// Number of parameters of all three.

@@ -1,10 +1,10 @@
-//! The five loss terms and their gradient over one batch, without labels and without pairs.
+//! The loss terms and their gradient over one batch, without labels and without pairs.
 //!
-//! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 5 overrun + 1 triplet + 1 |x_r - D(Q_r(x_r))| + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
+//! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 3 angle + 5 overrun + 1 triplet + 1 |x_r - D(Q_r(x_r))| + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
 //! with the overrun of the joint limits by the unclamped output, every term a mean. The kinematics see the clamped output, and only what lies
 //! inside the limits is moved by them; what lies outside is brought back by the overrun alone.
 
-use crate::kinematics::{ARM, Arm, s_gr};
+use crate::kinematics::{ARM, Arm, Limbs, s_gr};
 use crate::mlp::Trace;
 use crate::networks::{LATENT, Networks, REACH};
 use crate::sampling::Batch;
@@ -14,6 +14,9 @@ use crate::sampling::Batch;
 pub struct Weighting {
     /// S_GR of the retargeted pose, summed over the arm's two limbs.
     pub kinematics: f32,
+    /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is quadratic near zero and lets small errors
+    /// stand; the angle does not.
+    pub angle: f32,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
     pub limits: f32,
     /// Triplet hinge in the latent space.
@@ -22,12 +25,20 @@ pub struct Weighting {
     pub reconstruction: f32,
     /// |z - Q_r(D(z))| of human latents, mean over the latent's components.
     pub cycle: f32,
+    /// |Q_h(x_h) - Q_r(x_r)|^2 of given pairs, mean over the latent's components: what S3LE learns from.
+    pub pairing: f32,
+}
+
+impl Weighting {
+    /// No term at all.
+    pub const NONE: Self =
+        Self { kinematics: 0.0, angle: 0.0, limits: 0.0, triplet: 0.0, reconstruction: 0.0, cycle: 0.0, pairing: 0.0 };
 }
 
 impl Default for Weighting {
-    /// The measured best of the prototype; the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
+    /// The measured best (`weights/EXPERIMENTS.md`); the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
     fn default() -> Self {
-        Self { kinematics: 10.0, limits: 5.0, triplet: 1.0, reconstruction: 1.0, cycle: 0.2 }
+        Self { kinematics: 10.0, angle: 3.0, limits: 5.0, triplet: 1.0, reconstruction: 1.0, cycle: 0.2, pairing: 0.0 }
     }
 }
 
@@ -37,8 +48,10 @@ pub const MARGIN: f32 = 0.05;
 /// The unweighted value of every term, means over the batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Terms {
-    /// S_GR, 0..=2.
+    /// S_GR, summed over the limbs.
     pub kinematics: f64,
+    /// Smoothed angle, rad, summed over the limbs.
+    pub angle: f64,
     /// rad.
     pub limits: f64,
     /// Latent units.
@@ -47,6 +60,8 @@ pub struct Terms {
     pub reconstruction: f64,
     /// Latent units.
     pub cycle: f64,
+    /// Latent units squared.
+    pub pairing: f64,
 }
 
 impl Terms {
@@ -54,10 +69,12 @@ impl Terms {
     #[must_use]
     pub fn total(&self, weighting: &Weighting) -> f64 {
         self.kinematics * f64::from(weighting.kinematics)
+            + self.angle * f64::from(weighting.angle)
             + self.limits * f64::from(weighting.limits)
             + self.triplet * f64::from(weighting.triplet)
             + self.reconstruction * f64::from(weighting.reconstruction)
             + self.cycle * f64::from(weighting.cycle)
+            + self.pairing * f64::from(weighting.pairing)
     }
 
     /// The mean of two batches of the same size.
@@ -65,10 +82,12 @@ impl Terms {
     pub fn mean(a: &Self, b: &Self) -> Self {
         Self {
             kinematics: 0.5 * (a.kinematics + b.kinematics),
+            angle: 0.5 * (a.angle + b.angle),
             limits: 0.5 * (a.limits + b.limits),
             triplet: 0.5 * (a.triplet + b.triplet),
             reconstruction: 0.5 * (a.reconstruction + b.reconstruction),
             cycle: 0.5 * (a.cycle + b.cycle),
+            pairing: 0.5 * (a.pairing + b.pairing),
         }
     }
 }
@@ -97,7 +116,7 @@ impl Shard {
     #[must_use]
     pub fn new(networks: &Networks, rows: usize) -> Self {
         Self {
-            batch: Batch::new(rows),
+            batch: Batch::new(rows, networks.pose),
             gradient: vec![0.0; networks.parameters()],
             human: networks.human.trace(rows),
             robot: networks.robot.trace(rows),
@@ -106,13 +125,13 @@ impl Shard {
             grad_human: vec![0.0; rows * LATENT],
             grad_robot: vec![0.0; rows * LATENT],
             grad_cycle: vec![0.0; rows * LATENT],
-            grad_output: vec![0.0; 2 * rows * ARM],
+            grad_output: vec![0.0; 2 * rows * networks.pose.joints()],
             grad_latent: vec![0.0; 2 * rows * LATENT],
-            grad_cycle_input: vec![0.0; rows * ARM],
+            grad_cycle_input: vec![0.0; rows * networks.pose.joints()],
         }
     }
 
-    /// All five terms of the shard's batch, and `gradient` = dL/dparameters.
+    /// All terms of the shard's batch, and `gradient` = dL/dparameters.
     pub fn evaluate(&mut self, networks: &Networks, arm: &Arm, parameters: &[f32], weighting: &Weighting) -> Terms {
         let rows = self.batch.rows();
         self.gradient.fill(0.0);
@@ -122,17 +141,18 @@ impl Shard {
         let cycle = self.cycle_term(weighting.cycle);
         let cycle_input = Some(self.grad_cycle_input.as_mut_slice());
         networks.robot.backward(parameters, &mut self.cycle, &self.grad_cycle, &mut self.gradient, cycle_input);
-        let (kinematics, limits) = self.human_outputs(arm, weighting);
+        let (kinematics, angle, limits) = self.human_outputs(arm, weighting);
         let reconstruction = self.robot_outputs(arm, weighting.reconstruction);
         let latent = Some(self.grad_latent.as_mut_slice());
         networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
         let triplet = self.triplet_term(weighting.triplet);
+        let pairing = self.pairing_term(weighting.pairing);
         let (of_human, of_robot) = self.grad_latent.split_at(rows * LATENT);
         self.grad_human.iter_mut().zip(of_human).for_each(|(g, v)| *g += v);
         self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
         networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
         networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
-        Terms { kinematics, limits, triplet, reconstruction, cycle }
+        Terms { kinematics, angle, limits, triplet, reconstruction, cycle, pairing }
     }
 
     /// Both encoders, the decoder on both latents (its output becomes 1.02 tanh, the normalised joint positions), and the
@@ -165,29 +185,47 @@ impl Shard {
         sum / self.grad_cycle.len() as f64
     }
 
-    /// S_GR and overrun of the retargeted poses; fills the human half of `grad_output`.
-    fn human_outputs(&mut self, arm: &Arm, weighting: &Weighting) -> (f64, f64) {
-        let rows = self.batch.rows();
-        let (mut kinematics, mut limits) = (0.0, 0.0);
-        for (row, human) in self.batch.human.iter().enumerate() {
-            let at = row * ARM..(row + 1) * ARM;
+    /// mean |z_h - z_r|^2 over the rows taken as pairs; adds to `grad_human` and `grad_robot`.
+    fn pairing_term(&mut self, weight: f32) -> f64 {
+        if weight == 0.0 {
+            return 0.0;
+        }
+        let count = self.human.output.len();
+        let mut sum = 0.0;
+        for (i, (h, r)) in self.human.output.iter().zip(&self.robot.output).enumerate() {
+            let difference = h - r;
+            sum += f64::from(difference * difference);
+            let gradient = 2.0 * weight / count as f32 * difference;
+            self.grad_human[i] += gradient;
+            self.grad_robot[i] -= gradient;
+        }
+        sum / count as f64
+    }
+
+    /// S_GR, angle and overrun of the retargeted poses; fills the human half of `grad_output`.
+    fn human_outputs(&mut self, arm: &Arm, weighting: &Weighting) -> (f64, f64, f64) {
+        let (rows, joints) = (self.batch.rows(), self.batch.posture.len());
+        let (mut kinematics, mut angle, mut limits) = (0.0, 0.0, 0.0);
+        for (index, human) in self.batch.human.iter().enumerate() {
+            let at = index * ARM..(index + 1) * ARM;
             let n: [f32; ARM] = std::array::from_fn(|j| self.decoder.output[at.start + j]);
             let q = arm.denormalised(&n.map(|v| v.clamp(-1.0, 1.0)));
-            let (value, gradient) = arm.s_gr_with_gradient(human, &q);
-            kinematics += f64::from(value);
+            let fit = arm.fit_with_gradient(human, &q, weighting.kinematics, weighting.angle);
+            kinematics += f64::from(fit.s_gr);
+            angle += f64::from(fit.angle);
             let grads = self.grad_output[at.clone()].iter_mut().zip(&self.grad_cycle_input[at]);
             for (joint, (grad, through_cycle)) in grads.enumerate() {
                 let overrun = (n[joint].abs() - 1.0) * arm.half[joint];
                 let over_n = if overrun > 0.0 {
                     limits += f64::from(overrun);
-                    weighting.limits / (rows * ARM) as f32 * arm.half[joint] * sign(n[joint])
+                    weighting.limits / joints as f32 * arm.half[joint] * sign(n[joint])
                 } else {
-                    weighting.kinematics / rows as f32 * gradient[joint] * arm.half[joint] + through_cycle
+                    fit.gradient[joint] / rows as f32 * arm.half[joint] + through_cycle
                 };
                 *grad = over_n * tanh_slope(n[joint]);
             }
         }
-        (kinematics / rows as f64, limits / (rows * ARM) as f64)
+        (kinematics / rows as f64, angle / rows as f64, limits / joints as f64)
     }
 
     /// mean |x_r - D(Q_r(x_r))| in rad; fills the robot half of `grad_output`.
@@ -206,20 +244,29 @@ impl Shard {
     /// mean max(|z_a - z_+| - |z_a - z_-| + margin, 0) over triplets of two humans and one robot, ordered by S_GR to the
     /// anchor; adds to `grad_human` and `grad_robot`.
     fn triplet_term(&mut self, weight: f32) -> f64 {
-        let rows = self.batch.rows();
+        if weight == 0.0 {
+            return 0.0;
+        }
+        let (rows, arms) = (self.batch.rows(), self.batch.pose.arms);
         let scale = weight / rows as f32;
         let mut sum = 0.0;
         for row in 0..rows {
             let other = (row + self.batch.shift) % rows;
+            let of = |limbs: &'_ [Limbs], row: usize| -> [Limbs; 2] {
+                // A single arm stands twice: the order of distances is the same.
+                [limbs[row * arms], limbs[row * arms + arms - 1]]
+            };
             // The three members: which latent they have, and their limbs.
             let members = [
-                (true, row, &self.batch.human[row]),
-                (true, other, &self.batch.human[other]),
-                (false, row, &self.batch.robot[row]),
+                (true, row, of(&self.batch.human, row)),
+                (true, other, of(&self.batch.human, other)),
+                (false, row, of(&self.batch.robot, row)),
             ];
             let anchor = usize::from(self.batch.anchor[row]);
             let (mut near, mut far) = ((anchor + 1) % 3, (anchor + 2) % 3);
-            if s_gr(members[anchor].2, members[near].2) > s_gr(members[anchor].2, members[far].2) {
+            let apart =
+                |a: usize, b: usize| -> f32 { members[a].2.iter().zip(&members[b].2).map(|(a, b)| s_gr(a, b)).sum() };
+            if apart(anchor, near) > apart(anchor, far) {
                 std::mem::swap(&mut near, &mut far);
             }
             let latent = |member: usize| -> [f32; LATENT] {

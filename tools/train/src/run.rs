@@ -1,23 +1,27 @@
 //! What the command does: read, train with a progress bar and checkpoints, evaluate, write.
 
+use crate::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
 use crate::checkpoint::{self, Origin};
 use crate::cli::Cli;
 use crate::clips::Clips;
 use crate::error::TrainError;
 use crate::evaluation::{Evaluation, evaluate};
+use crate::kinematics::Arm;
 use crate::objective::Terms;
+use crate::pairs::{Postures, matched};
+use crate::preset::Preset;
 use crate::robot_file::{arm_of, read_model, read_text};
-use crate::sampling::Recorded;
-use crate::session::{Options, Session};
+use crate::sampling::{Pair, Recorded};
+use crate::session::{Data, Options, Session};
 use crate::weights_file::{layers, with_suffix, write};
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network, Weights};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Steps between validations: the figure moves slowly, and 4000 poses cost as much as 5 steps.
+/// Steps between validations: the figure moves slowly, and 2000 frames cost as much as 5 steps.
 const VALIDATION_STEPS: u64 = 1_000;
-const VALIDATION_POSES: usize = 4_000;
+const VALIDATION_POSES: usize = 2_000;
 /// Steps between checkpoints: half a minute of work at most is lost.
 const CHECKPOINT_STEPS: u64 = 2_000;
 /// Steps that the loss shown is averaged over.
@@ -45,21 +49,68 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
         Some(path) => checkpoint::resume(path, arm, &origin)?,
         None => Session::new(cli.options()?, arm),
     };
-    train(&mut session, &recorded, &clips, &with_suffix(out, ".checkpoint"), &origin)?;
+    let pairs = (cli.preset == Preset::S3le).then(|| pairs(&arm, &recorded, &session.options));
+    let data = pairs.as_deref().map_or(Data::Unpaired(&recorded), Data::Pairs);
+    train(&mut session, data, &clips, &with_suffix(out, ".checkpoint"), &origin)?;
+    let trained_on = description(&session.options, &clips, &recorded, cli.calibration.mode().name());
+    match cli.preset.baseline() {
+        Some(name) => write_baseline(out, name, &session, &origin, trained_on)?,
+        None => write_product(out, &session, &identity, &clips, trained_on, cli.calibration.mode().name())?,
+    }
+    // The run is complete and its schedule has ended: there is nothing to resume.
+    let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
+    println!("wrote {}.safetensors and .toml", out.display());
+    Ok(())
+}
+
+/// Human poses and the nearest of the known postures, as many as there are of these.
+fn pairs(arm: &Arm, recorded: &Recorded, options: &Options) -> Vec<Pair> {
+    println!("matching {S3LE_POSTURES} human poses with {S3LE_POSTURES} robot postures");
+    let postures = Postures::random(arm, S3LE_POSTURES, S3LE_SEED);
+    matched(&postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
+}
+
+fn write_baseline(
+    out: &Path,
+    name: String,
+    session: &Session,
+    origin: &Origin,
+    trained_on: String,
+) -> Result<(), TrainError> {
+    let manifest = BaselineManifest {
+        format: 0,
+        lookup: name == "s3le",
+        name,
+        sha256: String::new(),
+        robot_hash: origin.robot_hash.clone(),
+        size: session.options.size,
+        pose: session.options.pose,
+        seed: session.options.seed,
+        steps: session.step,
+        trained_on,
+    };
+    Baseline::write(out, &manifest, &session.adam.average)
+}
+
+fn write_product(
+    out: &Path,
+    session: &Session,
+    identity: &ArmIdentity,
+    clips: &Clips,
+    trained_on: String,
+    calibration: &str,
+) -> Result<(), TrainError> {
     let networks = layers(&session.networks, &session.adam.average);
     let network = Network::new(&networks, &identity.arm);
     let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
-    let mut manifest = Manifest::new(&identity, &networks);
+    let mut manifest = Manifest::new(identity, &networks);
     manifest.seed = session.options.seed;
     manifest.steps = session.step;
-    manifest.trained_on = description(&session.options, &clips, &recorded, cli.calibration.mode().name());
+    manifest.trained_on = trained_on;
     manifest.validation = evaluation.table();
-    manifest.validation.insert("calibration".into(), cli.calibration.mode().name().into());
+    manifest.validation.insert("calibration".into(), calibration.into());
     write(out, &networks, &manifest)?;
-    // The run is complete and its schedule has ended: there is nothing to resume.
-    let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
     print!("{evaluation}");
-    println!("wrote {}.safetensors and .toml", out.display());
     Ok(())
 }
 
@@ -80,7 +131,7 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
         "{} recorded clips ({} arm poses, hinges calibrated by {calibration}) and procedural human arms ({:.0} % of each \
          batch of {}); robot postures uniform within the limits",
         clips.training.len(),
-        recorded.poses.len(),
+        2 * recorded.frames.len(),
         100.0 * options.mixture.procedural,
         options.batch
     )
@@ -99,7 +150,7 @@ fn print_evaluation(base: &Path, identity: &ArmIdentity, clips: &Clips) -> Resul
 
 fn train(
     session: &mut Session,
-    recorded: &Recorded,
+    data: Data<'_>,
     clips: &Clips,
     checkpoint: &Path,
     origin: &Origin,
@@ -114,7 +165,7 @@ fn train(
     let mut shown = Terms::default();
     let mut degrees = session.mean_limb_degrees(&poses);
     while session.step < steps {
-        let terms = session.advance(recorded);
+        let terms = session.advance(data);
         if !terms.total(&session.options.weighting).is_finite() {
             return Err(TrainError::Diverged { step: session.step });
         }
@@ -143,10 +194,12 @@ fn blended(mean: &Terms, new: &Terms) -> Terms {
     let blend = |a: f64, b: f64| a + (b - a) / SHOWN_STEPS as f64;
     Terms {
         kinematics: blend(mean.kinematics, new.kinematics),
+        angle: blend(mean.angle, new.angle),
         limits: blend(mean.limits, new.limits),
         triplet: blend(mean.triplet, new.triplet),
         reconstruction: blend(mean.reconstruction, new.reconstruction),
         cycle: blend(mean.cycle, new.cycle),
+        pairing: blend(mean.pairing, new.pairing),
     }
 }
 

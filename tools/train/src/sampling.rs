@@ -3,15 +3,25 @@
 //! Every batch has its own generator, made from (seed, step, shard): a resumed run therefore draws what an uninterrupted
 //! one would have drawn, and the step is the whole state of the generator.
 
-use crate::kinematics::{ARM, Arm, FEATURES, Limbs, about, features, product};
+use crate::kinematics::{ARM, Arm, Limbs, about, product};
+use crate::networks::Pose;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
 /// Recorded poses: every arm as a left arm.
 #[derive(Clone, Debug, Default)]
 pub struct Recorded {
-    /// Limb rotations, one entry per arm and frame.
-    pub poses: Vec<Limbs>,
+    /// Limb rotations of the left and the right arm, one entry per frame.
+    pub frames: Vec<[Limbs; 2]>,
+}
+
+/// A human pose and the robot posture that it was matched with (S3LE), both arms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// Limb rotations.
+    pub human: [Limbs; 2],
+    /// Joint positions normalised to -1..1 over the limits.
+    pub posture: [[f32; ARM]; 2],
 }
 
 /// How human poses are drawn.
@@ -30,7 +40,22 @@ impl Recorded {
     /// SHA-256 of all poses, in order, lower-case hex.
     #[must_use]
     pub fn digest(&self) -> String {
-        retarget::sha256_hex(bytemuck::cast_slice(&self.poses))
+        retarget::sha256_hex(bytemuck::cast_slice(&self.frames))
+    }
+
+    /// A recorded or procedural pose of `arms` arms, jittered. A single arm is either arm of a frame.
+    pub fn draw(&self, rng: &mut Pcg64, from_recording: bool, mixture: &Mixture, arms: &mut [Limbs]) {
+        let both = arms.len() == 2;
+        if from_recording && !self.frames.is_empty() {
+            let frame = &self.frames[rng.random_range(0..self.frames.len())];
+            let first = if both { 0 } else { rng.random_range(0..2) };
+            arms.copy_from_slice(&frame[first..first + arms.len()]);
+        } else {
+            arms.iter_mut().for_each(|arm| *arm = procedural(rng));
+        }
+        for arm in arms {
+            *arm = jittered(rng, arm, mixture);
+        }
     }
 }
 
@@ -45,13 +70,15 @@ impl Default for Mixture {
 /// One batch: human poses, robot postures and how they form triplets. All vectors have `rows` rows.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// `[rows, 12]` bone and hinge axes.
+    /// What a row holds.
+    pub pose: Pose,
+    /// `[rows, inputs of the human encoder]`.
     pub features: Vec<f32>,
-    /// Human limb rotations.
+    /// `[rows, arms]` human limb rotations.
     pub human: Vec<Limbs>,
-    /// `[rows, 5]` joint positions, normalised to -1..1 over the limits.
+    /// `[rows, joints]` joint positions, normalised to -1..1 over the limits.
     pub posture: Vec<f32>,
-    /// Limb rotations of the postures.
+    /// `[rows, arms]` limb rotations of the postures.
     pub robot: Vec<Limbs>,
     /// Row i forms a triplet of human i, human (i + shift) mod rows and robot i.
     pub shift: usize,
@@ -62,14 +89,15 @@ pub struct Batch {
 impl Batch {
     /// A batch of `rows` identity poses, to be filled by `draw`.
     #[must_use]
-    pub fn new(rows: usize) -> Self {
+    pub fn new(rows: usize, pose: Pose) -> Self {
         assert!(rows >= 2, "a triplet needs two human poses");
         let identity = [[0.0, 0.0, 0.0, 1.0]; 2];
         Self {
-            features: vec![0.0; rows * FEATURES],
-            human: vec![identity; rows],
-            posture: vec![0.0; rows * ARM],
-            robot: vec![identity; rows],
+            pose,
+            features: vec![0.0; rows * pose.features()],
+            human: vec![identity; rows * pose.arms],
+            posture: vec![0.0; rows * pose.joints()],
+            robot: vec![identity; rows * pose.arms],
             shift: 1,
             anchor: vec![0; rows],
         }
@@ -78,32 +106,52 @@ impl Batch {
     /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
-        self.human.len()
+        self.anchor.len()
     }
 
     /// Draws the batch of `shard` at `step`; the same arguments give the same batch.
     pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
-        let mut rng = Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1);
+        let mut rng = generator(seed, step, shard);
         let rows = self.rows();
-        let from_recording =
-            if recorded.poses.is_empty() { 0 } else { ((1.0 - mixture.procedural) * rows as f64).round() as usize };
-        for (row, limbs) in self.human.iter_mut().enumerate() {
-            let pose = if row < from_recording {
-                recorded.poses[rng.random_range(0..recorded.poses.len())]
-            } else {
-                procedural(&mut rng)
-            };
-            *limbs = jittered(&mut rng, &pose, mixture);
-            self.features[row * FEATURES..(row + 1) * FEATURES].copy_from_slice(&features(limbs));
+        let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
+        for (row, arms) in self.human.chunks_exact_mut(self.pose.arms).enumerate() {
+            recorded.draw(&mut rng, row < from_recording, mixture, arms);
         }
-        for (row, limbs) in self.robot.iter_mut().enumerate() {
-            let posture: [f32; ARM] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-            self.posture[row * ARM..(row + 1) * ARM].copy_from_slice(&posture);
-            *limbs = arm.forward(&arm.denormalised(&posture));
-            self.anchor[row] = rng.random_range(0..3);
+        self.posture.fill_with(|| rng.random_range(-1.0..1.0));
+        for anchor in &mut self.anchor {
+            *anchor = rng.random_range(0..3);
         }
         self.shift = rng.random_range(1..rows);
+        self.derive(arm);
     }
+
+    /// Draws pairs of a human pose and a robot posture, both arms; the same arguments give the same batch.
+    pub fn draw_pairs(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, pairs: &[Pair]) {
+        let mut rng = generator(seed, step, shard);
+        let width = self.pose.joints();
+        for (row, arms) in self.human.chunks_exact_mut(2).enumerate() {
+            let pair = &pairs[rng.random_range(0..pairs.len())];
+            arms.copy_from_slice(&pair.human);
+            self.posture[row * width..(row + 1) * width].copy_from_slice(pair.posture.as_flattened());
+        }
+        self.derive(arm);
+    }
+
+    /// Features of the human poses and limbs of the robot's.
+    fn derive(&mut self, arm: &Arm) {
+        let input = self.pose.input;
+        for (limbs, features) in self.human.iter().zip(self.features.chunks_exact_mut(input.width())) {
+            input.write(limbs, features);
+        }
+        for (limbs, posture) in self.robot.iter_mut().zip(self.posture.as_chunks::<ARM>().0) {
+            *limbs = arm.forward(&arm.denormalised(posture));
+        }
+    }
+}
+
+/// The generator of a batch.
+fn generator(seed: u64, step: u64, shard: u64) -> Pcg64 {
+    Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1)
 }
 
 /// A procedural human left arm: the bone's azimuth -50..130 degrees (0 is straight to the side, 90 to the front), the sine
@@ -163,9 +211,9 @@ mod tests {
 
     #[test]
     fn a_batch_depends_on_its_seed_step_and_shard_alone() {
-        let recorded = Recorded { poses: vec![[[0.0, 0.0, 0.0, 1.0]; 2]; 3] };
+        let recorded = Recorded { frames: vec![[[[0.0, 0.0, 0.0, 1.0]; 2]; 2]; 3] };
         let draw = |seed, step, shard| {
-            let mut batch = Batch::new(16);
+            let mut batch = Batch::new(16, Pose::default());
             batch.draw(seed, step, shard, &example_arm(), &recorded, &Mixture::default());
             batch
         };

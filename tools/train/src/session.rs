@@ -1,16 +1,19 @@
 //! A training run in memory: networks, optimiser and two shards, one thread each.
 
-use crate::kinematics::{ARM, Arm, FEATURES, Limbs, features, limb_degrees};
-use crate::networks::{LATENT, Networks, REACH, Size};
+use crate::kinematics::{ARM, Arm, Limbs, limb_degrees};
+use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::objective::{Shard, Terms, Weighting};
 use crate::optimiser::{Adam, Schedule};
-use crate::sampling::{Mixture, Recorded};
+use crate::sampling::{Mixture, Pair, Recorded};
 
 /// What defines a run, besides its data.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Options {
     /// Hidden layers of the perceptrons.
     pub size: Size,
+    /// What they map between.
+    #[serde(default)]
+    pub pose: Pose,
     /// Poses per step; even, half of it per thread.
     pub batch: usize,
     /// Learning rate over the steps.
@@ -21,6 +24,15 @@ pub struct Options {
     pub weighting: Weighting,
     /// How human poses are drawn.
     pub mixture: Mixture,
+}
+
+/// What batches are drawn from.
+#[derive(Clone, Copy, Debug)]
+pub enum Data<'a> {
+    /// Human poses, and robot postures by chance.
+    Unpaired(&'a Recorded),
+    /// Human poses with the posture that each was matched with.
+    Pairs(&'a [Pair]),
 }
 
 /// A run. Bit-reproducible: the shards are fixed, and their gradients are added in one order.
@@ -42,18 +54,23 @@ impl Session {
     /// A fresh run for `arm`.
     #[must_use]
     pub fn new(options: Options, arm: Arm) -> Self {
-        let networks = Networks::new(options.size);
+        let networks = Networks::new(options.size, options.pose);
         let adam = Adam::new(networks.initial(options.seed));
         let shard = Shard::new(&networks, options.batch / 2);
         Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
     }
 
-    /// One step of Adam; the loss terms of its batch.
-    pub fn advance(&mut self, recorded: &Recorded) -> Terms {
+    /// One step of Adam on poses drawn from `data`; the loss terms of its batch.
+    pub fn advance(&mut self, data: Data<'_>) -> Terms {
         let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
         let work = |shard: &mut Shard, index: u64| {
-            shard.batch.draw(options.seed, *step, index, arm, recorded, &options.mixture);
+            match data {
+                Data::Unpaired(recorded) => {
+                    shard.batch.draw(options.seed, *step, index, arm, recorded, &options.mixture);
+                }
+                Data::Pairs(pairs) => shard.batch.draw_pairs(options.seed, *step, index, arm, pairs),
+            }
             shard.evaluate(networks, arm, parameters, &options.weighting)
         };
         let (of_left, of_right) = std::thread::scope(|scope| {
@@ -67,47 +84,71 @@ impl Session {
         Terms::mean(&of_left, &of_right)
     }
 
-    /// Joint positions (rad, within the limits) that the averaged networks give for human limbs, without refinement.
+    /// Mean rotation error in degrees of the averaged networks, without refinement, over the four limbs of `frames`.
     #[must_use]
-    pub fn retarget(&self, poses: &[Limbs]) -> Vec<[f32; ARM]> {
-        retarget(&self.networks, &self.adam.average, &self.arm, poses)
-    }
-
-    /// Mean rotation error in degrees of the averaged networks over both limbs of `poses`.
-    #[must_use]
-    pub fn mean_limb_degrees(&self, poses: &[Limbs]) -> f64 {
-        let sum: f64 = poses
+    pub fn mean_limb_degrees(&self, frames: &[[Limbs; 2]]) -> f64 {
+        let postures = retarget(&self.networks, &self.adam.average, &self.arm, frames);
+        let sum: f64 = frames
+            .as_flattened()
             .iter()
-            .zip(self.retarget(poses))
+            .zip(postures.as_flattened())
             .flat_map(|(human, q)| {
-                let robot = self.arm.forward(&q);
+                let robot = self.arm.forward(q);
                 [limb_degrees(human[0], robot[0]), limb_degrees(human[1], robot[1])]
             })
             .map(f64::from)
             .sum();
-        sum / (2 * poses.len()).max(1) as f64
+        sum / (4 * frames.len()).max(1) as f64
     }
 }
 
-/// D_r(Q_h(features)), clamped to the limits.
+// Rows per pass: small enough for the second-level cache.
+const ROWS: usize = 256;
+
+/// D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
 #[must_use]
-pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, poses: &[Limbs]) -> Vec<[f32; ARM]> {
-    // Rows per pass: small enough for the second-level cache.
-    const ROWS: usize = 256;
-    let mut human = networks.human.trace(ROWS);
+pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[Limbs; 2]]) -> Vec<[[f32; ARM]; 2]> {
+    let latents = encode_human(networks, parameters, frames);
     let mut decoder = networks.decoder.trace(ROWS);
-    let mut out = Vec::with_capacity(poses.len());
-    for chunk in poses.chunks(ROWS) {
-        for (row, limbs) in chunk.iter().enumerate() {
-            human.input[row * FEATURES..(row + 1) * FEATURES].copy_from_slice(&features(limbs));
+    let mut out = vec![[[0.0; ARM]; 2]; frames.len()];
+    let joints = networks.pose.joints();
+    let postures = out.as_flattened_mut().as_flattened_mut();
+    for (z, q) in latents.chunks(ROWS).zip(postures.chunks_mut(ROWS * joints)) {
+        decoder.input[..z.len() * LATENT].copy_from_slice(z.as_flattened());
+        networks.decoder.forward(parameters, &mut decoder);
+        for (q, y) in q.as_chunks_mut::<ARM>().0.iter_mut().zip(decoder.output.as_chunks::<ARM>().0) {
+            *q = arm.denormalised(&y.map(|y| (REACH * y.tanh()).clamp(-1.0, 1.0)));
+        }
+    }
+    out
+}
+
+/// Q_h of both arms of every frame: one latent per frame if the latent is of both arms, else two.
+#[must_use]
+pub fn encode_human(networks: &Networks, parameters: &[f32], frames: &[[Limbs; 2]]) -> Vec<[f32; LATENT]> {
+    let (arms, input) = (networks.pose.arms, networks.pose.input);
+    let mut human = networks.human.trace(ROWS);
+    let mut out = Vec::with_capacity(frames.len() * 2 / arms);
+    for chunk in frames.as_flattened().chunks(ROWS * arms) {
+        for (limbs, features) in chunk.iter().zip(human.input.chunks_exact_mut(input.width())) {
+            input.write(limbs, features);
         }
         networks.human.forward(parameters, &mut human);
-        decoder.input.copy_from_slice(&human.output[..ROWS * LATENT]);
-        networks.decoder.forward(parameters, &mut decoder);
-        for row in 0..chunk.len() {
-            let n = std::array::from_fn(|j| (REACH * decoder.output[row * ARM + j].tanh()).clamp(-1.0, 1.0));
-            out.push(arm.denormalised(&n));
-        }
+        out.extend_from_slice(&human.output.as_chunks::<LATENT>().0[..chunk.len() / arms]);
+    }
+    out
+}
+
+/// Q_r of postures normalised to -1..1, `[rows, joints]`.
+#[must_use]
+pub fn encode_robot(networks: &Networks, parameters: &[f32], postures: &[f32]) -> Vec<[f32; LATENT]> {
+    let joints = networks.pose.joints();
+    let mut robot = networks.robot.trace(ROWS);
+    let mut out = Vec::with_capacity(postures.len() / joints);
+    for chunk in postures.chunks(ROWS * joints) {
+        robot.input[..chunk.len()].copy_from_slice(chunk);
+        networks.robot.forward(parameters, &mut robot);
+        out.extend_from_slice(&robot.output.as_chunks::<LATENT>().0[..chunk.len() / joints]);
     }
     out
 }

@@ -1,9 +1,9 @@
 //! The analytic gradients against those of a general library's automatic differentiation, in f64.
 
 use candle_core::{DType, Device, Result, Tensor, Var};
-use train::kinematics::{ARM, Arm, FEATURES, Limbs, s_gr};
+use train::kinematics::{ANGLE_SMOOTHING, ARM, Arm, HumanInput, Limbs, s_gr};
 use train::mlp::Mlp;
-use train::networks::{LATENT, Networks, REACH, Size};
+use train::networks::{LATENT, Networks, Pose, REACH, Size};
 use train::objective::{MARGIN, Shard, Weighting};
 use train::sampling::{Mixture, Recorded};
 
@@ -57,10 +57,11 @@ fn product(a: &Columns, b: &Columns) -> Result<Columns> {
     ])
 }
 
-/// 1 - <human, robot>^2 summed over both limbs, per row.
-fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<Tensor> {
+/// 1 - <human, robot>^2 and the smoothed angle, summed over both limbs, per arm.
+fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
     let mut rotation: Option<Columns> = None;
     let mut total = Tensor::zeros(human.len(), DType::F64, &Device::Cpu)?;
+    let mut angle = total.clone();
     for joint in 0..ARM {
         let half = ((q.narrow(1, joint, 1)?.squeeze(1)? - f64::from(arm.reference[joint]))? * 0.5)?;
         let (sine, cosine) = (half.sin()?, half.cos()?);
@@ -76,11 +77,13 @@ fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<Tensor> {
                 let target: Vec<f32> = human.iter().map(|limbs| limbs[limb][i]).collect();
                 dot = (dot + (column * tensor(&target, &[human.len()])?)?)?;
             }
-            total = ((total + 1.0)? - dot.sqr()?)?;
+            let s_gr = (1.0 - dot.sqr()?)?;
+            angle = (angle + ((&s_gr + f64::from(ANGLE_SMOOTHING))?.sqrt()? * 2.0)?)?;
+            total = (total + s_gr)?;
         }
         rotation = Some(next);
     }
-    Ok(total)
+    Ok([total, angle])
 }
 
 /// n inside -1..1, the bound outside; candle's own rule for the slope at the bounds never matters here.
@@ -89,58 +92,73 @@ fn clamped(n: &Tensor) -> Result<Tensor> {
     n - excess
 }
 
-/// The five terms as the module's documentation states them, on the shard's batch.
-fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 5]> {
+/// All terms as the module's documentation states them, on the shard's batch.
+fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 7]> {
     let batch = &shard.batch;
-    let features = tensor(&batch.features, &[ROWS, FEATURES])?;
-    let posture = tensor(&batch.posture, &[ROWS, ARM])?;
-    let half = tensor(&arm.half, &[1, ARM])?;
-    let mid = tensor(&arm.mid, &[1, ARM])?;
+    let (arms, joints) = (batch.pose.arms, batch.pose.joints());
+    let features = tensor(&batch.features, &[ROWS, batch.pose.features()])?;
+    let posture = tensor(&batch.posture, &[ROWS, joints])?;
+    let half = tensor(&arm.half.repeat(arms), &[1, joints])?;
+    let mid = tensor(&arm.mid.repeat(arms), &[1, joints])?;
     let z_human = perceptron(&networks.human, parameters, &features)?;
     let z_robot = perceptron(&networks.robot, parameters, &posture)?;
     let decode = |z: &Tensor| perceptron(&networks.decoder, parameters, z)?.tanh()? * f64::from(REACH);
     let n = decode(&z_human)?;
     let inside = clamped(&n)?;
     let q = inside.broadcast_mul(&half)?.broadcast_add(&mid)?;
-    let kinematics = metric(arm, &q, &batch.human)?.mean_all()?;
+    let fit = metric(arm, &q.reshape((ROWS * arms, ARM))?, &batch.human)?;
+    let [kinematics, angle] = fit.map(|value| value.sum_all().and_then(|sum| sum / ROWS as f64));
     let limits = (n.abs()? - 1.0)?.relu()?.broadcast_mul(&half)?.mean_all()?;
     let reconstruction = (decode(&z_robot)? - &posture)?.broadcast_mul(&half)?.abs()?.mean_all()?;
     let cycle = (&z_human - perceptron(&networks.robot, parameters, &inside)?)?.abs()?.mean_all()?;
     let mut triplet = Tensor::zeros((), DType::F64, &Device::Cpu)?;
+    let pairing = (&z_human - &z_robot)?.sqr()?.mean_all()?;
+    let of = |limbs: &[Limbs], row: usize| limbs[row * arms..(row + 1) * arms].to_vec();
     for row in 0..ROWS {
         let other = (row + batch.shift) % ROWS;
         let members = [
-            (z_human.get(row)?, batch.human[row]),
-            (z_human.get(other)?, batch.human[other]),
-            (z_robot.get(row)?, batch.robot[row]),
+            (z_human.get(row)?, of(&batch.human, row)),
+            (z_human.get(other)?, of(&batch.human, other)),
+            (z_robot.get(row)?, of(&batch.robot, row)),
         ];
         let anchor = usize::from(batch.anchor[row]);
         let mut rest = [(anchor + 1) % 3, (anchor + 2) % 3];
-        rest.sort_by(|a, b| {
-            s_gr(&members[anchor].1, &members[*a].1).total_cmp(&s_gr(&members[anchor].1, &members[*b].1))
-        });
+        let apart = |a: usize| -> f32 { members[anchor].1.iter().zip(&members[a].1).map(|(a, b)| s_gr(a, b)).sum() };
+        rest.sort_by(|a, b| apart(*a).total_cmp(&apart(*b)));
         let distance = |i: usize| (&members[anchor].0 - &members[i].0)?.sqr()?.sum_all()?.sqrt();
         let hinge = ((distance(rest[0])? - distance(rest[1])?)? + f64::from(MARGIN))?.relu()?;
         triplet = (triplet + (hinge / ROWS as f64)?)?;
     }
-    Ok([kinematics, limits, triplet, reconstruction, cycle])
+    Ok([kinematics?, angle?, limits, triplet, reconstruction, cycle, pairing])
 }
 
-fn weightings() -> [(&'static str, Weighting); 6] {
-    let none = Weighting { kinematics: 0.0, limits: 0.0, triplet: 0.0, reconstruction: 0.0, cycle: 0.0 };
+fn weightings() -> [(&'static str, Weighting); 8] {
+    let none = Weighting::NONE;
     [
         ("kinematics", Weighting { kinematics: 10.0, ..none }),
+        ("angle", Weighting { angle: 3.0, ..none }),
         ("limits", Weighting { limits: 5.0, ..none }),
         ("triplet", Weighting { triplet: 1.0, ..none }),
         ("reconstruction", Weighting { reconstruction: 1.0, ..none }),
         ("cycle", Weighting { cycle: 0.2, ..none }),
-        ("all", Weighting::default()),
+        ("pairing", Weighting { pairing: 10.0, ..none }),
+        ("all", Weighting { pairing: 0.7, ..Weighting::default() }),
     ]
 }
 
 #[test]
 fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() -> Result<()> {
-    let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 });
+    gradients_agree(Pose::default())
+}
+
+#[test]
+fn so_it_has_with_one_latent_for_both_arms() -> Result<()> {
+    gradients_agree(Pose { arms: 2, input: HumanInput::Axes })?;
+    gradients_agree(Pose { arms: 2, input: HumanInput::LocalQuaternions })
+}
+
+fn gradients_agree(pose: Pose) -> Result<()> {
+    let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 }, pose);
     let arm = arm();
     let mut parameters = networks.initial(11);
     // A steep last layer of the decoder drives some outputs over the limits; biases away from zero test their gradient.
@@ -155,17 +173,25 @@ fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() 
     for (name, weighting) in weightings() {
         let terms = shard.evaluate(&networks, &arm, &parameters, &weighting);
         let values = reference(&networks, &arm, variable.as_tensor(), &shard)?;
-        let of = [terms.kinematics, terms.limits, terms.triplet, terms.reconstruction, terms.cycle];
-        for (ours, theirs) in of.iter().zip(&values) {
-            let theirs = theirs.to_scalar::<f64>()?;
-            assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");
-            assert!((ours - theirs).abs() <= 1e-5 * theirs.abs().max(1e-3), "{name}: value {ours} against {theirs}");
-        }
-        let weights =
-            [weighting.kinematics, weighting.limits, weighting.triplet, weighting.reconstruction, weighting.cycle];
+        // Value, weight and reference of every term.
+        let of = [
+            (terms.kinematics, weighting.kinematics),
+            (terms.angle, weighting.angle),
+            (terms.limits, weighting.limits),
+            (terms.triplet, weighting.triplet),
+            (terms.reconstruction, weighting.reconstruction),
+            (terms.cycle, weighting.cycle),
+            (terms.pairing, weighting.pairing),
+        ];
         let mut loss = Tensor::zeros((), DType::F64, &Device::Cpu)?;
-        for (value, weight) in values.iter().zip(weights) {
-            loss = (loss + (value * f64::from(weight))?)?;
+        for ((ours, weight), value) in of.iter().zip(&values) {
+            loss = (loss + (value * f64::from(*weight))?)?;
+            let theirs = value.to_scalar::<f64>()?;
+            // Triplets and pairs are only looked at where they count.
+            if *weight != 0.0 {
+                assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");
+                assert!((ours - theirs).abs() <= 1e-5 * theirs.abs().max(1e-3), "{name}: {ours} against {theirs}");
+            }
         }
         let gradients = loss.backward()?;
         let want = gradients.get(&variable).expect("the loss depends on the parameters").to_vec1::<f64>()?;
@@ -175,9 +201,9 @@ fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() 
             let off = shard.gradient[range.clone()].iter().zip(&want[range]);
             let off = off.map(|(ours, theirs)| (f64::from(*ours) - theirs).powi(2)).sum::<f64>().sqrt();
             assert!(off <= 2e-5 * norm + 1e-9, "{name}, {network}: off by {off:e} of {norm:e}");
-            let idle = (name == "triplet" && network == "decoder")
+            let idle = (["triplet", "pairing"].contains(&name) && network == "decoder")
                 || (name == "reconstruction" && network == "human")
-                || (["kinematics", "limits"].contains(&name) && network == "robot");
+                || (["kinematics", "angle", "limits"].contains(&name) && network == "robot");
             assert_eq!(norm == 0.0, idle, "{name}, {network}: which networks a term reaches");
         }
     }

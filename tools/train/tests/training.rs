@@ -5,14 +5,17 @@ use nalgebra::Vector3;
 use rand_pcg::Pcg64;
 use retarget::{ArmIdentity, ArmModel, Manifest, Weights, features};
 use std::path::PathBuf;
+use train::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
 use train::checkpoint::{Origin, resume, save};
 use train::evaluation::limbs;
 use train::kinematics::{Arm, Limbs};
-use train::networks::Size;
+use train::networks::{Pose, Size};
 use train::objective::{Terms, Weighting};
 use train::optimiser::Schedule;
+use train::pairs::{Postures, matched};
+use train::preset::Preset;
 use train::sampling::{Mixture, Recorded, procedural};
-use train::session::{Options, Session};
+use train::session::{Data, Options, Session, retarget};
 use train::weights_file::{layers, write};
 
 fn identity() -> ArmIdentity {
@@ -29,6 +32,7 @@ fn identity() -> ArmIdentity {
 fn session(steps: u64, seed: u64) -> Session {
     let options = Options {
         size: Size { hidden_layers: 2, hidden_width: 32 },
+        pose: Pose::default(),
         batch: 64,
         schedule: Schedule { peak: 3e-3, warm_up: 20, second_decay: 0.999, steps },
         seed,
@@ -44,12 +48,12 @@ fn origin() -> Origin {
 
 fn advance(session: &mut Session, steps: u64) -> Vec<Terms> {
     let recorded = Recorded::default();
-    (0..steps).map(|_| session.advance(&recorded)).collect()
+    (0..steps).map(|_| session.advance(Data::Unpaired(&recorded))).collect()
 }
 
-fn unseen_poses() -> Vec<Limbs> {
+fn unseen_poses() -> Vec<[Limbs; 2]> {
     let mut rng = Pcg64::new(99, 99);
-    (0..500).map(|_| procedural(&mut rng)).collect()
+    (0..250).map(|_| [procedural(&mut rng), procedural(&mut rng)]).collect()
 }
 
 fn scratch() -> (tempfile::TempDir, PathBuf) {
@@ -124,7 +128,8 @@ fn written_weights_give_the_retargeting_the_outputs_of_the_trainer() {
     let bytes = std::fs::read(folder.path().join("example.v1.safetensors")).expect("the tensors are there");
     let weights = Weights::read(&text, &bytes, &identity()).expect("the retargeting takes them");
     let poses = unseen_poses();
-    for (pose, ours) in poses.iter().zip(run.retarget(&poses)) {
+    let postures = retarget(&run.networks, &run.adam.average, &Arm::from(&identity().arm), &poses);
+    for (pose, ours) in poses.as_flattened().iter().zip(postures.as_flattened()) {
         let [theirs] = weights.network.decode(&weights.network.encode_human(&[features(&limbs(pose))]));
         for (a, b) in ours.iter().zip(theirs) {
             assert!((f64::from(*a) - b).abs() < 1e-5, "{ours:?} against {theirs:?}");
@@ -132,4 +137,74 @@ fn written_weights_give_the_retargeting_the_outputs_of_the_trainer() {
     }
     let parts: Vec<_> = std::fs::read_dir(folder.path()).expect("the folder can be listed").flatten().collect();
     assert_eq!(parts.len(), 2, "no partial file is left behind");
+}
+
+/// A short run of a preset's networks and losses at a small size.
+fn baseline(preset: Preset, steps: u64) -> Session {
+    let recipe = preset.recipe();
+    let options = Options { pose: recipe.pose, weighting: recipe.weighting, ..session(steps, 1).options };
+    Session::new(options, Arm::from(&identity().arm))
+}
+
+fn manifest(run: &Session, lookup: bool) -> BaselineManifest {
+    BaselineManifest {
+        format: 0,
+        name: "example".into(),
+        sha256: String::new(),
+        robot_hash: "0000000000000007".into(),
+        size: run.options.size,
+        pose: run.options.pose,
+        lookup,
+        seed: 1,
+        steps: run.step,
+        trained_on: "nothing".into(),
+    }
+}
+
+fn both_arms(frames: &[[Limbs; 2]]) -> Vec<[retarget::Limbs; 2]> {
+    frames.iter().map(|arms| arms.each_ref().map(limbs)).collect()
+}
+
+#[test]
+fn a_written_baseline_gives_what_its_run_gives_and_damage_is_refused() {
+    let (folder, _) = scratch();
+    let base = folder.path().join("example");
+    let mut run = baseline(Preset::Paper, 30);
+    advance(&mut run, 30);
+    Baseline::write(&base, &manifest(&run, false), &run.adam.average).expect("a baseline can be written");
+    let read = Baseline::read(&base, &identity()).expect("and read");
+    let frames = unseen_poses();
+    let want = retarget(&run.networks, &run.adam.average, &Arm::from(&identity().arm), &frames);
+    for (ours, want) in read.retarget(&both_arms(&frames)).iter().zip(&want) {
+        for (a, b) in ours.as_flattened().iter().zip(want.as_flattened()) {
+            // The file holds 11 bits of every weight.
+            assert!((a - f64::from(*b)).abs() < 2e-2, "{ours:?} against {want:?}");
+        }
+    }
+    let other = ArmIdentity { robot_hash: 8, ..identity() };
+    assert!(Baseline::read(&base, &other).expect_err("another arm").to_string().contains("hash"));
+    let tensors = folder.path().join("example.safetensors");
+    let mut bytes = std::fs::read(&tensors).expect("the tensors are there");
+    *bytes.last_mut().expect("there are bytes") ^= 1;
+    std::fs::write(&tensors, bytes).expect("they can be damaged");
+    assert!(Baseline::read(&base, &identity()).expect_err("damaged").to_string().contains("sha256"));
+}
+
+#[test]
+fn s3le_answers_with_known_postures_alone_and_its_pairs_draw_the_latents_together() {
+    let (folder, _) = scratch();
+    let base = folder.path().join("s3le");
+    let arm = Arm::from(&identity().arm);
+    let postures = Postures::random(&arm, 3_000, S3LE_SEED);
+    let pairs = matched(&postures, &Recorded::default(), &Mixture::default(), 500, 1);
+    let mut run = baseline(Preset::S3le, 200);
+    let terms: Vec<Terms> = (0..200).map(|_| run.advance(Data::Pairs(&pairs))).collect();
+    assert!(terms[199].pairing < 0.5 * terms[0].pairing, "{:?} to {:?}", terms[0], terms[199]);
+    Baseline::write(&base, &manifest(&run, true), &run.adam.average).expect("a baseline can be written");
+    let read = Baseline::read(&base, &identity()).expect("and read");
+    let all = Postures::random(&arm, S3LE_POSTURES, S3LE_SEED).normalised;
+    for q in read.retarget(&both_arms(&unseen_poses()[..3])) {
+        let is_known = |n: &[[f32; 5]; 2]| n.map(|n| arm.denormalised(&n).map(f64::from)) == q;
+        assert!(all.iter().any(is_known), "{q:?}");
+    }
 }

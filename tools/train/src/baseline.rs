@@ -1,0 +1,181 @@
+//! Networks that the product does not run, to compare with: one flat f16 tensor and a manifest that says what it is.
+
+use crate::checkpoint::write_at_once;
+use crate::error::TrainError;
+use crate::kinematics::{ARM, Arm, Limbs};
+use crate::networks::{LATENT, Networks, Pose, Size};
+use crate::pairs::Postures;
+use crate::robot_file::read_text;
+use crate::session::{encode_human, encode_robot, retarget};
+use crate::weights_file::with_suffix;
+use half::f16;
+use retarget::{ArmIdentity, ArmQ, sha256_hex, xyzw_from_rotation};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The only format so far.
+const FORMAT: u32 = 1;
+const TENSOR: &str = "parameters";
+/// Postures that S3LE is trained on and looks up in, and as many pairs (Choi et al. 2021).
+pub const S3LE_POSTURES: usize = 200_000;
+/// Their seed: training and lookup must have the same ones.
+pub const S3LE_SEED: u64 = 1;
+
+/// What a baseline is and what it was made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BaselineManifest {
+    /// `FORMAT`.
+    pub format: u32,
+    /// Name of its preset.
+    pub name: String,
+    /// Of the safetensors file, lower-case hex.
+    pub sha256: String,
+    /// Hash of the arm, as in the product's weights.
+    pub robot_hash: String,
+    /// Sizes of the hidden layers.
+    pub size: Size,
+    /// What the networks map between.
+    pub pose: Pose,
+    /// Whether the posture is the nearest known one in the latent space (S3LE) instead of the decoder's.
+    pub lookup: bool,
+    /// Seed of the training.
+    pub seed: u64,
+    /// Steps of the training.
+    pub steps: u64,
+    /// What it was trained on.
+    pub trained_on: String,
+}
+
+/// Networks of a baseline, ready to run.
+#[derive(Clone, Debug)]
+pub struct Baseline {
+    /// What it is.
+    pub manifest: BaselineManifest,
+    networks: Networks,
+    parameters: Vec<f32>,
+    arm: Arm,
+    known: Option<Known>,
+}
+
+/// S3LE's known postures and their latents.
+#[derive(Clone, Debug)]
+struct Known {
+    postures: Vec<[[f32; ARM]; 2]>,
+    latents: Vec<[f32; LATENT]>,
+}
+
+impl Baseline {
+    /// Writes `<base>.safetensors` and `<base>.toml`; the manifest last, because it holds the hash of the other.
+    ///
+    /// # Errors
+    /// If one of them cannot be written.
+    pub fn write(base: &Path, manifest: &BaselineManifest, parameters: &[f32]) -> Result<(), TrainError> {
+        let failed = |error: &dyn std::fmt::Display| damaged(base, error.to_string());
+        let data: Vec<u8> = parameters.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
+        let view = TensorView::new(Dtype::F16, vec![parameters.len()], &data).map_err(|error| failed(&error))?;
+        let bytes = safetensors::serialize([(TENSOR, view)], None).map_err(|error| failed(&error))?;
+        let manifest = BaselineManifest { format: FORMAT, sha256: sha256_hex(&bytes), ..manifest.clone() };
+        let text = toml::to_string(&manifest).map_err(|error| failed(&error))?;
+        write_at_once(&with_suffix(base, ".safetensors"), &bytes)?;
+        write_at_once(&with_suffix(base, ".toml"), text.as_bytes())
+    }
+
+    /// Reads `<base>.safetensors` and `<base>.toml` for the arm `identity`.
+    ///
+    /// # Errors
+    /// If one of them is missing, damaged, or made for another arm.
+    pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Self, TrainError> {
+        let text = read_text(&with_suffix(base, ".toml"))?;
+        let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error.to_string()))?;
+        if manifest.format != FORMAT {
+            return Err(damaged(base, format!("format is {}, expected {FORMAT}", manifest.format)));
+        }
+        let robot_hash = format!("{:016x}", identity.robot_hash);
+        if manifest.robot_hash != robot_hash {
+            return Err(damaged(base, format!("is for an arm of hash {}, not {robot_hash}", manifest.robot_hash)));
+        }
+        let fits = (1..=2).contains(&manifest.pose.arms)
+            && (1..=retarget::HIDDEN_MAX).contains(&manifest.size.hidden_layers)
+            && (1..=retarget::WIDTH_MAX).contains(&manifest.size.hidden_width);
+        if !fits {
+            return Err(damaged(base, format!("has networks of {:?} for {:?}", manifest.size, manifest.pose)));
+        }
+        let networks = Networks::new(manifest.size, manifest.pose);
+        let path = with_suffix(base, ".safetensors");
+        let bytes = std::fs::read(&path).map_err(|source| TrainError::File { path, action: "read", source })?;
+        let parameters = read_parameters(base, &bytes, &manifest, networks.parameters())?;
+        let arm = Arm::from(&identity.arm);
+        let known = manifest.lookup.then(|| {
+            let postures = Postures::random(&arm, S3LE_POSTURES, S3LE_SEED).normalised;
+            let latents = encode_robot(&networks, &parameters, postures.as_flattened().as_flattened());
+            Known { postures, latents }
+        });
+        Ok(Self { manifest, networks, parameters, arm, known })
+    }
+
+    /// Its preset's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.manifest.name
+    }
+
+    /// Joint positions, rad, within the limits: left arm and mirrored right arm of every frame.
+    #[must_use]
+    pub fn retarget(&self, frames: &[[retarget::Limbs; 2]]) -> Vec<[ArmQ; 2]> {
+        let frames: Vec<[Limbs; 2]> = frames.iter().map(|arms| arms.each_ref().map(single)).collect();
+        let postures = match &self.known {
+            None => retarget(&self.networks, &self.parameters, &self.arm, &frames),
+            Some(known) => encode_human(&self.networks, &self.parameters, &frames)
+                .iter()
+                .map(|z| known.nearest(z).map(|n| self.arm.denormalised(&n)))
+                .collect(),
+        };
+        postures.into_iter().map(|arms| arms.map(|q| q.map(f64::from))).collect()
+    }
+}
+
+impl Known {
+    fn nearest(&self, z: &[f32; LATENT]) -> [[f32; ARM]; 2] {
+        let distance = |other: &[f32; LATENT]| -> f32 { z.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum() };
+        let (mut best, mut least) = (0, f32::MAX);
+        for (index, other) in self.latents.iter().enumerate() {
+            let d = distance(other);
+            if d < least {
+                (best, least) = (index, d);
+            }
+        }
+        self.postures[best]
+    }
+}
+
+fn single(limbs: &retarget::Limbs) -> Limbs {
+    [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))
+}
+
+fn damaged(base: &Path, reason: String) -> TrainError {
+    TrainError::Baseline { path: base.to_path_buf(), reason }
+}
+
+fn read_parameters(
+    base: &Path,
+    bytes: &[u8],
+    manifest: &BaselineManifest,
+    count: usize,
+) -> Result<Vec<f32>, TrainError> {
+    let actual = sha256_hex(bytes);
+    if actual != manifest.sha256 {
+        return Err(damaged(base, format!("sha256 of the tensors is {actual}, the manifest says {}", manifest.sha256)));
+    }
+    let tensors = SafeTensors::deserialize(bytes).map_err(|error| damaged(base, error.to_string()))?;
+    let view = tensors.tensor(TENSOR).map_err(|error| damaged(base, error.to_string()))?;
+    if view.dtype() != Dtype::F16 || view.shape() != [count] {
+        return Err(damaged(
+            base,
+            format!("{TENSOR} is {:?} {:?}, expected F16 [{count}]", view.dtype(), view.shape()),
+        ));
+    }
+    Ok(view.data().as_chunks::<2>().0.iter().map(|word| f16::from_le_bytes(*word).to_f32()).collect())
+}

@@ -1,0 +1,93 @@
+//! What can be trained by name: the product's networks, the paper's recipe, S3LE, and ours with one thing left out.
+
+use crate::kinematics::{ARM, HumanInput};
+use crate::networks::{LATENT, Pose};
+use crate::objective::Weighting;
+use clap::ValueEnum;
+
+/// A named recipe. `quick` and `full` are what the product runs; the rest are baselines for `eval`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// The product's networks in minutes, for a first look
+    Quick,
+    /// The product's networks as shipped
+    Full,
+    /// ImitationNet: one latent for both arms, rotations relative to the parent, triplet + rec + ltc
+    Paper,
+    /// The same without the latent cycle
+    PaperNoLtc,
+    /// The same without the triplet term
+    PaperNoTriplet,
+    /// Ours with one latent for both arms
+    OursPose,
+    /// Ours without the triplet term
+    OursNoTriplet,
+    /// Ours without the latent cycle
+    OursNoLtc,
+    /// Ours without the reconstruction of robot postures
+    OursNoRec,
+    /// Ours with the steps of the three above, to compare them with
+    OursSameSteps,
+    /// S3LE: latents regressed on pairs of least S_GR, the nearest of known postures looked up
+    S3le,
+}
+
+/// What a preset stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recipe {
+    /// What the networks map between.
+    pub pose: Pose,
+    /// Weights of the loss terms.
+    pub weighting: Weighting,
+    /// Steps.
+    pub steps: u64,
+    /// Poses per step.
+    pub batch: usize,
+}
+
+/// Steps of every baseline: what the table of baselines was measured with, and 2 to 3 minutes each on two idle cores.
+const BASELINE_STEPS: u64 = 12_000;
+
+impl Preset {
+    /// Its recipe.
+    #[must_use]
+    pub fn recipe(self) -> Recipe {
+        let ours = Weighting::default();
+        let baseline = Recipe { pose: Pose::default(), weighting: ours, steps: BASELINE_STEPS, batch: 512 };
+        // ImitationNet, section III: L = 10 triplet + 5 |x_r - D(Q_r(x_r))|_1 + |z - Q_r(D(z))|_1 in batches of 256. Its
+        // norms are sums, our terms are means over 10 joints and 8 latent components.
+        let both = Pose { arms: 2, input: HumanInput::LocalQuaternions };
+        let paper = Weighting {
+            triplet: 10.0,
+            reconstruction: 5.0 * (2 * ARM) as f32,
+            cycle: LATENT as f32,
+            ..Weighting::NONE
+        };
+        let of_paper = Recipe { pose: both, weighting: paper, batch: 256, ..baseline };
+        let with = |weighting| Recipe { weighting, ..baseline };
+        match self {
+            Self::Quick => Recipe { steps: 6_000, ..baseline },
+            Self::Full => Recipe { steps: 40_000, ..baseline },
+            Self::Paper => of_paper,
+            Self::PaperNoLtc => Recipe { weighting: Weighting { cycle: 0.0, ..paper }, ..of_paper },
+            Self::PaperNoTriplet => Recipe { weighting: Weighting { triplet: 0.0, ..paper }, ..of_paper },
+            Self::OursPose => Recipe { pose: Pose { arms: 2, input: HumanInput::Axes }, ..baseline },
+            Self::OursNoTriplet => with(Weighting { triplet: 0.0, ..ours }),
+            Self::OursNoLtc => with(Weighting { cycle: 0.0, ..ours }),
+            Self::OursNoRec => with(Weighting { reconstruction: 0.0, ..ours }),
+            Self::OursSameSteps => baseline,
+            // The robot's autoencoder keeps the latent from collapsing; the regression is weighted like the paper's triplet.
+            Self::S3le => {
+                let weighting = Weighting { pairing: 10.0, reconstruction: 5.0, ..Weighting::NONE };
+                Recipe { pose: both, weighting, ..baseline }
+            }
+        }
+    }
+
+    /// The name of a baseline, as on the command line; none for what the product runs.
+    #[must_use]
+    pub fn baseline(self) -> Option<String> {
+        let is_product = matches!(self, Self::Quick | Self::Full);
+        self.to_possible_value().filter(|_| !is_product).map(|value| value.get_name().to_owned())
+    }
+}
