@@ -74,6 +74,11 @@ pub fn builtin() -> Motion {
     Motion { name: "builtin".to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
+/// The T-pose of this person: bones of nominal length, and a torso frame that is upright.
+pub(crate) fn t_pose() -> [[f32; 3]; SMPL_JOINTS] {
+    frame(&T_POSE, &T_POSE).positions
+}
+
 /// Nobody stands as still as a number: a sway of 3 mm, five times in the motion, so that a pause is told from a stuck
 /// tracker.
 fn sway(frames: &mut [Frame]) {

@@ -1,10 +1,10 @@
 //! BVH: hierarchy and channels of any rig, forward kinematics, and the way to SMPL-22.
 
-use crate::canonical::{self, Canonical};
+use crate::canonical::Canonical;
 use crate::error::BvhError;
 use crate::rig::{self, Mapping};
 use crate::scan::{Scan, excerpt};
-use crate::{Frame, Guesses, Motion};
+use crate::{Frame, Motion, mirror};
 use messages::SMPL_JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -54,6 +54,14 @@ pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
 /// # Errors
 /// Line and cause of what is wrong; memory is bounded by a small multiple of the text's length.
 pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
+    let mut motion = parse(name, text)?;
+    // Only looked at: without `mirror` nothing is changed.
+    mirror::settle(&mut motion.frames, false).map_err(BvhError::Mirror)?;
+    Ok(motion)
+}
+
+/// As [`parse_bvh`], without a look at left and right.
+pub(crate) fn parse(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mut scan = Scan::new(text);
     if text.trim_ascii().is_empty() {
         return Err(BvhError::Empty);
@@ -61,18 +69,11 @@ pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let joints = parse_hierarchy(&mut scan)?;
     let mapping = rig::map(&joints)?;
     let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
-    let canonical = Canonical::guess(&frames, joints[0].offset)?;
+    let canonical = Canonical::guess(&frames, joints[0].offset).map_err(|length| BvhError::NoSize { length })?;
     let frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
-    canonical::check_chirality(&frames)?;
     let mut warnings = mapping.warnings;
     warnings.extend(canonical.warning.clone());
-    let guesses = Guesses {
-        scale_m_per_unit: canonical.scale,
-        unit: canonical.unit,
-        stature_m: canonical.stature_m,
-        up: canonical.up,
-        warnings,
-    };
+    let guesses = canonical.guesses(warnings);
     let first = frames.first().copied();
     let frames = frames.get(1..).unwrap_or_default().to_vec();
     Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first, has_rotations: true, guesses })
@@ -170,13 +171,29 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
         return Err(BvhError::FrameCount { line, claimed: frames, channels, bytes });
     }
     let needed = mapping.needed(joints);
+    let mut added = vec![false; joints.len()];
     let identity = Pose { position: Vector3::zeros(), rotation: UnitQuaternion::identity() };
     let mut poses = vec![identity; joints.len()];
     let mut out = Vec::with_capacity(frames as usize);
-    for _ in 0..frames {
+    for frame in 0..frames {
         for (i, joint) in joints.iter().enumerate() {
             let parent = joint.parent.map_or(identity, |p| poses[p]);
-            poses[i] = read_pose(scan, joint, parent, needed[i])?;
+            let (position, rotation) = read_channels(scan, joint, needed[i])?;
+            if !needed[i] {
+                poses[i] = parent;
+                continue;
+            }
+            let offset = Vector3::from(joint.offset);
+            if frame == 0 {
+                // A joint that moves as far as its parent in the first frame is a bone without length, unless what is
+                // written is the way from the offset.
+                added[i] = joint.parent.is_some() && position == Some(Vector3::zeros()) && offset.norm() > 0.0;
+            }
+            let way = if added[i] { position.map(|p| p + offset) } else { position };
+            poses[i] = Pose {
+                position: parent.position + parent.rotation * way.unwrap_or(offset),
+                rotation: parent.rotation * rotation,
+            };
         }
         out.push(mapping.joints.map(|joint| poses[joint]));
     }
@@ -187,25 +204,27 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     Ok((1.0 / frame_time_s, out))
 }
 
-/// Reads a joint's channels of one frame; computes its pose only if something needs it.
-fn read_pose(scan: &mut Scan<'_>, joint: &Joint, parent: Pose, needed: bool) -> Result<Pose, BvhError> {
+/// Reads a joint's channels of one frame: its position, if all of it or some is written (the offset's components stand in
+/// for the others), and its rotation; the numbers are only skipped if nothing needs it. A position channel replaces the
+/// offset's component: exporters write the whole translation; what the root's channels mean is guessed later.
+fn read_channels(
+    scan: &mut Scan<'_>,
+    joint: &Joint,
+    needed: bool,
+) -> Result<(Option<Vector3<f64>>, UnitQuaternion<f64>), BvhError> {
     let mut position = Vector3::from(joint.offset);
-    let mut local = UnitQuaternion::identity();
+    let mut rotation = UnitQuaternion::identity();
+    let mut moves = false;
     for &channel in &joint.channels {
         let value = scan.number("a number of the frame", NUMBER_MAX)?;
         match channel {
             _ if !needed => {}
-            // A position channel replaces the offset's component: exporters write the whole translation; what the
-            // root's channels mean is guessed later.
-            Channel::Position(axis) => position[axis] = value,
+            Channel::Position(axis) => (position[axis], moves) = (value, true),
             Channel::Rotation(axis) => {
                 let axis = nalgebra::Unit::new_unchecked(Vector3::ith(axis, 1.0));
-                local *= UnitQuaternion::from_axis_angle(&axis, value.to_radians());
+                rotation *= UnitQuaternion::from_axis_angle(&axis, value.to_radians());
             }
         }
     }
-    if !needed {
-        return Ok(parent);
-    }
-    Ok(Pose { position: parent.position + parent.rotation * position, rotation: parent.rotation * local })
+    Ok((moves.then_some(position), rotation))
 }

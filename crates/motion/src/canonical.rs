@@ -1,11 +1,9 @@
-//! From a file's unit and axes to metres, x forward, y left, z up: guessed, because BVH says neither.
+//! From a file's unit and axes to metres, x forward, y left, z up: guessed where the format says neither.
 
-use crate::Frame;
 use crate::bvh::RigFrame;
-use crate::error::BvhError;
+use crate::{Frame, Guesses};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
-use skeleton::chirality;
 
 /// Units that exporters use, m. The last one is CMU's own (the cgspeed release): 0.45 inch divided by 0.2025.
 const UNITS: [(&str, f64); 5] = [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254), ("CMU unit", 0.056_444)];
@@ -18,6 +16,13 @@ const STATURE_NOMINAL_M: f64 = 1.75;
 const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
 /// Frames looked at to guess the up-axis.
 const UP_SAMPLES: usize = 200;
+
+/// The axis that a format calls up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Up {
+    Y,
+    Z,
+}
 
 /// The way into the canonical frame.
 #[derive(Debug)]
@@ -32,7 +37,8 @@ pub(crate) struct Canonical {
 }
 
 impl Canonical {
-    pub(crate) fn guess(frames: &[RigFrame], root_offset: [f64; 3]) -> Result<Self, BvhError> {
+    /// What BVH leaves open; the error is the length of legs and spine, if it is none.
+    pub(crate) fn guess(frames: &[RigFrame], root_offset: [f64; 3]) -> Result<Self, f64> {
         let (scale, unit, stature_m) = guess_unit(frames)?;
         let (axis, up, mut warning) = guess_up(frames);
         let mut rotation = canonical_from_file(axis);
@@ -45,6 +51,33 @@ impl Canonical {
         }
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
         Ok(Self { scale, unit, stature_m, up, warning, rotation, shift })
+    }
+
+    /// For formats that say which axis is up; another one that looks more like it is a warning. The error is the length
+    /// of legs and spine, if it is none.
+    pub(crate) fn known(frames: &[RigFrame], up: Up) -> Result<Self, f64> {
+        let (scale, unit, stature_m) = guess_unit(frames)?;
+        let (axis, up) = match up {
+            Up::Y => (Vector3::y(), "+Y"),
+            Up::Z => (Vector3::z(), "+Z"),
+        };
+        let looks = guess_up(frames).1;
+        let warning = match unit {
+            "m" if looks == up => None,
+            "m" => Some(format!("the person stands along {looks}, though {up} is up in this format")),
+            _ => Some(format!("lengths are not those of a person in metres: unit {unit}")),
+        };
+        let mut rotation = canonical_from_file(axis);
+        if up == "+Z" {
+            rotation = face_forward(frames, &rotation) * rotation;
+        }
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        Ok(Self { scale, unit, stature_m, up, warning, rotation, shift: Vector3::zeros() })
+    }
+
+    /// What was guessed, with these warnings.
+    pub(crate) fn guesses(&self, warnings: Vec<String>) -> Guesses {
+        Guesses { scale_m_per_unit: self.scale, unit: self.unit, stature_m: self.stature_m, up: self.up, warnings }
     }
 
     pub(crate) fn apply(&self, frame: &RigFrame) -> Frame {
@@ -61,11 +94,11 @@ impl Canonical {
 }
 
 /// Scale (m per unit), its name, and the stature (m), from the bones' lengths in the first frame.
-fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), BvhError> {
+fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), f64> {
     use Smpl::{
         Head, LeftAnkle, LeftHip, LeftKnee, Neck, Pelvis, RightAnkle, RightHip, RightKnee, Spine1, Spine2, Spine3,
     };
-    let frame = frames.first().ok_or(BvhError::Empty)?;
+    let frame = frames.first().ok_or(0.0)?;
     let chain = |joints: &[Smpl]| -> f64 {
         joints.windows(2).map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm()).sum()
     };
@@ -73,7 +106,7 @@ fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), BvhError>
     let length = legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head]);
     let stature = length / LEG_AND_SPINE_OF_STATURE;
     if !stature.is_finite() || stature < 1e-6 {
-        return Err(BvhError::NoSize { length });
+        return Err(length);
     }
     let plausible = |scale: f64| (STATURE_M[0]..=STATURE_M[1]).contains(&(stature * scale));
     Ok(match UNITS.into_iter().find(|&(_, scale)| plausible(scale)) {
@@ -129,18 +162,4 @@ fn face_forward(frames: &[RigFrame], canonical: &Matrix3<f64>) -> Matrix3<f64> {
     let left = at(Smpl::LeftHip) - at(Smpl::RightHip);
     let quarters = (left.x.atan2(left.y) / std::f64::consts::FRAC_PI_2).round();
     *Rotation3::from_axis_angle(&Vector3::z_axis(), quarters * std::f64::consts::FRAC_PI_2).matrix()
-}
-
-/// Refuses a body whose left shoulder is not on the left, by sides and by which way feet and knees point.
-pub(crate) fn check_chirality(frames: &[Frame]) -> Result<(), BvhError> {
-    let (mut sides, mut front, mut count) = (0.0, 0.0, 0.0);
-    for evidence in frames.iter().filter_map(|frame| chirality(&frame.positions)) {
-        sides += evidence.sides;
-        front += evidence.front;
-        count += 1.0;
-    }
-    if count > 0.0 && (sides < 0.0 || front < 0.0) {
-        return Err(BvhError::Mirrored { sides: sides / count, front: front / count });
-    }
-    Ok(())
 }

@@ -1,5 +1,6 @@
 //! What can be wrong with a motion file.
 
+use crate::mirror::MirrorError;
 use thiserror::Error;
 
 /// Why a file gave no motion.
@@ -14,7 +15,7 @@ pub enum MotionError {
         source: std::io::Error,
     },
     /// No reader for this extension.
-    #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh")]
+    #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh, .npy and .npz")]
     UnknownFormat {
         /// Path.
         file: String,
@@ -39,6 +40,164 @@ pub enum MotionError {
         /// Cause.
         source: BvhError,
     },
+    /// Not an array that can be used.
+    #[error("{file}: {source}")]
+    Array {
+        /// Path.
+        file: String,
+        /// Cause.
+        source: ArrayError,
+    },
+    /// Left and right cannot be trusted.
+    #[error("{file}: {source}")]
+    Mirror {
+        /// Path.
+        file: String,
+        /// Cause.
+        source: MirrorError,
+    },
+}
+
+/// What is wrong with a .npy or .npz.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ArrayError {
+    /// Another kind of file.
+    #[error("is not a .npy file (it does not begin with \\x93NUMPY and a version)")]
+    NotNpy,
+    /// Another kind of file.
+    #[error("is not a .npz file: {cause}")]
+    NotZip {
+        /// What the archive's reader says.
+        cause: String,
+    },
+    /// A header that says nothing useful.
+    #[error("the .npy header is damaged: {cause}")]
+    Header {
+        /// What is wrong.
+        cause: String,
+    },
+    /// Numbers of a type that is not read; objects are pickles.
+    #[error("numbers of type {found} are not read; f4, f8 and integers are (objects are pickles and never read)")]
+    Type {
+        /// NumPy's name of the type.
+        found: String,
+    },
+    /// An array beyond the bound.
+    #[error("shape {shape:?} is more than {bound} bytes")]
+    TooLarge {
+        /// Shape claimed.
+        shape: Vec<usize>,
+        /// Bound, bytes.
+        bound: u64,
+    },
+    /// The file ends before the array does.
+    #[error("shape {shape:?} needs {claimed} bytes, and {found} follow")]
+    Short {
+        /// Shape claimed.
+        shape: Vec<usize>,
+        /// Bytes that follow the header.
+        found: u64,
+        /// Bytes needed.
+        claimed: u64,
+    },
+    /// The file cannot be read to its end.
+    #[error("is damaged: {cause}")]
+    Damaged {
+        /// What the reader says.
+        cause: String,
+    },
+    /// Something in an array of an archive, or in another file.
+    #[error("{key}: {source}")]
+    Key {
+        /// The key or file.
+        key: String,
+        /// What is wrong there.
+        source: Box<ArrayError>,
+    },
+    /// An archive without motion.
+    #[error("has no {missing}; its keys are {}", .found.join(", "))]
+    MissingKeys {
+        /// What is missing.
+        missing: &'static str,
+        /// Keys of the archive, the first 40.
+        found: Vec<String>,
+    },
+    /// Another shape than motion has.
+    #[error("has shape {found:?}, expected is {expected}")]
+    Shape {
+        /// Shape found.
+        found: Vec<usize>,
+        /// Shapes that are read.
+        expected: &'static str,
+    },
+    /// No frames.
+    #[error("has shape {shape:?}: no frame")]
+    Empty {
+        /// Shape found.
+        shape: Vec<usize>,
+    },
+    /// A number that is infinite, NaN or out of every proportion.
+    #[error("frame {frame}, number {column}: {value} is not within +-{bound}")]
+    Number {
+        /// Frame, from 0.
+        frame: usize,
+        /// Number in the frame, from 0.
+        column: usize,
+        /// Value.
+        value: f64,
+        /// Bound of its magnitude.
+        bound: f64,
+    },
+    /// A frame rate that no camera has.
+    #[error("frame rate {value} Hz is not within [{low}, {high}]")]
+    FrameRate {
+        /// Value, Hz.
+        value: f64,
+        /// Lowest, Hz.
+        low: f64,
+        /// Highest, Hz.
+        high: f64,
+    },
+    /// Bones without length.
+    #[error("legs and spine have no length ({length} m)")]
+    NoSize {
+        /// Leg and spine.
+        length: f64,
+    },
+    /// A Mean.npy or Std.npy, not motion.
+    #[error("has shape [263]: the statistics of features (Mean.npy or Std.npy), not motion, which is (N, 263)")]
+    Statistics,
+    /// Normalised features without Mean and Std.
+    #[error(
+        "the features look normalised ({signs}), and there is no Mean.npy and Std.npy beside the file or up to {levels} \
+         folders above: give the options `mean` and `std`"
+    )]
+    NeedsStatistics {
+        /// Why they look so.
+        signs: String,
+        /// Folders above that were looked at.
+        levels: usize,
+    },
+    /// One option without the other.
+    #[error("the options `mean` and `std` go together, one is missing")]
+    HalfOfStatistics,
+    /// Statistics that do not lead to a person.
+    #[error("with {mean} and its Std the features are no person ({after}); as stored: {before}")]
+    WrongStatistics {
+        /// The file with the mean.
+        mean: String,
+        /// Signs before.
+        before: String,
+        /// Signs after.
+        after: String,
+    },
+}
+
+impl ArrayError {
+    /// The same, of one array of an archive.
+    pub(crate) fn in_key(self, key: &str) -> Self {
+        Self::Key { key: key.to_owned(), source: Box::new(self) }
+    }
 }
 
 /// What is wrong with the text of a BVH; lines count from 1.
@@ -143,12 +302,7 @@ pub enum BvhError {
         /// Leg and spine, units of the file.
         length: f64,
     },
-    /// Left and right are swapped.
-    #[error("the body is a mirror image or its left and right are swapped (sides {sides:.2}, front {front:.2})")]
-    Mirrored {
-        /// Mean cosine between shoulders and hips.
-        sides: f64,
-        /// Mean evidence of feet and knees, negative for a mirror image.
-        front: f64,
-    },
+    /// Left and right cannot be trusted.
+    #[error(transparent)]
+    Mirror(MirrorError),
 }

@@ -1,12 +1,18 @@
-//! Motion files and built-in motions: reads any rig of BVH into SMPL-22, x forward, y left, z up, metres; writes BVH;
-//! resamples, loops and calibrates. A shell crate: it reads and writes files, and prints nothing.
+//! Motion files and built-in motions: reads any rig of BVH, HumanML3D's positions and features, and AMASS into SMPL-22,
+//! x forward, y left, z up, metres; writes BVH; resamples, loops and calibrates. A shell crate: it reads and writes
+//! files, and prints nothing.
 //!
 //! What had to be guessed (unit, up-axis, missing joints) is returned as data in [`Motion::guesses`].
+mod amass;
 mod builtin;
 mod bvh;
 mod calibrate;
 mod canonical;
 mod error;
+mod files;
+mod humanml3d;
+mod mirror;
+pub mod npy;
 mod resample;
 mod rig;
 mod scan;
@@ -15,18 +21,23 @@ mod write;
 pub use builtin::builtin;
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
-pub use error::{BvhError, MotionError};
+pub use error::{ArrayError, BvhError, MotionError};
+pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
+pub use mirror::MirrorError;
 pub use resample::{loop_blend, upsample};
 pub use write::{save_bvh, write_bvh};
 
+use canonical::{Canonical, Up};
 use messages::SMPL_JOINTS;
-use std::io::Read;
-use std::path::Path;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
 
 /// Largest file that is read: 1 GiB, five hours of a rig of 100 joints at 60 Hz.
 pub const FILE_BYTES_MAX: u64 = 1 << 30;
 /// Sources slower than this are upsampled before they are published, because engaging needs at least 25 Hz.
 pub const RATE_MIN_HZ: f64 = 30.0;
+/// Frame rates that a file or an option may claim: from one frame in 100 s to 100 kHz, faster than any camera.
+pub const FRAME_RATE_HZ: [f64; 2] = [0.01, 1e5];
 /// The rate that slow sources are upsampled to.
 pub const RATE_UPSAMPLED_HZ: f64 = 60.0;
 
@@ -78,29 +89,107 @@ impl Motion {
     }
 }
 
-/// Reads a motion file, by its extension (`.bvh`).
+/// What a file does not say itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoadOptions {
+    /// Mean of HumanML3D features, a (263,) .npy; with `std`, features are unnormalised with these. Without, `Mean.npy`
+    /// and `Std.npy` beside the file or up to two folders above are used if the features look normalised.
+    pub mean: Option<PathBuf>,
+    /// Standard deviation of HumanML3D features, a (263,) .npy.
+    pub std: Option<PathBuf>,
+    /// The data are a mirror image: reflect them at the plane between left and right, so that what is named left is left.
+    pub mirror: bool,
+    /// Frames per second, whatever the file says; HumanML3D says nothing, and is 20 Hz otherwise.
+    pub frame_rate_hz: Option<f64>,
+}
+
+/// Reads a motion file, by its extension: `.bvh`; `.npy` with HumanML3D's positions (N, 22, 3) or features (N, 263);
+/// `.npz` of AMASS (SMPL-H or SMPL-X). As [`load_with`] without options.
 ///
 /// # Errors
-/// Names the file, the line and the cause; a file above [`FILE_BYTES_MAX`] is refused before it is read.
+/// Names the file and the cause; a file above [`FILE_BYTES_MAX`] is refused before it is read.
 pub fn load(path: &Path) -> Result<Motion, MotionError> {
+    load_with(path, &LoadOptions::default())
+}
+
+/// As [`load`], with what the file does not say itself.
+///
+/// # Errors
+/// Names the file and the cause: line, key, shape or frame. A mirror image is refused unless `mirror` is set.
+pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
-    let io = |source| MotionError::Io { file: file(), source };
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    if extension != "bvh" {
+    if !EXTENSIONS.contains(&extension.as_str()) {
         return Err(MotionError::UnknownFormat { file: file(), extension });
     }
+    let [low, high] = FRAME_RATE_HZ;
+    if let Some(value) = options.frame_rate_hz.filter(|rate| !(low..=high).contains(rate)) {
+        return Err(MotionError::Array { file: file(), source: ArrayError::FrameRate { value, low, high } });
+    }
+    let source = open(path)?;
+    let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let mut motion = match extension.as_str() {
+        "bvh" => read_bvh(&name, path, source)?,
+        "npy" => read_humanml3d(&name, path, source, options)
+            .map_err(|source| MotionError::Array { file: file(), source })?,
+        _ => read_amass(&name, source, options).map_err(|source| MotionError::Array { file: file(), source })?,
+    };
+    // The first frame of a BVH belongs to the body too.
+    let mut frames: Vec<Frame> = motion.first.into_iter().chain(std::mem::take(&mut motion.frames)).collect();
+    mirror::settle(&mut frames, options.mirror).map_err(|source| MotionError::Mirror { file: file(), source })?;
+    if motion.first.is_some() {
+        motion.first = Some(frames.remove(0));
+    }
+    motion.frames = frames;
+    motion.frame_rate_hz = options.frame_rate_hz.unwrap_or(motion.frame_rate_hz);
+    Ok(motion)
+}
+
+/// Opens a regular file that is not too large.
+fn open(path: &Path) -> Result<std::fs::File, MotionError> {
+    let file = || path.display().to_string();
+    let io = |source| MotionError::Io { file: file(), source };
     // Before it is opened: opening a pipe would wait for whoever writes into it.
     if !std::fs::metadata(path).map_err(io)?.is_file() {
         return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, "is not a regular file")));
     }
-    let mut source = std::fs::File::open(path).map_err(io)?;
+    let source = std::fs::File::open(path).map_err(io)?;
     let bytes = source.metadata().map_err(io)?.len();
     if bytes > FILE_BYTES_MAX {
         return Err(MotionError::TooLarge { file: file(), bytes, bound: FILE_BYTES_MAX });
     }
-    let mut text = Vec::with_capacity(usize::try_from(bytes).unwrap_or(0));
-    // A device or a pipe has no length: never more than the bound is taken from it.
-    source.by_ref().take(FILE_BYTES_MAX).read_to_end(&mut text).map_err(io)?;
-    let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
-    parse_bvh(&name, &text).map_err(|source| MotionError::Bvh { file: file(), source })
+    Ok(source)
+}
+
+fn read_bvh(name: &str, path: &Path, source: std::fs::File) -> Result<Motion, MotionError> {
+    let file = || path.display().to_string();
+    let mut text = Vec::new();
+    // A file may grow while it is read: never more than the bound is taken from it.
+    let read = source.take(FILE_BYTES_MAX).read_to_end(&mut text);
+    read.map_err(|source| MotionError::Io { file: file(), source })?;
+    bvh::parse(name, &text).map_err(|source| MotionError::Bvh { file: file(), source })
+}
+
+fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
+    let array = npy::read_npy(BufReader::new(source))?;
+    let (positions, mut warnings) = humanml3d::read(path, &array, options)?;
+    let rotation = nalgebra::UnitQuaternion::identity();
+    let frames: Vec<bvh::RigFrame> =
+        positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
+    let canonical = Canonical::known(&frames, Up::Y).map_err(|length| ArrayError::NoSize { length })?;
+    warnings.extend(canonical.warning.clone());
+    let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
+    let frames = frames.iter().map(|frame| Frame { rotations: identity, ..canonical.apply(frame) }).collect();
+    let guesses = canonical.guesses(warnings);
+    let frame_rate_hz = humanml3d::FRAME_RATE_HZ;
+    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: false, guesses })
+}
+
+fn read_amass(name: &str, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
+    let amass::Sequence { frame_rate_hz, frames, mut warnings } = amass::read(BufReader::new(source), options)?;
+    let canonical = Canonical::known(&frames, Up::Z).map_err(|length| ArrayError::NoSize { length })?;
+    warnings.extend(canonical.warning.clone());
+    let frames = frames.iter().map(|frame| canonical.apply(frame)).collect();
+    let guesses = canonical.guesses(warnings);
+    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses })
 }

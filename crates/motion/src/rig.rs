@@ -30,17 +30,40 @@ pub(crate) const SMPL_NAMES: [&str; SMPL_JOINTS] = [
     "right_wrist",
 ];
 
-/// Joints that have a side, as left and right SMPL index and their names without the side, best first. "shoulder", "foot"
-/// and "hand" are ambiguous and are decided by the tree.
+/// Joints that have a side, as left and right SMPL index and their names without the side, best first. "leg", "shoulder",
+/// "foot" and "hand" are ambiguous and are decided by the tree.
 const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
-    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "femur", "hip"]),
-    (Smpl::LeftKnee, Smpl::RightKnee, &["leg", "lowerleg", "lowleg", "calf", "shin", "tibia", "knee"]),
+    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "thighbend", "femur", "leg", "hip"]),
+    (Smpl::LeftKnee, Smpl::RightKnee, &["lowerleg", "lowleg", "calf", "shin", "tibia", "knee", "leg"]),
     (Smpl::LeftAnkle, Smpl::RightAnkle, &["ankle", "foot"]),
-    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "ball", "foot"]),
-    (Smpl::LeftCollar, Smpl::RightCollar, &["clavicle", "collar", "scapula", "shoulder"]),
-    (Smpl::LeftShoulder, Smpl::RightShoulder, &["upperarm", "uparm", "arm", "humerus", "armupper", "shoulder"]),
-    (Smpl::LeftElbow, Smpl::RightElbow, &["forearm", "lowerarm", "lowarm", "armlower", "radius", "elbow"]),
+    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "toe0", "ball", "foot"]),
+    (Smpl::LeftCollar, Smpl::RightCollar, &["clavicle", "clav", "collar", "scapula", "shoulder"]),
+    (
+        Smpl::LeftShoulder,
+        Smpl::RightShoulder,
+        &["upperarm", "uparm", "uarm", "arm", "humerus", "armupper", "shldr", "shldrbend", "shoulder"],
+    ),
+    (
+        Smpl::LeftElbow,
+        Smpl::RightElbow,
+        &["forearm", "forearmbend", "farm", "lowerarm", "lowarm", "armlower", "radius", "elbow"],
+    ),
     (Smpl::LeftWrist, Smpl::RightWrist, &["wrist", "handwrist", "hand"]),
+];
+/// What exporters put before every name, in lower case; digits and separators that follow belong to it.
+const PREFIXES: [&str; 12] = [
+    "valvebiped.bip",
+    "cc_base_",
+    "mixamorig",
+    "j_bip_c_",
+    "j_bip_",
+    "j_sec_",
+    "m_avg_",
+    "f_avg_",
+    "bip0",
+    "def-",
+    "org-",
+    "def_",
 ];
 const PELVIS: [&str; 3] = ["hips", "hip", "pelvis"];
 
@@ -101,17 +124,19 @@ pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
 /// The first joint of this name that the tree does not make another one.
 fn find(joints: &[Joint], names: &[Name], side: Side, target: Smpl, core: &str) -> Option<usize> {
     let has = |core: &str| names.iter().any(|n| n.is(side, core));
-    let upper_arms = SIDED[5].2.iter().filter(|&&name| name != "shoulder");
+    let carries = |i: usize, cores: &[&str], but: &str| {
+        let named = |c: usize| cores.iter().any(|&core| core != but && names[c].is(side, core));
+        (0..joints.len()).any(|c| c != i && named(c) && is_ancestor(joints, i, c))
+    };
     (0..joints.len()).find(|&i| {
         if !names[i].is(side, core) {
             return false;
         }
         match (target, core) {
-            // "LeftShoulder" is the clavicle if a child is an upper arm, else the shoulder itself.
-            (Smpl::LeftCollar | Smpl::RightCollar, "shoulder") => {
-                let child = |c: usize| joints[c].parent == Some(i) && upper_arms.clone().any(|u| names[c].is(side, u));
-                (0..joints.len()).any(child)
-            }
+            // "LeftShoulder" is the clavicle if it carries an upper arm, else the shoulder itself.
+            (Smpl::LeftCollar | Smpl::RightCollar, "shoulder") => carries(i, SIDED[5].2, "shoulder"),
+            // "Left leg" is the thigh if it carries a knee, else the shin.
+            (Smpl::LeftHip | Smpl::RightHip, "leg") => carries(i, SIDED[1].2, "leg"),
             // "LeftFoot" is the ankle, unless there is an ankle of that name: then it is the ball.
             (Smpl::LeftFoot | Smpl::RightFoot, "foot") => has("ankle"),
             _ => true,
@@ -151,6 +176,10 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
             warnings.push(format!("no clavicle: the parent of the shoulder is {}", SMPL_NAMES[collar as usize]));
         }
     }
+    if get(found, Smpl::Head).is_none() {
+        found[Smpl::Head as usize] = top(joints, chest, [left, right]);
+        warnings.push("no joint named head: the end of the neck is the head".to_owned());
+    }
     if let Some(head) = get(found, Smpl::Head) {
         // The child of the chest on the way to the head; the head itself if nothing lies between.
         found[Smpl::Neck as usize] =
@@ -169,6 +198,25 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
             warnings.push(format!("{} spine joint(s): some of spine1 to spine3 coincide", spine.len()));
         }
     }
+}
+
+/// Where the chain ends that leaves the chest and is neither arm: the longest one, up to where it branches.
+fn top(joints: &[Joint], chest: usize, shoulders: [usize; 2]) -> Option<usize> {
+    let children =
+        |parent: usize| (0..joints.len()).filter(move |&i| joints[i].parent == Some(parent) && !joints[i].is_end);
+    let no_arm = |&i: &usize| !shoulders.iter().any(|&shoulder| is_ancestor(joints, i, shoulder));
+    let chain = |first: usize| {
+        let only = move |&i: &usize| {
+            let mut next = children(i);
+            next.next().filter(|_| next.next().is_none())
+        };
+        std::iter::successors(Some(first), only)
+    };
+    children(chest)
+        .filter(no_arm)
+        .map(|i| (chain(i).count(), i))
+        .max_by_key(|&(count, i)| (count, joints.len() - i))
+        .and_then(|(_, i)| chain(i).last())
 }
 
 /// A joint and everything it hangs from, upwards.
@@ -195,19 +243,21 @@ impl Name {
         // "mixamorig:LeftArm", "Character1:Hips": a namespace says nothing.
         let name = name.rsplit(':').next().unwrap_or(name).trim();
         let lower = name.to_ascii_lowercase();
-        let name = ["cc_base_", "mixamorig_", "mixamorig", "bip01_", "bip01 ", "bip001 "]
-            .iter()
-            .find_map(|prefix| lower.strip_prefix(prefix).map(|rest| &name[name.len() - rest.len()..]))
-            .unwrap_or(name);
-        let words = words(name);
-        let whole: String = words.concat();
+        let rest = PREFIXES.iter().find_map(|prefix| lower.strip_prefix(prefix)).unwrap_or(&lower);
+        let rest = if rest.len() == lower.len() { rest } else { rest.trim_start_matches(|c: char| !c.is_alphabetic()) };
+        let words = words(&name[name.len() - rest.len()..]);
+        // "Head_M" is in the middle.
+        let whole: String =
+            words.iter().filter(|word| !["m", "c", "mid"].contains(&word.as_str())).map(String::as_str).collect();
         let side = |word: &str| match word {
             "l" | "left" => Some(Side::Left),
             "r" | "right" => Some(Side::Right),
             _ => None,
         };
         let by_word = words.iter().enumerate().find_map(|(i, word)| {
-            let rest = words.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, w)| w.as_str()).collect();
+            let rest: String = words.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, w)| w.as_str()).collect();
+            // The first of a bone's pieces stands for it: "upperarm01.L".
+            let rest = rest.strip_suffix("01").map(str::to_owned).unwrap_or(rest);
             side(word).map(|side| (side, rest))
         });
         // "leftarm", "lfemur": no separator, so the name must begin with the side.

@@ -1,6 +1,6 @@
 //! The BVH reader: every rig, unit and axis that it claims, and every damage that it must name.
 
-use motion::{BvhError, Motion, MotionError, builtin, load, parse_bvh, save_bvh, write_bvh};
+use motion::{BvhError, MirrorError, Motion, MotionError, builtin, load, parse_bvh, save_bvh, write_bvh};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
@@ -199,10 +199,10 @@ fn a_mirrored_body_and_swapped_names_are_refused() {
         frame.positions = frame.positions.map(|[x, y, z]| [x, -y, z]);
     }
     let error = parse_bvh("mirror", write_bvh(&mirrored).as_bytes()).expect_err("a mirror image");
-    assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
+    assert!(matches!(error, BvhError::Mirror(MirrorError::Mirrored { .. })), "{error}");
     let swapped = write_bvh(&short()).replace("Left", "L#").replace("Right", "Left").replace("L#", "Right");
     let error = parse_bvh("swapped", swapped.as_bytes()).expect_err("swapped sides");
-    assert!(matches!(error, BvhError::Mirrored { .. }), "{error}");
+    assert!(matches!(error, BvhError::Mirror(MirrorError::Mirrored { .. })), "{error}");
 }
 
 #[test]

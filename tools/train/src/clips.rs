@@ -41,7 +41,7 @@ pub struct Clips {
 }
 
 impl Clips {
-    /// Reads all .bvh files of `folder`. A file that cannot be read is skipped and listed.
+    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
     ///
     /// # Errors
     /// If the folder cannot be listed, or has no clip to train on or none to validate with.
@@ -88,16 +88,13 @@ impl Clips {
 }
 
 fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let list = |source| TrainError::File { path: folder.to_path_buf(), action: "list", source };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(list)? {
-        let path = entry.map_err(list)?.path();
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh")) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
+    motion::motion_files(folder).map_err(|error| {
+        let source = match error {
+            motion::MotionError::Io { source, .. } => source,
+            other => std::io::Error::other(other),
+        };
+        TrainError::File { path: folder.to_path_buf(), action: "list", source }
+    })
 }
 
 fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> {

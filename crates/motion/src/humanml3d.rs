@@ -1,0 +1,209 @@
+//! HumanML3D's two formats: joint positions (N, 22, 3) and feature vectors (N, 263); y up, metres, 20 Hz, no rotations.
+
+use crate::LoadOptions;
+use crate::error::ArrayError;
+use crate::npy::{self, Array};
+use messages::SMPL_JOINTS;
+use nalgebra::Vector3;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+/// Frames per second of the data set.
+pub(crate) const FRAME_RATE_HZ: f64 = 20.0;
+/// Features of a frame: root (4), positions (21 * 3), 6D rotations (21 * 6), velocities (22 * 3), foot contacts (4).
+const FEATURES: usize = 263;
+/// The first of the positions, of the joints 1 to 21 relative to the root.
+const RIC: usize = 4;
+/// The first of the foot contacts.
+const CONTACTS: usize = 259;
+/// Folders above the file's own in which Mean.npy and Std.npy are looked for: the data set keeps them one above.
+const STATISTICS_LEVELS: usize = 2;
+/// Largest coordinate, m, and largest feature: no room and no statistic is larger.
+const NUMBER_MAX: f64 = 1e5;
+
+type Positions = Vec<[Vector3<f64>; SMPL_JOINTS]>;
+
+/// What the shapes may be, for messages.
+pub(crate) const SHAPES: &str = "(N, 22, 3) global positions, (N, 24, 3) with hands, or (N, 263) HumanML3D features";
+
+/// Positions in the file's frame (x left, y up, z forward), and what had to be made do with.
+///
+/// # Errors
+/// Another shape, numbers that are not finite, or features without the statistics they need.
+pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<(Positions, Vec<String>), ArrayError> {
+    let shape = || ArrayError::Shape { found: array.shape.clone(), expected: SHAPES };
+    if array.shape == [FEATURES] {
+        return Err(ArrayError::Statistics);
+    }
+    // One frame loses its N with the dimensions of length one.
+    let lengths = match *array.squeezed().as_slice() {
+        [joints, 3] if array.shape.len() > 2 => [1, joints, 3],
+        [FEATURES] => [1, FEATURES, 1],
+        [frames, joints, 3] => [frames, joints, 3],
+        [frames, FEATURES] => [frames, FEATURES, 1],
+        _ => return Err(shape()),
+    };
+    if lengths[0] == 0 {
+        return Err(ArrayError::Empty { shape: array.shape.clone() });
+    }
+    finite(&array.values, lengths[1] * lengths[2])?;
+    match lengths {
+        // SMPL-24 is SMPL-22 with two hands at the end.
+        [_, joints @ (SMPL_JOINTS | 24), 3] => {
+            let frames = array.values.chunks_exact(joints * 3);
+            let joint = |frame: &[f64], j: usize| Vector3::from_column_slice(&frame[3 * j..3 * j + 3]);
+            Ok((frames.map(|frame| std::array::from_fn(|j| joint(frame, j))).collect(), Vec::new()))
+        }
+        [_, FEATURES, 1] => {
+            let mut warnings = Vec::new();
+            let raw = unnormalised(path, &array.values, options, &mut warnings)?;
+            Ok((recover(raw.as_deref().unwrap_or(&array.values)), warnings))
+        }
+        _ => Err(shape()),
+    }
+}
+
+fn finite(values: &[f64], width: usize) -> Result<(), ArrayError> {
+    match values.iter().position(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
+        Some(i) => Err(ArrayError::Number {
+            frame: i / width.max(1),
+            column: i % width.max(1),
+            value: values[i],
+            bound: NUMBER_MAX,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Global positions from features. The yaw rate is the half angle of a quaternion's step, so that the heading at frame i
+/// is q = (cos a, 0, sin a, 0) (w x y z) with a the sum of the rates before i; positions and the root's steps are in the
+/// heading's frame and turn back with q^-1.
+fn recover(values: &[f64]) -> Positions {
+    let mut half_yaw = 0.0f64;
+    let mut root = Vector3::zeros();
+    let mut step = Vector3::zeros();
+    let mut out = Vec::with_capacity(values.len() / FEATURES);
+    for row in values.chunks_exact(FEATURES) {
+        let (sin, cos) = (2.0 * half_yaw).sin_cos();
+        // q^-1 turns by minus the yaw about y.
+        let back = |v: Vector3<f64>| Vector3::new(cos * v.x - sin * v.z, v.y, sin * v.x + cos * v.z);
+        root += back(step);
+        root.y = row[3];
+        let place = Vector3::new(root.x, 0.0, root.z);
+        let joint = |j: usize| {
+            let at = RIC + 3 * (j - 1);
+            place + back(Vector3::new(row[at], row[at + 1], row[at + 2]))
+        };
+        out.push(std::array::from_fn(|j| if j == 0 { root } else { joint(j) }));
+        half_yaw += row[0];
+        step = Vector3::new(row[1], 0.0, row[2]);
+    }
+    out
+}
+
+/// What speaks for raw features: three signs, of which normalised ones show at most one.
+struct Signs {
+    root_height_m: f64,
+    contacts_binary: f64,
+    leg_m: f64,
+    leg_spread: f64,
+}
+
+impl Signs {
+    fn of(values: &[f64]) -> Self {
+        let rows = || values.chunks_exact(FEATURES);
+        let count = rows().len().max(1) as f64;
+        let mut heights: Vec<f64> = rows().map(|row| row[3]).collect();
+        heights.sort_by(f64::total_cmp);
+        // Contacts are 0 or 1; a network's are near.
+        let near = |x: &f64| x.abs() < 0.2 || (x - 1.0).abs() < 0.2;
+        let binary = rows().flat_map(|row| &row[CONTACTS..]).filter(|x| near(x)).count();
+        let at = |row: &[f64], joint: usize| {
+            let at = RIC + 3 * (joint - 1);
+            Vector3::new(row[at], row[at + 1], row[at + 2])
+        };
+        // The left leg: hip 1, knee 4, ankle 7.
+        let leg = |row: &[f64]| (at(row, 4) - at(row, 1)).norm() + (at(row, 7) - at(row, 4)).norm();
+        let mean = rows().map(leg).sum::<f64>() / count;
+        let variance = rows().map(|row| (leg(row) - mean).powi(2)).sum::<f64>() / count;
+        Self {
+            root_height_m: heights.get(heights.len() / 2).copied().unwrap_or(0.0),
+            contacts_binary: binary as f64 / (4.0 * count),
+            leg_m: mean,
+            leg_spread: variance.sqrt() / mean.max(1e-9),
+        }
+    }
+
+    fn are_raw(&self) -> bool {
+        let root = (0.05..1.6).contains(&self.root_height_m);
+        let contacts = self.contacts_binary > 0.6;
+        // Bones keep their length, and hip to ankle is 0.491 of a stature of 1.2 to 2.2 m.
+        let leg = (0.5..1.2).contains(&self.leg_m) && self.leg_spread < 0.1;
+        u8::from(root) + u8::from(contacts) + u8::from(leg) >= 2
+    }
+
+    fn text(&self) -> String {
+        format!(
+            "root height {:.2}, {:.0} % of the contacts near 0 or 1, legs {:.2} +- {:.0} %",
+            self.root_height_m,
+            100.0 * self.contacts_binary,
+            self.leg_m,
+            100.0 * self.leg_spread
+        )
+    }
+}
+
+/// The features with Mean and Std undone, if they look normalised or the options name the statistics; else none.
+fn unnormalised(
+    path: &Path,
+    values: &[f64],
+    options: &LoadOptions,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Vec<f64>>, ArrayError> {
+    let signs = Signs::of(values);
+    let (mean_path, std_path) = match (&options.mean, &options.std) {
+        (Some(mean), Some(std)) => (mean.clone(), std.clone()),
+        (None, None) if signs.are_raw() => return Ok(None),
+        (None, None) => beside(path)
+            .ok_or_else(|| ArrayError::NeedsStatistics { signs: signs.text(), levels: STATISTICS_LEVELS })?,
+        _ => return Err(ArrayError::HalfOfStatistics),
+    };
+    let mean = statistics(&mean_path)?;
+    let std = statistics(&std_path)?;
+    let undone = values.iter().enumerate().map(|(i, x)| x * std[i % FEATURES] + mean[i % FEATURES]);
+    let undone: Vec<f64> = undone.collect();
+    let after = Signs::of(&undone);
+    if !after.are_raw() {
+        let (before, after) = (signs.text(), after.text());
+        return Err(ArrayError::WrongStatistics { mean: mean_path.display().to_string(), before, after });
+    }
+    warnings.push(format!("features are normalised ({}): undone with {}", signs.text(), mean_path.display()));
+    finite(&undone, FEATURES)?;
+    Ok(Some(undone))
+}
+
+/// Mean.npy and Std.npy in the file's folder or above.
+fn beside(path: &Path) -> Option<(PathBuf, PathBuf)> {
+    path.ancestors().skip(1).take(STATISTICS_LEVELS + 1).find_map(|folder| {
+        let pair = (folder.join("Mean.npy"), folder.join("Std.npy"));
+        (pair.0.is_file() && pair.1.is_file()).then_some(pair)
+    })
+}
+
+fn statistics(path: &Path) -> Result<Vec<f64>, ArrayError> {
+    let name = path.display().to_string();
+    let io = |error: std::io::Error| ArrayError::Damaged { cause: error.to_string() };
+    let read = || {
+        if !std::fs::metadata(path).map_err(io)?.is_file() {
+            return Err(ArrayError::Damaged { cause: "is not a regular file".into() });
+        }
+        let array = npy::read_npy(BufReader::new(File::open(path).map_err(io)?))?;
+        if array.squeezed() != [FEATURES] {
+            return Err(ArrayError::Shape { found: array.shape, expected: "(263,) statistics of the features" });
+        }
+        finite(&array.values, FEATURES)?;
+        Ok(array.values)
+    };
+    read().map_err(|error| error.in_key(&name))
+}
