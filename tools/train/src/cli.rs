@@ -21,8 +21,8 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub robot: PathBuf,
     /// Where the weights go: OUT.safetensors and OUT.toml; checkpoints go to OUT.checkpoint
-    #[arg(long, value_name = "OUT", required_unless_present = "evaluate")]
-    pub out: Option<PathBuf>,
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
     /// What to train, and how long
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
@@ -35,31 +35,24 @@ pub struct Cli {
     /// Poses per step, even, instead of the preset's
     #[arg(long)]
     pub batch: Option<usize>,
-    /// Peak learning rate of Adam
-    #[arg(long, default_value_t = 1e-3)]
-    pub rate: f64,
-    /// Decay of Adam's second moment; 0.99 (and jitters of 10 and 3 degrees) was better after 4,000 steps, 2.94 degrees
-    /// instead of 3.15
-    #[arg(long, default_value_t = 0.999)]
-    pub second_decay: f32,
+    /// Peak learning rate of Adam instead of the preset's
+    #[arg(long)]
+    pub rate: Option<f64>,
     /// Share of procedural human poses, 0 to 1
     #[arg(long, default_value_t = Mixture::default().procedural)]
     pub procedural: f64,
     /// Largest random turn of both limbs together about each torso axis, degrees
-    #[arg(long, default_value_t = 5.0)]
+    #[arg(long, default_value_t = 10.0)]
     pub torso_jitter_deg: f32,
     /// Largest random turn of each limb by itself about each torso axis, degrees
-    #[arg(long, default_value_t = 1.5)]
+    #[arg(long, default_value_t = 3.0)]
     pub limb_jitter_deg: f32,
     /// Continue a checkpoint with the options it was made with
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
     /// Where each clip's elbow hinges are estimated
-    #[arg(long, value_enum, default_value = "clip")]
+    #[arg(long, value_enum, default_value = "first-10s")]
     pub calibration: Calibration,
-    /// Do not train: print the figures of these weights (path without extension) on the validation clips
-    #[arg(long, value_name = "WEIGHTS", conflicts_with_all = ["out", "resume"])]
-    pub evaluate: Option<PathBuf>,
 }
 
 /// Frames that hinges are estimated from.
@@ -92,6 +85,7 @@ impl Cli {
         let recipe = self.preset.recipe();
         let steps = self.steps.unwrap_or(recipe.steps);
         let batch = self.batch.unwrap_or(recipe.batch);
+        let rate = self.rate.unwrap_or(recipe.rate);
         let bounds = |option, value: String, expected: &str| {
             Err(TrainError::Option { option, value, expected: expected.to_owned() })
         };
@@ -101,11 +95,8 @@ impl Cli {
         if batch < 4 || !batch.is_multiple_of(2) || batch > 65_536 {
             return bounds("batch", batch.to_string(), "an even number from 4 to 65536");
         }
-        if !(self.rate > 0.0 && self.rate <= 0.1) {
-            return bounds("rate", self.rate.to_string(), "above 0, at most 0.1");
-        }
-        if !(0.0..1.0).contains(&self.second_decay) {
-            return bounds("second-decay", self.second_decay.to_string(), "0 to below 1");
+        if !(rate > 0.0 && rate <= 0.1) {
+            return bounds("rate", rate.to_string(), "above 0, at most 0.1");
         }
         if !(0.0..=1.0).contains(&self.procedural) {
             return bounds("procedural", self.procedural.to_string(), "0 to 1");
@@ -120,7 +111,7 @@ impl Cli {
             size: Size { hidden_layers: 6, hidden_width: 128 },
             pose: recipe.pose,
             batch,
-            schedule: Schedule { peak: self.rate, warm_up: 500.min(steps / 4), second_decay: self.second_decay, steps },
+            schedule: Schedule { peak: rate, warm_up: 500.min(steps / 4), second_decay: recipe.second_decay, steps },
             seed: self.seed,
             weighting: recipe.weighting,
             mixture: Mixture {

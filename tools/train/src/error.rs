@@ -32,14 +32,6 @@ pub enum TrainError {
     /// The robot file or its URDF was refused.
     #[error("{0}")]
     Robot(#[from] robot::RobotError),
-    /// A weights file was refused.
-    #[error("{path}: {source}")]
-    Weights {
-        /// Its path without extension.
-        path: PathBuf,
-        /// Why.
-        source: retarget::WeightsError,
-    },
     /// A baseline's file is damaged, or made for another arm.
     #[error("{path}: {reason}")]
     Baseline {
@@ -84,7 +76,7 @@ impl TrainError {
         match self {
             Self::File { action: "write", .. } => 73,
             Self::File { .. } => 66,
-            Self::TooFewClips { .. } | Self::Weights { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => 65,
+            Self::TooFewClips { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => 65,
             Self::Robot(_) => 78,
             Self::Option { .. } => 64,
             Self::Compose(_) | Self::Diverged { .. } => 70,

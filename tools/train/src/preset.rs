@@ -43,6 +43,10 @@ pub struct Recipe {
     pub steps: u64,
     /// Poses per step.
     pub batch: usize,
+    /// Peak learning rate of Adam.
+    pub rate: f64,
+    /// Decay of Adam's second moment.
+    pub second_decay: f32,
 }
 
 /// Steps of every baseline: what the table of baselines was measured with, and 2 to 3 minutes each on two idle cores.
@@ -53,9 +57,17 @@ impl Preset {
     #[must_use]
     pub fn recipe(self) -> Recipe {
         let ours = Weighting::default();
-        let baseline = Recipe { pose: Pose::default(), weighting: ours, steps: BASELINE_STEPS, batch: 512 };
-        // ImitationNet, section III: L = 10 triplet + 5 |x_r - D(Q_r(x_r))|_1 + |z - Q_r(D(z))|_1 in batches of 256. Its
-        // norms are sums, our terms are means over 10 joints and 8 latent components.
+        // Batch, rate and decay: `weights/EXPERIMENTS.md`.
+        let baseline = Recipe {
+            pose: Pose::default(),
+            weighting: ours,
+            steps: BASELINE_STEPS,
+            batch: 256,
+            rate: 4e-3,
+            second_decay: 0.99,
+        };
+        // ImitationNet, section III: L = 10 triplet + 5 |x_r - D(Q_r(x_r))|_1 + |z - Q_r(D(z))|_1 in batches of 256,
+        // Adam at 1e-3. Its norms are sums, our terms are means over 10 joints and 8 latent components.
         let both = Pose { arms: 2, input: HumanInput::LocalQuaternions };
         let paper = Weighting {
             triplet: 10.0,
@@ -63,11 +75,11 @@ impl Preset {
             cycle: LATENT as f32,
             ..Weighting::NONE
         };
-        let of_paper = Recipe { pose: both, weighting: paper, batch: 256, ..baseline };
+        let of_paper = Recipe { pose: both, weighting: paper, rate: 1e-3, second_decay: 0.999, ..baseline };
         let with = |weighting| Recipe { weighting, ..baseline };
         match self {
             Self::Quick => Recipe { steps: 6_000, ..baseline },
-            Self::Full => Recipe { steps: 40_000, ..baseline },
+            Self::Full => Recipe { steps: 80_000, ..baseline },
             Self::Paper => of_paper,
             Self::PaperNoLtc => Recipe { weighting: Weighting { cycle: 0.0, ..paper }, ..of_paper },
             Self::PaperNoTriplet => Recipe { weighting: Weighting { triplet: 0.0, ..paper }, ..of_paper },
@@ -79,7 +91,7 @@ impl Preset {
             // The robot's autoencoder keeps the latent from collapsing; the regression is weighted like the paper's triplet.
             Self::S3le => {
                 let weighting = Weighting { pairing: 10.0, reconstruction: 5.0, ..Weighting::NONE };
-                Recipe { pose: both, weighting, ..baseline }
+                Recipe { weighting, ..of_paper }
             }
         }
     }

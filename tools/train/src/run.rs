@@ -5,17 +5,17 @@ use crate::checkpoint::{self, Origin};
 use crate::cli::Cli;
 use crate::clips::Clips;
 use crate::error::TrainError;
-use crate::evaluation::{Evaluation, evaluate};
+use crate::evaluation::evaluate;
 use crate::kinematics::Arm;
 use crate::objective::Terms;
 use crate::pairs::{Postures, matched};
 use crate::preset::Preset;
-use crate::robot_file::{arm_of, read_model, read_text};
+use crate::robot_file::{arm_of, read_model};
 use crate::sampling::{Pair, Recorded};
 use crate::session::{Data, Options, Session};
 use crate::weights_file::{layers, with_suffix, write};
 use indicatif::{ProgressBar, ProgressStyle};
-use retarget::{ArmIdentity, Manifest, Network, Weights};
+use retarget::{ArmIdentity, Manifest, Network};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -29,7 +29,7 @@ const SHOWN_STEPS: u64 = 20;
 /// Every how many frames the optimum is sought: at 60 frames/s neighbours hardly differ.
 const OPTIMUM_STRIDE: usize = 3;
 
-/// Trains or evaluates, as asked.
+/// Trains what was asked for.
 ///
 /// # Errors
 /// The first thing that made it impossible, with the file or option at fault.
@@ -37,12 +37,7 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let (identity, arm) = arm_of(&read_model(&cli.robot)?);
     let clips = Clips::read(&cli.human, cli.calibration.mode())?;
     report(&clips);
-    let Some(out) = &cli.out else {
-        return match &cli.evaluate {
-            Some(base) => print_evaluation(base, &identity, &clips),
-            None => Ok(()),
-        };
-    };
+    let out = cli.out.as_path();
     let recorded = clips.recorded();
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let mut session = match &cli.resume {
@@ -135,17 +130,6 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
         100.0 * options.mixture.procedural,
         options.batch
     )
-}
-
-fn print_evaluation(base: &Path, identity: &ArmIdentity, clips: &Clips) -> Result<(), TrainError> {
-    let manifest = read_text(&with_suffix(base, ".toml"))?;
-    let tensors = with_suffix(base, ".safetensors");
-    let bytes = std::fs::read(&tensors).map_err(|source| TrainError::File { path: tensors, action: "read", source })?;
-    let weights = Weights::read(&manifest, &bytes, identity)
-        .map_err(|source| TrainError::Weights { path: base.to_path_buf(), source })?;
-    let evaluation: Evaluation = evaluate(&identity.arm, &weights.network, &clips.validation, OPTIMUM_STRIDE);
-    print!("{evaluation}");
-    Ok(())
 }
 
 fn train(

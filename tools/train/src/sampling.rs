@@ -63,7 +63,7 @@ impl Default for Mixture {
     /// Degrees on the validation clips after 4,000 steps with torso / limb jitter of 0 / 0, 5 / 1.5 and 10 / 3 degrees: 3.20,
     /// 3.15, 3.03 (2026-11-21).
     fn default() -> Self {
-        Self { procedural: 0.5, torso_jitter_rad: 5_f32.to_radians(), limb_jitter_rad: 1.5_f32.to_radians() }
+        Self { procedural: 0.5, torso_jitter_rad: 10_f32.to_radians(), limb_jitter_rad: 3_f32.to_radians() }
     }
 }
 
