@@ -148,7 +148,7 @@ fn joints(rig: &Rig) -> Vec<Joint> {
             chain(
                 &mut joints,
                 Some(at),
-                &rest.replacen(',', ",", 1).replace('#', side).replacen("shoulder", "~shoulder", 1),
+                &rest.replace('#', side).replacen("shoulder", "~shoulder", 1),
                 &arm[1..],
             );
         } else {

@@ -1,0 +1,105 @@
+//! Poses a second, of made-up motion: no files are read but the robot's, and none is written.
+
+use crate::cli::Cli;
+use crate::error::BatchError;
+use crate::postures::{BOTH_ARMS, Postures};
+use crate::run::{in_parallel, load};
+use messages::JOINTS;
+use nalgebra::{UnitQuaternion, Vector3};
+use retarget::Limbs;
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Rounds of one core and of all in turn, so that whatever else the machine does weighs on both; medians count.
+const ROUNDS: usize = 5;
+/// Poses of the pool that is retargeted again and again: 15 minutes of motion, more than any cache near a core holds.
+const POOL: usize = 1 << 16;
+/// Poses that a thread takes at once.
+const CHUNK: usize = 1024;
+
+/// What a run of the bench found.
+#[derive(Clone, Copy, Debug)]
+pub struct BenchReport {
+    /// Poses (of both arms) retargeted in all.
+    pub poses: u64,
+    /// Threads of the second figure.
+    pub threads: usize,
+    /// Median poses a second on one core.
+    pub one_core_hz: f64,
+    /// Median poses a second on all.
+    pub all_cores_hz: f64,
+}
+
+impl BenchReport {
+    /// Minutes for so many poses on all cores.
+    #[must_use]
+    pub fn minutes(&self, poses: f64) -> f64 {
+        poses / self.all_cores_hz / 60.0
+    }
+}
+
+/// Retargets `poses` poses of [`synthetic`] in rounds of one thread and of all threads.
+///
+/// # Errors
+/// If the robot or its weights are refused.
+pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, BatchError> {
+    let (_, postures) = load(cli)?;
+    let pool: Vec<[Limbs; BOTH_ARMS]> = (0..POOL).map(synthetic).collect();
+    let threads = cli.threads();
+    let each = (poses as usize).div_ceil(2 * ROUNDS);
+    // Caches, frequency and pages first, outside of the figures.
+    time(&postures, &pool, threads, each.min(20_000));
+    let (mut one, mut all) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        one.push(time(&postures, &pool, 1, each));
+        all.push(time(&postures, &pool, threads, each));
+    }
+    let poses = (2 * ROUNDS * each) as u64;
+    Ok(BenchReport { poses, threads, one_core_hz: median(one), all_cores_hz: median(all) })
+}
+
+/// Poses a second.
+fn time(postures: &Postures, pool: &[[Limbs; BOTH_ARMS]], threads: usize, poses: usize) -> f64 {
+    let begun = Instant::now();
+    let sums = in_parallel(threads, poses.div_ceil(CHUNK), |chunk| {
+        let poses = (chunk * CHUNK..poses.min((chunk + 1) * CHUNK)).map(|i| &pool[i % pool.len()]);
+        let mut previous = None;
+        let mut sum = [0.0; JOINTS];
+        for arms in poses {
+            let samples = postures.encode(black_box(arms));
+            previous = postures.posture(&samples, previous.as_ref());
+            if let Some(q) = &previous {
+                let joints = postures.joints(q);
+                sum.iter_mut().zip(joints).for_each(|(sum, q)| *sum += q);
+            }
+        }
+        sum
+    });
+    black_box(sums);
+    poses as f64 / begun.elapsed().as_secs_f64()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Pose `i` of a made-up motion of both arms at 60 Hz: every angle of a human arm swings through most of its range, with
+/// periods that have no common multiple.
+#[must_use]
+pub fn synthetic(i: usize) -> [Limbs; BOTH_ARMS] {
+    let time_s = i as f64 / 60.0;
+    // Middle, half range (degrees) and period (s): swing and lowering of the upper arm, its roll, flexion, pronation.
+    const ANGLES: [[f64; 3]; 5] =
+        [[25.0, 60.0, 3.1], [20.0, 60.0, 4.3], [-10.0, 70.0, 5.9], [70.0, 65.0, 2.3], [0.0, 60.0, 7.1]];
+    std::array::from_fn(|arm| {
+        let phase = arm as f64 * 0.37;
+        let [swing, lower, roll, flex, twist] = ANGLES.map(|[middle, half, period]| {
+            (middle + half * (std::f64::consts::TAU * (time_s / period + phase)).sin()).to_radians()
+        });
+        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+        let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+        let upper = about(z, -swing) * about(x, -lower) * about(y, roll);
+        Limbs { upper, fore: upper * about(z, -flex) * about(y, -twist) }
+    })
+}

@@ -1,0 +1,130 @@
+//! Options.
+
+use crate::output::Format;
+use clap::{Parser, ValueEnum};
+use motion::{CalibrationMode, LoadOptions};
+use std::path::PathBuf;
+
+/// Output rates that are taken, Hz: down to one posture a second, up to ten times the control rate.
+const RATE_HZ: [f64; 2] = [1.0, 15_000.0];
+
+/// Where a posture comes from before it is refined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// Through the shared latent space.
+    #[default]
+    Network,
+    /// By geometry.
+    ClosedForm,
+}
+
+/// How many postures a second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// One for each frame of the file.
+    Source,
+    /// This many, between the frames of the file on straight lines of the latent space.
+    Hz(f64),
+}
+
+/// Retargets a folder of motion files to joint trajectories.
+///
+/// Finished files are skipped: a manifest in the output folder says from which input and with which options each was made.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "batch", version)]
+pub struct Cli {
+    /// Folder of motion files: .bvh, HumanML3D .npy, AMASS .npz.
+    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
+    pub input: Option<PathBuf>,
+    /// Folder for the trajectories.
+    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
+    pub out: Option<PathBuf>,
+    /// The robot.
+    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
+    pub robot: PathBuf,
+    /// The weights, without extension; not read with --method closed-form.
+    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
+    pub weights: PathBuf,
+    /// csv: time_s and a column for each joint; npz: q (N, joints), joints, time_s, frame_rate_hz.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+    /// Postures a second: source (one for each frame), or Hz, such as 1500 for the control rate.
+    #[arg(long, default_value = "source", value_name = "source|HZ", value_parser = rate)]
+    pub rate: Rate,
+    /// Where a posture comes from before it is refined.
+    #[arg(long, value_enum, default_value_t)]
+    pub method: Method,
+    /// Levenberg-Marquardt steps after it.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=i64::from(retarget::REFINE_STEPS_MAX)))]
+    pub refine_steps: u32,
+    /// Where the elbow hinges come from; nothing for motions without rotations.
+    #[arg(long, value_name = "clip|first-10s|none", default_value = "clip", value_parser = calibration)]
+    pub calibration: CalibrationMode,
+    /// Files at once [default: all cores].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Folders inside too; the output has the same folders.
+    #[arg(long)]
+    pub recursive: bool,
+    /// Skip what is finished (this is the default).
+    #[arg(long, conflicts_with = "overwrite")]
+    pub resume: bool,
+    /// Make every file again, and replace files that are not this tool's.
+    #[arg(long)]
+    pub overwrite: bool,
+    /// The data are a mirror image: turn them back.
+    #[arg(long)]
+    pub mirror: bool,
+    /// Frame rate of the input, Hz, whatever the files say.
+    #[arg(long, value_name = "HZ")]
+    pub frame_rate: Option<f64>,
+    /// Mean of normalised HumanML3D features [default: Mean.npy beside the file or above].
+    #[arg(long, value_name = "FILE", requires = "std")]
+    pub mean: Option<PathBuf>,
+    /// Standard deviation of normalised HumanML3D features.
+    #[arg(long, value_name = "FILE", requires = "mean")]
+    pub std: Option<PathBuf>,
+    /// Instead: time so many made-up poses of both arms on one core and on all.
+    #[arg(long, value_name = "POSES", num_args = 0..=1, default_missing_value = "1000000",
+        value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
+    pub bench: Option<u64>,
+}
+
+impl Cli {
+    /// How motion files are read.
+    #[must_use]
+    pub fn load_options(&self) -> LoadOptions {
+        LoadOptions {
+            mean: self.mean.clone(),
+            std: self.std.clone(),
+            mirror: self.mirror,
+            frame_rate_hz: self.frame_rate,
+        }
+    }
+
+    /// Threads.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+    }
+}
+
+fn rate(text: &str) -> Result<Rate, String> {
+    if text == "source" {
+        return Ok(Rate::Source);
+    }
+    let [low, high] = RATE_HZ;
+    match text.parse::<f64>() {
+        Ok(hz) if (low..=high).contains(&hz) => Ok(Rate::Hz(hz)),
+        _ => Err(format!("is source or a rate within [{low}, {high}] Hz")),
+    }
+}
+
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    match text {
+        "first-10s" => Ok(CalibrationMode::First10s),
+        "clip" => Ok(CalibrationMode::Clip),
+        "none" => Ok(CalibrationMode::None),
+        _ => Err("is one of clip, first-10s, none".into()),
+    }
+}

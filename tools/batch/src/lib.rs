@@ -1,0 +1,19 @@
+//! Retargets a folder of motion files to joint trajectories, on all cores: the retargeting's own functions frame by frame,
+//! with results that do not depend on the number of jobs. What is written are targets: before whole-body control and
+//! before the safety gate.
+mod bench;
+mod cli;
+mod error;
+mod manifest;
+mod output;
+mod postures;
+mod run;
+mod trajectory;
+
+pub use bench::{BenchReport, bench, synthetic};
+pub use cli::{Cli, Method, Rate};
+pub use error::BatchError;
+pub use output::Format;
+pub use postures::{BOTH_ARMS, Postures};
+pub use run::{Outcome, Summary, run};
+pub use trajectory::Trajectory;

@@ -1,0 +1,109 @@
+//! See the library.
+
+use batch::{BatchError, Cli, Summary, bench, run};
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use rt::Shutdown;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Exit codes of sysexits(3), and the shell's for a signal.
+const EX_NOINPUT: u8 = 66;
+const EX_CANTCREAT: u8 = 73;
+const EX_CONFIG: u8 = 78;
+const BY_SIGNAL: u8 = 128;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    if let Some(poses) = cli.bench {
+        return report_bench(&cli, poses);
+    }
+    let (Some(input), Some(out)) = (&cli.input, &cli.out) else {
+        return ExitCode::from(EX_NOINPUT);
+    };
+    let shutdown = match Shutdown::on_signals() {
+        Ok(shutdown) => shutdown,
+        Err(error) => {
+            eprintln!("batch: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let progress = ProgressBar::new(0);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {bytes}/{total_bytes}, {elapsed}, {eta} left") {
+        progress.set_style(style);
+    }
+    let begun = Instant::now();
+    match run(&cli, input, out, &shutdown, &progress) {
+        Ok(summary) => {
+            progress.finish_and_clear();
+            report(&summary, begun.elapsed().as_secs_f64());
+            if summary.interrupted {
+                let signal = shutdown.signal().and_then(|signal| u8::try_from(signal).ok());
+                return ExitCode::from(signal.map_or(1, |signal| BY_SIGNAL + signal));
+            }
+            if summary.failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+        }
+        Err(error) => {
+            progress.finish_and_clear();
+            eprintln!("batch: {error}");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+fn exit_code(error: &BatchError) -> u8 {
+    match error {
+        BatchError::Config(_) | BatchError::Options(_) => EX_CONFIG,
+        BatchError::Motion(_) | BatchError::NoFiles { .. } => EX_NOINPUT,
+        BatchError::File { .. } | BatchError::OutInInput { .. } => EX_CANTCREAT,
+        _ => 1,
+    }
+}
+
+fn report(summary: &Summary, seconds: f64) {
+    let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
+    println!(
+        "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} failed",
+        *postures as f64 / seconds.max(1e-9),
+        failed.len()
+    );
+    for (path, reason) in no_motion {
+        println!("left out {}: {reason}", path.display());
+    }
+    for (path, error) in failed {
+        let text = error.to_string();
+        // Most errors name their file.
+        if text.contains(&path.display().to_string()) {
+            eprintln!("batch: {text}");
+        } else {
+            eprintln!("batch: {}: {text}", path.display());
+        }
+    }
+    if *interrupted {
+        eprintln!("batch: interrupted; the same command goes on where this one ended");
+    }
+}
+
+fn report_bench(cli: &Cli, poses: u64) -> ExitCode {
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let load = load.split_whitespace().next().unwrap_or("unknown");
+    let report = match bench(cli, poses) {
+        Ok(report) => report,
+        Err(error) => {
+            eprintln!("batch: {error}");
+            return ExitCode::from(exit_code(&error));
+        }
+    };
+    let ratio = report.all_cores_hz / report.one_core_hz;
+    println!("{} poses of both arms, {:?}, {} refinement steps", report.poses, cli.method, cli.refine_steps);
+    println!("one core      {:>10.0} poses/s ({:.1} us each)", report.one_core_hz, 1e6 / report.one_core_hz);
+    println!(
+        "{:>2} threads    {:>10.0} poses/s, {:>10.0} a thread, {ratio:.2} times one core",
+        report.threads,
+        report.all_cores_hz,
+        report.all_cores_hz / report.threads as f64
+    );
+    println!("20 M poses    {:>10.1} minutes on {} threads", report.minutes(20e6), report.threads);
+    println!("load average before: {load}; medians of alternating rounds, computation alone");
+    ExitCode::SUCCESS
+}

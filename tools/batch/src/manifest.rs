@@ -1,0 +1,92 @@
+//! What was made from what: one line of JSON for each finished file, appended when it is in its place.
+
+use crate::error::BatchError;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Name of the manifest in the output folder.
+pub(crate) const FILE: &str = "manifest.jsonl";
+/// Largest manifest that is read: a million files.
+const BYTES_MAX: u64 = 1 << 29;
+
+/// A finished file.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub(crate) struct Entry {
+    /// Path below the output folder.
+    pub(crate) output: String,
+    /// SHA-256 of the motion file.
+    pub(crate) input_sha256: String,
+    /// SHA-256 of everything else that the result depends on.
+    pub(crate) options_sha256: String,
+    /// SHA-256 of the output.
+    pub(crate) output_sha256: String,
+    /// Postures in it.
+    pub(crate) postures: u64,
+}
+
+/// The manifest, open for appending.
+pub(crate) struct Manifest {
+    path: PathBuf,
+    entries: HashMap<String, Entry>,
+    file: Mutex<File>,
+}
+
+impl Manifest {
+    /// Reads what is there; a line that an interruption cut short says nothing, and later lines win.
+    pub(crate) fn open(folder: &Path) -> Result<Self, BatchError> {
+        std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
+        let path = folder.join(FILE);
+        let open = OpenOptions::new().create(true).read(true).append(true).open(&path);
+        let mut file = open.map_err(BatchError::file(&path, "open"))?;
+        let mut text = Vec::new();
+        let read = Read::by_ref(&mut file).take(BYTES_MAX).read_to_end(&mut text);
+        read.map_err(BatchError::file(&path, "read"))?;
+        let lines = text.split(|&byte| byte == b'\n');
+        let entries = lines.filter_map(|line| serde_json::from_slice::<Entry>(line).ok());
+        let entries = entries.map(|entry| (entry.output.clone(), entry)).collect();
+        if text.last().is_some_and(|&byte| byte != b'\n') {
+            file.write_all(b"\n").map_err(BatchError::file(&path, "write"))?;
+        }
+        Ok(Self { path, entries, file: Mutex::new(file) })
+    }
+
+    pub(crate) fn get(&self, output: &str) -> Option<&Entry> {
+        self.entries.get(output)
+    }
+
+    /// Appends a line in one piece.
+    pub(crate) fn add(&self, entry: &Entry) -> Result<(), BatchError> {
+        let line = serde_json::to_string(entry).map_err(std::io::Error::other);
+        let write = |line: String| {
+            let mut file = self.file.lock().map_err(|_| std::io::Error::other("another job failed here"))?;
+            file.write_all((line + "\n").as_bytes())
+        };
+        line.and_then(write).map_err(BatchError::file(&self.path, "write"))
+    }
+}
+
+/// SHA-256 of a file, in hexadecimal.
+pub(crate) fn sha256_file(path: &Path) -> Result<String, BatchError> {
+    let read = || {
+        // Opening a pipe would wait for whoever writes into it.
+        if !std::fs::metadata(path)?.is_file() {
+            return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "is not a regular file"));
+        }
+        let mut file = File::open(path)?;
+        let mut hash = Sha256::new();
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            match file.read(&mut buffer)? {
+                0 => break,
+                n => hash.update(&buffer[..n]),
+            }
+        }
+        Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    };
+    read().map_err(BatchError::file(path, "read"))
+}

@@ -1,0 +1,166 @@
+//! Trajectory files: written beside their place and renamed into it, so that no half of one is ever found.
+
+use crate::error::BatchError;
+use clap::ValueEnum;
+use messages::JOINTS;
+use motion::npy::write_npy_header;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+use zip::write::SimpleFileOptions;
+
+/// File formats.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// `time_s` and a column for each joint, numbers that read back to the same bits.
+    #[default]
+    Csv,
+    /// NumPy: `q` (N, joints) and `time_s` (N,) as f64, `joints` (names), `frame_rate_hz`.
+    Npz,
+}
+
+impl Format {
+    /// Extension of its files.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Npz => "npz",
+        }
+    }
+}
+
+enum Kind {
+    Csv(BufWriter<File>, String),
+    Npz(Box<zip::ZipWriter<BufWriter<File>>>, Vec<f64>),
+}
+
+/// A file in the making; removed again unless [`Writer::finish`] is reached.
+pub(crate) struct Writer {
+    place: PathBuf,
+    part: PathBuf,
+    kind: Option<Kind>,
+    rate_hz: f64,
+    joint_names: [String; JOINTS],
+}
+
+impl Writer {
+    /// Begins a file of `count` rows.
+    pub(crate) fn create(
+        place: &Path,
+        format: Format,
+        count: usize,
+        rate_hz: f64,
+        joint_names: &[String; JOINTS],
+    ) -> Result<Self, BatchError> {
+        let folder = place.parent().unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
+        let name = place.file_name().unwrap_or_default().to_string_lossy();
+        let part = folder.join(format!(".{name}.part"));
+        let file = File::create(&part).map_err(BatchError::file(&part, "create"))?;
+        let mut writer =
+            Self { place: place.to_path_buf(), part, kind: None, rate_hz, joint_names: joint_names.clone() };
+        let out = BufWriter::with_capacity(1 << 16, file);
+        writer.kind = Some(match format {
+            Format::Csv => {
+                let mut out = out;
+                let header = writeln!(out, "time_s,{}", joint_names.join(","));
+                header.map_err(BatchError::file(&writer.part, "write"))?;
+                Kind::Csv(out, String::new())
+            }
+            Format::Npz => {
+                let mut zip = zip::ZipWriter::new(out);
+                let begun = zip.start_file("q.npy", plain()).map_err(std::io::Error::from);
+                let begun = begun.and_then(|()| write_npy_header(&mut zip, "<f8", &[count, JOINTS]));
+                begun.map_err(BatchError::file(&writer.part, "write"))?;
+                Kind::Npz(Box::new(zip), Vec::with_capacity(count))
+            }
+        });
+        Ok(writer)
+    }
+
+    /// Appends a row.
+    pub(crate) fn row(&mut self, time_s: f64, q: &[f64; JOINTS]) -> Result<(), BatchError> {
+        let written = match &mut self.kind {
+            Some(Kind::Csv(out, line)) => {
+                use std::fmt::Write as _;
+                line.clear();
+                // Writing to a String cannot fail.
+                let _ = write!(line, "{time_s}");
+                for value in q {
+                    let _ = write!(line, ",{value}");
+                }
+                line.push('\n');
+                out.write_all(line.as_bytes())
+            }
+            Some(Kind::Npz(zip, times)) => {
+                times.push(time_s);
+                let mut bytes = [0; 8 * JOINTS];
+                for (part, value) in bytes.chunks_exact_mut(8).zip(q) {
+                    part.copy_from_slice(&value.to_le_bytes());
+                }
+                zip.write_all(&bytes)
+            }
+            None => Ok(()),
+        };
+        written.map_err(BatchError::file(&self.part, "write"))
+    }
+
+    /// Ends the file and moves it into its place; returns its length in bytes.
+    pub(crate) fn finish(mut self) -> Result<u64, BatchError> {
+        let ended = match self.kind.take() {
+            Some(Kind::Csv(out, _)) => out.into_inner().map_err(|error| error.into_error()),
+            Some(Kind::Npz(zip, times)) => end_npz(*zip, &times, self.rate_hz, &self.joint_names),
+            None => Err(std::io::Error::other("was ended before")),
+        };
+        let file = ended.map_err(BatchError::file(&self.part, "write"))?;
+        // A name must never stand for data that a power cut takes away.
+        file.sync_data().map_err(BatchError::file(&self.part, "write"))?;
+        let bytes = file.metadata().map_err(BatchError::file(&self.part, "measure"))?.len();
+        std::fs::rename(&self.part, &self.place).map_err(BatchError::file(&self.place, "put in place"))?;
+        Ok(bytes)
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        // After a rename there is nothing left of this name.
+        let _ = std::fs::remove_file(&self.part);
+    }
+}
+
+/// As `numpy.savez` stores them: not compressed, and without a date, so that equal results are equal files.
+fn plain() -> SimpleFileOptions {
+    let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored).large_file(true);
+    options.last_modified_time(zip::DateTime::default())
+}
+
+fn end_npz(
+    mut zip: zip::ZipWriter<BufWriter<File>>,
+    times: &[f64],
+    rate_hz: f64,
+    joint_names: &[String; JOINTS],
+) -> std::io::Result<File> {
+    entry(&mut zip, "time_s", "<f8", &[times.len()], times.iter().flat_map(|t| t.to_le_bytes()))?;
+    entry(&mut zip, "frame_rate_hz", "<f8", &[], rate_hz.to_le_bytes().into_iter())?;
+    // NumPy's strings are UTF-32 of one width, padded with zeros.
+    let width = joint_names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(1);
+    let padded = |name: &String| {
+        let characters = name.chars().map(u32::from).chain(std::iter::repeat(0)).take(width);
+        characters.flat_map(u32::to_le_bytes).collect::<Vec<u8>>()
+    };
+    entry(&mut zip, "joints", &format!("<U{width}"), &[JOINTS], joint_names.iter().flat_map(padded))?;
+    zip.finish().map_err(std::io::Error::from)?.into_inner().map_err(|error| error.into_error())
+}
+
+fn entry<W: Write + Seek>(
+    zip: &mut zip::ZipWriter<W>,
+    key: &str,
+    descr: &str,
+    shape: &[usize],
+    bytes: impl Iterator<Item = u8>,
+) -> std::io::Result<()> {
+    zip.start_file(format!("{key}.npy"), plain()).map_err(std::io::Error::from)?;
+    write_npy_header(&mut *zip, descr, shape)?;
+    zip.write_all(&bytes.collect::<Vec<u8>>())
+}

@@ -1,0 +1,237 @@
+//! The whole folder: which files, in which order, on how many threads, and what became of each.
+
+use crate::cli::{Cli, Method, Rate};
+use crate::error::BatchError;
+use crate::manifest::{Entry, Manifest, sha256_file};
+use crate::output::Writer;
+use crate::postures::Postures;
+use crate::trajectory::Trajectory;
+use indicatif::ProgressBar;
+use robot::Model;
+use rt::Shutdown;
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Rows between two looks at Ctrl-C: some 20 ms.
+const ROWS_PER_LOOK: usize = 512;
+
+/// What became of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Made, with so many postures of both arms.
+    Made(u64),
+    /// Was there, from the same input and options.
+    Finished,
+}
+
+/// What became of all.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Files made.
+    pub made: usize,
+    /// Postures of both arms in them.
+    pub postures: u64,
+    /// Files that were finished before.
+    pub finished: usize,
+    /// Files that gave nothing, and why, sorted by path.
+    pub failed: Vec<(PathBuf, BatchError)>,
+    /// Files of a readable extension that hold no motion, and why.
+    pub no_motion: Vec<(PathBuf, &'static str)>,
+    /// Whether Ctrl-C ended it; what is not finished is made by the next run.
+    pub interrupted: bool,
+}
+
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+    key: String,
+    bytes: u64,
+}
+
+/// What all jobs share.
+struct Shared<'a> {
+    cli: &'a Cli,
+    model: &'a Model,
+    postures: &'a Postures,
+    options_sha256: String,
+    manifest: Manifest,
+    shutdown: &'a Shutdown,
+}
+
+/// Retargets every motion file of `input` into `out`. A file that fails is listed and the others are done.
+///
+/// # Errors
+/// If nothing can be done at all: a refused robot or folder, or no motion files.
+pub fn run(
+    cli: &Cli,
+    input: &Path,
+    out: &Path,
+    shutdown: &Shutdown,
+    progress: &ProgressBar,
+) -> Result<Summary, BatchError> {
+    let (model, postures) = load(cli)?;
+    let listing = motion::list(input, cli.recursive)?;
+    if listing.files.is_empty() {
+        let hint = if cli.recursive { "" } else { " (--recursive looks into its folders)" };
+        return Err(BatchError::NoFiles { input: input.to_path_buf(), hint });
+    }
+    std::fs::create_dir_all(out).map_err(BatchError::file(out, "create the folder"))?;
+    apart(cli, input, out)?;
+    let mut summary = Summary { no_motion: listing.skipped, ..Summary::default() };
+    let jobs = plan(cli, input, out, listing.files, &mut summary);
+    let options_sha256 = options_sha256(cli, &model)?;
+    let manifest = Manifest::open(out)?;
+    let shared = Shared { cli, model: &model, postures: &postures, options_sha256, manifest, shutdown };
+    progress.set_length(jobs.iter().map(|job| job.bytes).sum());
+    let outcomes = in_parallel(cli.threads().min(jobs.len()), jobs.len(), |i| {
+        let outcome = make(&shared, &jobs[i]);
+        progress.inc(jobs[i].bytes);
+        outcome
+    });
+    for (job, outcome) in jobs.into_iter().zip(outcomes) {
+        match outcome {
+            Some(Ok(Outcome::Made(postures))) => {
+                summary.made += 1;
+                summary.postures += postures;
+            }
+            Some(Ok(Outcome::Finished)) => summary.finished += 1,
+            None | Some(Err(BatchError::Interrupted)) => summary.interrupted = true,
+            Some(Err(error)) => summary.failed.push((job.input, error)),
+        }
+    }
+    summary.failed.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(summary)
+}
+
+/// The robot, and its retargeting as the options say.
+pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), BatchError> {
+    let (model, _) = pipeline::load_model(&cli.robot)?;
+    let weights = match cli.method {
+        Method::Network => Some(pipeline::load_weights(&cli.weights, &model)?),
+        Method::ClosedForm => None,
+    };
+    let postures = Postures::new(&model, weights, cli.refine_steps);
+    Ok((model, postures))
+}
+
+/// Refuses outputs that the next run would take for inputs.
+fn apart(cli: &Cli, input: &Path, out: &Path) -> Result<(), BatchError> {
+    let real = |path: &Path| path.canonicalize().map_err(BatchError::file(path, "resolve"));
+    let (real_input, real_out) = (real(input)?, real(out)?);
+    if real_out == real_input || (cli.recursive && real_out.starts_with(&real_input)) {
+        return Err(BatchError::OutInInput { out: out.to_path_buf(), input: input.to_path_buf() });
+    }
+    Ok(())
+}
+
+/// Inputs with their outputs, the largest first, so that no core waits for it at the end.
+fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut Summary) -> Vec<Job> {
+    let mut taken: HashMap<PathBuf, PathBuf> = HashMap::new();
+    let mut jobs = Vec::new();
+    for file in files {
+        let relative = file.strip_prefix(input).unwrap_or(&file).with_extension(cli.format.extension());
+        let output = out.join(&relative);
+        if let Some(other) = taken.get(&output) {
+            let error = BatchError::SameOutput { file: file.clone(), out: output, other: other.clone() };
+            summary.failed.push((file, error));
+            continue;
+        }
+        taken.insert(output.clone(), file.clone());
+        let bytes = std::fs::metadata(&file).map_or(0, |metadata| metadata.len());
+        jobs.push(Job { input: file, output, key: relative.to_string_lossy().into_owned(), bytes });
+    }
+    jobs.sort_by_key(|job| std::cmp::Reverse(job.bytes));
+    jobs
+}
+
+/// One hash of everything but the motion file that a result depends on.
+fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
+    let rate = match cli.rate {
+        Rate::Source => "source".to_owned(),
+        Rate::Hz(hz) => hz.to_string(),
+    };
+    let mut text = format!(
+        "{} {:?} {rate} {:?} {} {} {} {:?} {:016x}",
+        env!("CARGO_PKG_VERSION"),
+        cli.format,
+        cli.method,
+        cli.refine_steps,
+        cli.calibration.name(),
+        cli.mirror,
+        cli.frame_rate,
+        model.hash,
+    );
+    let mut files: Vec<PathBuf> = cli.mean.iter().chain(&cli.std).cloned().collect();
+    if cli.method == Method::Network {
+        let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights.display()));
+        files.extend([with("toml"), with("safetensors")]);
+    }
+    for file in files {
+        text += " ";
+        text += &sha256_file(&file)?;
+    }
+    Ok(Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Runs `count` jobs on `threads` threads, each taking the next; none for those that were not begun.
+pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<Option<T>> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut done = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            if i >= count {
+                return done;
+            }
+            done.push((i, job(i)));
+        }
+    };
+    let mut all: Vec<Option<T>> = (0..count).map(|_| None).collect();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
+        for worker in workers {
+            // A worker that panics ends the process (panic = abort).
+            for (i, result) in worker.join().unwrap_or_default() {
+                all[i] = Some(result);
+            }
+        }
+    });
+    all
+}
+
+fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {
+    if shared.shutdown.requested() {
+        return Err(BatchError::Interrupted);
+    }
+    let cli = shared.cli;
+    let input_sha256 = sha256_file(&job.input)?;
+    if !cli.overwrite && job.output.exists() {
+        let output_sha256 = sha256_file(&job.output)?;
+        match shared.manifest.get(&job.key).filter(|entry| entry.output_sha256 == output_sha256) {
+            None => return Err(BatchError::Foreign { path: job.output.clone() }),
+            Some(entry) if entry.input_sha256 == input_sha256 && entry.options_sha256 == shared.options_sha256 => {
+                return Ok(Outcome::Finished);
+            }
+            Some(_) => {}
+        }
+    }
+    let motion = motion::load_with(&job.input, &cli.load_options())?;
+    let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
+    let (count, rate_hz) = (trajectory.rows(), trajectory.rate_hz());
+    let mut writer = Writer::create(&job.output, cli.format, count, rate_hz, &shared.model.joint_names)?;
+    for (i, row) in trajectory.enumerate() {
+        let (time_s, q) = row.map_err(|(frame, cause)| BatchError::Frame { file: job.input.clone(), frame, cause })?;
+        writer.row(time_s, &q)?;
+        if i % ROWS_PER_LOOK == 0 && shared.shutdown.requested() {
+            return Err(BatchError::Interrupted);
+        }
+    }
+    writer.finish()?;
+    let output_sha256 = sha256_file(&job.output)?;
+    let (output, options_sha256) = (job.key.clone(), shared.options_sha256.clone());
+    let postures = count as u64;
+    shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
+    Ok(Outcome::Made(postures))
+}
