@@ -44,7 +44,13 @@ pub struct Cli {
     /// Draw the figures as SVG files into this folder
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
-    /// Interpolate between random key poses in the latent space and in joint space
+    /// Also measure the eleven named motions, beside what the paper reports
+    #[arg(long)]
+    pub paper_table: bool,
+    /// Draw human, paper, S3LE and ours in named poses as an SVG file
+    #[arg(long, value_name = "FILE")]
+    pub figure3: Option<PathBuf>,
+    /// Also interpolate between random key poses in the latent space and in joint space
     #[arg(long)]
     pub keyposes: bool,
 }
@@ -59,6 +65,8 @@ pub enum Calibration {
     First10s,
     /// None: the elbow's momentary plane.
     None,
+    /// The rig's own, for motions that this project makes itself.
+    Rig,
 }
 
 impl Calibration {
@@ -69,6 +77,7 @@ impl Calibration {
             Self::Clip => CalibrationMode::Clip,
             Self::First10s => CalibrationMode::First10s,
             Self::None => CalibrationMode::None,
+            Self::Rig => CalibrationMode::Rig,
         }
     }
 }

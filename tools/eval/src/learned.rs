@@ -4,6 +4,7 @@ use crate::clips::Human;
 use crate::error::EvalError;
 use retarget::{ArmIdentity, ArmQ};
 use std::path::Path;
+use train::baseline::Baseline;
 
 /// Their names in the table; the files are named alike, with dashes.
 pub const NAMES: [&str; 9] = [
@@ -20,20 +21,30 @@ pub const NAMES: [&str; 9] = [
 
 /// One baseline, ready to run.
 #[derive(Debug)]
-pub enum Learned {}
+pub struct Learned(Baseline);
 
 impl Learned {
     /// Reads `folder`/`name` (dashes for underscores) for the robot `identity`; none if it was never trained.
     ///
     /// # Errors
     /// If the files are there and are refused.
-    pub fn read(_folder: &Path, _name: &str, _identity: &ArmIdentity) -> Result<Option<Self>, EvalError> {
-        Ok(None)
+    pub fn read(folder: &Path, name: &str, identity: &ArmIdentity) -> Result<Option<Self>, EvalError> {
+        let base = folder.join(name.replace('_', "-"));
+        if !base.with_extension("toml").exists() {
+            return Ok(None);
+        }
+        Ok(Some(Self(Baseline::read(&base, identity)?)))
+    }
+
+    /// What it was trained on, and for how many steps.
+    #[must_use]
+    pub fn trained_on(&self) -> String {
+        format!("{} steps on {}", self.0.manifest.steps, self.0.manifest.trained_on)
     }
 
     /// Postures of both arms for each human pose, rad.
     #[must_use]
-    pub fn retarget(&self, _humans: &[Human]) -> Vec<[ArmQ; 2]> {
-        match *self {}
+    pub fn retarget(&self, humans: &[Human]) -> Vec<[ArmQ; 2]> {
+        self.0.retarget(humans)
     }
 }

@@ -7,11 +7,15 @@
 pub mod cli;
 pub mod clips;
 pub mod error;
+pub mod figures;
+pub mod keyposes;
 pub mod learned;
 pub mod lookup;
 pub mod methods;
 pub mod metrics;
+pub mod paper;
 pub mod parallel;
+pub mod plots;
 pub mod report;
 pub mod run;
 pub mod sew;

@@ -22,6 +22,9 @@ const BASELINE_STEPS: u32 = 3;
 /// They take them without the pull toward the start that ours have: it would cost them error on the validation clips
 /// (1.83 instead of 1.75 degrees, and 1.67 instead of 1.61) and save some of their flips (11 instead of 17, 1 instead of 2).
 const BASELINE_PRIOR_WEIGHT: f64 = 0.0;
+/// Starts and seed of the second oracle.
+pub const SECOND_STARTS: u32 = 20;
+const SECOND_SEED: u128 = 1_234;
 /// Steps per start of the second oracle, as of the first.
 const SECOND_ORACLE_STEPS: u32 = 40;
 /// S_GR of optima that count as equal, as for the first.
@@ -203,14 +206,14 @@ fn sequence(arm: &ArmModel, humans: &[Human], solve: impl Fn(&Human, &Posture) -
     humans.iter().map(next).collect()
 }
 
-/// S_GR minimised over a clip from `starts` random postures alone, of equally good optima the one nearest to the previous:
+/// S_GR minimised over a clip from [`SECOND_STARTS`] random postures alone, of equally good optima the one nearest to the previous:
 /// it shares no start with the oracle, so how far the two differ is the floor of the joint error.
 #[must_use]
-pub fn second_oracle(arm: &ArmModel, humans: &[Human], starts: u32, seed: u64) -> Vec<Posture> {
-    let mut rng = Pcg64::new(u128::from(seed), 1);
+pub fn second_oracle(arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
+    let mut rng = Pcg64::new(SECOND_SEED, 1);
     let mut solve = |human: &Limbs, previous: &ArmQ| {
         let mut best = (f64::INFINITY, f64::INFINITY, *previous);
-        for _ in 0..starts {
+        for _ in 0..SECOND_STARTS {
             let start: ArmQ = std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]));
             let end = refine(arm, human, &start, &start, 0.0, SECOND_ORACLE_STEPS);
             let distance: f64 = end.q.iter().zip(previous).map(|(a, b)| (a - b) * (a - b)).sum();

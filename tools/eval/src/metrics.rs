@@ -62,6 +62,8 @@ pub struct Figures {
     pub direction_deg: f64,
     /// Joint MSE against the oracle, rad^2; none if every frame is masked.
     pub joint_mse_rad2: Option<f64>,
+    /// The same with the masked frames, rad^2; none if there is no frame.
+    pub joint_mse_all_rad2: Option<f64>,
     /// Jerk ratio between jumps; none where it is not defined.
     pub jerk_ratio: Option<f64>,
     /// The same with the method's own jumps.
@@ -88,6 +90,7 @@ struct Tally {
     direction: f64,
     by_limb: [f64; 4],
     joint: Mean,
+    joint_all: Mean,
     /// Sums of squares, rad^2/s^6: between jumps, and with the method's jumps.
     jerk: [Jerk; 2],
     flips: usize,
@@ -113,6 +116,12 @@ struct Mean {
 }
 
 impl Mean {
+    /// The squares of an arm's joints, summed.
+    fn add(&mut self, squares: f64) {
+        self.sum += squares;
+        self.count += ARM_Q;
+    }
+
     fn value(&self) -> Option<f64> {
         (self.count > 0).then(|| self.sum / self.count as f64)
     }
@@ -148,9 +157,10 @@ impl Tally {
                 if limb_error_deg(&arm.forward(best), human).iter().all(|error| *error < REACHABLE_DEG) {
                     self.reachable.extend(degrees);
                 }
+                let squares: f64 = q.iter().zip(best).map(|(a, b)| (a - b) * (a - b)).sum();
+                self.joint_all.add(squares);
                 if !near_gimbal(arm, best) {
-                    self.joint.sum += q.iter().zip(best).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-                    self.joint.count += ARM_Q;
+                    self.joint.add(squares);
                 }
             }
         }
@@ -192,6 +202,7 @@ impl Tally {
             limb_deg_p95: percentile(&self.degrees, 95),
             direction_deg: self.direction / (4.0 * frames),
             joint_mse_rad2: self.joint.value(),
+            joint_mse_all_rad2: self.joint_all.value(),
             jerk_ratio: self.jerk[0].ratio(),
             jerk_ratio_with_jumps: self.jerk[1].ratio(),
             flips_per_1000: (self.transitions > 0).then(|| 1e3 * self.flips as f64 / self.transitions as f64),

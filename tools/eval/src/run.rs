@@ -5,16 +5,17 @@ use crate::clips::{self, Clip, Selection};
 use crate::error::EvalError;
 use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_oracle};
 use crate::metrics::{Task, measure};
-use crate::parallel;
 use crate::report::{Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
+use crate::{keyposes, paper, parallel, plots};
 use retarget::{ArmIdentity, ArmModel, Weights};
+use robot::Model;
+use serde_json::Value;
+use std::fmt::Display;
+use std::io::Write;
 use std::path::Path;
 use train::robot_file::{arm_of, read_model};
 
-/// Starts and seed of the second oracle.
-const SECOND_STARTS: u32 = 20;
-const SECOND_SEED: u64 = 1_234;
 /// Poses that are timed, spread over all clips.
 const TIMED_POSES: usize = 256;
 
@@ -27,7 +28,8 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
         let expected = "1 or more".to_owned();
         return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
     }
-    let (identity, _) = arm_of(&read_model(&cli.robot)?);
+    let model = read_model(&cli.robot)?;
+    let (identity, _) = arm_of(&model);
     let weights = read_weights(&cli.weights, &identity)?;
     let selection = Selection::parse(cli.clips.as_deref());
     let (clips, skipped) = clips::read(&cli.human, &selection, cli.calibration.mode(), cli.stride)?;
@@ -42,11 +44,50 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     }
     let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
     let report = report(cli, &identity.arm, weights.as_ref(), &methods, &tasks);
-    print!("{report}");
+    show(&report);
+    let mut json = report.json();
+    if let (true, Some(weights)) = (cli.keyposes, &weights) {
+        let interpolation = keyposes::measure(&identity.arm, &weights.network, &tasks);
+        show(&interpolation);
+        json["keyposes"] = interpolation.json();
+    }
+    named_motions(cli, &model, &methods, &mut json)?;
+    if let Some(folder) = &cli.plot {
+        let ready = |name: &str| methods.iter().find(|method| method.name == name)?.solver.as_ref().ok();
+        let shown = ["ours_k2", "sew"].into_iter().find_map(|name| ready(name).map(|solver| (name, solver)));
+        let shown = shown.map(|(name, solver)| (name, postures(solver, &identity.arm, &tasks)));
+        let shown = shown.as_ref().map(|(name, postures)| (*name, postures.as_slice()));
+        for path in plots::draw_all(folder, &report, &identity.arm, &tasks, shown)? {
+            show(&format!("wrote {}\n", path.display()));
+        }
+    }
     if let Some(path) = &cli.json {
-        let text = format!("{:#}\n", report.json());
+        let text = format!("{json:#}\n");
         std::fs::write(path, text).map_err(|source| EvalError::File { path: path.clone(), action: "write", source })?;
-        println!("wrote {}", path.display());
+        show(&format!("wrote {}\n", path.display()));
+    }
+    Ok(())
+}
+
+/// Prints; whoever stopped reading has seen enough.
+fn show(what: &dyn Display) {
+    let _ = std::io::stdout().write_all(what.to_string().as_bytes());
+}
+
+/// The table of the named motions and the figure, as asked.
+fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), EvalError> {
+    if !cli.paper_table && cli.figure3.is_none() {
+        return Ok(());
+    }
+    let tasks = paper::named_tasks(model);
+    if cli.paper_table {
+        let table = paper::table(model, methods, &tasks);
+        show(&table);
+        json["paper_table"] = table.json();
+    }
+    if let Some(path) = &cli.figure3 {
+        paper::figure(path, model, methods, &tasks)?;
+        show(&format!("wrote {}\n", path.display()));
     }
     Ok(())
 }
@@ -85,7 +126,7 @@ pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> V
         };
         Task {
             oracle: Solver::Oracle.clip(arm, &target),
-            second_oracle: second_oracle(arm, &target, SECOND_STARTS, SECOND_SEED),
+            second_oracle: second_oracle(arm, &target),
             target,
             clip: clip.clone(),
             contiguous: stride == 1,
@@ -123,7 +164,8 @@ pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Post
 }
 
 /// Poses to time, evenly from all clips, each with the oracle's posture of the frame before.
-fn moments(tasks: &[Task]) -> Vec<Moment> {
+#[must_use]
+pub fn moments(tasks: &[Task]) -> Vec<Moment> {
     let all = tasks.iter().flat_map(|task| {
         let before = task.oracle.iter().copied();
         task.clip.human.iter().skip(1).copied().zip(before)

@@ -1,0 +1,204 @@
+//! From one key pose to another: through the latent space, and straight through joint space.
+//!
+//! Pairs of poses are drawn from all frames of the clips. Along s from 0 to 1:
+//!
+//! - the *yardstick* is the slerp of the human's limb rotations;
+//! - the *latent path* decodes z(s) = (1 - s) z(0) + s z(1), alone (K = 0) or with two refinement steps toward the
+//!   yardstick (K = 2), as the product does between two skeletons;
+//! - the *joint path* is (1 - s) q(0) + s q(1) between the postures of the two key poses, decoded (K = 0) or refined
+//!   (K = 2).
+//!
+//! The limb error is the rotation angle to the yardstick, mean over both arms' limbs and the steps between the key poses.
+//! A path is monotone if none of its steps goes back: the projection of the ten joint positions on the chord
+//! q(1) - q(0) never falls by more than 1e-3 of the chord. Its length is the sum of the steps' Euclidean lengths in the
+//! space of the ten joints, relative to the chord's. Pairs whose chord is shorter than 0.1 rad count for neither.
+
+use crate::clips::Human;
+use crate::methods::Posture;
+use crate::metrics::Task;
+use crate::parallel;
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use retarget::{ArmModel, Latent, Network, PRIOR_WEIGHT, features, interpolate_latent, limb_error_deg, refine};
+use serde_json::{Value, json};
+use std::fmt;
+
+/// Pairs of key poses.
+pub const PAIRS: usize = 300;
+const SEED: u64 = 3;
+/// Steps of a path: at a path of 3 rad, 0.06 rad each.
+const STEPS: usize = 50;
+/// Refinement steps of the refined latent path.
+const REFINE_STEPS: u32 = 2;
+/// Rounding of f32 networks is below this share of a chord.
+const BACKWARDS_SHARE: f64 = 1e-3;
+/// A chord shorter than this has no direction to speak of.
+const CHORD_MIN_RAD: f64 = 0.1;
+
+/// Figures of one way to interpolate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Path {
+    /// Mean limb error against the yardstick, degrees.
+    pub limb_deg_mean: f64,
+    /// Share of paths that never go back, 0 to 1.
+    pub monotone_share: f64,
+    /// Mean length relative to the chord.
+    pub length_mean: f64,
+    /// Longest of all pairs, relative to the chord.
+    pub length_max: f64,
+}
+
+/// The ways side by side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Interpolation {
+    /// Number of pairs.
+    pub pairs: usize,
+    /// Through the latent space, the decoder alone.
+    pub latent_k0: Path,
+    /// The same with two refinement steps.
+    pub latent_k2: Path,
+    /// Straight through joint space, between the decoder's postures.
+    pub joint_k0: Path,
+    /// The same between refined postures.
+    pub joint_k2: Path,
+}
+
+/// Measures [`PAIRS`] pairs from the tasks' frames; nothing if there is no frame.
+#[must_use]
+pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolation {
+    let humans: Vec<&Human> = tasks.iter().flat_map(|task| &task.clip.human).collect();
+    if humans.is_empty() {
+        return Interpolation::default();
+    }
+    let mut rng = Pcg64::new(u128::from(SEED), 1);
+    let mut draw = || rng.random_range(0..humans.len());
+    let pairs: Vec<[usize; 2]> = (0..PAIRS).map(|_| [draw(), draw()]).collect();
+    let paths = parallel::map(&pairs, |[from, to]| pair(arm, network, humans[*from], humans[*to]));
+    let all = |way: usize| mean(paths.iter().map(|ways| &ways[way]));
+    Interpolation { pairs: pairs.len(), latent_k0: all(0), latent_k2: all(1), joint_k0: all(2), joint_k2: all(3) }
+}
+
+/// One pair by one way.
+struct One {
+    limb_deg: f64,
+    /// Whether it never goes back, and its relative length; none of a chord too short.
+    shape: Option<(bool, f64)>,
+}
+
+fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4] {
+    let latents = |human: &Human| -> [Latent; 2] { network.encode_human(&human.each_ref().map(features)) };
+    let (z0, z1) = (latents(from), latents(to));
+    let decode = |s: f64| network.decode(&[0, 1].map(|i: usize| interpolate_latent(&z0[i], &z1[i], s)));
+    let human = |s: f64| -> Human { [0, 1].map(|i: usize| from[i].slerp(&to[i], s)) };
+    let refined = |s: f64| -> Posture {
+        let (target, start) = (human(s), decode(s));
+        [0, 1].map(|i: usize| refine(arm, &target[i], &start[i], &start[i], PRIOR_WEIGHT, REFINE_STEPS).q)
+    };
+    let straight = |ends: &[Posture; 2], s: f64| -> Posture {
+        let [q0, q1] = ends;
+        std::array::from_fn(|i| std::array::from_fn(|j| q0[i][j] + s * (q1[i][j] - q0[i][j])))
+    };
+    let (decoded_ends, refined_ends) = ([decode(0.0), decode(1.0)], [refined(0.0), refined(1.0)]);
+    let one = |way: &dyn Fn(f64) -> Posture| {
+        let path: Vec<Posture> = (0..=STEPS).map(|i| way(i as f64 / STEPS as f64)).collect();
+        let between = (1..STEPS).map(|i| {
+            let target = human(i as f64 / STEPS as f64);
+            let errors = [0, 1].map(|side: usize| limb_error_deg(&arm.forward(&path[i][side]), &target[side]));
+            errors.iter().flatten().sum::<f64>() / 4.0
+        });
+        One { limb_deg: between.sum::<f64>() / (STEPS - 1) as f64, shape: shape(&path) }
+    };
+    [one(&decode), one(&refined), one(&|s| straight(&decoded_ends, s)), one(&|s| straight(&refined_ends, s))]
+}
+
+/// Whether a path of joint positions never goes back along its chord, and its length relative to it.
+#[must_use]
+pub fn shape(path: &[Posture]) -> Option<(bool, f64)> {
+    let (first, last) = (path.first()?, path.last()?);
+    let chord = difference(first, last);
+    let length = norm(&chord);
+    if length < CHORD_MIN_RAD {
+        return None;
+    }
+    let steps: Vec<Vec<f64>> = path.windows(2).map(|pair| difference(&pair[0], &pair[1])).collect();
+    let forward = |step: &Vec<f64>| step.iter().zip(&chord).map(|(a, b)| a * b).sum::<f64>() / (length * length);
+    let monotone = steps.iter().all(|step| forward(step) >= -BACKWARDS_SHARE);
+    Some((monotone, steps.iter().map(|step| norm(step)).sum::<f64>() / length))
+}
+
+fn difference(a: &Posture, b: &Posture) -> Vec<f64> {
+    a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| b - a).collect()
+}
+
+fn norm(v: &[f64]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn mean<'a>(ones: impl Iterator<Item = &'a One>) -> Path {
+    let (mut path, mut pairs, mut shaped) = (Path::default(), 0.0, 0.0);
+    for one in ones {
+        pairs += 1.0;
+        path.limb_deg_mean += one.limb_deg;
+        if let Some((monotone, length)) = one.shape {
+            shaped += 1.0;
+            path.monotone_share += f64::from(u8::from(monotone));
+            path.length_mean += length;
+            path.length_max = path.length_max.max(length);
+        }
+    }
+    let shaped = f64::max(shaped, 1.0);
+    Path {
+        limb_deg_mean: path.limb_deg_mean / f64::max(pairs, 1.0),
+        monotone_share: path.monotone_share / shaped,
+        length_mean: path.length_mean / shaped,
+        ..path
+    }
+}
+
+impl Interpolation {
+    fn rows(&self) -> [(&'static str, &Path); 4] {
+        [
+            ("latent_k0", &self.latent_k0),
+            ("latent_k2", &self.latent_k2),
+            ("joint_k0", &self.joint_k0),
+            ("joint_k2", &self.joint_k2),
+        ]
+    }
+
+    /// As JSON.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let mut out = json!({"pairs": self.pairs});
+        for (name, path) in self.rows() {
+            out[name] = json!({
+                "limb_deg_mean": path.limb_deg_mean,
+                "monotone_share": path.monotone_share,
+                "length_mean": path.length_mean,
+                "length_max": path.length_max,
+            });
+        }
+        out
+    }
+}
+
+impl fmt::Display for Interpolation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "\n{} pairs of key poses, against the slerp of the human's limbs", self.pairs)?;
+        writeln!(
+            f,
+            "{:<12} {:>10} {:>12} {:>16} {:>10}",
+            "path", "limb deg", "monotone %", "length / chord", "longest"
+        )?;
+        for (name, path) in self.rows() {
+            writeln!(
+                f,
+                "{name:<12} {:>10.2} {:>12.1} {:>16.3} {:>10.2}",
+                path.limb_deg_mean,
+                100.0 * path.monotone_share,
+                path.length_mean,
+                path.length_max
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,167 @@
+//! The command on a small motion: clips, frames, keys of the JSON, errors.
+
+use clap::Parser;
+use eval::cli::Cli;
+use eval::clips::{self, Selection, clip_of};
+use eval::error::EvalError;
+use eval::run::run;
+use motion::{CalibrationMode, Motion, builtin};
+use nalgebra::{UnitQuaternion, Vector3};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Part of the built-in motion in which both arms move.
+fn short(name: &str, frames: usize) -> Motion {
+    let mut motion = builtin();
+    motion.name = name.to_owned();
+    motion.frames = motion.frames.into_iter().skip(500).take(frames).collect();
+    motion
+}
+
+fn folder(names: &[&str], frames: usize) -> TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for name in names {
+        motion::save_bvh(&short(name, frames), &folder.path().join(format!("{name}.bvh"))).expect("a motion file");
+    }
+    folder
+}
+
+fn cli(folder: &TempDir, more: &[&str]) -> Cli {
+    let root = root();
+    let path = |name: &str| root.join(name).display().to_string();
+    let base = [
+        "eval".to_owned(),
+        "--human".to_owned(),
+        folder.path().display().to_string(),
+        "--robot".to_owned(),
+        path("config/robots/tiago_dual.toml"),
+        "--weights".to_owned(),
+        path("weights/tiago_dual.safetensors"),
+        "--baselines".to_owned(),
+        folder.path().join("none").display().to_string(),
+    ];
+    Cli::parse_from(base.into_iter().chain(more.iter().map(|word| (*word).to_owned())))
+}
+
+fn measured(folder: &TempDir, more: &[&str]) -> Value {
+    let json = folder.path().join("out.json");
+    let out = json.display().to_string();
+    run(&cli(folder, &[more, &["--json", &out]].concat())).expect("the command succeeds");
+    serde_json::from_str(&std::fs::read_to_string(json).expect("the file is written")).expect("it is JSON")
+}
+
+const KEYS: [&str; 10] = [
+    "s_gr",
+    "limb_deg_mean",
+    "limb_deg_p95",
+    "direction_deg",
+    "joint_mse_rad2",
+    "jerk_ratio",
+    "flips_per_1000",
+    "us_per_pose",
+    "reachable_deg_mean",
+    "reachable_deg_p99",
+];
+
+#[test]
+fn a_run_writes_every_figure_of_every_method_it_has_and_names_the_others() {
+    let folder = folder(&["one"], 90);
+    let plots = folder.path().join("plots").display().to_string();
+    let out = measured(&folder, &["--calibration", "rig", "--keyposes", "--plot", &plots]);
+    assert_eq!(out["clips"], serde_json::json!(["one"]));
+    assert_eq!(out["frames"], 90);
+    for name in ["ours_k0", "ours_k2", "sew", "closed_form_3lm", "previous_frame_3lm", "lookup", "oracle"] {
+        for key in KEYS {
+            assert!(out["methods"][name][key].as_f64().is_some_and(f64::is_finite), "{name} {key}: {out:#}");
+        }
+    }
+    let mean = |name: &str| out["methods"][name]["limb_deg_mean"].as_f64().unwrap_or(f64::NAN);
+    assert!(mean("oracle") <= mean("ours_k2") + 1e-6 && mean("ours_k2") < mean("lookup"), "{out:#}");
+    assert!(out["missing"]["paper_no_ltc"]["command"].as_str().is_some_and(|it| it.contains("--preset paper-no-ltc")));
+    assert_eq!(out["keyposes"]["pairs"], 300);
+    assert!(out["keyposes"]["latent_k0"]["limb_deg_mean"].as_f64().is_some_and(|degrees| degrees < 20.0));
+    for name in ["error-against-k.svg", "error-by-limb.svg", "poses.svg"] {
+        let text = std::fs::read_to_string(folder.path().join("plots").join(name)).expect("the plot is written");
+        assert!(text.contains("<svg") && text.contains("</svg>"), "{name}");
+    }
+}
+
+#[test]
+fn the_named_motions_have_a_table_of_their_own() {
+    let folder = folder(&["one"], 20);
+    let figure = folder.path().join("figure.svg");
+    let path = figure.display().to_string();
+    let out = measured(&folder, &["--methods", "ours_k2,sew", "--paper-table", "--figure3", &path]);
+    let ours = &out["paper_table"]["methods"]["ours_k2"];
+    assert!(ours["joint_mse_rad2"].as_f64().is_some_and(|mse| mse < 0.05), "{ours}");
+    let hand = |value: &Value| value["hand_to_head_m"].as_f64().unwrap_or(f64::NAN);
+    let human = out["paper_table"]["human_hand_to_head_m"].as_f64().unwrap_or(f64::NAN);
+    assert!((hand(ours) - human).abs() < 0.03, "{} {human}", hand(ours));
+    assert!(std::fs::read_to_string(figure).expect("the figure is written").contains("hands-on-head"));
+}
+
+#[test]
+fn what_is_asked_for_and_missing_or_unknown_is_an_error() {
+    let folder = folder(&["one"], 20);
+    let refused = |more: &[&str]| run(&cli(&folder, more)).expect_err("the command fails");
+    let missing = refused(&["--methods", "sew,paper"]);
+    assert!(matches!(&missing, EvalError::Missing { name, .. } if name == "paper"), "{missing}");
+    assert_eq!(missing.exit_code(), 66);
+    let unknown = refused(&["--methods", "magic"]);
+    assert!(unknown.to_string().contains("magic") && unknown.to_string().contains("ours_k2"), "{unknown}");
+    let clip = refused(&["--clips", "two"]);
+    assert!(matches!(&clip, EvalError::Clip { name, .. } if name == "two"), "{clip}");
+    assert_eq!(refused(&["--stride", "0"]).exit_code(), 64);
+}
+
+#[test]
+fn the_default_clips_are_those_that_training_leaves_out() {
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    let folder = folder(&names, 30);
+    let mode = CalibrationMode::First10s;
+    let chosen = |selection: &Selection| -> Vec<String> {
+        let (clips, _) = clips::read(folder.path(), selection, mode, 1).expect("the folder is read");
+        clips.into_iter().map(|clip| clip.name).collect()
+    };
+    let left_out = train::clips::Clips::read(folder.path(), mode).expect("the folder is read").validation;
+    let left_out: Vec<String> = left_out.into_iter().map(|clip| clip.name).collect();
+    assert_eq!(chosen(&Selection::parse(None)), left_out);
+    assert_eq!(left_out, ["c", "h"]);
+    assert_eq!(chosen(&Selection::parse(Some("all"))).len(), names.len());
+    assert_eq!(chosen(&Selection::parse(Some("b,h"))), ["b", "h"]);
+}
+
+#[test]
+fn a_person_who_turns_moves_in_space_and_not_against_the_chest() {
+    let mut motion = short("turning", 2);
+    motion.frames[1] = motion.frames[0];
+    let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.5);
+    let frame = &mut motion.frames[1];
+    for position in &mut frame.positions {
+        *position = (turn.cast::<f32>() * Vector3::from(*position)).into();
+    }
+    for rotation in &mut frame.rotations {
+        let [x, y, z, w] = *rotation;
+        let turned = turn.cast::<f32>() * UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+        *rotation = [turned.i, turned.j, turned.k, turned.w];
+    }
+    let clip = clip_of(&motion, CalibrationMode::Rig, 1).expect("the motion is usable");
+    let global = clip.global();
+    for arm in 0..2 {
+        assert!(clip.human[0][arm].upper.angle_to(&clip.human[1][arm].upper) < 1e-3);
+        assert!((global[0][arm].fore.angle_to(&global[1][arm].fore) - 0.5).abs() < 1e-3);
+    }
+    // Facing forward in the first frame, the left arm that points left points left and back after a turn to the left;
+    // the right one, seen as a left arm, points left and forward.
+    let before = [0, 1].map(|arm: usize| global[0][arm].upper * Vector3::y());
+    let after = [0, 1].map(|arm: usize| global[1][arm].upper * Vector3::y());
+    let expected = [turn * before[0], turn.inverse() * before[1]];
+    for arm in 0..2 {
+        assert!((after[arm] - expected[arm]).norm() < 1e-3, "{arm}: {:?} {:?}", after[arm], expected[arm]);
+    }
+}

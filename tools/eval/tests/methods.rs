@@ -1,0 +1,91 @@
+//! The methods of this tool: the closed form by shoulder, elbow and wrist, and the lookup.
+
+use eval::clips::Human;
+use eval::lookup::PostureTable;
+use eval::sew::sew;
+use nalgebra::{Quaternion, UnitQuaternion};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use retarget::{ArmModel, ArmQ, Limbs, closed_form, s_gr};
+use std::path::Path;
+use train::robot_file::{arm_of, read_model};
+
+fn arm() -> ArmModel {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
+    arm_of(&read_model(&file).expect("the robot file is valid")).0.arm
+}
+
+fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
+    std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]))
+}
+
+/// A rotation from a cube of quaternions: any rotation, not quite uniform.
+fn rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
+    let mut next = || rng.random_range(-1.0..1.0);
+    UnitQuaternion::new_normalize(Quaternion::new(next(), next(), next(), next()))
+}
+
+fn limbs(rng: &mut Pcg64) -> Limbs {
+    Limbs { upper: rotation(rng), fore: rotation(rng) }
+}
+
+#[test]
+fn sew_is_exact_where_the_arm_can_follow() {
+    let arm = arm();
+    let mut rng = Pcg64::new(1, 1);
+    let mut exact = 0;
+    for _ in 0..2_000 {
+        let human = arm.forward(&posture(&arm, &mut rng));
+        let q = sew(&arm, &human, &arm.mid());
+        let s = arm.s_gr(&q, &human);
+        // A branch that is worse by less than 0.1 degrees, sin^2(0.05 deg), may win for being nearer.
+        assert!(s < 7.7e-7, "{s} at {q:?}");
+        exact += i32::from(s < 1e-12);
+    }
+    assert!(exact > 1_980, "{exact}");
+}
+
+#[test]
+fn sew_stays_within_the_limits_and_beats_the_simple_closed_form_on_average() {
+    let arm = arm();
+    let mut rng = Pcg64::new(2, 1);
+    let (mut ours, mut simple) = (0.0, 0.0);
+    for _ in 0..2_000 {
+        // Beyond the limits, but not beyond what a human does: a reachable pose, turned.
+        let near = arm.forward(&posture(&arm, &mut rng));
+        let turn = UnitQuaternion::identity().slerp(&rotation(&mut rng), 0.3);
+        let human = Limbs { upper: turn * near.upper, fore: turn * near.fore };
+        let q = sew(&arm, &human, &arm.mid());
+        assert!(q.iter().zip(arm.q_min.iter().zip(&arm.q_max)).all(|(q, (low, high))| (*low..=*high).contains(q)));
+        ours += arm.s_gr(&q, &human);
+        simple += arm.s_gr(&closed_form(&arm, &human, &arm.mid()), &human);
+    }
+    assert!(ours < simple, "{ours} {simple}");
+}
+
+#[test]
+fn lookup_finds_what_trying_every_posture_finds() {
+    let arm = arm();
+    // More than a block of postures and of poses, and no multiple of either.
+    let table = PostureTable::draw(&arm, 4_321, 9);
+    let mut rng = Pcg64::new(3, 1);
+    let humans: Vec<Human> = (0..150).map(|_| [limbs(&mut rng), limbs(&mut rng)]).collect();
+    let score = |human: &Human, [left, right]: &[ArmQ; 2]| {
+        s_gr(&arm.forward(left), &human[0]) + s_gr(&arm.forward(right), &human[1])
+    };
+    let found = table.nearest(&humans);
+    assert_eq!(found.len(), humans.len());
+    for (human, posture) in humans.iter().zip(&found) {
+        let least = table.postures().iter().map(|known| score(human, known)).fold(f64::INFINITY, f64::min);
+        let got = score(human, posture);
+        assert!(got < least + 1e-5, "{got} {least}");
+    }
+}
+
+#[test]
+fn the_table_depends_on_its_seed_alone() {
+    let arm = arm();
+    let draw = |seed| PostureTable::draw(&arm, 10, seed).postures().to_vec();
+    assert_eq!(draw(1), draw(1));
+    assert_ne!(draw(1), draw(2));
+}
