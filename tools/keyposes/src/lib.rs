@@ -3,7 +3,9 @@
 
 pub mod draw;
 pub mod error;
+pub mod interpolate;
 pub mod motions;
 pub mod person;
+pub mod pose;
 pub mod trajectory;
 pub mod write;

@@ -3,7 +3,9 @@
 
 use clap::{Parser, Subcommand};
 use keyposes::error::KeyposesError;
-use keyposes::{draw, motions, trajectory, write};
+use keyposes::interpolate::{Options, Space};
+use keyposes::{draw, motions, pose, trajectory, write};
+use motion::CalibrationMode;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -26,6 +28,36 @@ enum Command {
         #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
         robot: PathBuf,
     },
+    /// Writes the joint trajectory from pose to pose through the latent space: CSV, and a .bvh beside it; `replay` plays both.
+    Interpolate {
+        /// FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes motions`).
+        #[arg(required = true, num_args = 2..)]
+        poses: Vec<String>,
+        /// From each pose to the next, s, 0.05 to 60.
+        #[arg(long, default_value_t = 2.0)]
+        seconds: f64,
+        /// Rows per second, 1 to 1500.
+        #[arg(long, default_value_t = 60.0)]
+        rate: f64,
+        /// The trajectory; the motion goes to the same name with .bvh.
+        #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]
+        out: PathBuf,
+        /// Where the line between two poses is straight.
+        #[arg(long, value_name = "latent|joint", default_value = "latent", value_parser = space)]
+        space: Space,
+        /// Levenberg-Marquardt steps after the network, 0 to 16.
+        #[arg(long, default_value_t = 2)]
+        refine_steps: u32,
+        /// Where the elbow hinges of files come from: their first 10 s, all of them, the momentary elbow plane, the rig.
+        #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
+        calibration: CalibrationMode,
+        /// Robot file.
+        #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
+        robot: PathBuf,
+        /// Weights, without extension.
+        #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
+        weights: PathBuf,
+    },
     /// Draws stick figures of a motion, as SVG.
     Draw {
         /// The motion file (.bvh).
@@ -39,9 +71,27 @@ enum Command {
     },
 }
 
+fn space(text: &str) -> Result<Space, String> {
+    match text {
+        "latent" => Ok(Space::Latent),
+        "joint" => Ok(Space::Joint),
+        _ => Err("is one of latent, joint".into()),
+    }
+}
+
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    let all = [CalibrationMode::First10s, CalibrationMode::Clip, CalibrationMode::None, CalibrationMode::Rig];
+    let found = all.into_iter().find(|mode| mode.name() == text);
+    found.ok_or_else(|| "is one of first-10s, clip, none, rig".into())
+}
+
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Motions { out, robot } => write_motions(&out, &robot),
+        Command::Interpolate { poses, seconds, rate, out, space, refine_steps, calibration, robot, weights } => {
+            let options = Options { seconds, rate_hz: rate, space, refine_steps };
+            interpolate(&poses, &options, calibration, &out, &robot, &weights)
+        }
         Command::Draw { file, out, count } => draw_file(&file, &out, usize::from(count)),
     };
     match done {
@@ -73,4 +123,28 @@ fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
 fn draw_file(file: &Path, out: &Path, count: usize) -> Result<(), KeyposesError> {
     let motion = motion::load(file)?;
     save(out, &draw::svg(&motion, count))
+}
+
+fn interpolate(
+    poses: &[String],
+    options: &Options,
+    calibration: CalibrationMode,
+    out: &Path,
+    robot: &Path,
+    weights: &Path,
+) -> Result<(), KeyposesError> {
+    let beside = out.with_extension("bvh");
+    if beside == out {
+        let reason = "the motion beside the trajectory would take its place; name it .csv".to_owned();
+        return Err(KeyposesError::Trajectory { path: out.to_path_buf(), line: 1, reason });
+    }
+    let (model, _) = pipeline::load_model(robot)?;
+    let network = pipeline::load_weights(weights, &model)?.network;
+    let poses = poses.iter().map(|text| pose::read_pose(text, calibration)).collect::<Result<Vec<_>, _>>()?;
+    let found = keyposes::interpolate::interpolate(&model, &network, &poses, options)?;
+    save(out, &write::trajectory_csv(&found))?;
+    let name = out.file_stem().map_or_else(|| "interpolation".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    save(&beside, &write::compact_bvh(&trajectory::to_motion(&found, &model, &name)))?;
+    println!("{} rows in {}; the motion in {} (calibration `rig`)", found.q.len(), out.display(), beside.display());
+    Ok(())
 }

@@ -162,14 +162,13 @@ fn play(recipe: &Recipe, standing: &Frame) -> Motion {
     }
     frames.push(with_arms(standing, &rest.arms));
     sway(&mut frames);
-    let guesses = Guesses {
-        scale_m_per_unit: 1.0,
-        unit: "m",
-        stature_m: crate::person::STATURE_M,
-        up: "+Z",
-        warnings: Vec::new(),
-    };
+    let guesses = guesses();
     Motion { name: recipe.name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
+}
+
+/// Nothing is guessed of a person that we make.
+pub(crate) fn guesses() -> Guesses {
+    Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: crate::person::STATURE_M, up: "+Z", warnings: Vec::new() }
 }
 
 /// Nobody stands as still as a number: a sway of 3 mm, once a second, so that a pause is told from a stuck tracker.

@@ -1,7 +1,7 @@
 //! Joint trajectories of both arms: the oracle's of a motion, from and to CSV, and as the motion of a person.
 
 use crate::error::KeyposesError;
-use crate::motions::sway;
+use crate::motions::{guesses, sway};
 use crate::person::{standing, with_limbs};
 use messages::LIMBS;
 use motion::{CalibrationMode, Guesses, Motion};
@@ -192,15 +192,8 @@ pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     };
     let mut frames: Vec<_> = trajectory.q.iter().map(frame).collect();
     sway(&mut frames);
-    let guesses = Guesses {
-        scale_m_per_unit: 1.0,
-        unit: "m",
-        stature_m: crate::person::STATURE_M,
-        up: "+Z",
-        warnings: vec![
-            "a joint trajectory: the person has the limb rotations of the robot's forward kinematics".into(),
-        ],
-    };
+    let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
+    let guesses = Guesses { warnings: vec![warning.to_owned()], ..guesses() };
     Motion {
         name: name.to_owned(),
         frame_rate_hz: trajectory.rate_hz,

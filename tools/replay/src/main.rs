@@ -4,7 +4,9 @@ mod live;
 mod offline;
 
 use clap::Parser;
+use keyposes::trajectory;
 use motion::CalibrationMode;
+use pipeline::Overrides;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -42,7 +44,7 @@ impl Failure {
 #[derive(Debug, Parser)]
 #[command(name = "replay", version, about)]
 struct Cli {
-    /// The motion file (.bvh), or `builtin`.
+    /// The motion file (.bvh), a joint trajectory of both arms (.csv, as `keyposes interpolate` writes), or `builtin`.
     file: PathBuf,
     /// 1 is the recorded speed.
     #[arg(long, default_value_t = 1.0)]
@@ -53,10 +55,11 @@ struct Cli {
     /// Run all stages here, and write the commands at 1500 Hz to this CSV file (and a JSON file beside it).
     #[arg(long, value_name = "OUT.csv")]
     offline: Option<PathBuf>,
-    /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead).
+    /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its
+    /// joints have no rotation in the T-pose. A joint trajectory's person has such a rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     calibration: CalibrationMode,
-    /// Settings for --offline.
+    /// Settings for --offline, and the robot of a joint trajectory.
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
     config: PathBuf,
     /// Folder of the running instance.
@@ -75,21 +78,17 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let mut cli = Cli::parse();
     // Recordings of 60 Hz at half speed still come at 30 Hz, the least that is followed.
     if !(0.5..=10.0).contains(&cli.speed) {
         eprintln!("replay: --speed {} is outside [0.5, 10]", cli.speed);
         return ExitCode::from(EX_USAGE);
     }
-    let motion = if cli.file.as_os_str() == "builtin" {
-        motion::builtin()
-    } else {
-        match motion::load(&cli.file) {
-            Ok(motion) => motion,
-            Err(error) => {
-                eprintln!("replay: {error}");
-                return ExitCode::from(EX_NOINPUT);
-            }
+    let motion = match read(&mut cli) {
+        Ok(motion) => motion,
+        Err(Failure(code, text)) => {
+            eprintln!("replay: {text}");
+            return ExitCode::from(code);
         }
     };
     describe(&motion, cli.calibration);
@@ -104,6 +103,23 @@ fn main() -> ExitCode {
             ExitCode::from(code)
         }
     }
+}
+
+/// The motion to play. A joint trajectory becomes the person who has the limb rotations of the robot's forward kinematics,
+/// so that it takes the way of every live person, through retargeting and every check.
+fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
+    let no_input = |error: &dyn std::fmt::Display| Failure(EX_NOINPUT, error.to_string());
+    if cli.file.as_os_str() == "builtin" {
+        return Ok(motion::builtin());
+    }
+    if !cli.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+        return motion::load(&cli.file).map_err(|error| no_input(&error));
+    }
+    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
+    let trajectory = trajectory::read_csv(&cli.file, &loaded.model).map_err(|error| no_input(&error))?;
+    let name = cli.file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
+    cli.calibration = CalibrationMode::Rig;
+    Ok(trajectory::to_motion(&trajectory, &loaded.model, &name))
 }
 
 fn describe(motion: &motion::Motion, calibration: CalibrationMode) {

@@ -1,0 +1,56 @@
+//! A pose on the command line: a name, or a frame or an instant of a motion file.
+
+use crate::error::KeyposesError;
+use crate::motions::{named_pose, names};
+use crate::trajectory::arms_of;
+use motion::{CalibrationMode, Motion};
+use retarget::{ARMS, Limbs};
+use std::path::Path;
+
+/// The limbs of both arms, each as those of a left arm, of `file.bvh:frame` (0 is the first frame of motion),
+/// `file.bvh@time_s` (the nearest frame) or a name (`t-pose`, `hands-up`, ..., `rest`). Hinges of files are calibrated
+/// by `calibration`.
+///
+/// # Errors
+/// What is not a pose, and what is allowed; a file that is refused; a frame or time outside of the motion.
+pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], KeyposesError> {
+    let refuse = |reason: String| KeyposesError::Pose { text: text.to_owned(), reason };
+    if let Some(frame) = named_pose(text) {
+        let guesses = crate::motions::guesses();
+        let motion = Motion {
+            name: text.to_owned(),
+            frame_rate_hz: crate::motions::RATE_HZ,
+            frames: vec![frame],
+            first: None,
+            has_rotations: true,
+            guesses,
+        };
+        return limbs_of(&motion, 0, CalibrationMode::Rig).ok_or_else(|| refuse("has no limb rotations".into()));
+    }
+    let lower = text.to_ascii_lowercase();
+    let Some(end) = lower.rfind(".bvh").map(|at| at + ".bvh".len()) else {
+        let allowed = names().join(", ");
+        return Err(refuse(format!("is neither FILE.bvh:FRAME nor FILE.bvh@TIME_S nor one of rest, {allowed}")));
+    };
+    let (file, place) = text.split_at(end);
+    let motion = motion::load(Path::new(file))?;
+    let last = motion.frames.len().saturating_sub(1);
+    let index = if let Some(frame) = place.strip_prefix(':') {
+        let frame = frame.parse::<usize>().ok().filter(|frame| *frame <= last);
+        frame.ok_or_else(|| refuse(format!("{:?} is not a frame of 0 to {last}", &place[1..])))?
+    } else if let Some(time) = place.strip_prefix('@') {
+        let end_s = last as f64 / motion.frame_rate_hz;
+        let time = time.parse::<f64>().ok().filter(|time| (0.0..=end_s + 1e-9).contains(time));
+        let time = time.ok_or_else(|| refuse(format!("{:?} is not a time of 0 to {end_s:.3} s", &place[1..])))?;
+        ((time * motion.frame_rate_hz).round() as usize).min(last)
+    } else {
+        return Err(refuse("wants a frame or a time: FILE.bvh:FRAME or FILE.bvh@TIME_S".into()));
+    };
+    limbs_of(&motion, index, calibration).ok_or_else(|| refuse("has no limb rotations in that frame".into()))
+}
+
+/// All frames up to the one asked for: a hinge that is held over straight elbows depends on those before.
+fn limbs_of(motion: &Motion, index: usize, calibration: CalibrationMode) -> Option<[Limbs; ARMS]> {
+    let hinges = motion::calibrate(motion, calibration);
+    motion::limbs(motion, &hinges).get(index).and_then(arms_of)
+}

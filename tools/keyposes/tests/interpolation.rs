@@ -1,0 +1,156 @@
+//! From pose to pose: through the poses, monotone between them, playable, and bad input is named.
+
+use keyposes::interpolate::{Options, Space, interpolate};
+use keyposes::pose::read_pose;
+use keyposes::trajectory::{Trajectory, arms_of, read_csv, to_motion};
+use keyposes::write::{compact_bvh, trajectory_csv};
+use motion::{CalibrationMode, calibrate, limbs};
+use retarget::{ArmModel, Limbs, Network, PRIOR_WEIGHT, features, limb_error_deg, refine};
+use robot::Model;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn robot() -> (Model, Network) {
+    let model = pipeline::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0;
+    let network =
+        pipeline::load_weights(&root().join("weights/tiago_dual"), &model).expect("the shipped weights").network;
+    (model, network)
+}
+
+fn poses(names: &[&str]) -> Vec<[Limbs; 2]> {
+    names.iter().map(|name| read_pose(name, CalibrationMode::First10s).expect("a pose")).collect()
+}
+
+fn between(space: Space, names: &[&str]) -> Trajectory {
+    let (model, network) = robot();
+    let options = Options { seconds: 2.0, rate_hz: 60.0, space, refine_steps: 2 };
+    interpolate(&model, &network, &poses(names), &options).expect("a trajectory")
+}
+
+const KEYS: [&str; 4] = ["t-pose", "clap", "box", "rest"];
+
+#[test]
+fn it_stops_at_every_pose_as_retargeting_would_hold_it() {
+    let (model, network) = robot();
+    let arm = ArmModel::of(&model);
+    for space in [Space::Latent, Space::Joint] {
+        let found = between(space, &KEYS);
+        assert_eq!(found.q.len(), 3 * 120 + 1);
+        for (i, pose) in poses(&KEYS).iter().enumerate() {
+            for side in 0..2 {
+                let [start] = network.decode(&network.encode_human(&[features(&pose[side])]));
+                let want = refine(&arm, &pose[side], &start, &start, PRIOR_WEIGHT, 2).q;
+                for j in 0..5 {
+                    assert!((found.q[120 * i][side][j] - want[j]).abs() < 1e-6, "{space:?} pose {i} joint {j}");
+                    let slow = |k: usize| (found.q[k + 1][side][j] - found.q[k][side][j]).abs() * 60.0;
+                    assert!(i == 3 || slow(120 * i) < 0.05, "{space:?}: it starts from rest");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_step_comes_nearer_to_the_next_pose_in_the_space_of_the_line() {
+    let joint = between(Space::Joint, &KEYS);
+    let latent = between(Space::Latent, &KEYS);
+    let arm = ArmModel::of(&robot().0);
+    let keys = poses(&KEYS);
+    for piece in 0..3 {
+        for side in 0..2 {
+            for j in 0..5 {
+                let q: Vec<f64> = (0..=120).map(|i| joint.q[120 * piece + i][side][j]).collect();
+                let sign = (q[120] - q[0]).signum();
+                assert!(q.windows(2).all(|w| (w[1] - w[0]) * sign >= 0.0), "joint {j} is monotone");
+            }
+            // Through the latent space the arm stays near the slerp of the human's.
+            let (a, b) = (&keys[piece][side], &keys[piece + 1][side]);
+            let error = (0..=120).flat_map(|i| {
+                let human = a.slerp(b, keyposes::motions::minimum_jerk(f64::from(i) / 120.0));
+                limb_error_deg(&arm.forward(&latent.q[120 * piece + i as usize][side]), &human)
+            });
+            let mean = error.sum::<f64>() / 242.0;
+            assert!(mean < 8.0, "piece {piece} side {side}: {mean:.2} degrees from the slerp");
+        }
+    }
+}
+
+#[test]
+fn a_trajectory_becomes_a_person_whose_limbs_are_the_robots() {
+    let (model, _) = robot();
+    let arm = ArmModel::of(&model);
+    let trajectory = between(Space::Latent, &["hands-to-chest", "point-forward"]);
+    let motion = to_motion(&trajectory, &model, "test");
+    let read = motion::parse_bvh("test", compact_bvh(&motion).as_bytes()).expect("is read");
+    for motion in [motion, read] {
+        let all = limbs(&motion, &calibrate(&motion, CalibrationMode::Rig));
+        assert_eq!(all.len(), trajectory.q.len());
+        for (limbs, q) in all.iter().zip(&trajectory.q) {
+            let arms = arms_of(limbs).expect("rotations");
+            for side in 0..2 {
+                let error = limb_error_deg(&arm.forward(&q[side]), &arms[side]);
+                assert!(error.iter().all(|degrees| *degrees < 0.1), "{error:?} degrees");
+            }
+        }
+    }
+}
+
+#[test]
+fn other_rates_are_interpolated_and_bad_files_are_named() {
+    let (model, _) = robot();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("t.csv");
+    let trajectory = between(Space::Latent, &["t-pose", "rest"]);
+    let fast = Trajectory { rate_hz: 600.0, ..trajectory.clone() };
+    std::fs::write(&file, trajectory_csv(&fast)).expect("written");
+    let read = read_csv(&file, &model).expect("is read");
+    assert_eq!((read.rate_hz, read.q.len()), (60.0, 13), "0.2 s at 60 Hz");
+    let text = trajectory_csv(&trajectory);
+    let lines: Vec<&str> = text.lines().collect();
+    let name = &trajectory.joint_names[0][3];
+    for (bad, expected) in [
+        (String::new(), "t.csv:1: is empty"),
+        (text.replace("time_s", "time"), "has no column time_s"),
+        (text.replace(name.as_str(), "elbow"), "has no column arm_left_4_joint"),
+        (lines[..2].join("\n"), "has 1 rows, at least 2 are needed"),
+        ([lines[0], lines[1], lines[1]].join("\n"), "t.csv:3: time_s 0 is not after 0"),
+        ([lines[0], "0,1,2"].join("\n"), "t.csv:2: has 3 columns, the header 11"),
+        ([lines[0], "0,0,0,0,0,0,0,0,0,0,NaN"].join("\n"), "column 11: \"NaN\" is not a number"),
+        ([lines[0], "0,0,0,0,0,0,0,0,0,0,3"].join("\n"), "arm_right_5_joint = 3 is outside [-2.0"),
+    ] {
+        std::fs::write(&file, bad).expect("written");
+        let error = read_csv(&file, &model).expect_err("is refused").to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn the_command_writes_both_files_and_names_what_is_wrong() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("i.csv");
+    let run = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_keyposes"));
+        command.current_dir(root()).arg("interpolate").args(arguments).arg("--out").arg(&out).output().expect("it runs")
+    };
+    let done = run(&["t-pose", "tools/keyposes/motions/clap.bvh:100", "tools/keyposes/motions/box.bvh@2.5"]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert_eq!(std::fs::read_to_string(&out).expect("the trajectory").lines().count(), 242);
+    assert_eq!(motion::load(&out.with_extension("bvh")).expect("the motion").frames.len(), 241);
+    for (arguments, expected) in [
+        (["t-pose", "headstand"], "pose headstand: is neither FILE.bvh:FRAME"),
+        (["t-pose", "tools/keyposes/motions/clap.bvh:9999"], "\"9999\" is not a frame of 0 to 306"),
+        (["t-pose", "tools/keyposes/motions/clap.bvh@6"], "\"6\" is not a time of 0 to 5.100 s"),
+        (["t-pose", "tools/keyposes/motions/clap.bvh"], "wants a frame or a time"),
+        (["t-pose", "missing.bvh:1"], "missing.bvh: No such file"),
+    ] {
+        let refused = run(&arguments);
+        let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(refused.status.code() == Some(65) && text.contains(expected), "{text}");
+    }
+    let refused = run(&["t-pose", "rest", "--seconds", "0"]);
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
+}
