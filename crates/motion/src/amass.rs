@@ -54,7 +54,7 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
         return Err(ArrayError::FrameRate { value: rate, low, high });
     }
     let trans = match npz.read("trans")? {
-        Some(trans) => matrix(&trans, &[3], "(N, 3)").map_err(|error| error.in_key("trans"))?,
+        Some(trans) => matrix(trans, &[3], "(N, 3)").map_err(|error| error.in_key("trans"))?,
         None => {
             warnings.push("no trans: the person stays in its place".to_owned());
             vec![0.0; 3 * count]
@@ -75,8 +75,8 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
 fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> {
     let body = BODY_COLUMNS - 3;
     if let (Some(root), Some(pose)) = (npz.read("root_orient")?, npz.read("pose_body")?) {
-        let root = matrix(&root, &[3], "(N, 3)").map_err(|error| error.in_key("root_orient"))?;
-        let pose = matrix(&pose, &[body], "(N, 63)").map_err(|error| error.in_key("pose_body"))?;
+        let root = matrix(root, &[3], "(N, 3)").map_err(|error| error.in_key("root_orient"))?;
+        let pose = matrix(pose, &[body], "(N, 63)").map_err(|error| error.in_key("pose_body"))?;
         if root.len() / 3 != pose.len() / body {
             let error = ArrayError::Shape { found: vec![root.len() / 3, 3], expected: "(N, 3), N as in pose_body" };
             return Err(error.in_key("root_orient"));
@@ -89,13 +89,13 @@ fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> 
         return Err(ArrayError::MissingKeys { missing, found: npz.keys() });
     };
     let expected = "(N, 156) SMPL-H, (N, 165) SMPL-X, (N, 72) SMPL or (N, 66)";
-    let rows = matrix(&poses, &POSES_WIDTHS, expected).map_err(|error| error.in_key("poses"))?;
     let width = poses.squeezed().last().copied().unwrap_or(1);
+    let rows = matrix(poses, &POSES_WIDTHS, expected).map_err(|error| error.in_key("poses"))?;
     Ok(rows.chunks_exact(width).flat_map(|row| &row[..BODY_COLUMNS]).copied().collect())
 }
 
 /// The values of (N, width) for one of these widths, N at least 1, all within bounds.
-fn matrix(array: &Array, widths: &[usize], expected: &'static str) -> Result<Vec<f64>, ArrayError> {
+fn matrix(array: Array, widths: &[usize], expected: &'static str) -> Result<Vec<f64>, ArrayError> {
     let lengths = array.squeezed();
     let (frames, width) = match *lengths.as_slice() {
         [frames, width] => (frames, width),
@@ -104,17 +104,17 @@ fn matrix(array: &Array, widths: &[usize], expected: &'static str) -> Result<Vec
         _ => (0, 0),
     };
     if !widths.contains(&width) {
-        return Err(ArrayError::Shape { found: array.shape.clone(), expected });
+        return Err(ArrayError::Shape { found: array.shape, expected });
     }
     if frames == 0 {
-        return Err(ArrayError::Empty { shape: array.shape.clone() });
+        return Err(ArrayError::Empty { shape: array.shape });
     }
     match array.values.iter().position(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
         Some(i) => {
             let (frame, column) = (i / width, i % width);
             Err(ArrayError::Number { frame, column, value: array.values[i], bound: NUMBER_MAX })
         }
-        None => Ok(array.values.clone()),
+        None => Ok(array.values),
     }
 }
 

@@ -145,12 +145,7 @@ fn joints(rig: &Rig) -> Vec<Joint> {
             let (clavicle, rest) = rig.arm.split_once(',').expect("two parts");
             chain(&mut joints, Some(chest), &clavicle.replace('#', side), &arm[..1]);
             let at = joints.len() - 1;
-            chain(
-                &mut joints,
-                Some(at),
-                &rest.replace('#', side).replacen("shoulder", "~shoulder", 1),
-                &arm[1..],
-            );
+            chain(&mut joints, Some(at), &rest.replace('#', side).replacen("shoulder", "~shoulder", 1), &arm[1..]);
         } else {
             chain(&mut joints, Some(chest), &rig.arm.replace('#', side), &arm[collar..]);
         }
