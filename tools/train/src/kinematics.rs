@@ -96,7 +96,7 @@ pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     out
 }
 
-/// eps of the smoothed angle 2 sqrt(S + eps): S_GR of half a degree, below which the angle turns quadratic.
+/// eps of the smoothed angle: S_GR of half a degree. Within that of 0 and 180 degrees the angle turns quadratic.
 pub const ANGLE_SMOOTHING: f32 = 2e-5;
 
 /// How far an arm is from the human's limbs, and where that falls.
@@ -104,7 +104,7 @@ pub const ANGLE_SMOOTHING: f32 = 2e-5;
 pub struct Fit {
     /// S_GR of both limbs, 0..=2.
     pub s_gr: f32,
-    /// Smoothed angles of both limbs, rad; at most 2 sqrt(1 + eps) each: the angle itself near zero, less far away.
+    /// Smoothed angles of both limbs, rad, 0..pi each.
     pub angle: f32,
     /// Of the weighted sum, over the joint positions, 1/rad.
     pub gradient: [f32; ARM],
@@ -174,8 +174,8 @@ impl Arm {
     /// `q` (1/rad) of `square` S_GR + `angle` times the angle.
     ///
     /// With e = q_h q_r^-1 = (v, s) and w_i the axis of joint i as it stands: dq_r/dq_i = (w_i/2) q_r, so
-    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i. The angle of a limb is a = 2 sqrt(S + eps), rad, with
-    /// da/dS = 1 / sqrt(S + eps).
+    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i. The angle of a limb is
+    /// a = 2 atan(sqrt(S + eps) / sqrt(1 - S + eps)), rad, with da/dS = 1 / sqrt((S + eps) (1 - S + eps)).
     #[must_use]
     pub fn fit_with_gradient(&self, human: &Limbs, q: &[f32; ARM], square: f32, angle: f32) -> Fit {
         let (limbs, axes) = self.forward_with_axes(q);
@@ -183,10 +183,10 @@ impl Arm {
         for (limb, joints) in [(0, 3), (1, ARM)] {
             let (v, s) = error(human[limb], limbs[limb]);
             let s_gr = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-            let root = (s_gr + ANGLE_SMOOTHING).sqrt();
+            let (sine, cosine) = ((s_gr + ANGLE_SMOOTHING).sqrt(), (s * s + ANGLE_SMOOTHING).sqrt());
             fit.s_gr += s_gr;
-            fit.angle += 2.0 * root;
-            let slope = -s * (square + angle / root);
+            fit.angle += 2.0 * sine.atan2(cosine);
+            let slope = -s * (square + angle / (sine * cosine));
             for (g, w) in fit.gradient[..joints].iter_mut().zip(&axes) {
                 *g += slope * (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]);
             }

@@ -14,8 +14,8 @@ use crate::sampling::Batch;
 pub struct Weighting {
     /// S_GR of the retargeted pose, summed over the arm's two limbs.
     pub kinematics: f32,
-    /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is quadratic near zero and lets small errors
-    /// stand; the angle does not.
+    /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is flat near 0 and near 180 degrees, where it
+    /// lets small errors stand and large ones trapped; the angle is not.
     pub angle: f32,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
     pub limits: f32,

@@ -57,6 +57,18 @@ fn product(a: &Columns, b: &Columns) -> Result<Columns> {
     ])
 }
 
+/// The smoothed angle of S_GR. candle has no inverse of a trigonometric function, so its value is put in as a constant and its
+/// slope by a term that is zero: (S - S0) da/dS. Finite differences elsewhere hold the slope to the value.
+fn smoothed_angle(s_gr: &Tensor) -> Result<Tensor> {
+    let eps = f64::from(ANGLE_SMOOTHING);
+    let fixed = s_gr.detach();
+    let values: Vec<f64> = fixed.to_vec1::<f64>()?;
+    let angles: Vec<f64> = values.iter().map(|s| 2.0 * (s + eps).sqrt().atan2((1.0 - s + eps).sqrt())).collect();
+    let slopes: Vec<f64> = values.iter().map(|s| 1.0 / ((s + eps) * (1.0 - s + eps)).sqrt()).collect();
+    let of = |values: Vec<f64>| Tensor::from_vec(values, s_gr.dims(), &Device::Cpu);
+    ((s_gr - fixed)? * of(slopes)?)? + of(angles)?
+}
+
 /// 1 - <human, robot>^2 and the smoothed angle, summed over both limbs, per arm.
 fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
     let mut rotation: Option<Columns> = None;
@@ -78,7 +90,7 @@ fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
                 dot = (dot + (column * tensor(&target, &[human.len()])?)?)?;
             }
             let s_gr = (1.0 - dot.sqr()?)?;
-            angle = (angle + ((&s_gr + f64::from(ANGLE_SMOOTHING))?.sqrt()? * 2.0)?)?;
+            angle = (angle + smoothed_angle(&s_gr)?)?;
             total = (total + s_gr)?;
         }
         rotation = Some(next);
