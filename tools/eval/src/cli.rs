@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "eval", version)]
 pub struct Cli {
-    /// Folder of .bvh files
+    /// Folder of motion files
     #[arg(long, value_name = "DIR")]
     pub human: PathBuf,
     /// Robot file

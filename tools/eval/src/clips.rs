@@ -72,7 +72,7 @@ pub fn read(
     if let Selection::Named(names) = selection
         && let Some(name) = names.iter().find(|name| !files.iter().any(|file| stem(file) == **name))
     {
-        let reason = format!("{} has no {name}.bvh", folder.display());
+        let reason = format!("{} has no motion file of this name", folder.display());
         return Err(EvalError::Clip { name: name.clone(), reason });
     }
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
@@ -106,16 +106,13 @@ pub fn read(
 }
 
 fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
-    let list = |source| EvalError::File { path: folder.to_path_buf(), action: "list", source };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(list)? {
-        let path = entry.map_err(list)?.path();
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh")) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
+    motion::motion_files(folder).map_err(|error| {
+        let source = match error {
+            motion::MotionError::Io { source, .. } => source,
+            other => std::io::Error::other(other),
+        };
+        EvalError::File { path: folder.to_path_buf(), action: "list", source }
+    })
 }
 
 /// What a motion shows of the arms, every `stride`-th frame.

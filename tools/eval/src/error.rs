@@ -20,7 +20,7 @@ pub enum EvalError {
     NoClips {
         /// The folder.
         folder: PathBuf,
-        /// Files with the extension .bvh.
+        /// Files of a readable extension.
         found: usize,
         /// A line for each unusable file.
         reasons: String,

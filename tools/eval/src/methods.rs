@@ -183,6 +183,17 @@ impl Solver {
         }
     }
 
+    /// What a learned baseline was trained on.
+    #[must_use]
+    pub fn trained_on(&self) -> Option<String> {
+        match self {
+            Self::Learned(learned) => Some(learned.trained_on()),
+            Self::Ours { .. } | Self::Sew | Self::ClosedForm | Self::PreviousFrame | Self::Lookup(_) | Self::Oracle => {
+                None
+            }
+        }
+    }
+
     /// A whole clip.
     #[must_use]
     pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {

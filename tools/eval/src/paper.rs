@@ -152,7 +152,7 @@ pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) ->
         instants.iter().filter_map(at).collect()
     };
     let mut rows: Vec<FigureRow> = vec![("human".to_owned(), Who::Human, figures(&|_, _, positions| Some(*positions)))];
-    for method in methods.iter().filter(|method| ROWS.contains(&method.name.as_str())) {
+    for method in ROWS.iter().filter_map(|name| methods.iter().find(|method| method.name == *name)) {
         let Ok(solver) = &method.solver else { continue };
         let postures = crate::run::postures(solver, &arm, tasks);
         let shown = |index: usize, frame: usize, positions: &Positions| {

@@ -7,13 +7,24 @@ use retarget::Weights;
 use serde_json::{Map, Value, json};
 use std::fmt;
 
-/// A method and what was measured, with microseconds per pose.
+/// What was measured of a method.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Error and smoothness.
+    pub figures: Figures,
+    /// Microseconds per pose.
+    pub us_per_pose: Option<f64>,
+    /// What a learned baseline was trained on.
+    pub trained_on: Option<String>,
+}
+
+/// A method and its figures.
 #[derive(Clone, Debug)]
 pub struct Row {
     /// Name.
     pub name: String,
     /// Figures, or why there are none.
-    pub result: Result<(Figures, Option<f64>), Missing>,
+    pub result: Result<Measured, Missing>,
 }
 
 /// What it was measured on.
@@ -106,7 +117,7 @@ impl fmt::Display for Report {
             "method", "", "deg", "p95", "deg", "rad^2", "ratio", "/1000", "us", "deg", "p99"
         )?;
         for row in &self.rows {
-            let Ok((figures, us)) = &row.result else { continue };
+            let Ok(Measured { figures, us_per_pose, .. }) = &row.result else { continue };
             write!(f, "{:<18} {} ", row.name, cell(Some(figures.s_gr), 7, 4))?;
             write!(f, "{} ", cell(Some(figures.limb_deg_mean), 7, 2))?;
             write!(f, "{} ", cell(Some(figures.limb_deg_p95), 7, 2))?;
@@ -114,7 +125,7 @@ impl fmt::Display for Report {
             write!(f, "{} ", cell(figures.joint_mse_rad2, 8, 4))?;
             write!(f, "{} ", cell(figures.jerk_ratio, 7, 2))?;
             write!(f, "{} ", cell(figures.flips_per_1000, 6, 2))?;
-            write!(f, "{} ", time_cell(*us))?;
+            write!(f, "{} ", time_cell(*us_per_pose))?;
             write!(f, "{} ", cell(figures.reachable_deg_mean, 7, 2))?;
             writeln!(f, "{}", cell(figures.reachable_deg_p99, 7, 2))?;
         }
@@ -127,16 +138,16 @@ impl Report {
     #[must_use]
     pub fn figures(&self, name: &str) -> Option<&Figures> {
         let row = self.rows.iter().find(|row| row.name == name)?;
-        row.result.as_ref().ok().map(|(figures, _)| figures)
+        row.result.as_ref().ok().map(|measured| &measured.figures)
     }
 
     fn notes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (setting, floor) = (&self.setting, &self.floor);
         writeln!(
             f,
-            "\nfloor: an oracle of {SECOND_STARTS} random starts alone differs by {} rad^2 ({} with the frames near the gimbal)",
-            cell(floor.joint_mse_rad2, 0, 5),
-            cell(floor.joint_mse_all_rad2, 0, 5),
+            "\nfloor: an oracle of {SECOND_STARTS} random starts alone differs by {:.1e} rad^2 ({:.1e} with the frames near the gimbal)",
+            floor.joint_mse_rad2.unwrap_or(f64::NAN),
+            floor.joint_mse_all_rad2.unwrap_or(f64::NAN),
         )?;
         writeln!(
             f,
@@ -146,6 +157,11 @@ impl Report {
         let missing: Vec<_> = self.rows.iter().filter_map(|row| row.result.as_ref().err().map(|m| (row, m))).collect();
         for (row, missing) in missing {
             writeln!(f, "missing {}: {}", row.name, missing.command)?;
+        }
+        for row in &self.rows {
+            if let Ok(Measured { trained_on: Some(trained_on), .. }) = &row.result {
+                writeln!(f, "{}: {trained_on}", row.name)?;
+            }
         }
         writeln!(f, "{} clips of {}: {}", setting.clips.len(), setting.human, setting.clips.join(" "))?;
         writeln!(
@@ -167,7 +183,15 @@ impl Report {
                 )?;
             }
         }
-        writeln!(f, "time: both arms, batch 1, median over repetitions in this run on this machine")
+        writeln!(f, "time: both arms, batch 1, median over repetitions in this run on this machine")?;
+        writeln!(
+            f,
+            "jerk: RMS third difference of the joints over the oracle's, between jumps; joints: MSE to the oracle's"
+        )?;
+        writeln!(
+            f,
+            "flips: a joint moves over 30 degrees in a frame, the human's limbs under 5; per 1000 frames of an arm"
+        )
     }
 
     /// The same as JSON.
@@ -177,7 +201,7 @@ impl Report {
         let mut missing = Map::new();
         for row in &self.rows {
             match &row.result {
-                Ok((figures, us)) => methods.insert(row.name.clone(), figures_json(figures, *us)),
+                Ok(measured) => methods.insert(row.name.clone(), measured_json(measured)),
                 Err(reason) => {
                     missing.insert(row.name.clone(), json!({"reason": reason.reason, "command": reason.command}))
                 }
@@ -209,8 +233,9 @@ impl Report {
     }
 }
 
-fn figures_json(figures: &Figures, us_per_pose: Option<f64>) -> Value {
+fn measured_json(Measured { figures, us_per_pose, trained_on }: &Measured) -> Value {
     json!({
+        "trained_on": trained_on,
         "s_gr": figures.s_gr,
         "limb_deg_mean": figures.limb_deg_mean,
         "limb_deg_p95": figures.limb_deg_p95,

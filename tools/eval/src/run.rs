@@ -5,7 +5,7 @@ use crate::clips::{self, Clip, Selection};
 use crate::error::EvalError;
 use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_oracle};
 use crate::metrics::{Task, measure};
-use crate::report::{Report, Row, Setting};
+use crate::report::{Measured, Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{keyposes, paper, parallel, plots};
 use retarget::{ArmIdentity, ArmModel, Weights};
@@ -145,8 +145,12 @@ pub fn report(cli: &Cli, arm: &ArmModel, weights: Option<&Weights>, methods: &[M
         };
         let postures = postures(solver, arm, tasks);
         let runs: Vec<_> = tasks.iter().zip(&postures).map(|(task, postures)| task.run(postures)).collect();
-        let us_per_pose = us_per_pose(solver, arm, &moments);
-        Row { name: method.name.clone(), result: Ok((measure(arm, &runs), us_per_pose)) }
+        let measured = Measured {
+            figures: measure(arm, &runs),
+            us_per_pose: us_per_pose(solver, arm, &moments),
+            trained_on: solver.trained_on(),
+        };
+        Row { name: method.name.clone(), result: Ok(measured) }
     });
     let rows = rows.collect();
     let second: Vec<_> = tasks.iter().map(|task| task.run(&task.second_oracle)).collect();

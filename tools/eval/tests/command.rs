@@ -152,16 +152,18 @@ fn a_person_who_turns_moves_in_space_and_not_against_the_chest() {
     }
     let clip = clip_of(&motion, CalibrationMode::Rig, 1).expect("the motion is usable");
     let global = clip.global();
-    for arm in 0..2 {
-        assert!(clip.human[0][arm].upper.angle_to(&clip.human[1][arm].upper) < 1e-3);
-        assert!((global[0][arm].fore.angle_to(&global[1][arm].fore) - 0.5).abs() < 1e-3);
+    for (before, after) in clip.human[0].iter().zip(&clip.human[1]) {
+        assert!(before.upper.angle_to(&after.upper) < 1e-3);
+    }
+    for (before, after) in global[0].iter().zip(&global[1]) {
+        assert!((before.fore.angle_to(&after.fore) - 0.5).abs() < 1e-3);
     }
     // Facing forward in the first frame, the left arm that points left points left and back after a turn to the left;
     // the right one, seen as a left arm, points left and forward.
     let before = [0, 1].map(|arm: usize| global[0][arm].upper * Vector3::y());
     let after = [0, 1].map(|arm: usize| global[1][arm].upper * Vector3::y());
     let expected = [turn * before[0], turn.inverse() * before[1]];
-    for arm in 0..2 {
-        assert!((after[arm] - expected[arm]).norm() < 1e-3, "{arm}: {:?} {:?}", after[arm], expected[arm]);
+    for (after, expected) in after.iter().zip(&expected) {
+        assert!((after - expected).norm() < 1e-3, "{after:?} {expected:?}");
     }
 }
