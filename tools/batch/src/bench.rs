@@ -7,6 +7,7 @@ use crate::run::{in_parallel, load};
 use messages::JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::Limbs;
+use rustix::time::{ClockId, clock_gettime};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -28,6 +29,10 @@ pub struct BenchReport {
     pub one_core_hz: f64,
     /// Median poses a second on all.
     pub all_cores_hz: f64,
+    /// Median processor time of a pose on one core, us: without what other processes take.
+    pub one_core_cpu_us: f64,
+    /// Median processor time of a pose on all, us.
+    pub all_cores_cpu_us: f64,
 }
 
 impl BenchReport {
@@ -54,13 +59,32 @@ pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, BatchError> {
         one.push(time(&postures, &pool, 1, each));
         all.push(time(&postures, &pool, threads, each));
     }
-    let poses = (2 * ROUNDS * each) as u64;
-    Ok(BenchReport { poses, threads, one_core_hz: median(one), all_cores_hz: median(all) })
+    let hz = |figures: &[Figures]| median(figures.iter().map(|f| f.hz).collect());
+    let cpu_us = |figures: &[Figures]| median(figures.iter().map(|f| f.cpu_us).collect());
+    Ok(BenchReport {
+        poses: (2 * ROUNDS * each) as u64,
+        threads,
+        one_core_hz: hz(&one),
+        all_cores_hz: hz(&all),
+        one_core_cpu_us: cpu_us(&one),
+        all_cores_cpu_us: cpu_us(&all),
+    })
 }
 
-/// Poses a second.
-fn time(postures: &Postures, pool: &[[Limbs; BOTH_ARMS]], threads: usize, poses: usize) -> f64 {
-    let begun = Instant::now();
+/// Poses a second, and processor time of each, us.
+struct Figures {
+    hz: f64,
+    cpu_us: f64,
+}
+
+/// Processor time of this process so far, s.
+fn cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+fn time(postures: &Postures, pool: &[[Limbs; BOTH_ARMS]], threads: usize, poses: usize) -> Figures {
+    let (begun, cpu_begun_s) = (Instant::now(), cpu_s());
     let sums = in_parallel(threads, poses.div_ceil(CHUNK), |chunk| {
         let poses = (chunk * CHUNK..poses.min((chunk + 1) * CHUNK)).map(|i| &pool[i % pool.len()]);
         let mut previous = None;
@@ -76,7 +100,8 @@ fn time(postures: &Postures, pool: &[[Limbs; BOTH_ARMS]], threads: usize, poses:
         sum
     });
     black_box(sums);
-    poses as f64 / begun.elapsed().as_secs_f64()
+    let poses = poses as f64;
+    Figures { hz: poses / begun.elapsed().as_secs_f64(), cpu_us: 1e6 * (cpu_s() - cpu_begun_s) / poses }
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

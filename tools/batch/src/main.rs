@@ -96,12 +96,21 @@ fn report_bench(cli: &Cli, poses: u64) -> ExitCode {
     };
     let ratio = report.all_cores_hz / report.one_core_hz;
     println!("{} poses of both arms, {:?}, {} refinement steps", report.poses, cli.method, cli.refine_steps);
-    println!("one core      {:>10.0} poses/s ({:.1} us each)", report.one_core_hz, 1e6 / report.one_core_hz);
     println!(
-        "{:>2} threads    {:>10.0} poses/s, {:>10.0} a thread, {ratio:.2} times one core",
+        "one core      {:>10.0} poses/s, {:.1} us of processor time each",
+        report.one_core_hz, report.one_core_cpu_us
+    );
+    println!(
+        "{:>2} threads    {:>10.0} poses/s, {:.1} us of processor time each; {:.0} a thread, {ratio:.2} times one core",
         report.threads,
         report.all_cores_hz,
+        report.all_cores_cpu_us,
         report.all_cores_hz / report.threads as f64
+    );
+    println!(
+        "on idle cores {:>10.0} poses/s would be {:.2} times one core, by processor time",
+        report.threads as f64 * 1e6 / report.all_cores_cpu_us,
+        report.threads as f64 * report.one_core_cpu_us / report.all_cores_cpu_us
     );
     println!("20 M poses    {:>10.1} minutes on {} threads", report.minutes(20e6), report.threads);
     println!("load average before: {load}; medians of alternating rounds, computation alone");
