@@ -20,7 +20,10 @@ pub use arm::{
     rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
 };
 pub use closed_form::closed_form;
-pub use network::{Dense, HIDDEN_MAX, LATENT, Latent, Layers, Network, OVERREACH, WIDTH_MAX, interpolate_latent};
+pub use network::{
+    Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
+    interpolate_latent,
+};
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, Resample, STALE_NS, Sample, SourceClock, Track};

@@ -1,0 +1,320 @@
+//! One multilayer perceptron, packed once and then run without allocation.
+
+use bytemuck::{Pod, Zeroable};
+use pulp::{Arch, Scalar128b, Simd};
+
+use super::kernel::Pass;
+
+/// Widest layer that the fixed buffers take, inputs included: four times the paper's 128.
+pub const WIDTH_MAX: usize = 512;
+/// Width up to which smaller buffers do: the paper's.
+const WIDTH_USUAL: usize = 128;
+
+/// One fully connected layer as training writes it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Dense {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// `[outputs][inputs]`, row-major.
+    pub weight: Vec<f32>,
+    /// `[outputs]`.
+    pub bias: Vec<f32>,
+}
+
+/// How weights are stored. Biases, activations and sums are f32 in both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// As given.
+    #[default]
+    F32,
+    /// Rounded to the eight significant bits of bfloat16: half the memory to read.
+    Bf16,
+}
+
+/// Which vectors of the processor are used. The levels with fused multiply-add (all but the portable one) give the same
+/// bits; the portable one differs by rounding, below 1e-5 of the largest output.
+#[derive(Clone, Copy, Debug)]
+pub struct Level(Kind);
+
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Portable,
+    Detected(Arch),
+}
+
+impl Level {
+    /// The widest that this processor has.
+    pub fn best() -> Self {
+        Self::from_arch(Arch::new())
+    }
+
+    /// Compiled for every processor of the target architecture; multiply-adds are not fused.
+    pub fn portable() -> Self {
+        Self(Kind::Portable)
+    }
+
+    /// All that this processor has, widest first.
+    pub fn available() -> Vec<Self> {
+        #[allow(unused_mut, reason = "other architectures have one level beside the portable one")]
+        let mut found = vec![Self::best()];
+        #[cfg(target_arch = "x86_64")]
+        if let (Kind::Detected(Arch::V4(_)), Some(v3)) = (found[0].0, pulp::x86::V3::try_new()) {
+            found.push(Self(Kind::Detected(Arch::V3(v3))));
+        }
+        if !matches!(found[0].0, Kind::Portable) {
+            found.push(Self::portable());
+        }
+        found
+    }
+
+    /// What people call it.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Detected(Arch::V4(_)) => "AVX-512",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Detected(Arch::V3(_)) => "AVX2",
+            #[cfg(target_arch = "aarch64")]
+            Kind::Detected(Arch::Neon(_)) => "NEON",
+            _ => "portable",
+        }
+    }
+
+    fn from_arch(arch: Arch) -> Self {
+        Self(if matches!(arch, Arch::Scalar) { Kind::Portable } else { Kind::Detected(arch) })
+    }
+
+    /// Numbers of a vector.
+    fn lanes(self) -> usize {
+        match self.name() {
+            "AVX-512" => 16,
+            "AVX2" => 8,
+            _ => 4,
+        }
+    }
+}
+
+/// 16 numbers on one cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct Line([f32; LINE]);
+
+/// Numbers of a cache line.
+pub(super) const LINE: usize = 16;
+
+/// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. A row holds the weights of one
+/// input (f32) or of two (bf16: the first in the low half of each word, the second in the high half).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layer {
+    pub(super) rows: usize,
+    pub(super) lines: usize,
+    pub(super) at: usize,
+    pub(super) hidden: bool,
+}
+
+/// A multilayer perceptron with SiLU after every layer but the last: y = W_n silu(... silu(W_1 x + b_1) ...) + b_n.
+/// Weights lie on cache lines in the order in which they are read.
+#[derive(Clone, Debug)]
+pub struct Perceptron {
+    level: Level,
+    precision: Precision,
+    arena: Vec<Line>,
+    layers: Vec<Layer>,
+    inputs: usize,
+    outputs: usize,
+    widest: usize,
+}
+
+impl Perceptron {
+    /// Packs `layers`, from input to output, for the widest vectors of this processor.
+    ///
+    /// # Panics
+    /// If there is no layer, if layers do not fit together, are not full, have no input or output, or are wider than
+    /// `WIDTH_MAX`: a bug of the caller.
+    pub fn new(layers: &[Dense], precision: Precision) -> Self {
+        Self::at_level(layers, precision, Level::best())
+    }
+
+    /// As `new`, for vectors of choice.
+    ///
+    /// # Panics
+    /// As `new`.
+    pub fn at_level(layers: &[Dense], precision: Precision, level: Level) -> Self {
+        let (Some(first), Some(last)) = (layers.first(), layers.last()) else { panic!("a network has a layer") };
+        let mut packed = Self {
+            level,
+            precision,
+            arena: Vec::with_capacity(layers.iter().map(|layer| arena_lines(layer, precision)).sum()),
+            layers: Vec::new(),
+            inputs: first.inputs,
+            outputs: last.outputs,
+            widest: first.inputs,
+        };
+        let mut width = first.inputs;
+        for (i, dense) in layers.iter().enumerate() {
+            assert!(dense.inputs == width, "layers fit together");
+            assert!((1..=WIDTH_MAX).contains(&dense.inputs), "a layer has 1 to {WIDTH_MAX} inputs");
+            assert!((1..=WIDTH_MAX).contains(&dense.outputs), "a layer has 1 to {WIDTH_MAX} outputs");
+            assert!(dense.weight.len() == dense.inputs * dense.outputs, "a layer is full");
+            assert!(dense.bias.len() == dense.outputs, "a layer is full");
+            width = dense.outputs;
+            packed.widest = packed.widest.max(width);
+            packed.push(dense, i + 1 < layers.len());
+        }
+        packed
+    }
+
+    /// Outputs for `N` inputs; the weights are read once for all of them. An input alone gives the same bits as among
+    /// others. Not finite if an input or the weights are not, and all NaN if `I` and `O` are not the network's sizes.
+    /// Never allocates or panics.
+    pub fn forward<const I: usize, const O: usize, const N: usize>(&self, input: &[[f32; I]; N]) -> [[f32; O]; N] {
+        let mut output = [[f32::NAN; O]; N];
+        if I != self.inputs || O != self.outputs {
+            return output;
+        }
+        let from = input.each_ref().map(|row| row.as_slice());
+        let to = output.each_mut().map(|row| row.as_mut_slice());
+        match (self.widest <= WIDTH_USUAL, self.precision) {
+            (true, Precision::F32) => self.run::<N, WIDTH_USUAL, false>(from, to),
+            (true, Precision::Bf16) => self.run::<N, WIDTH_USUAL, true>(from, to),
+            (false, Precision::F32) => self.run::<N, WIDTH_MAX, false>(from, to),
+            (false, Precision::Bf16) => self.run::<N, WIDTH_MAX, true>(from, to),
+        }
+        output
+    }
+
+    /// Number of inputs.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Number of outputs.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// How the weights are stored.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// The vectors in use.
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// Everything that one pass reads, in that order.
+    pub fn packed(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.arena)
+    }
+
+    #[inline]
+    fn run<const N: usize, const W: usize, const BF16: bool>(&self, from: [&[f32]; N], to: [&mut [f32]; N]) {
+        let (arena, layers) = (&*self.arena, &*self.layers);
+        match self.level.0 {
+            Kind::Portable => Scalar128b.vectorize(Pass::<N, W, false, BF16> { arena, layers, from, to }),
+            Kind::Detected(arch) => arch.dispatch(Pass::<N, W, true, BF16> { arena, layers, from, to }),
+        }
+    }
+
+    fn push(&mut self, dense: &Dense, hidden: bool) {
+        let inputs_of_row = inputs_of_row(self.precision);
+        let (rows, lines) = (dense.inputs.div_ceil(inputs_of_row), dense.outputs.div_ceil(LINE));
+        let weight = |o: usize, i: usize| {
+            if o < dense.outputs && i < dense.inputs { dense.weight[o * dense.inputs + i] } else { 0.0 }
+        };
+        self.layers.push(Layer { rows, lines, at: self.arena.len(), hidden });
+        self.arena.extend(
+            (0..lines).map(|line| {
+                Line(std::array::from_fn(|l| dense.bias.get(line * LINE + l).copied().unwrap_or_default()))
+            }),
+        );
+        let mut line = 0;
+        while line < lines {
+            let panel = panel_lines(self.level.lanes(), lines - line);
+            for row in 0..rows {
+                self.arena.extend((line..line + panel).map(|line| {
+                    Line(std::array::from_fn(|l| {
+                        let o = line * LINE + l;
+                        match self.precision {
+                            Precision::F32 => weight(o, row),
+                            Precision::Bf16 => pair(weight(o, 2 * row), weight(o, 2 * row + 1)),
+                        }
+                    }))
+                }));
+            }
+            line += panel;
+        }
+    }
+}
+
+/// Lines of the next panel of a layer of which `remain` lines are left, for vectors of `lanes` numbers: eight vectors of
+/// 16 numbers, or four shorter ones, of which there are half as many.
+#[inline(always)]
+pub(super) fn panel_lines(lanes: usize, remain: usize) -> usize {
+    match (lanes, remain) {
+        (16, 8..) => 8,
+        (16, 4..) => 4,
+        (8 | 16, 2..) => 2,
+        _ => 1,
+    }
+}
+
+fn inputs_of_row(precision: Precision) -> usize {
+    match precision {
+        Precision::F32 => 1,
+        Precision::Bf16 => 2,
+    }
+}
+
+fn arena_lines(dense: &Dense, precision: Precision) -> usize {
+    dense.outputs.div_ceil(LINE) * (1 + dense.inputs.div_ceil(inputs_of_row(precision)))
+}
+
+/// Two weights in one word: the low half is the first as bfloat16. The whole word, read as f32, is the second: its high
+/// half is chosen so that this is as close as it can be, which spares a mask and loses nothing.
+fn pair(first: f32, second: f32) -> f32 {
+    let low = nearest(first, first.to_bits() >> 16, |half| f32::from_bits(half << 16)).to_bits() >> 16;
+    nearest(second, second.to_bits() >> 16, |half| f32::from_bits(half << 16 | low))
+}
+
+/// The closest to `target` of the numbers `of` the half words around `half`.
+fn nearest(target: f32, half: u32, of: impl Fn(u32) -> f32) -> f32 {
+    let candidates = [half, half.wrapping_sub(1) & 0xffff, half.wrapping_add(1) & 0xffff].map(of);
+    let distance = |x: f32| (f64::from(x) - f64::from(target)).abs();
+    let mut best = candidates[0];
+    for x in candidates {
+        // A neighbour of the largest or of the smallest number may not be one.
+        if x.is_finite() && distance(x) < distance(best) {
+            best = x;
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_of_weights_is_off_by_at_most_half_a_unit_of_bfloat16() {
+        for i in 1..100_000_u32 {
+            let first = (i as f32 * 12.9898).sin() * 3.0;
+            let second = (i as f32 * 78.233).cos() * 10.0_f32.powi((i % 7) as i32 - 3);
+            let word = pair(first, second);
+            let low = f32::from_bits(word.to_bits() << 16);
+            assert!((low - first).abs() <= first.abs() / 256.0, "{low} for {first}");
+            assert!((word - second).abs() <= second.abs() / 256.0, "{word} for {second}");
+        }
+        for extreme in [0.0, -0.0, f32::MAX, f32::MIN, f32::MIN_POSITIVE, 1e-44, -1e-44] {
+            for other in [0.0, -3.0, f32::MAX] {
+                let (word, swapped) = (pair(other, extreme), pair(extreme, other));
+                assert!(word.is_finite() && (word - extreme).abs() <= extreme.abs() / 256.0 + 1e-38, "{extreme}");
+                let low = f32::from_bits(swapped.to_bits() << 16);
+                assert!(low.is_finite() && (low - extreme).abs() <= extreme.abs() / 128.0 + 1e-38, "{extreme}");
+            }
+        }
+    }
+}
