@@ -65,6 +65,7 @@ pub struct RetargetSettings {
     pub refinement_steps: u32,
     pub resampling: Resampling,
     pub interpolation_delay_ms: f64,
+    pub smoothing_ms: f64,
 }
 
 #[allow(missing_docs)]
@@ -167,6 +168,7 @@ impl Settings {
         let bounds = [
             ("retarget.refinement_steps", f64::from(self.retarget.refinement_steps), 0.0, 10.0),
             ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 200.0),
+            ("retarget.smoothing_ms", self.retarget.smoothing_ms, 0.0, 50.0),
             ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
             ("control.grace_us", self.control.grace_us, 0.0, 600.0),
             ("driver.grace_us", self.driver.grace_us, self.control.grace_us, 660.0),

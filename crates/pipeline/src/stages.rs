@@ -20,6 +20,7 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
             Resampling::Hold => retarget::Resample::Hold,
         },
         interpolation_delay_ms: settings.interpolation_delay_ms,
+        smoothing_ms: settings.smoothing_ms,
     };
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
         .map_err(|error| ConfigError::stage("retarget", error))

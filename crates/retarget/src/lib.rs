@@ -12,6 +12,7 @@ mod network;
 mod oracle;
 mod refine;
 mod resample;
+mod smooth;
 mod tick;
 mod weights;
 
@@ -27,6 +28,7 @@ pub use network::{
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, Resample, STALE_NS, Sample, SourceClock, Track};
+pub use smooth::{AVERAGE_TICKS_MAX, Average, Posture};
 pub use tick::{
     ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
 };

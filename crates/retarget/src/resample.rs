@@ -17,7 +17,7 @@ use crate::network::{Latent, interpolate_latent};
 pub enum Resample {
     /// The newest skeleton at once: no delay, a step at every skeleton.
     Latest,
-    /// Interpolated in the latent space (and slerp of the limbs) at now - delay.
+    /// Interpolated in the latent space (and slerp of the limbs) at now - delay; the posture is then averaged (see `Average`).
     Interpolate,
     /// The last skeleton at now - delay: the delay of `Interpolate` and the steps of `Latest`, for comparison.
     Hold,

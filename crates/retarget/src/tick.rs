@@ -13,6 +13,7 @@ use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
 use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::{DELAY_MAX_NS, Resample, Sample, SourceClock, Track};
+use crate::smooth::{Average, Posture};
 use crate::weights::{ArmIdentity, Weights};
 
 /// Both arms: left, right.
@@ -21,6 +22,11 @@ pub const ARMS: usize = 2;
 pub const REFINE_STEPS_MAX: u32 = 16;
 /// Velocities are differences over at most this many ticks: beyond 10 ms a target is stale (service table).
 const VELOCITY_TICKS_MAX: u64 = 15;
+
+/// Longest average: `AVERAGE_TICKS_MAX`, ms.
+const SMOOTHING_MAX_MS: f64 = 50.0;
+/// S_GR by which keeping a posture has to be better than the network's: one limb off by 11 degrees.
+const CLEARLY_BETTER: f64 = 0.01;
 
 /// Where a posture comes from before it is refined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -42,14 +48,23 @@ pub struct Options {
     pub refine_steps: u32,
     /// See `Resample`.
     pub resample: Resample,
-    /// How far behind the input `Interpolate` and `Hold` run, ms, 0 to 100.
+    /// How far behind the input `Interpolate` (before smoothing) and `Hold` run, ms, 0 to 100.
     pub interpolation_delay_ms: f64,
+    /// What `Interpolate` shows is the mean of the last so many ms, 0 to 50, which adds half of them to the delay. One
+    /// period of the source (33.3 ms at 30 Hz) takes the corners off the path from skeleton to skeleton.
+    pub smoothing_ms: f64,
 }
 
 impl Default for Options {
     /// Two steps, after which more gain less than 0.02 degrees (`train --evaluate`); 40 ms are one period at 30 Hz and 7 ms of jitter.
     fn default() -> Self {
-        Self { method: None, refine_steps: 2, resample: Resample::Interpolate, interpolation_delay_ms: 40.0 }
+        Self {
+            method: None,
+            refine_steps: 2,
+            resample: Resample::Interpolate,
+            interpolation_delay_ms: 40.0,
+            smoothing_ms: 33.3,
+        }
     }
 }
 
@@ -94,6 +109,7 @@ pub struct Config {
     refine_steps: u32,
     resample: Resample,
     delay_ns: u64,
+    average_ticks: usize,
 }
 
 impl Config {
@@ -101,6 +117,7 @@ impl Config {
     pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
         within("refine_steps", f64::from(options.refine_steps), f64::from(REFINE_STEPS_MAX))?;
         within("interpolation_delay_ms", options.interpolation_delay_ms, DELAY_MAX_NS as f64 * 1e-6)?;
+        within("smoothing_ms", options.smoothing_ms, SMOOTHING_MAX_MS)?;
         let network = match (options.method, weights) {
             (Some(Method::ClosedForm), _) | (None, None) => None,
             (Some(Method::Network), None) => return Err(ConfigError::NoWeights),
@@ -114,6 +131,7 @@ impl Config {
             refine_steps: options.refine_steps,
             resample: options.resample,
             delay_ns: (options.interpolation_delay_ms * 1e6) as u64,
+            average_ticks: (options.smoothing_ms * 1e-3 / TICK_S).round().max(1.0) as usize,
         })
     }
 
@@ -157,6 +175,8 @@ pub struct Counters {
 pub struct State {
     clock: SourceClock,
     tracks: [Track; ARMS],
+    averages: [Average; ARMS],
+    refined: [Option<ArmQ>; ARMS],
     q: [Option<ArmQ>; ARMS],
     dq: [ArmQ; ARMS],
     k: u64,
@@ -191,19 +211,27 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
-    let shown = [left, right].map(|track| track.show(config.resample, playhead, now));
+    let mut shown = [left, right].map(|track| track.show(config.resample, playhead, now));
     let starts = start(config, state, &shown);
     let ticks = input.k.saturating_sub(state.k);
     for arm in 0..ARMS {
-        let (Some(sample), Some(start)) = (shown[arm], starts[arm]) else {
+        let (Some(sample), Some(start)) = (&mut shown[arm], starts[arm]) else {
             continue;
         };
-        let q = refine(&config.arm, &sample.limbs, &start, &start, PRIOR_WEIGHT, config.refine_steps).q;
-        // A tick that is repeated keeps its velocity.
-        if ticks > 0 {
-            state.dq[arm] = velocity(config, state.q[arm], &q, ticks);
+        let q = posture(config, &sample.limbs, &start, state.refined[arm].as_ref());
+        state.refined[arm] = Some(q);
+        let mut posture = Posture { q, limbs: sample.limbs };
+        if config.resample == Resample::Interpolate {
+            // A tick that is repeated adds nothing, and keeps its velocity.
+            let average = &mut state.averages[arm];
+            let kept = average.mean().filter(|_| ticks == 0);
+            posture = kept.unwrap_or_else(|| average.add(&posture, config.average_ticks));
         }
-        state.q[arm] = Some(q);
+        if ticks > 0 {
+            state.dq[arm] = velocity(config, state.q[arm], &posture.q, ticks);
+        }
+        state.q[arm] = Some(posture.q);
+        sample.limbs = posture.limbs;
     }
     state.k = input.k;
     let mut out = assemble(config, state, now, input.k, &shown);
@@ -211,6 +239,23 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
     out
+}
+
+/// The refined start, or the posture before, refined, if that is clearly better: far outside of what it was trained on, the
+/// network may turn to the other end of a joint before the human does.
+fn posture(config: &Config, human: &Limbs, start: &ArmQ, before: Option<&ArmQ>) -> ArmQ {
+    let refined = |start: &ArmQ| refine(&config.arm, human, start, start, PRIOR_WEIGHT, config.refine_steps);
+    let found = refined(start);
+    if let Some(before) = before.filter(|_| config.refine_steps > 0) {
+        // Two steps do not mend a posture that is worse already.
+        if config.arm.s_gr(before, human) + CLEARLY_BETTER < found.s_gr {
+            let kept = refined(before);
+            if kept.s_gr + CLEARLY_BETTER < found.s_gr {
+                return kept.q;
+            }
+        }
+    }
+    found.q
 }
 
 /// Takes a skeleton that was not seen before: encodes its arms and hands them to their tracks.
@@ -273,7 +318,11 @@ fn start(config: &Config, state: &mut State, shown: &[Option<Sample>; ARMS]) -> 
     std::array::from_fn(|arm| {
         let sample = shown[arm]?;
         let Some(decoded) = &decoded else {
-            return Some(closed_form(&config.arm, &sample.limbs, &state.q[arm].unwrap_or_else(|| config.arm.mid())));
+            return Some(closed_form(
+                &config.arm,
+                &sample.limbs,
+                &state.refined[arm].unwrap_or_else(|| config.arm.mid()),
+            ));
         };
         if decoded[arm].iter().all(|x| x.is_finite()) {
             return Some(decoded[arm]);

@@ -139,8 +139,8 @@ fn the_target_is_the_person_of_the_stated_delay_ago() {
         let outputs =
             run(&config(Method::ClosedForm, Resample::Interpolate, 40.0), &source(rate_hz, 4.0, true, |_| 3 * MS), 4.0);
         for (now, output) in &outputs[1500..] {
-            // Source time is arrival, 3 ms after capture.
-            let then = human((now.0 - START_NS) as f64 * 1e-9 - 0.043);
+            // Source time is arrival, 3 ms after capture; an average over 50 ticks lies 24.5 ticks back.
+            let then = human((now.0 - START_NS) as f64 * 1e-9 - 0.043 - 24.5 * TICK_S);
             let want = support::arm().forward(&then[0]);
             let want = retarget::xyzw_from_rotation(&want.upper);
             let off = angle(output.target.human_limbs[0], want).to_degrees();
