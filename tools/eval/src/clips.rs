@@ -105,6 +105,12 @@ pub fn read(
     Ok((clips, skipped))
 }
 
+/// Whether the folder is one that training can leave clips out of, and is: else what is measured may be all there is.
+#[must_use]
+pub fn has_training_clips(folder: &Path, selection: &Selection) -> bool {
+    *selection == Selection::Validation && motion_files(folder).is_ok_and(|files| files.len() >= VALIDATION_EVERY)
+}
+
 fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
     motion::motion_files(folder).map_err(|error| {
         let source = match error {
@@ -118,10 +124,12 @@ fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
 /// What a motion shows of the arms, every `stride`-th frame.
 ///
 /// # Errors
-/// A sentence, if the motion has no rotations, no frames, or rotations that are not finite.
+/// A sentence, if the motion has no rotations (unless `calibration` is none), no frames, or rotations that are not finite.
 pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> Result<Clip, String> {
-    if !motion.has_rotations {
-        return Err("has no rotations, so the twist of its limbs is unknown".into());
+    if !motion.has_rotations && calibration != CalibrationMode::None {
+        return Err("has no rotations, so the twist of its limbs is unknown; calibration none guesses it from the \
+                    elbow's plane"
+            .into());
     }
     let hinges = motion::calibrate(motion, calibration);
     let frames = motion::limbs(motion, &hinges);

@@ -36,7 +36,14 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
-    let sources = Sources { human: &cli.human, robot: &cli.robot, weights: &cli.weights, baselines: &cli.baselines };
+    // Nothing should be trained on what it is then measured on.
+    let training = clips::has_training_clips(&cli.human, &selection).then_some(cli.human.as_path());
+    let sources = Sources {
+        human: training.unwrap_or(Path::new("MOTIONS")),
+        robot: &cli.robot,
+        weights: &cli.weights,
+        baselines: &cli.baselines,
+    };
     let wanted = cli.methods.clone().unwrap_or_else(methods::names);
     let methods = prepare(&wanted, &sources, &identity, weights.as_ref())?;
     if cli.methods.is_some() {
