@@ -11,6 +11,9 @@ use std::fmt::Write;
 const CELL_PX: f64 = 220.0;
 const PX_PER_M: f64 = 100.0;
 
+/// Right and down in the picture, m, of a point.
+type View = fn(Vector3<f64>) -> [f64; 2];
+
 /// `count` instants, evenly spread from the first to the last frame, one column each; front, left and top view, one row each.
 pub fn svg(motion: &Motion, count: usize) -> String {
     let last = motion.frames.len().saturating_sub(1);
@@ -21,7 +24,7 @@ pub fn svg(motion: &Motion, count: usize) -> String {
          font-size=\"11\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
     // The viewer faces the person, so that the person's left is on the right; from the left, front is on the left.
-    let views: [(&str, fn(Vector3<f64>) -> [f64; 2]); 3] =
+    let views: [(&str, View); 3] =
         [("front", |p| [p.y, 0.95 - p.z]), ("left", |p| [-p.x, 0.95 - p.z]), ("top", |p| [p.y, p.x])];
     for (column, &index) in indices.iter().enumerate() {
         let Some(frame) = motion.frames.get(index) else { continue };

@@ -1,4 +1,5 @@
 //! From pose to pose: through the poses, monotone between them, playable, and bad input is named.
+#![expect(clippy::needless_range_loop, reason = "sides, joints and rows are clearer by their indices")]
 
 use keyposes::interpolate::{Options, Space, interpolate};
 use keyposes::pose::read_pose;
