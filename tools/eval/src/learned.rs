@@ -42,9 +42,9 @@ impl Learned {
         format!("{} steps on {}", self.0.manifest.steps, self.0.manifest.trained_on)
     }
 
-    /// Postures of both arms for each human pose, rad.
+    /// Postures of both arms for a human pose, rad.
     #[must_use]
-    pub fn retarget(&self, humans: &[Human]) -> Vec<[ArmQ; 2]> {
-        self.0.retarget(humans)
+    pub fn retarget(&self, human: &Human) -> [ArmQ; 2] {
+        self.0.retarget(human)
     }
 }

@@ -178,7 +178,7 @@ impl Solver {
                 each(&|i| refine(arm, &human[i], &previous[i], &previous[i], BASELINE_PRIOR_WEIGHT, BASELINE_STEPS).q)
             }
             Self::Lookup(table) => table.nearest(&[*human]).first().copied().unwrap_or(*previous),
-            Self::Learned(learned) => learned.retarget(&[*human]).first().copied().unwrap_or(*previous),
+            Self::Learned(learned) => learned.retarget(human),
             Self::Oracle => each(&|i| oracle(arm, &human[i], &previous[i], ORACLE_STARTS, ORACLE_SEED).q),
         }
     }
@@ -199,7 +199,7 @@ impl Solver {
     pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
         match self {
             Self::Lookup(table) => table.nearest(humans),
-            Self::Learned(learned) => learned.retarget(humans),
+            Self::Learned(learned) => humans.iter().map(|human| learned.retarget(human)).collect(),
             Self::Ours { .. } | Self::Sew | Self::ClosedForm | Self::PreviousFrame | Self::Oracle => {
                 sequence(arm, humans, |human, previous| self.pose(arm, human, previous))
             }

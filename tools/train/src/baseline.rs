@@ -2,14 +2,14 @@
 
 use crate::checkpoint::write_at_once;
 use crate::error::TrainError;
-use crate::kinematics::{ARM, Arm, Limbs};
-use crate::networks::{LATENT, Networks, Pose, Size};
+use crate::kinematics::{ARM, Arm, FEATURES, HumanInput, Limbs};
+use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::Postures;
 use crate::robot_file::read_text;
-use crate::session::{encode_human, encode_robot, retarget};
-use crate::weights_file::with_suffix;
+use crate::session::encode_robot;
+use crate::weights_file::{layers, with_suffix};
 use half::f16;
-use retarget::{ArmIdentity, ArmQ, sha256_hex, xyzw_from_rotation};
+use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, Precision, sha256_hex, xyzw_from_rotation};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
@@ -54,8 +54,8 @@ pub struct BaselineManifest {
 pub struct Baseline {
     /// What it is.
     pub manifest: BaselineManifest,
-    networks: Networks,
-    parameters: Vec<f32>,
+    human: Perceptron,
+    decoder: Perceptron,
     arm: Arm,
     known: Option<Known>,
 }
@@ -113,7 +113,9 @@ impl Baseline {
             let latents = encode_robot(&networks, &parameters, postures.as_flattened().as_flattened());
             Known { postures, latents }
         });
-        Ok(Self { manifest, networks, parameters, arm, known })
+        let Layers { human, decoder, .. } = layers(&networks, &parameters);
+        let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers, Precision::F32));
+        Ok(Self { manifest, human, decoder, arm, known })
     }
 
     /// Its preset's name.
@@ -122,19 +124,45 @@ impl Baseline {
         &self.manifest.name
     }
 
-    /// Joint positions, rad, within the limits: left arm and mirrored right arm of every frame.
+    /// Joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
     #[must_use]
-    pub fn retarget(&self, frames: &[[retarget::Limbs; 2]]) -> Vec<[ArmQ; 2]> {
-        let frames: Vec<[Limbs; 2]> = frames.iter().map(|arms| arms.each_ref().map(single)).collect();
-        let postures = match &self.known {
-            None => retarget(&self.networks, &self.parameters, &self.arm, &frames),
-            Some(known) => encode_human(&self.networks, &self.parameters, &frames)
-                .iter()
-                .map(|z| known.nearest(z).map(|n| self.arm.denormalised(&n)))
-                .collect(),
+    pub fn retarget(&self, frame: &[retarget::Limbs; 2]) -> [ArmQ; 2] {
+        let pose = self.manifest.pose;
+        let mut features = [0.0; 2 * FEATURES];
+        for (limbs, features) in frame.iter().zip(features.chunks_exact_mut(pose.input.width())) {
+            pose.input.write(&single(limbs), features);
+        }
+        let latents = match (pose.arms, pose.input) {
+            (1, HumanInput::Axes) => self.encode::<FEATURES, 2>(&features),
+            (1, HumanInput::LocalQuaternions) => self.encode::<8, 2>(&features),
+            (_, HumanInput::Axes) => self.encode::<{ 2 * FEATURES }, 1>(&features),
+            (_, HumanInput::LocalQuaternions) => self.encode::<16, 1>(&features),
         };
-        postures.into_iter().map(|arms| arms.map(|q| q.map(f64::from))).collect()
+        let normalised: [[f32; ARM]; 2] = match &self.known {
+            Some(known) => known.nearest(&latents[0]),
+            None if pose.arms == 1 => self.decoder.forward(&latents).map(normalised),
+            None => {
+                let [both] = self.decoder.forward::<LATENT, { 2 * ARM }, 1>(&[latents[0]]);
+                let (arms, _) = both.as_chunks::<ARM>();
+                std::array::from_fn(|arm| normalised(arms[arm]))
+            }
+        };
+        normalised.map(|n| self.arm.denormalised(&n).map(f64::from))
     }
+
+    /// Latents of both arms, or the one of the whole pose and a zero.
+    fn encode<const I: usize, const N: usize>(&self, features: &[f32]) -> [[f32; LATENT]; 2] {
+        let mut rows = [[0.0; I]; N];
+        rows.as_flattened_mut().copy_from_slice(&features[..I * N]);
+        let mut latents = [[0.0; LATENT]; 2];
+        latents[..N].copy_from_slice(&self.human.forward::<I, LATENT, N>(&rows));
+        latents
+    }
+}
+
+/// The decoder's output as joint positions normalised to -1..1.
+fn normalised(y: [f32; ARM]) -> [f32; ARM] {
+    y.map(|y| (REACH * y.tanh()).clamp(-1.0, 1.0))
 }
 
 impl Known {

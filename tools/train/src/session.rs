@@ -108,33 +108,21 @@ const ROWS: usize = 256;
 /// D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
 #[must_use]
 pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[Limbs; 2]]) -> Vec<[[f32; ARM]; 2]> {
-    let latents = encode_human(networks, parameters, frames);
+    let (arms, input, joints) = (networks.pose.arms, networks.pose.input, networks.pose.joints());
+    let mut human = networks.human.trace(ROWS);
     let mut decoder = networks.decoder.trace(ROWS);
     let mut out = vec![[[0.0; ARM]; 2]; frames.len()];
-    let joints = networks.pose.joints();
     let postures = out.as_flattened_mut().as_flattened_mut();
-    for (z, q) in latents.chunks(ROWS).zip(postures.chunks_mut(ROWS * joints)) {
-        decoder.input[..z.len() * LATENT].copy_from_slice(z.as_flattened());
+    for (limbs, q) in frames.as_flattened().chunks(ROWS * arms).zip(postures.chunks_mut(ROWS * joints)) {
+        for (limbs, features) in limbs.iter().zip(human.input.chunks_exact_mut(input.width())) {
+            input.write(limbs, features);
+        }
+        networks.human.forward(parameters, &mut human);
+        decoder.input.copy_from_slice(&human.output);
         networks.decoder.forward(parameters, &mut decoder);
         for (q, y) in q.as_chunks_mut::<ARM>().0.iter_mut().zip(decoder.output.as_chunks::<ARM>().0) {
             *q = arm.denormalised(&y.map(|y| (REACH * y.tanh()).clamp(-1.0, 1.0)));
         }
-    }
-    out
-}
-
-/// Q_h of both arms of every frame: one latent per frame if the latent is of both arms, else two.
-#[must_use]
-pub fn encode_human(networks: &Networks, parameters: &[f32], frames: &[[Limbs; 2]]) -> Vec<[f32; LATENT]> {
-    let (arms, input) = (networks.pose.arms, networks.pose.input);
-    let mut human = networks.human.trace(ROWS);
-    let mut out = Vec::with_capacity(frames.len() * 2 / arms);
-    for chunk in frames.as_flattened().chunks(ROWS * arms) {
-        for (limbs, features) in chunk.iter().zip(human.input.chunks_exact_mut(input.width())) {
-            input.write(limbs, features);
-        }
-        networks.human.forward(parameters, &mut human);
-        out.extend_from_slice(&human.output.as_chunks::<LATENT>().0[..chunk.len() / arms]);
     }
     out
 }

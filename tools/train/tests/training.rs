@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use rand_pcg::Pcg64;
 use retarget::{ArmIdentity, ArmModel, Manifest, Weights, features};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use train::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
 use train::checkpoint::{Origin, resume, save};
 use train::evaluation::limbs;
@@ -169,17 +169,8 @@ fn both_arms(frames: &[[Limbs; 2]]) -> Vec<[retarget::Limbs; 2]> {
 fn a_written_baseline_gives_what_its_run_gives_and_damage_is_refused() {
     let (folder, _) = scratch();
     let base = folder.path().join("example");
-    let mut run = baseline(Preset::Paper, 30);
-    advance(&mut run, 30);
-    Baseline::write(&base, &manifest(&run, false), &run.adam.average).expect("a baseline can be written");
-    let read = Baseline::read(&base, &identity()).expect("and read");
-    let frames = unseen_poses();
-    let want = retarget(&run.networks, &run.adam.average, &Arm::from(&identity().arm), &frames);
-    for (ours, want) in read.retarget(&both_arms(&frames)).iter().zip(&want) {
-        for (a, b) in ours.as_flattened().iter().zip(want.as_flattened()) {
-            // The file holds 11 bits of every weight.
-            assert!((a - f64::from(*b)).abs() < 2e-2, "{ours:?} against {want:?}");
-        }
+    for preset in [Preset::Paper, Preset::OursPose, Preset::OursNoLtc] {
+        gives_what_its_run_gives(&base, preset);
     }
     let other = ArmIdentity { robot_hash: 8, ..identity() };
     assert!(Baseline::read(&base, &other).expect_err("another arm").to_string().contains("hash"));
@@ -188,6 +179,21 @@ fn a_written_baseline_gives_what_its_run_gives_and_damage_is_refused() {
     *bytes.last_mut().expect("there are bytes") ^= 1;
     std::fs::write(&tensors, bytes).expect("they can be damaged");
     assert!(Baseline::read(&base, &identity()).expect_err("damaged").to_string().contains("sha256"));
+}
+
+fn gives_what_its_run_gives(base: &Path, preset: Preset) {
+    let mut run = baseline(preset, 30);
+    advance(&mut run, 30);
+    Baseline::write(base, &manifest(&run, false), &run.adam.average).expect("a baseline can be written");
+    let read = Baseline::read(base, &identity()).expect("and read");
+    let frames = unseen_poses();
+    let want = retarget(&run.networks, &run.adam.average, &Arm::from(&identity().arm), &frames);
+    for (ours, want) in both_arms(&frames).iter().map(|frame| read.retarget(frame)).zip(&want) {
+        for (a, b) in ours.as_flattened().iter().zip(want.as_flattened()) {
+            // The file holds 11 bits of every weight.
+            assert!((a - f64::from(*b)).abs() < 2e-2, "{ours:?} against {want:?}");
+        }
+    }
 }
 
 #[test]
@@ -203,7 +209,7 @@ fn s3le_answers_with_known_postures_alone_and_its_pairs_draw_the_latents_togethe
     Baseline::write(&base, &manifest(&run, true), &run.adam.average).expect("a baseline can be written");
     let read = Baseline::read(&base, &identity()).expect("and read");
     let all = Postures::random(&arm, S3LE_POSTURES, S3LE_SEED).normalised;
-    for q in read.retarget(&both_arms(&unseen_poses()[..3])) {
+    for q in both_arms(&unseen_poses()[..3]).iter().map(|frame| read.retarget(frame)) {
         let is_known = |n: &[[f32; 5]; 2]| n.map(|n| arm.denormalised(&n).map(f64::from)) == q;
         assert!(all.iter().any(is_known), "{q:?}");
     }
