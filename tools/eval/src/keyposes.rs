@@ -1,6 +1,7 @@
 //! From one key pose to another: through the latent space, and straight through joint space.
 //!
-//! Pairs of poses are drawn from all frames of the clips. Along s from 0 to 1:
+//! Pairs of poses are drawn from all frames of the clips: two of one clip, as the key poses of a motion are, or any two, as far
+//! apart as poses get. Along s from 0 to 1:
 //!
 //! - the *yardstick* is the slerp of the human's limb rotations;
 //! - the *latent path* decodes z(s) = (1 - s) z(0) + s z(1), alone (K = 0) or with two refinement steps toward the
@@ -48,6 +49,15 @@ pub struct Path {
     pub length_max: f64,
 }
 
+/// Both kinds of pairs.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Interpolations {
+    /// Two poses of one clip.
+    pub of_a_clip: Interpolation,
+    /// Two poses of all clips.
+    pub of_all: Interpolation,
+}
+
 /// The ways side by side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interpolation {
@@ -63,19 +73,34 @@ pub struct Interpolation {
     pub joint_k2: Path,
 }
 
-/// Measures [`PAIRS`] pairs from the tasks' frames; nothing if there is no frame.
+/// Measures [`PAIRS`] pairs of each kind from the tasks' frames; nothing if there is no frame.
 #[must_use]
-pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolation {
-    let humans: Vec<&Human> = tasks.iter().flat_map(|task| &task.clip.human).collect();
+pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolations {
+    let humans: Vec<(usize, &Human)> = tasks
+        .iter()
+        .enumerate()
+        .flat_map(|(clip, task)| task.clip.human.iter().map(move |human| (clip, human)))
+        .collect();
     if humans.is_empty() {
-        return Interpolation::default();
+        return Interpolations::default();
     }
     let mut rng = Pcg64::new(u128::from(SEED), 1);
-    let mut draw = || rng.random_range(0..humans.len());
-    let pairs: Vec<[usize; 2]> = (0..PAIRS).map(|_| [draw(), draw()]).collect();
-    let paths = parallel::map(&pairs, |[from, to]| pair(arm, network, humans[*from], humans[*to]));
-    let all = |way: usize| mean(paths.iter().map(|ways| &ways[way]));
-    Interpolation { pairs: pairs.len(), latent_k0: all(0), latent_k2: all(1), joint_k0: all(2), joint_k2: all(3) }
+    let mut kind = |one_clip: bool| {
+        let mut draw = |humans: &[(usize, &Human)]| rng.random_range(0..humans.len());
+        let pairs: Vec<[&Human; 2]> = (0..PAIRS)
+            .map(|_| {
+                let (clip, from) = humans[draw(&humans)];
+                let start = if one_clip { humans.partition_point(|(other, _)| *other < clip) } else { 0 };
+                let end = if one_clip { humans.partition_point(|(other, _)| *other <= clip) } else { humans.len() };
+                let among = &humans[start..end];
+                [from, among[draw(among)].1]
+            })
+            .collect();
+        let paths = parallel::map(&pairs, |[from, to]| pair(arm, network, from, to));
+        let all = |way: usize| mean(paths.iter().map(|ways| &ways[way]));
+        Interpolation { pairs: pairs.len(), latent_k0: all(0), latent_k2: all(1), joint_k0: all(2), joint_k2: all(3) }
+    };
+    Interpolations { of_a_clip: kind(true), of_all: kind(false) }
 }
 
 /// One pair by one way.
@@ -165,9 +190,7 @@ impl Interpolation {
         ]
     }
 
-    /// As JSON.
-    #[must_use]
-    pub fn json(&self) -> Value {
+    fn json(&self) -> Value {
         let mut out = json!({"pairs": self.pairs});
         for (name, path) in self.rows() {
             out[name] = json!({
@@ -181,9 +204,27 @@ impl Interpolation {
     }
 }
 
+impl Interpolations {
+    /// As JSON.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json!({"of_a_clip": self.of_a_clip.json(), "of_all": self.of_all.json()})
+    }
+}
+
+impl fmt::Display for Interpolations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (kind, interpolation) in [("of one clip", &self.of_a_clip), ("of all clips", &self.of_all)] {
+            let pairs = interpolation.pairs;
+            writeln!(f, "\n{pairs} pairs of key poses {kind}, against the slerp of the human's limbs")?;
+            write!(f, "{interpolation}")?;
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for Interpolation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\n{} pairs of key poses, against the slerp of the human's limbs", self.pairs)?;
         writeln!(
             f,
             "{:<12} {:>10} {:>12} {:>16} {:>10}",
