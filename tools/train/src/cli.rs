@@ -118,6 +118,7 @@ impl Cli {
                 procedural: self.procedural,
                 torso_jitter_rad: self.torso_jitter_deg.to_radians(),
                 limb_jitter_rad: self.limb_jitter_deg.to_radians(),
+                twins: recipe.weighting.steadiness > 0.0,
             },
         })
     }

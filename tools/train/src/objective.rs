@@ -19,6 +19,9 @@ pub struct Weighting {
     pub angle: f32,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
     pub limits: f32,
+    /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints: near the shoulder's gimbal an
+    /// exact answer would turn noise into large turns of joints 1 and 3.
+    pub steadiness: f32,
     /// Triplet hinge in the latent space.
     pub triplet: f32,
     /// |x_r - D(Q_r(x_r))|, rad, mean over joints.
@@ -31,14 +34,31 @@ pub struct Weighting {
 
 impl Weighting {
     /// No term at all.
-    pub const NONE: Self =
-        Self { kinematics: 0.0, angle: 0.0, limits: 0.0, triplet: 0.0, reconstruction: 0.0, cycle: 0.0, pairing: 0.0 };
+    pub const NONE: Self = Self {
+        kinematics: 0.0,
+        angle: 0.0,
+        limits: 0.0,
+        steadiness: 0.0,
+        triplet: 0.0,
+        reconstruction: 0.0,
+        cycle: 0.0,
+        pairing: 0.0,
+    };
 }
 
 impl Default for Weighting {
     /// The measured best (`weights/EXPERIMENTS.md`); the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
     fn default() -> Self {
-        Self { kinematics: 10.0, angle: 3.0, limits: 5.0, triplet: 1.0, reconstruction: 1.0, cycle: 0.2, pairing: 0.0 }
+        Self {
+            kinematics: 10.0,
+            angle: 3.0,
+            limits: 5.0,
+            steadiness: 10.0,
+            triplet: 1.0,
+            reconstruction: 1.0,
+            cycle: 0.2,
+            pairing: 0.0,
+        }
     }
 }
 
@@ -54,6 +74,8 @@ pub struct Terms {
     pub angle: f64,
     /// rad.
     pub limits: f64,
+    /// rad^2, summed over the joints.
+    pub steadiness: f64,
     /// Latent units.
     pub triplet: f64,
     /// rad.
@@ -71,6 +93,7 @@ impl Terms {
         self.kinematics * f64::from(weighting.kinematics)
             + self.angle * f64::from(weighting.angle)
             + self.limits * f64::from(weighting.limits)
+            + self.steadiness * f64::from(weighting.steadiness)
             + self.triplet * f64::from(weighting.triplet)
             + self.reconstruction * f64::from(weighting.reconstruction)
             + self.cycle * f64::from(weighting.cycle)
@@ -84,6 +107,7 @@ impl Terms {
             kinematics: 0.5 * (a.kinematics + b.kinematics),
             angle: 0.5 * (a.angle + b.angle),
             limits: 0.5 * (a.limits + b.limits),
+            steadiness: 0.5 * (a.steadiness + b.steadiness),
             triplet: 0.5 * (a.triplet + b.triplet),
             reconstruction: 0.5 * (a.reconstruction + b.reconstruction),
             cycle: 0.5 * (a.cycle + b.cycle),
@@ -142,6 +166,7 @@ impl Shard {
         let cycle_input = Some(self.grad_cycle_input.as_mut_slice());
         networks.robot.backward(parameters, &mut self.cycle, &self.grad_cycle, &mut self.gradient, cycle_input);
         let (kinematics, angle, limits) = self.human_outputs(arm, weighting);
+        let steadiness = self.steadiness_term(arm, weighting.steadiness);
         let reconstruction = self.robot_outputs(arm, weighting.reconstruction);
         let latent = Some(self.grad_latent.as_mut_slice());
         networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
@@ -152,7 +177,7 @@ impl Shard {
         self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
         networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
         networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
-        Terms { kinematics, angle, limits, triplet, reconstruction, cycle, pairing }
+        Terms { kinematics, angle, limits, steadiness, triplet, reconstruction, cycle, pairing }
     }
 
     /// Both encoders, the decoder on both latents (its output becomes 1.02 tanh, the normalised joint positions), and the
@@ -226,6 +251,30 @@ impl Shard {
             }
         }
         (kinematics / rows as f64, angle / rows as f64, limits / joints as f64)
+    }
+
+    /// mean |q - q'|^2 over the twins of the batch, within the limits; adds to the human half of `grad_output`.
+    fn steadiness_term(&mut self, arm: &Arm, weight: f32) -> f64 {
+        if weight == 0.0 {
+            return 0.0;
+        }
+        let (rows, joints) = (self.batch.rows(), self.batch.pose.joints());
+        let twins = (0..rows).filter(|row| Batch::is_twin(*row));
+        let scale = weight / twins.clone().count() as f32;
+        let mut sum = 0.0;
+        for (row, joint) in twins.flat_map(|row| (0..joints).map(move |joint| (row, joint))) {
+            let at = [(row - 1) * joints + joint, row * joints + joint];
+            let n = at.map(|i| self.decoder.output[i]);
+            let half = arm.half[joint % ARM];
+            let difference = half * (n[1].clamp(-1.0, 1.0) - n[0].clamp(-1.0, 1.0));
+            sum += f64::from(difference * difference);
+            for ((at, n), side) in at.into_iter().zip(n).zip([-1.0, 1.0]) {
+                if n.abs() <= 1.0 {
+                    self.grad_output[at] += side * 2.0 * scale * difference * half * tanh_slope(n);
+                }
+            }
+        }
+        sum * f64::from(scale / weight)
     }
 
     /// mean |x_r - D(Q_r(x_r))| in rad; fills the robot half of `grad_output`.

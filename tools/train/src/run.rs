@@ -180,6 +180,7 @@ fn blended(mean: &Terms, new: &Terms) -> Terms {
         kinematics: blend(mean.kinematics, new.kinematics),
         angle: blend(mean.angle, new.angle),
         limits: blend(mean.limits, new.limits),
+        steadiness: blend(mean.steadiness, new.steadiness),
         triplet: blend(mean.triplet, new.triplet),
         reconstruction: blend(mean.reconstruction, new.reconstruction),
         cycle: blend(mean.cycle, new.cycle),
@@ -189,7 +190,7 @@ fn blended(mean: &Terms, new: &Terms) -> Terms {
 
 fn line(terms: &Terms, degrees: f64, rate: f64) -> String {
     format!(
-        "S_GR {:.5} limits {:.5} triplet {:.4} rec {:.4} ltc {:.4} | validation {degrees:.3} deg | {rate:.1} steps/s",
-        terms.kinematics, terms.limits, terms.triplet, terms.reconstruction, terms.cycle
+        "S_GR {:.5} limits {:.5} noise {:.5} triplet {:.4} rec {:.4} ltc {:.4} | validation {degrees:.3} deg | {rate:.1} steps/s",
+        terms.kinematics, terms.limits, terms.steadiness, terms.triplet, terms.reconstruction, terms.cycle
     )
 }

@@ -34,6 +34,8 @@ pub struct Mixture {
     pub torso_jitter_rad: f32,
     /// Largest rotation of each limb by itself about each torso axis, rad.
     pub limb_jitter_rad: f32,
+    /// Whether some rows repeat the one before them with a tracker's noise.
+    pub twins: bool,
 }
 
 impl Recorded {
@@ -63,7 +65,12 @@ impl Default for Mixture {
     /// Degrees on the validation clips after 4,000 steps with torso / limb jitter of 0 / 0, 5 / 1.5 and 10 / 3 degrees: 3.20,
     /// 3.15, 3.03 (2026-11-21).
     fn default() -> Self {
-        Self { procedural: 0.5, torso_jitter_rad: 10_f32.to_radians(), limb_jitter_rad: 3_f32.to_radians() }
+        Self {
+            procedural: 0.5,
+            torso_jitter_rad: 10_f32.to_radians(),
+            limb_jitter_rad: 3_f32.to_radians(),
+            twins: true,
+        }
     }
 }
 
@@ -109,13 +116,26 @@ impl Batch {
         self.anchor.len()
     }
 
+    /// Whether this row may be the one before it, seen through a tracker's noise: one row in eight, what is left being enough to learn
+    /// from.
+    #[must_use]
+    pub const fn is_twin(row: usize) -> bool {
+        row % 8 == 1
+    }
+
     /// Draws the batch of `shard` at `step`; the same arguments give the same batch.
     pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
         let mut rng = generator(seed, step, shard);
         let rows = self.rows();
         let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
+        let mut before = [[[0.0, 0.0, 0.0, 1.0]; 2]; 2];
         for (row, arms) in self.human.chunks_exact_mut(self.pose.arms).enumerate() {
-            recorded.draw(&mut rng, row < from_recording, mixture, arms);
+            if mixture.twins && Self::is_twin(row) {
+                arms.iter_mut().zip(&before).for_each(|(arm, other)| *arm = noisy(&mut rng, other));
+            } else {
+                recorded.draw(&mut rng, row < from_recording, mixture, arms);
+            }
+            before[..arms.len()].copy_from_slice(arms);
         }
         self.posture.fill_with(|| rng.random_range(-1.0..1.0));
         for anchor in &mut self.anchor {
@@ -172,17 +192,24 @@ pub fn procedural(rng: &mut Pcg64) -> Limbs {
     [upper, fore]
 }
 
+/// Noise of a tracker, each limb about each axis: uniform to 0.87 degrees, a standard deviation of half a degree.
+const NOISE_RAD: f32 = 0.0151;
+
+fn noisy(rng: &mut Pcg64, limbs: &Limbs) -> Limbs {
+    limbs.map(|q| product(small(rng, NOISE_RAD), q))
+}
+
 fn jittered(rng: &mut Pcg64, limbs: &Limbs, mixture: &Mixture) -> Limbs {
-    let mut small = |bound: f32| {
-        let mut half = || {
-            if bound > 0.0 { 0.5 * rng.random_range(-bound..bound) } else { 0.0 }
-        };
-        let v = [half(), half(), half()];
-        let scale = 1.0 / (1.0 + v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-        [v[0] * scale, v[1] * scale, v[2] * scale, scale]
-    };
-    let common = small(mixture.torso_jitter_rad);
-    limbs.map(|q| product(product(common, small(mixture.limb_jitter_rad)), q))
+    let common = small(rng, mixture.torso_jitter_rad);
+    limbs.map(|q| product(product(common, small(rng, mixture.limb_jitter_rad)), q))
+}
+
+/// A rotation of up to `bound` rad about each axis.
+fn small(rng: &mut Pcg64, bound: f32) -> [f32; 4] {
+    let mut half = || if bound > 0.0 { 0.5 * rng.random_range(-bound..bound) } else { 0.0 };
+    let v = [half(), half(), half()];
+    let scale = 1.0 / (1.0 + v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    [v[0] * scale, v[1] * scale, v[2] * scale, scale]
 }
 
 #[cfg(test)]
@@ -230,7 +257,7 @@ mod tests {
     #[test]
     fn jitter_keeps_rotations_unit_and_within_its_bounds() {
         let mut rng = Pcg64::new(3, 3);
-        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02 };
+        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02, twins: false };
         for _ in 0..200 {
             let pose = procedural(&mut rng);
             let moved = jittered(&mut rng, &pose, &mixture);
