@@ -53,7 +53,7 @@ impl Default for Weighting {
             kinematics: 10.0,
             angle: 3.0,
             limits: 5.0,
-            steadiness: 10.0,
+            steadiness: 20.0,
             triplet: 1.0,
             reconstruction: 1.0,
             cycle: 0.2,
