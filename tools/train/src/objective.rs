@@ -1,8 +1,9 @@
 //! The loss terms and their gradient over one batch, without labels and without pairs.
 //!
-//! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 3 angle + 5 overrun + 1 triplet + 1 |x_r - D(Q_r(x_r))| + 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
-//! with the overrun of the joint limits by the unclamped output, every term a mean. The kinematics see the clamped output, and only what lies
-//! inside the limits is moved by them; what lies outside is brought back by the overrun alone.
+//! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 3 angle + 5 overrun + 20 |q - q'|^2 + 1 triplet + 1 |x_r - D(Q_r(x_r))|`
+//! `+ 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|` with q' what the same pose gives under a tracker's noise, and the overrun of the joint
+//! limits by the unclamped output; every term a mean. The kinematics see the clamped output, and only what lies inside the
+//! limits is moved by them; what lies outside is brought back by the overrun alone.
 
 use crate::kinematics::{ARM, Arm, Limbs, s_gr};
 use crate::mlp::Trace;
