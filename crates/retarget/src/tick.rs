@@ -56,7 +56,7 @@ pub struct Options {
 }
 
 impl Default for Options {
-    /// Two steps, after which more gain less than 0.02 degrees (`train --evaluate`); 40 ms are one period at 30 Hz and 7 ms of jitter.
+    /// Two steps, after which more gain less than 0.02 degrees (`eval`); 40 ms are one period at 30 Hz and 7 ms of jitter.
     fn default() -> Self {
         Self {
             method: None,
