@@ -167,7 +167,7 @@ impl Settings {
         let t = 1000.0 / messages::TICK_HZ as f64;
         let bounds = [
             ("retarget.refinement_steps", f64::from(self.retarget.refinement_steps), 0.0, 10.0),
-            ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 200.0),
+            ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 100.0),
             ("retarget.smoothing_ms", self.retarget.smoothing_ms, 0.0, 50.0),
             ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
             ("control.grace_us", self.control.grace_us, 0.0, 600.0),

@@ -30,7 +30,8 @@ pub const DELAY_MAX_NS: u64 = STALE_NS;
 /// Knots kept per arm: 240 Hz over the longest delay are 24, and one on either side, rounded up.
 const KNOTS: usize = 32;
 /// Crossfade after a restart, ns: a quarter of a second is about how long people take to notice and react, and even
-/// half a turn stays below 20 rad/s; the limits of whole-body control act on top.
+/// half a turn of a limb stays below 20 rad/s (joints may turn faster where the arm leaves what it can reach); the limits of
+/// whole-body control act on top.
 const BLEND_NS: i64 = 250_000_000;
 /// Bounds of the playhead's speed: half and one and a half times real time, so that catching up after a late skeleton
 /// looks like a person who hurries, not like a jump.

@@ -57,6 +57,24 @@ pub enum BatchError {
         /// The file.
         path: PathBuf,
     },
+    /// Another run writes into the folder.
+    #[error("--out {folder}: another batch is writing there", folder = .folder.display())]
+    Busy {
+        /// --out.
+        folder: PathBuf,
+    },
+    /// More rows than a file may have.
+    #[error("{file}: {rows} rows at {rate_hz} Hz, at most {max} are written", file = .file.display())]
+    Rows {
+        /// The motion file.
+        file: PathBuf,
+        /// Rows that it would take.
+        rows: usize,
+        /// Their rate.
+        rate_hz: f64,
+        /// The bound.
+        max: usize,
+    },
     /// Something in a frame that cannot be retargeted.
     #[error("{file}: frame {frame}: {cause}", file = .file.display())]
     Frame {

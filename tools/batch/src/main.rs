@@ -4,6 +4,7 @@ use batch::{BatchError, Cli, Summary, bench, run};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use rt::Shutdown;
+use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -55,20 +56,26 @@ fn exit_code(error: &BatchError) -> u8 {
     match error {
         BatchError::Config(_) | BatchError::Options(_) => EX_CONFIG,
         BatchError::Motion(_) | BatchError::NoFiles { .. } => EX_NOINPUT,
-        BatchError::File { .. } | BatchError::OutInInput { .. } => EX_CANTCREAT,
+        BatchError::File { action: "read", .. } => EX_NOINPUT,
+        BatchError::File { .. } | BatchError::OutInInput { .. } | BatchError::Busy { .. } => EX_CANTCREAT,
         _ => 1,
     }
 }
 
+/// A line for people. Nobody may be listening: what was made is made, and the exit code says how it went.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
 fn report(summary: &Summary, seconds: f64) {
     let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
-    println!(
+    say(&format!(
         "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} failed",
         *postures as f64 / seconds.max(1e-9),
         failed.len()
-    );
+    ));
     for (path, reason) in no_motion {
-        println!("left out {}: {reason}", path.display());
+        say(&format!("left out {}: {reason}", path.display()));
     }
     for (path, error) in failed {
         let text = error.to_string();

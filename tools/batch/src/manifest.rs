@@ -1,10 +1,11 @@
-//! What was made from what: one line of JSON for each finished file, appended when it is in its place.
+//! What was made from what: one line of JSON for each finished file, appended before it is put in its place, so that a place
+//! that is taken always has its line. Whoever holds the manifest holds the folder.
 
 use crate::error::BatchError;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -32,31 +33,43 @@ pub(crate) struct Entry {
 /// The manifest, open for appending.
 pub(crate) struct Manifest {
     path: PathBuf,
-    entries: HashMap<String, Entry>,
+    entries: HashMap<String, Vec<Entry>>,
     file: Mutex<File>,
 }
 
 impl Manifest {
-    /// Reads what is there; a line that an interruption cut short says nothing, and later lines win.
+    /// Locks the folder and reads what is there; a line that an interruption cut short says nothing.
     pub(crate) fn open(folder: &Path) -> Result<Self, BatchError> {
         std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
         let path = folder.join(FILE);
+        // Opening a pipe would wait for whoever writes into it.
+        if std::fs::symlink_metadata(&path).is_ok_and(|found| !found.is_file()) {
+            return Err(BatchError::file(&path, "open")(std::io::Error::other("is not a regular file")));
+        }
         let open = OpenOptions::new().create(true).read(true).append(true).open(&path);
         let mut file = open.map_err(BatchError::file(&path, "open"))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(BatchError::Busy { folder: folder.to_path_buf() }),
+            Err(TryLockError::Error(source)) => return Err(BatchError::file(&path, "lock")(source)),
+        }
         let mut text = Vec::new();
         let read = Read::by_ref(&mut file).take(BYTES_MAX).read_to_end(&mut text);
         read.map_err(BatchError::file(&path, "read"))?;
         let lines = text.split(|&byte| byte == b'\n');
-        let entries = lines.filter_map(|line| serde_json::from_slice::<Entry>(line).ok());
-        let entries = entries.map(|entry| (entry.output.clone(), entry)).collect();
+        let mut entries: HashMap<String, Vec<Entry>> = HashMap::new();
+        for entry in lines.filter_map(|line| serde_json::from_slice::<Entry>(line).ok()) {
+            entries.entry(entry.output.clone()).or_default().push(entry);
+        }
         if text.last().is_some_and(|&byte| byte != b'\n') {
             file.write_all(b"\n").map_err(BatchError::file(&path, "write"))?;
         }
         Ok(Self { path, entries, file: Mutex::new(file) })
     }
 
-    pub(crate) fn get(&self, output: &str) -> Option<&Entry> {
-        self.entries.get(output)
+    /// How the output of these contents was made, if this tool made it.
+    pub(crate) fn get(&self, output: &str, output_sha256: &str) -> Option<&Entry> {
+        self.entries.get(output)?.iter().rev().find(|entry| entry.output_sha256 == output_sha256)
     }
 
     /// Appends a line in one piece.

@@ -1,11 +1,12 @@
 //! Trajectory files: written beside their place and renamed into it, so that no half of one is ever found.
 
 use crate::error::BatchError;
+use crate::manifest::sha256_file;
 use clap::ValueEnum;
 use messages::JOINTS;
 use motion::npy::write_npy_header;
 use std::fs::File;
-use std::io::{BufWriter, Seek, Write};
+use std::io::{BufWriter, ErrorKind, Seek, Write};
 use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 
@@ -35,7 +36,7 @@ enum Kind {
     Npz(Box<zip::ZipWriter<BufWriter<File>>>, Vec<f64>),
 }
 
-/// A file in the making; removed again unless [`Writer::finish`] is reached.
+/// A file in the making; removed again unless [`Writer::put`] is reached.
 pub(crate) struct Writer {
     place: PathBuf,
     part: PathBuf,
@@ -57,7 +58,12 @@ impl Writer {
         std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
         let name = place.file_name().unwrap_or_default().to_string_lossy();
         let part = folder.join(format!(".{name}.part"));
-        let file = File::create(&part).map_err(BatchError::file(&part, "create"))?;
+        // The folder is locked, so a part of this name is what a killed run left; it is not opened, lest it be a link or a pipe.
+        match std::fs::remove_file(&part) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(BatchError::file(&part, "remove")(error)),
+            _ => {}
+        }
+        let file = File::create_new(&part).map_err(BatchError::file(&part, "create"))?;
         let mut writer =
             Self { place: place.to_path_buf(), part, kind: None, rate_hz, joint_names: joint_names.clone() };
         let out = BufWriter::with_capacity(1 << 16, file);
@@ -73,7 +79,7 @@ impl Writer {
                 let begun = zip.start_file("q.npy", plain()).map_err(std::io::Error::from);
                 let begun = begun.and_then(|()| write_npy_header(&mut zip, "<f8", &[count, JOINTS]));
                 begun.map_err(BatchError::file(&writer.part, "write"))?;
-                Kind::Npz(Box::new(zip), Vec::with_capacity(count))
+                Kind::Npz(Box::new(zip), Vec::new())
             }
         });
         Ok(writer)
@@ -106,8 +112,8 @@ impl Writer {
         written.map_err(BatchError::file(&self.part, "write"))
     }
 
-    /// Ends the file and moves it into its place; returns its length in bytes.
-    pub(crate) fn finish(mut self) -> Result<u64, BatchError> {
+    /// Ends the file, still beside its place; returns its SHA-256.
+    pub(crate) fn seal(&mut self) -> Result<String, BatchError> {
         let ended = match self.kind.take() {
             Some(Kind::Csv(out, _)) => out.into_inner().map_err(|error| error.into_error()),
             Some(Kind::Npz(zip, times)) => end_npz(*zip, &times, self.rate_hz, &self.joint_names),
@@ -116,9 +122,12 @@ impl Writer {
         let file = ended.map_err(BatchError::file(&self.part, "write"))?;
         // A name must never stand for data that a power cut takes away.
         file.sync_data().map_err(BatchError::file(&self.part, "write"))?;
-        let bytes = file.metadata().map_err(BatchError::file(&self.part, "measure"))?.len();
-        std::fs::rename(&self.part, &self.place).map_err(BatchError::file(&self.place, "put in place"))?;
-        Ok(bytes)
+        sha256_file(&self.part)
+    }
+
+    /// Moves what was sealed into its place.
+    pub(crate) fn put(self) -> Result<(), BatchError> {
+        std::fs::rename(&self.part, &self.place).map_err(BatchError::file(&self.place, "put in place"))
     }
 }
 

@@ -17,6 +17,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Rows between two looks at Ctrl-C: some 20 ms.
 const ROWS_PER_LOOK: usize = 512;
 
+/// Most rows of a file: ten hours at 1500 Hz.
+const ROWS_MAX: usize = 54_000_000;
+
 /// What became of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
@@ -209,7 +212,7 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {
     let input_sha256 = sha256_file(&job.input)?;
     if !cli.overwrite && job.output.exists() {
         let output_sha256 = sha256_file(&job.output)?;
-        match shared.manifest.get(&job.key).filter(|entry| entry.output_sha256 == output_sha256) {
+        match shared.manifest.get(&job.key, &output_sha256) {
             None => return Err(BatchError::Foreign { path: job.output.clone() }),
             Some(entry) if entry.input_sha256 == input_sha256 && entry.options_sha256 == shared.options_sha256 => {
                 return Ok(Outcome::Finished);
@@ -220,6 +223,9 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {
     let motion = motion::load_with(&job.input, &cli.load_options())?;
     let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
     let (count, rate_hz) = (trajectory.rows(), trajectory.rate_hz());
+    if count > ROWS_MAX {
+        return Err(BatchError::Rows { file: job.input.clone(), rows: count, rate_hz, max: ROWS_MAX });
+    }
     let mut writer = Writer::create(&job.output, cli.format, count, rate_hz, &shared.model.joint_names)?;
     for (i, row) in trajectory.enumerate() {
         let (time_s, q) = row.map_err(|(frame, cause)| BatchError::Frame { file: job.input.clone(), frame, cause })?;
@@ -228,10 +234,11 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {
             return Err(BatchError::Interrupted);
         }
     }
-    writer.finish()?;
-    let output_sha256 = sha256_file(&job.output)?;
+    let output_sha256 = writer.seal()?;
     let (output, options_sha256) = (job.key.clone(), shared.options_sha256.clone());
     let postures = count as u64;
+    // First the line: a run that is killed between the two leaves a line too many, never a file that is not known.
     shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
+    writer.put()?;
     Ok(Outcome::Made(postures))
 }

@@ -286,3 +286,48 @@ fn joints_that_no_limb_means_are_at_home() {
     // A rotation that is none is refused.
     assert!(Postures::arms(&[[0.0; 4]; 4]).is_none());
 }
+
+#[test]
+fn a_second_run_in_the_same_folder_is_refused_while_the_first_holds_it() {
+    let (_folder, input, out) = folders();
+    go(&input, &out, &[]);
+    let manifest = std::fs::File::open(out.join("manifest.jsonl")).expect("the manifest is there");
+    manifest.lock().expect("it can be locked, as a run does");
+    let quiet = ProgressBar::hidden();
+    let again = run(&cli(&input, &out, &[]), &input, &out, &Shutdown::new(), &quiet);
+    assert!(matches!(again, Err(BatchError::Busy { .. })), "{again:?}");
+    drop(manifest);
+    assert_eq!(go(&input, &out, &[]).finished, 1);
+}
+
+#[test]
+fn what_a_killed_run_left_is_replaced_and_never_followed() {
+    let (folder, input, out) = folders();
+    std::fs::create_dir_all(&out).expect("a folder");
+    let precious = folder.path().join("precious");
+    std::fs::write(&precious, "keep").expect("written");
+    std::os::unix::fs::symlink(&precious, out.join(".a.csv.part")).expect("linked");
+    assert_eq!(go(&input, &out, &[]).made, 1);
+    assert_eq!(std::fs::read_to_string(&precious).expect("is there"), "keep");
+    // Killed after the line and before the rename: the line is there, the file is not.
+    std::fs::remove_file(out.join("a.csv")).expect("removed");
+    let again = go(&input, &out, &[]);
+    assert_eq!((again.made, again.failed.len()), (1, 0), "{again:?}");
+    // Killed so while replacing: the line of the new file stands behind that of the file that is still there.
+    let manifest = out.join("manifest.jsonl");
+    let text = std::fs::read_to_string(&manifest).expect("readable");
+    let last = text.lines().last().expect("a line");
+    let hash = last.split("\"output_sha256\":\"").nth(1).expect("a hash")[..64].to_owned();
+    let other = last.replace(&hash, &"0".repeat(64));
+    std::fs::write(&manifest, format!("{text}{other}\n")).expect("written");
+    assert_eq!(go(&input, &out, &[]).finished, 1);
+}
+
+#[test]
+fn a_motion_that_would_never_end_is_one_failed_file() {
+    let (_folder, input, out) = folders();
+    let summary = go(&input, &out, &["--recursive", "--frame-rate", "0.01", "--rate", "15000"]);
+    let [(_, BatchError::Rows { .. }), (_, BatchError::Rows { .. })] = summary.failed.as_slice() else {
+        panic!("{summary:?}");
+    };
+}

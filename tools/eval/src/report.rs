@@ -158,10 +158,17 @@ impl Report {
         for (row, missing) in missing {
             writeln!(f, "missing {}: {}", row.name, missing.command)?;
         }
+        let mut trained: Vec<(&str, Vec<&str>)> = Vec::new();
         for row in &self.rows {
             if let Ok(Measured { trained_on: Some(trained_on), .. }) = &row.result {
-                writeln!(f, "{}: {trained_on}", row.name)?;
+                match trained.iter_mut().find(|(text, _)| text == trained_on) {
+                    Some((_, names)) => names.push(&row.name),
+                    None => trained.push((trained_on, vec![&row.name])),
+                }
             }
+        }
+        for (text, names) in trained {
+            writeln!(f, "{}: {text}", names.join(", "))?;
         }
         writeln!(f, "{} clips of {}: {}", setting.clips.len(), setting.human, setting.clips.join(" "))?;
         writeln!(

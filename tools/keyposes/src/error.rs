@@ -13,6 +13,20 @@ pub enum KeyposesError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// A file or folder cannot be written.
+    #[error("{}: {source}", .path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// What would be written is what is read.
+    #[error("{}: is one of the inputs; give another --out", .path.display())]
+    OverInput {
+        /// The file.
+        path: PathBuf,
+    },
     /// A motion file is refused.
     #[error(transparent)]
     Motion(#[from] motion::MotionError),
@@ -52,6 +66,18 @@ pub enum KeyposesError {
 }
 
 impl KeyposesError {
+    /// The exit code of sysexits(3).
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Pose { .. } | Self::Range { .. } | Self::OverInput { .. } => 64,
+            Self::Trajectory { .. } => 65,
+            Self::File { .. } | Self::Motion(_) => 66,
+            Self::Write { .. } => 73,
+            Self::Config(_) => 78,
+        }
+    }
+
     /// For `map_err`: the error of a file.
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::File { path: path.to_path_buf(), source }

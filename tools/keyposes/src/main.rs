@@ -6,6 +6,7 @@ use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
 use keyposes::{draw, motions, pose, trajectory, write};
 use motion::CalibrationMode;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -98,29 +99,51 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("keyposes: {error}");
-            // EX_DATAERR of sysexits(3).
-            ExitCode::from(65)
+            ExitCode::from(error.exit_code())
         }
     }
 }
 
+/// Writes a file so that it is either the old one or the new one, never a part.
 fn save(path: &Path, text: &str) -> Result<(), KeyposesError> {
-    std::fs::write(path, text).map_err(|source| KeyposesError::File { path: path.to_path_buf(), source })
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let write = || std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path));
+    write()
+        .inspect_err(|_| drop(std::fs::remove_file(&part)))
+        .map_err(|source| KeyposesError::Write { path: path.to_path_buf(), source })
+}
+
+/// Refuses to write over what is read.
+fn apart(out: &Path, inputs: &[&Path]) -> Result<(), KeyposesError> {
+    let Ok(real) = out.canonicalize() else {
+        return Ok(());
+    };
+    match inputs.iter().find(|input| input.canonicalize().is_ok_and(|input| input == real)) {
+        Some(_) => Err(KeyposesError::OverInput { path: out.to_path_buf() }),
+        None => Ok(()),
+    }
+}
+
+/// A line for people; nobody may be listening.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
 }
 
 fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
     let (model, _) = pipeline::load_model(robot)?;
-    std::fs::create_dir_all(out).map_err(|source| KeyposesError::File { path: out.to_path_buf(), source })?;
+    std::fs::create_dir_all(out).map_err(|source| KeyposesError::Write { path: out.to_path_buf(), source })?;
     for motion in motions::paper_motions() {
         let truth = trajectory::ground_truth(&model, &motion);
         save(&out.join(format!("{}.bvh", motion.name)), &write::compact_bvh(&motion))?;
         save(&out.join(format!("{}.csv", motion.name)), &write::trajectory_csv(&truth))?;
-        println!("{:<18} {:>4} frames, {:.1} s", motion.name, motion.frames.len(), motion.duration_s());
+        say(&format!("{:<18} {:>4} frames, {:.1} s", motion.name, motion.frames.len(), motion.duration_s()));
     }
     Ok(())
 }
 
 fn draw_file(file: &Path, out: &Path, count: usize) -> Result<(), KeyposesError> {
+    apart(out, &[file])?;
     let motion = motion::load(file)?;
     save(out, &draw::svg(&motion, count))
 }
@@ -138,6 +161,9 @@ fn interpolate(
         let reason = "the motion beside the trajectory would take its place; name it .csv".to_owned();
         return Err(KeyposesError::Trajectory { path: out.to_path_buf(), line: 1, reason });
     }
+    let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();
+    apart(out, &files)?;
+    apart(&beside, &files)?;
     let (model, _) = pipeline::load_model(robot)?;
     let network = pipeline::load_weights(weights, &model)?.network;
     let poses = poses.iter().map(|text| pose::read_pose(text, calibration)).collect::<Result<Vec<_>, _>>()?;
@@ -145,6 +171,11 @@ fn interpolate(
     save(out, &write::trajectory_csv(&found))?;
     let name = out.file_stem().map_or_else(|| "interpolation".to_owned(), |stem| stem.to_string_lossy().into_owned());
     save(&beside, &write::compact_bvh(&trajectory::to_motion(&found, &model, &name)))?;
-    println!("{} rows in {}; the motion in {} (calibration `rig`)", found.q.len(), out.display(), beside.display());
+    say(&format!(
+        "{} rows in {}; the motion in {} (calibration `rig`)",
+        found.q.len(),
+        out.display(),
+        beside.display()
+    ));
     Ok(())
 }

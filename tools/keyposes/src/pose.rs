@@ -27,8 +27,7 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
         };
         return limbs_of(&motion, 0, CalibrationMode::Rig).ok_or_else(|| refuse("has no limb rotations".into()));
     }
-    let lower = text.to_ascii_lowercase();
-    let Some(end) = lower.rfind(".bvh").map(|at| at + ".bvh".len()) else {
+    let Some(end) = file_end(text) else {
         let allowed = names().join(", ");
         return Err(refuse(format!("is neither FILE.bvh:FRAME nor FILE.bvh@TIME_S nor one of rest, {allowed}")));
     };
@@ -47,6 +46,16 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
         return Err(refuse("wants a frame or a time: FILE.bvh:FRAME or FILE.bvh@TIME_S".into()));
     };
     limbs_of(&motion, index, calibration).ok_or_else(|| refuse("has no limb rotations in that frame".into()))
+}
+
+/// The file that a pose is taken from, if it is.
+#[must_use]
+pub fn file_of(text: &str) -> Option<&Path> {
+    named_pose(text).is_none().then(|| file_end(text).map(|end| Path::new(&text[..end]))).flatten()
+}
+
+fn file_end(text: &str) -> Option<usize> {
+    text.to_ascii_lowercase().rfind(".bvh").map(|at| at + ".bvh".len())
 }
 
 /// All frames up to the one asked for: a hinge that is held over straight elbows depends on those before.

@@ -150,8 +150,15 @@ fn the_command_writes_both_files_and_names_what_is_wrong() {
     ] {
         let refused = run(&arguments);
         let text = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert!(refused.status.code() == Some(65) && text.contains(expected), "{text}");
+        let code = if text.contains("missing.bvh") { 66 } else { 64 };
+        assert!(refused.status.code() == Some(code) && text.contains(expected), "{text}");
     }
+    // A motion beside the trajectory that is one of the poses' files stays what it is.
+    let before = std::fs::read(out.with_extension("bvh")).expect("the motion");
+    let own = format!("{}:3", out.with_extension("bvh").display());
+    let refused = run(&["t-pose", &own]);
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("is one of the inputs"), "{refused:?}");
+    assert_eq!(std::fs::read(out.with_extension("bvh")).expect("is still there"), before);
     let refused = run(&["t-pose", "rest", "--seconds", "0"]);
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
 }

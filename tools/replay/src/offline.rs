@@ -18,6 +18,10 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
             format!("{}: the JSON file beside the CSV would take its place; name it .csv", out.display()),
         ));
     }
+    let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
+    if same(out, &cli.file) {
+        return Err(Failure(EX_USAGE, format!("--offline {}: is the motion itself; give another file", out.display())));
+    }
     if cli.looped {
         return Err(Failure(EX_USAGE, "--offline ends, --loop does not: give one of them".into()));
     }

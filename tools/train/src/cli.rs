@@ -14,7 +14,7 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "train", version)]
 pub struct Cli {
-    /// Folder of .bvh files; every fifth, starting with the third, is kept for validation
+    /// Folder of motion files with rotations; every fifth, starting with the third, is kept for validation
     #[arg(long, value_name = "DIR")]
     pub human: PathBuf,
     /// Robot file
