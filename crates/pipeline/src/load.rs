@@ -94,6 +94,9 @@ pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
 
 /// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot.
 pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, ConfigError> {
+    // Either name will do: that of the tensors, or what they and the manifest share.
+    let stem = base.to_str().and_then(|text| text.strip_suffix(".safetensors"));
+    let base = stem.map_or(base, Path::new);
     let manifest = read_text(&with_extension(base, "toml"))?;
     let tensors_path = with_extension(base, "safetensors");
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;

@@ -15,8 +15,8 @@ pub struct Cli {
     /// Robot file
     #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
     pub robot: PathBuf,
-    /// Our weights; the manifest stands beside them
-    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual.safetensors")]
+    /// Our weights, with or without .safetensors; the manifest stands beside them
+    #[arg(long, value_name = "FILE", default_value = DEFAULT_WEIGHTS, value_parser = tensors)]
     pub weights: PathBuf,
     /// Folder of the learned baselines' weights
     #[arg(long, value_name = "DIR", default_value = "weights/baselines")]
@@ -53,6 +53,14 @@ pub struct Cli {
     /// Also interpolate between random key poses in the latent space and in joint space
     #[arg(long)]
     pub keyposes: bool,
+}
+
+/// What is measured unless another is named.
+pub(crate) const DEFAULT_WEIGHTS: &str = "weights/tiago_dual.safetensors";
+
+/// The file of the tensors, of either name.
+fn tensors(text: &str) -> Result<PathBuf, String> {
+    Ok(PathBuf::from(if text.ends_with(".safetensors") { text.to_owned() } else { format!("{text}.safetensors") }))
 }
 
 /// Frames that hinges are estimated from.

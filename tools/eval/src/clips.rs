@@ -127,7 +127,7 @@ fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
 /// A sentence, if the motion has no rotations (unless `calibration` is none), no frames, or rotations that are not finite.
 pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> Result<Clip, String> {
     if !motion.has_rotations && calibration != CalibrationMode::None {
-        return Err("has no rotations, so the twist of its limbs is unknown; calibration none guesses it from the \
+        return Err("has no rotations, so the twist of its limbs is unknown; --calibration none guesses it from the \
                     elbow's plane"
             .into());
     }

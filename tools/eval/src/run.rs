@@ -1,6 +1,6 @@
 //! What the command does: read, retarget every clip by every method, measure, time, print, write.
 
-use crate::cli::{Cli, Frame};
+use crate::cli::{Cli, DEFAULT_WEIGHTS, Frame};
 use crate::clips::{self, Clip, Selection};
 use crate::error::EvalError;
 use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_oracle};
@@ -99,9 +99,9 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
     Ok(())
 }
 
-/// Our weights; none if there is no such file.
+/// Our weights; none if nobody named them and they are not there.
 fn read_weights(path: &Path, identity: &ArmIdentity) -> Result<Option<Weights>, EvalError> {
-    if !path.exists() {
+    if path == Path::new(DEFAULT_WEIGHTS) && !path.exists() {
         return Ok(None);
     }
     let manifest = path.with_extension("toml");

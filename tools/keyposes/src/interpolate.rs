@@ -27,12 +27,14 @@ pub struct Options {
     pub rate_hz: f64,
     /// Where the line is straight.
     pub space: Space,
-    /// Levenberg-Marquardt steps: of every row toward the slerp of the human limbs (`Latent`), or of the poses (`Joint`).
+    /// Levenberg-Marquardt steps of the poses toward the human's limbs.
     pub refine_steps: u32,
 }
 
 /// From the first pose to the last, stopping at each, with minimum-jerk timing on straight lines: monotone in between.
-/// Latent: q(t) = refine(D_r(z_a + s(t) (z_b - z_a)), slerp of the limbs at s(t)); joint: q(t) = q_a + s(t) (q_b - q_a).
+/// Latent: q(t) = D_r(z_a + s (z_b - z_a)) + (1 - s) (q_a - D_r(z_a)) + s (q_b - D_r(z_b)), within the limits, with s = s(t):
+/// what refinement adds to the poses fades from one to the next, because refining every row by itself may leap from one end of
+/// a joint to the other. Joint: q(t) = q_a + s(t) (q_b - q_a).
 ///
 /// # Errors
 /// Fewer than two poses, or an option out of its bounds.
@@ -54,7 +56,9 @@ pub fn interpolate(
         .map(|limbs| {
             let latents = encode(limbs);
             let decoded = network.decode(&latents);
-            Key { limbs: *limbs, latents, q: std::array::from_fn(|a| refined(&limbs[a], &decoded[a])) }
+            let q: [ArmQ; ARMS] = std::array::from_fn(|a| refined(&limbs[a], &decoded[a]));
+            let added = std::array::from_fn(|a| std::array::from_fn(|j| q[a][j] - decoded[a][j]));
+            Key { latents, q, added }
         })
         .collect();
     let per_piece = (seconds * rate_hz).round().max(1.0);
@@ -69,7 +73,10 @@ pub fn interpolate(
                 let latents: [Latent; ARMS] =
                     std::array::from_fn(|arm| interpolate_latent(&a.latents[arm], &b.latents[arm], s));
                 let decoded = network.decode(&latents);
-                std::array::from_fn(|arm| refined(&a.limbs[arm].slerp(&b.limbs[arm], s), &decoded[arm]))
+                std::array::from_fn(|side| {
+                    let added = lerp(&a.added[side], &b.added[side], s);
+                    arm.clamp(&std::array::from_fn(|j| decoded[side][j] + added[j]))
+                })
             }
         }
     };
@@ -77,9 +84,10 @@ pub fn interpolate(
 }
 
 struct Key {
-    limbs: [Limbs; ARMS],
     latents: [Latent; ARMS],
     q: [ArmQ; ARMS],
+    /// What refinement added to the decoded posture.
+    added: [ArmQ; ARMS],
 }
 
 fn lerp(a: &ArmQ, b: &ArmQ, s: f64) -> ArmQ {

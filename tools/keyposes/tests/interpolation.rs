@@ -162,3 +162,33 @@ fn the_command_writes_both_files_and_names_what_is_wrong() {
     let refused = run(&["t-pose", "rest", "--seconds", "0"]);
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
 }
+
+/// Poses anywhere in and somewhat beyond the arm's reach, where refinement finds other branches than the network.
+#[test]
+fn no_row_leaps() {
+    let (model, network) = robot();
+    let arm = ArmModel::of(&model);
+    let mut state = 7_u64;
+    let mut uniform = || {
+        // Knuth's linear congruential generator (MMIX).
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut pose = || {
+        let mut side =
+            || arm.forward(&std::array::from_fn(|j| arm.mid()[j] + 1.2 * arm.half()[j] * (2.0 * uniform() - 1.0)));
+        [side(), side()]
+    };
+    let options = Options { seconds: 2.0, rate_hz: 60.0, space: Space::Latent, refine_steps: 2 };
+    for _ in 0..60 {
+        let poses = [pose(), pose()];
+        let found = interpolate(&model, &network, &poses, &options).expect("poses are in range");
+        for (i, pair) in found.q.windows(2).enumerate() {
+            for (a, b) in pair[0].as_flattened().iter().zip(pair[1].as_flattened()) {
+                // 1.875 / 2 s is the peak of minimum jerk: 0.07 rad a row over the longest joint range, and the network is
+                // steeper in places.
+                assert!((a - b).abs() < 0.5, "row {i}: {a} to {b}");
+            }
+        }
+    }
+}
