@@ -10,8 +10,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// Writes `out` and the JSON file beside it.
-pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
+/// Refuses what would write over a file that is read or written, or would never end.
+fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     if out.extension().is_some_and(|extension| extension == "json") {
         return Err(Failure(
             EX_USAGE,
@@ -25,6 +25,12 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     if cli.looped {
         return Err(Failure(EX_USAGE, "--offline ends, --loop does not: give one of them".into()));
     }
+    Ok(())
+}
+
+/// Writes `out` and the JSON file beside it.
+pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
+    refuse(cli, out)?;
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
     let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::config)?;
