@@ -22,6 +22,20 @@ pub enum CalibrationMode {
 }
 
 impl CalibrationMode {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::First10s, Self::Clip, Self::None, Self::Rig];
+
+    /// The mode of this name, if it is one of `allowed`; for command lines.
+    ///
+    /// # Errors
+    /// The names that are allowed.
+    pub fn among(text: &str, allowed: &[Self]) -> Result<Self, String> {
+        let found = allowed.iter().copied().find(|mode| mode.name() == text);
+        found.ok_or_else(|| {
+            format!("is one of {}", allowed.iter().map(|mode| mode.name()).collect::<Vec<_>>().join(", "))
+        })
+    }
+
     /// Name on the command line.
     pub const fn name(self) -> &'static str {
         match self {

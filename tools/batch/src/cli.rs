@@ -121,10 +121,5 @@ fn rate(text: &str) -> Result<Rate, String> {
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
-    match text {
-        "first-10s" => Ok(CalibrationMode::First10s),
-        "clip" => Ok(CalibrationMode::Clip),
-        "none" => Ok(CalibrationMode::None),
-        _ => Err("is one of clip, first-10s, none".into()),
-    }
+    CalibrationMode::among(text, &[CalibrationMode::Clip, CalibrationMode::First10s, CalibrationMode::None])
 }

@@ -28,9 +28,10 @@ pub struct Cli {
     /// Methods, separated by commas [default: all whose weights are there]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub methods: Option<Vec<String>>,
-    /// Frames that each clip's elbow hinges are estimated from
-    #[arg(long, value_enum, default_value = "first-10s")]
-    pub calibration: Calibration,
+    /// What each clip's elbow hinges are estimated from: its first 10 s, as live; all of it, which looks ahead; nothing but
+    /// the momentary elbow plane; or the rig, for motions that this project makes itself
+    #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
+    pub calibration: CalibrationMode,
     /// Where limb rotations are compared: relative to the chest, or in space with the human's torso turning and the
     /// robot's upright and facing where the human faces first. Methods are given the chest's in both cases
     #[arg(long, value_enum, default_value = "chest")]
@@ -63,31 +64,8 @@ fn tensors(text: &str) -> Result<PathBuf, String> {
     Ok(PathBuf::from(if text.ends_with(".safetensors") { text.to_owned() } else { format!("{text}.safetensors") }))
 }
 
-/// Frames that hinges are estimated from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Calibration {
-    /// The whole clip: looks ahead.
-    Clip,
-    /// The first 10 seconds, as live.
-    #[value(name = "first-10s")]
-    First10s,
-    /// None: the elbow's momentary plane.
-    None,
-    /// The rig's own, for motions that this project makes itself.
-    Rig,
-}
-
-impl Calibration {
-    /// The same of the motion crate.
-    #[must_use]
-    pub const fn mode(self) -> CalibrationMode {
-        match self {
-            Self::Clip => CalibrationMode::Clip,
-            Self::First10s => CalibrationMode::First10s,
-            Self::None => CalibrationMode::None,
-            Self::Rig => CalibrationMode::Rig,
-        }
-    }
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    CalibrationMode::among(text, &CalibrationMode::ALL)
 }
 
 /// Where limb rotations are compared.

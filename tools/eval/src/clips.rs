@@ -6,12 +6,8 @@ use motion::{CalibrationMode, Motion};
 use nalgebra::{Quaternion, UnitQuaternion};
 use retarget::{Limbs, mirror};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
-
-/// Of the files sorted by name, every fifth starting with the third is what training never saw: the rule of
-/// `train::clips`.
-const VALIDATION_EVERY: usize = 5;
-const VALIDATION_FIRST: usize = 2;
+use std::path::Path;
+use train::clips::{VALIDATION_EVERY, is_validation, limb_frames, motion_files};
 
 /// Both arms as left arms: the left one, and the right one mirrored at the plane between left and right.
 pub type Human = [Limbs; 2];
@@ -79,7 +75,7 @@ pub fn read(
     for (index, file) in files.iter().enumerate() {
         let wanted = match selection {
             Selection::All => true,
-            Selection::Validation => files.len() < VALIDATION_EVERY || index % VALIDATION_EVERY == VALIDATION_FIRST,
+            Selection::Validation => files.len() < VALIDATION_EVERY || is_validation(index),
             Selection::Named(names) => names.contains(&stem(file)),
         };
         if !wanted {
@@ -111,16 +107,6 @@ pub fn has_training_clips(folder: &Path, selection: &Selection) -> bool {
     *selection == Selection::Validation && motion_files(folder).is_ok_and(|files| files.len() >= VALIDATION_EVERY)
 }
 
-fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
-    motion::motion_files(folder).map_err(|error| {
-        let source = match error {
-            motion::MotionError::Io { source, .. } => source,
-            other => std::io::Error::other(other),
-        };
-        EvalError::File { path: folder.to_path_buf(), action: "list", source }
-    })
-}
-
 /// What a motion shows of the arms, every `stride`-th frame.
 ///
 /// # Errors
@@ -131,14 +117,7 @@ pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> 
                     elbow's plane"
             .into());
     }
-    let hinges = motion::calibrate(motion, calibration);
-    let frames = motion::limbs(motion, &hinges);
-    if frames.is_empty() {
-        return Err("has no frame of motion".into());
-    }
-    if frames.iter().flatten().flatten().any(|value| !value.is_finite()) {
-        return Err("has limb rotations that are not finite".into());
-    }
+    let frames = limb_frames(motion, calibration)?;
     let stride = stride.max(1);
     let positions: Vec<_> = motion.frames.iter().step_by(stride).map(|frame| frame.positions).collect();
     Ok(Clip {

@@ -17,9 +17,9 @@
 use crate::clips::Human;
 use crate::methods::Posture;
 use crate::metrics::Task;
-use crate::parallel;
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use rayon::prelude::*;
 use retarget::{ArmModel, Latent, Network, PRIOR_WEIGHT, features, interpolate_latent, limb_error_deg, refine};
 use serde_json::{Value, json};
 use std::fmt;
@@ -96,7 +96,7 @@ pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolati
                 [from, among[draw(among)].1]
             })
             .collect();
-        let paths = parallel::map(&pairs, |[from, to]| pair(arm, network, from, to));
+        let paths: Vec<_> = pairs.par_iter().map(|[from, to]| pair(arm, network, from, to)).collect();
         let all = |way: usize| mean(paths.iter().map(|ways| &ways[way]));
         Interpolation { pairs: pairs.len(), latent_k0: all(0), latent_k2: all(1), joint_k0: all(2), joint_k2: all(3) }
     };

@@ -14,7 +14,6 @@ pub mod lookup;
 pub mod methods;
 pub mod metrics;
 pub mod paper;
-pub mod parallel;
 pub mod plots;
 pub mod report;
 pub mod run;

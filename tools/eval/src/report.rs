@@ -79,7 +79,7 @@ impl Setting {
             clips: tasks.iter().map(|task| task.clip.name.clone()).collect(),
             frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
             stride: cli.stride,
-            calibration: cli.calibration.mode().name(),
+            calibration: cli.calibration.name(),
             frame: cli.frame.name(),
             weights: weights.map(|weights| WeightsFacts {
                 path: cli.weights.display().to_string(),

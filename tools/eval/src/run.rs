@@ -7,7 +7,8 @@ use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_ora
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{keyposes, paper, parallel, plots};
+use crate::{keyposes, paper, plots};
+use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
 use serde_json::Value;
@@ -32,7 +33,7 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     let (identity, _) = arm_of(&model);
     let weights = read_weights(&cli.weights, &identity)?;
     let selection = Selection::parse(cli.clips.as_deref());
-    let (clips, skipped) = clips::read(&cli.human, &selection, cli.calibration.mode(), cli.stride)?;
+    let (clips, skipped) = clips::read(&cli.human, &selection, cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
@@ -126,7 +127,7 @@ fn refuse_missing(methods: &[Method]) -> Result<(), EvalError> {
 /// Clips with what they are compared with, and the oracle's postures.
 #[must_use]
 pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> Vec<Task> {
-    parallel::map(&clips, |clip| {
+    let task = |clip: Clip| {
         let target = match frame {
             Frame::Chest => clip.human.clone(),
             Frame::Global => clip.global(),
@@ -135,10 +136,11 @@ pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> V
             oracle: Solver::Oracle.clip(arm, &target),
             second_oracle: second_oracle(arm, &target),
             target,
-            clip: clip.clone(),
+            clip,
             contiguous: stride == 1,
         }
-    })
+    };
+    clips.into_par_iter().map(task).collect()
 }
 
 /// Measures all methods on all tasks.
@@ -170,7 +172,7 @@ pub fn report(cli: &Cli, arm: &ArmModel, weights: Option<&Weights>, methods: &[M
 pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Posture>> {
     match solver {
         Solver::Oracle => tasks.iter().map(|task| task.oracle.clone()).collect(),
-        _ => parallel::map(tasks, |task| solver.clip(arm, &task.clip.human)),
+        _ => tasks.par_iter().map(|task| solver.clip(arm, &task.clip.human)).collect(),
     }
 }
 

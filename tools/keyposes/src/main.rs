@@ -81,9 +81,7 @@ fn space(text: &str) -> Result<Space, String> {
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
-    let all = [CalibrationMode::First10s, CalibrationMode::Clip, CalibrationMode::None, CalibrationMode::Rig];
-    let found = all.into_iter().find(|mode| mode.name() == text);
-    found.ok_or_else(|| "is one of first-10s, clip, none, rig".into())
+    CalibrationMode::among(text, &CalibrationMode::ALL)
 }
 
 fn main() -> ExitCode {

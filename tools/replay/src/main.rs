@@ -68,13 +68,7 @@ struct Cli {
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
-    match text {
-        "first-10s" => Ok(CalibrationMode::First10s),
-        "clip" => Ok(CalibrationMode::Clip),
-        "none" => Ok(CalibrationMode::None),
-        "rig" => Ok(CalibrationMode::Rig),
-        _ => Err("is one of first-10s, clip, none, rig".into()),
-    }
+    CalibrationMode::among(text, &CalibrationMode::ALL)
 }
 
 fn main() -> ExitCode {

@@ -4,7 +4,7 @@ use crate::checkpoint::write_at_once;
 use crate::error::TrainError;
 use crate::kinematics::{ARM, Arm, FEATURES, HumanInput, Limbs};
 use crate::networks::{LATENT, Networks, Pose, REACH, Size};
-use crate::pairs::Postures;
+use crate::pairs::random_postures;
 use crate::robot_file::read_text;
 use crate::session::encode_robot;
 use crate::weights_file::{layers, with_suffix};
@@ -109,7 +109,7 @@ impl Baseline {
         let parameters = read_parameters(base, &bytes, &manifest, networks.parameters())?;
         let arm = Arm::from(&identity.arm);
         let known = manifest.lookup.then(|| {
-            let postures = Postures::random(&arm, S3LE_POSTURES, S3LE_SEED).normalised;
+            let postures = random_postures(S3LE_POSTURES, S3LE_SEED);
             let latents = encode_robot(&networks, &parameters, postures.as_flattened().as_flattened());
             Known { postures, latents }
         });
@@ -179,7 +179,9 @@ impl Known {
     }
 }
 
-fn single(limbs: &retarget::Limbs) -> Limbs {
+/// Limb rotations in f32, x, y, z, w.
+#[must_use]
+pub fn single(limbs: &retarget::Limbs) -> Limbs {
     [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))
 }
 

@@ -6,7 +6,7 @@ use crate::optimiser::Schedule;
 use crate::preset::Preset;
 use crate::sampling::Mixture;
 use crate::session::Options;
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 use motion::CalibrationMode;
 use std::path::PathBuf;
 
@@ -51,29 +51,12 @@ pub struct Cli {
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
     /// Where each clip's elbow hinges are estimated
-    #[arg(long, value_enum, default_value = "first-10s")]
-    pub calibration: Calibration,
+    #[arg(long, value_name = "clip|first-10s", default_value = "first-10s", value_parser = calibration)]
+    pub calibration: CalibrationMode,
 }
 
-/// Frames that hinges are estimated from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Calibration {
-    /// The whole clip.
-    Clip,
-    /// The first 10 seconds, as live.
-    #[value(name = "first-10s")]
-    First10s,
-}
-
-impl Calibration {
-    /// The same of the motion crate.
-    #[must_use]
-    pub const fn mode(self) -> CalibrationMode {
-        match self {
-            Self::Clip => CalibrationMode::Clip,
-            Self::First10s => CalibrationMode::First10s,
-        }
-    }
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    CalibrationMode::among(text, &[CalibrationMode::Clip, CalibrationMode::First10s])
 }
 
 impl Cli {

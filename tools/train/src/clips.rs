@@ -4,14 +4,20 @@ use crate::error::TrainError;
 use crate::kinematics::Limbs;
 use crate::sampling::Recorded;
 use messages::{LIMBS, Limb};
-use motion::CalibrationMode;
+use motion::{CalibrationMode, Motion};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Of the files sorted by name, every fifth starting with the third is kept for validation (so that figures of different
 /// versions compare).
-const VALIDATION_EVERY: usize = 5;
+pub const VALIDATION_EVERY: usize = 5;
 const VALIDATION_FIRST: usize = 2;
+
+/// Whether the file of this place, sorted by name, is kept for validation.
+#[must_use]
+pub const fn is_validation(index: usize) -> bool {
+    index % VALIDATION_EVERY == VALIDATION_FIRST
+}
 
 /// One clip, both arms as left arms.
 #[derive(Clone, Debug)]
@@ -51,7 +57,7 @@ impl Clips {
         for (index, file) in files.iter().enumerate() {
             match read_clip(file, calibration) {
                 Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
-                Ok(clip) if index % VALIDATION_EVERY == VALIDATION_FIRST => clips.validation.push(clip),
+                Ok(clip) if is_validation(index) => clips.validation.push(clip),
                 Ok(clip) => clips.training.push(clip),
             }
         }
@@ -87,7 +93,11 @@ impl Clips {
     }
 }
 
-fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
+/// The motion files of a folder, sorted by name.
+///
+/// # Errors
+/// If it cannot be listed.
+pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     motion::motion_files(folder).map_err(|error| {
         let source = match error {
             motion::MotionError::Io { source, .. } => source,
@@ -102,15 +112,23 @@ fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> 
     if !motion.has_rotations {
         return Err("has no rotations, so the twist of its limbs is unknown".into());
     }
-    let hinges = motion::calibrate(&motion, calibration);
-    let frames = motion::limbs(&motion, &hinges);
+    let frames = limb_frames(&motion, calibration)?;
+    Ok(Clip { name: motion.name, arms: arms(&frames) })
+}
+
+/// The limb rotations of every frame, x y z w, by `messages::Limb`.
+///
+/// # Errors
+/// A sentence, if there is no frame, or a rotation is not finite.
+pub fn limb_frames(motion: &Motion, calibration: CalibrationMode) -> Result<Vec<[[f32; 4]; LIMBS]>, String> {
+    let frames = motion::limbs(motion, &motion::calibrate(motion, calibration));
     if frames.is_empty() {
         return Err("has no frame of motion".into());
     }
     if frames.iter().flatten().flatten().any(|value| !value.is_finite()) {
         return Err("has limb rotations that are not finite".into());
     }
-    Ok(Clip { name: motion.name, arms: arms(&frames) })
+    Ok(frames)
 }
 
 /// Both arms as left arms: the right one mirrored at the plane between left and right.

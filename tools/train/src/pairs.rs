@@ -3,11 +3,12 @@
 //! sum_j (1 - <a_j, b_j>^2) is least where sum_j <a_j a_j^T, b_j b_j^T> is greatest; a symmetric 4 x 4 matrix has ten
 //! numbers (off-diagonal ones times sqrt 2), so a pose of four limbs is a vector of 40 and the search a matrix product.
 
-use crate::gemm::{Mat, multiply};
+use crate::gemm::{Mat, multiply, widest};
 use crate::kinematics::{ARM, Arm, Limbs};
 use crate::sampling::{Mixture, Pair, Recorded};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use rayon::prelude::*;
 
 /// Numbers of four limbs' outer products.
 const PRODUCTS: usize = 40;
@@ -15,55 +16,35 @@ const PRODUCTS: usize = 40;
 const HUMANS: usize = 64;
 const POSTURES: usize = 2048;
 
-/// Robot postures of both arms, drawn uniformly within the limits, with what the search needs.
+/// Poses of four limbs, ready to be searched for the one of least S_GR.
 #[derive(Clone, Debug)]
-pub struct Postures {
-    /// Joint positions normalised to -1..1 over the limits.
-    pub normalised: Vec<[[f32; ARM]; 2]>,
+pub struct Index {
+    /// `[poses, PRODUCTS]`.
     products: Vec<f32>,
 }
 
-impl Postures {
-    /// `count` postures of `arm`; the same seed gives the same postures.
-    #[must_use]
-    pub fn random(arm: &Arm, count: usize, seed: u64) -> Self {
-        let mut rng = Pcg64::new(u128::from(seed), 0x5e1e);
-        let mut joint = || -> f32 { rng.random_range(-1.0..1.0) };
-        let normalised: Vec<[[f32; ARM]; 2]> =
-            (0..count).map(|_| std::array::from_fn(|_| std::array::from_fn(|_| joint()))).collect();
-        let products =
-            normalised.iter().flat_map(|q| products(&q.map(|q| arm.forward(&arm.denormalised(&q))))).collect();
-        Self { normalised, products }
+impl Index {
+    /// Of these poses, in their order.
+    pub fn new(poses: impl Iterator<Item = [Limbs; 2]>) -> Self {
+        Self { products: poses.flat_map(|pose| products(&pose)).collect() }
     }
 
-    /// For each human pose the index of the posture of least S_GR, the first of equals.
+    /// For each human pose the place of the nearest, the first of equals.
     #[must_use]
     pub fn nearest(&self, humans: &[[Limbs; 2]]) -> Vec<usize> {
-        let share = humans.len().div_ceil(2).max(1);
-        std::thread::scope(|scope| {
-            let parts: Vec<_> = humans.chunks(share).map(|part| scope.spawn(|| self.search(part))).collect();
-            // A panic of a thread is a bug: it aborts the process (profile), or is passed on under `cargo test`.
-            let join = |part: std::thread::ScopedJoinHandle<'_, Vec<usize>>| {
-                part.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            };
-            parts.into_iter().flat_map(join).collect()
-        })
-    }
-
-    fn search(&self, humans: &[[Limbs; 2]]) -> Vec<usize> {
         let mut out = Vec::with_capacity(humans.len());
         let mut block = Vec::new();
         for part in humans.chunks(HUMANS) {
             let queries: Vec<f32> = part.iter().flat_map(products).collect();
             let mut best = vec![(f32::MIN, 0); part.len()];
-            for (index, postures) in self.products.chunks(POSTURES * PRODUCTS).enumerate() {
-                let count = postures.len() / PRODUCTS;
+            for (index, poses) in self.products.chunks(POSTURES * PRODUCTS).enumerate() {
+                let count = poses.len() / PRODUCTS;
                 block.resize(part.len() * count, 0.0);
-                let postures = Mat::new(postures, count, PRODUCTS).t();
-                multiply(&mut block, Mat::new(&queries, part.len(), PRODUCTS), postures, false);
+                let poses = Mat::new(poses, count, PRODUCTS).t();
+                multiply(&mut block, Mat::new(&queries, part.len(), PRODUCTS), poses, false);
                 for (row, best) in block.chunks_exact(count).zip(&mut best) {
-                    // The greatest value first, which vectorises; its place only if it is a new record.
-                    let greatest = row.iter().copied().fold(f32::MIN, f32::max);
+                    // The greatest value first, in lanes; its place only if it is a new record.
+                    let greatest = widest(|| greatest(row));
                     if greatest > best.0 {
                         let place = row.iter().position(|value| *value == greatest).unwrap_or(0);
                         *best = (greatest, index * POSTURES + place);
@@ -74,6 +55,19 @@ impl Postures {
         }
         out
     }
+}
+
+/// The greatest of a row, in lanes that the compiler makes one vector of.
+#[inline(always)]
+fn greatest(row: &[f32]) -> f32 {
+    let mut lanes = [f32::MIN; 16];
+    let (chunks, rest) = row.as_chunks::<16>();
+    for chunk in chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane = if *value > *lane { *value } else { *lane };
+        }
+    }
+    lanes.iter().chain(rest).copied().fold(f32::MIN, f32::max)
 }
 
 fn products(arms: &[Limbs; 2]) -> [f32; PRODUCTS] {
@@ -90,9 +84,24 @@ fn products(arms: &[Limbs; 2]) -> [f32; PRODUCTS] {
     out
 }
 
+/// `count` robot postures of both arms, uniform within the limits, normalised to -1..1 over them; the same seed gives the same.
+#[must_use]
+pub fn random_postures(count: usize, seed: u64) -> Vec<[[f32; ARM]; 2]> {
+    let mut rng = Pcg64::new(u128::from(seed), 0x5e1e);
+    let mut joint = || -> f32 { rng.random_range(-1.0..1.0) };
+    (0..count).map(|_| std::array::from_fn(|_| std::array::from_fn(|_| joint()))).collect()
+}
+
 /// `count` human poses, drawn as training draws them, each with its nearest of `postures`.
 #[must_use]
-pub fn matched(postures: &Postures, recorded: &Recorded, mixture: &Mixture, count: usize, seed: u64) -> Vec<Pair> {
+pub fn matched(
+    arm: &Arm,
+    postures: &[[[f32; ARM]; 2]],
+    recorded: &Recorded,
+    mixture: &Mixture,
+    count: usize,
+    seed: u64,
+) -> Vec<Pair> {
     let mut rng = Pcg64::new(u128::from(seed), 0xa175);
     let recorded_count = ((1.0 - mixture.procedural) * count as f64).round() as usize;
     let humans: Vec<[Limbs; 2]> = (0..count)
@@ -102,8 +111,10 @@ pub fn matched(postures: &Postures, recorded: &Recorded, mixture: &Mixture, coun
             arms
         })
         .collect();
-    let nearest = postures.nearest(&humans);
-    humans.into_iter().zip(nearest).map(|(human, index)| Pair { human, posture: postures.normalised[index] }).collect()
+    let index = Index::new(postures.iter().map(|q| q.map(|q| arm.forward(&arm.denormalised(&q)))));
+    let nearest = humans.par_chunks(HUMANS).flat_map_iter(|part| index.nearest(part));
+    let nearest: Vec<usize> = nearest.collect();
+    humans.into_iter().zip(nearest).map(|(human, index)| Pair { human, posture: postures[index] }).collect()
 }
 
 #[cfg(test)]
@@ -114,15 +125,15 @@ mod tests {
     #[test]
     fn the_search_finds_what_comparing_all_finds() {
         let arm = example_arm();
-        let postures = Postures::random(&arm, 3 * POSTURES + 17, 5);
-        let pairs = matched(&postures, &Recorded::default(), &Mixture::default(), 2 * HUMANS + 3, 6);
+        let postures = random_postures(3 * POSTURES + 17, 5);
+        let pairs = matched(&arm, &postures, &Recorded::default(), &Mixture::default(), 2 * HUMANS + 3, 6);
         assert_eq!(pairs.len(), 2 * HUMANS + 3);
         for pair in pairs {
             let distance = |posture: &[[f32; ARM]; 2]| -> f32 {
                 let limbs = posture.map(|q| arm.forward(&arm.denormalised(&q)));
                 s_gr(&limbs[0], &pair.human[0]) + s_gr(&limbs[1], &pair.human[1])
             };
-            let least = postures.normalised.iter().map(&distance).fold(f32::MAX, f32::min);
+            let least = postures.iter().map(&distance).fold(f32::MAX, f32::min);
             assert!(distance(&pair.posture) <= least + 1e-5, "{} against {least}", distance(&pair.posture));
         }
     }

@@ -8,7 +8,7 @@ use crate::error::TrainError;
 use crate::evaluation::evaluate;
 use crate::kinematics::Arm;
 use crate::objective::Terms;
-use crate::pairs::{Postures, matched};
+use crate::pairs::{matched, random_postures};
 use crate::preset::Preset;
 use crate::robot_file::{arm_of, read_model};
 use crate::sampling::{Pair, Recorded};
@@ -35,7 +35,7 @@ const OPTIMUM_STRIDE: usize = 3;
 /// The first thing that made it impossible, with the file or option at fault.
 pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let (identity, arm) = arm_of(&read_model(&cli.robot)?);
-    let clips = Clips::read(&cli.human, cli.calibration.mode())?;
+    let clips = Clips::read(&cli.human, cli.calibration)?;
     report(&clips);
     let out = cli.out.as_path();
     let recorded = clips.recorded();
@@ -44,13 +44,18 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
         Some(path) => checkpoint::resume(path, arm, &origin)?,
         None => Session::new(cli.options()?, arm),
     };
+    let recipe = cli.preset.recipe();
+    if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {
+        let path = cli.resume.clone().unwrap_or_default();
+        return Err(TrainError::Checkpoint { path, reason: "was made with another --preset".into() });
+    }
     let pairs = (cli.preset == Preset::S3le).then(|| pairs(&arm, &recorded, &session.options));
     let data = pairs.as_deref().map_or(Data::Unpaired(&recorded), Data::Pairs);
     train(&mut session, data, &clips, &with_suffix(out, ".checkpoint"), &origin)?;
-    let trained_on = description(&session.options, &clips, &recorded, cli.calibration.mode().name());
+    let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
     match cli.preset.baseline() {
         Some(name) => write_baseline(out, name, &session, &origin, trained_on)?,
-        None => write_product(out, &session, &identity, &clips, trained_on, cli.calibration.mode().name())?,
+        None => write_product(out, &session, &identity, &clips, trained_on, cli.calibration.name())?,
     }
     // The run is complete and its schedule has ended: there is nothing to resume.
     let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
@@ -61,8 +66,8 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
 /// Human poses and the nearest of the known postures, as many as there are of these.
 fn pairs(arm: &Arm, recorded: &Recorded, options: &Options) -> Vec<Pair> {
     println!("matching {S3LE_POSTURES} human poses with {S3LE_POSTURES} robot postures");
-    let postures = Postures::random(arm, S3LE_POSTURES, S3LE_SEED);
-    matched(&postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
+    let postures = random_postures(S3LE_POSTURES, S3LE_SEED);
+    matched(arm, &postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
 }
 
 fn write_baseline(

@@ -12,7 +12,6 @@ pub struct Options {
     /// Hidden layers of the perceptrons.
     pub size: Size,
     /// What they map between.
-    #[serde(default)]
     pub pose: Pose,
     /// Poses per step; even, half of it per thread.
     pub batch: usize,

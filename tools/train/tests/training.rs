@@ -12,7 +12,7 @@ use train::kinematics::{Arm, Limbs};
 use train::networks::{Pose, Size};
 use train::objective::{Terms, Weighting};
 use train::optimiser::Schedule;
-use train::pairs::{Postures, matched};
+use train::pairs::{matched, random_postures};
 use train::preset::Preset;
 use train::sampling::{Mixture, Recorded, procedural};
 use train::session::{Data, Options, Session, retarget};
@@ -201,14 +201,14 @@ fn s3le_answers_with_known_postures_alone_and_its_pairs_draw_the_latents_togethe
     let (folder, _) = scratch();
     let base = folder.path().join("s3le");
     let arm = Arm::from(&identity().arm);
-    let postures = Postures::random(&arm, 3_000, S3LE_SEED);
-    let pairs = matched(&postures, &Recorded::default(), &Mixture::default(), 500, 1);
+    let postures = random_postures(3_000, S3LE_SEED);
+    let pairs = matched(&arm, &postures, &Recorded::default(), &Mixture::default(), 500, 1);
     let mut run = baseline(Preset::S3le, 200);
     let terms: Vec<Terms> = (0..200).map(|_| run.advance(Data::Pairs(&pairs))).collect();
     assert!(terms[199].pairing < 0.5 * terms[0].pairing, "{:?} to {:?}", terms[0], terms[199]);
     Baseline::write(&base, &manifest(&run, true), &run.adam.average).expect("a baseline can be written");
     let read = Baseline::read(&base, &identity()).expect("and read");
-    let all = Postures::random(&arm, S3LE_POSTURES, S3LE_SEED).normalised;
+    let all = random_postures(S3LE_POSTURES, S3LE_SEED);
     for q in both_arms(&unseen_poses()[..3]).iter().map(|frame| read.retarget(frame)) {
         let is_known = |n: &[[f32; 5]; 2]| n.map(|n| arm.denormalised(&n).map(f64::from)) == q;
         assert!(all.iter().any(is_known), "{q:?}");
