@@ -116,12 +116,14 @@ impl Source<'_> {
             ("position_min_rad", tighten.position_min_rad),
             ("position_max_rad", tighten.position_max_rad),
             ("velocity_max_rad_per_s", tighten.velocity_max_rad_per_s),
+            ("acceleration_max_rad_per_s2", tighten.acceleration_max_rad_per_s2),
             ("effort_max_n_m", tighten.effort_max_n_m),
         ];
         let metre = [
             ("position_min_m", tighten.position_min_m),
             ("position_max_m", tighten.position_max_m),
             ("velocity_max_m_per_s", tighten.velocity_max_m_per_s),
+            ("acceleration_max_m_per_s2", tighten.acceleration_max_m_per_s2),
             ("effort_max_n", tighten.effort_max_n),
         ];
         let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
@@ -131,7 +133,7 @@ impl Source<'_> {
         if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
             return refuse(key, value, "has the wrong unit for this joint".into());
         }
-        let [(min_key, min), (max_key, max), (velocity_key, velocity), (effort_key, effort)] = own;
+        let [(min_key, min), (max_key, max), velocity, acceleration, effort] = own;
         let (lower, upper) = (limits.q_min, limits.q_max);
         if let Some(min) = min {
             if !(min >= lower && min < upper) {
@@ -145,8 +147,8 @@ impl Source<'_> {
             }
             limits.q_max = max;
         }
-        for (key, value, limit) in
-            [(velocity_key, velocity, &mut limits.v_max), (effort_key, effort, &mut limits.effort_max)]
+        for ((key, value), limit) in
+            [(velocity, &mut limits.v_max), (acceleration, &mut limits.a_max), (effort, &mut limits.effort_max)]
         {
             let Some(value) = value else { continue };
             if !(value > 0.0 && value <= *limit) {

@@ -98,10 +98,12 @@ pub(crate) struct Tighten {
     pub(crate) position_min_rad: Option<f64>,
     pub(crate) position_max_rad: Option<f64>,
     pub(crate) velocity_max_rad_per_s: Option<f64>,
+    pub(crate) acceleration_max_rad_per_s2: Option<f64>,
     pub(crate) effort_max_n_m: Option<f64>,
     pub(crate) position_min_m: Option<f64>,
     pub(crate) position_max_m: Option<f64>,
     pub(crate) velocity_max_m_per_s: Option<f64>,
+    pub(crate) acceleration_max_m_per_s2: Option<f64>,
     pub(crate) effort_max_n: Option<f64>,
 }
 
