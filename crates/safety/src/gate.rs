@@ -6,8 +6,12 @@
 //! judges by plain distances that the command and the plan's rest posture are clear of self-collision. What lies between
 //! the two is the certificate of whole-body control.
 
+#[cfg(test)]
+mod ceilings;
 mod check;
 mod fixed;
+#[cfg(test)]
+mod lattice;
 mod stored;
 
 use messages::{JOINTS, Stamp, StopPlan};

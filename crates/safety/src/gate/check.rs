@@ -19,7 +19,7 @@ pub(super) const SLACK: i64 = 64;
 pub(super) const REST_SLACK: i64 = 1 << 20;
 
 /// Jerk is judged by the change of acceleration over a tick; rounding of its two ends, in units of jerk.
-const JERK_SLACK: i64 = 1500 * SLACK;
+pub(super) const JERK_SLACK: i64 = 1500 * SLACK;
 
 /// What a joint's command fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -74,7 +74,7 @@ pub(super) struct Limits {
     pub(super) a: i64,
     pub(super) jerk: i64,
     /// Longest stop from any state within the limits, in units of time.
-    stop: i64,
+    pub(super) stop: i64,
 }
 
 /// Planning with a little less than the limits takes a little longer.
@@ -128,7 +128,8 @@ impl Limits {
             // Checked, with all that lies between, when the plan was accepted.
             return Ok(());
         }
-        // |a| is within 2^52 on both sides: the product stays below 2^63 in magnitude.
+        // |a| is at most 2^52 on both sides, so the product may reach 2^53 * 1500 > 2^63: it is taken in i128, and fits
+        // an i64 once it is known to be within the jerk limit.
         let jerk = i128::from(next.a - last.a) * 1500;
         if jerk.abs() > i128::from(self.jerk + JERK_SLACK) {
             return Err(Check::Jerk);

@@ -12,8 +12,34 @@
 //! | jerk | 2^20 | 2^60 |
 //! | time | 2^4 s | 2^52 |
 //!
-//! Products are taken in `i128`: the greatest is (6 v + (2 a + a') t) t < 2^59 * 2^52. Results beyond a ceiling are
-//! clamped to just above it, which no limit admits.
+//! Products are taken in `i128`. Results beyond a ceiling are clamped to just above it, which no limit admits.
+//!
+//! Nothing can overflow, and no conversion to `i64` can cut anything off. With Q, V <= 2^46 + 1, A <= 2^52 + 1, J <= 2^60,
+//! T <= 2^52 (inputs by `quantise`, results by `clamped`), and limits within the same ceilings:
+//!
+//! | operation | where | at most | type |
+//! |---|---|---|---|
+//! | ticks 2^48 + 750, ticks <= 2^20 | `ticks_long` | 2^68 + 750, as `i64` after the division 2^58 | `i128` |
+//! | j t + 2^47 | `after` | 2^112 + 2^47 | `i128` |
+//! | j t / 2^48 + a | `after` | 2^64 + 2^53, clamped to A | `i128` |
+//! | a + a' | `reaching` | 2^53 + 2 | `i64` |
+//! | (a + a') t | `reaching` | 2^105 + 2^53 | `i128` |
+//! | 6 v | `reaching` | 2^49 | `i64` |
+//! | 2 a + a' | `reaching` | 3 * 2^52 + 3 < 2^54 | `i64` |
+//! | (2 a + a') t / 2^48, as `i64` | `reaching` | 3 * 2^56 + 13 < 2^58 | `i128` |
+//! | slope = 6 v + (2 a + a') t / 2^48 | `reaching` | 2^58 | `i64` |
+//! | slope t | `reaching` | 2^110 | `i128` |
+//! | x - y of two points | `is_near` | 2^53 + 2 | `i64` |
+//! | a 2^48 | `crossing` | 2^100 + 2^48; the quotient is clamped to the duration | `i128` |
+//! | low + (high - low) / 2 | `note_turn` | T | `i64` |
+//! | limit + slack | `check` | 2^60 + 96,000 | `i64` |
+//! | (a' - a) 1500 | `Limits::step` | (2^53 + 2) 1500 < 2^64, as `i64` once within the jerk limit | `i128` |
+//! | sum of three durations | `Limits::stop` | 3 * 2^52 | `i64` |
+//! | difference of durations, jerks | `same_stop` | 2^52, 2^61 | `i64` |
+//! | a duration less what is played of it | `stored` | T | `i64` |
+//! | ticks played, indices, counts | `stored`, `tick` | saturating | `u64` |
+//!
+//! `ceilings` runs all of them at both ends of their ranges, in builds that check for overflow.
 
 use messages::TICK_HZ;
 
@@ -100,7 +126,6 @@ impl Point {
     /// After `t` in which the acceleration goes evenly to `a`.
     pub(super) fn reaching(self, a: i64, t: i64) -> Self {
         let v = i128::from(self.v) + scaled(self.a + a, t, TIME_BITS + 1);
-        // |2 a + a'| < 2^54 and t <= 2^52, so the sum stays below 2^59.
         let slope = 6 * self.v + scaled(2 * self.a + a, t, TIME_BITS) as i64;
         let six = scaled(slope, t, TIME_BITS);
         let q = i128::from(self.q) + (six + 3).div_euclid(6);

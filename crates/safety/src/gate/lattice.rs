@@ -1,0 +1,348 @@
+//! The checks of one joint against the physics itself, for every state of a small lattice.
+//!
+//! With a tick as the unit of time, every position of the lattice is a multiple of `STEP` units, every velocity of `STEP`
+//! units a tick, every acceleration of `STEP` units a tick^2, and the polynomials of constant jerk are exact in
+//! integers. The judge below decides each limit over the whole stretch from the roots of those polynomials by comparing
+//! squares in `i128`: no rounding, no bisection, no line of the gate's. Limits lie on the lattice, so what exceeds one
+//! does so by far more than the rounding that is granted, or by a turning point; whatever lies within 8 units of the
+//! slack is counted as undecided, and there must be next to none of it.
+
+use super::check::{Check, JERK_SLACK, Limits, REST_SLACK, SLACK};
+use super::fixed::{Phase, Point, TICK};
+
+/// Units a step of the lattice has: halves and sixths of it are whole, and half a step of velocity is no rest.
+const STEP: i128 = 6144;
+/// Ticks per second.
+const HZ: i128 = 1500;
+/// What the gate's arithmetic may be off by, units.
+const ROUNDING: i128 = 8;
+
+/// Limits in steps of the lattice: few enough that everything binds within a tick or two.
+const Q: i128 = 4;
+const V: i128 = 3;
+const A: i128 = 3;
+const J: i128 = 2;
+/// Longest stop, ticks.
+const STOP: i128 = 5;
+
+fn limits() -> Limits {
+    Limits {
+        q: [gate(-Q * STEP), gate(Q * STEP)],
+        v: gate(V * STEP * HZ),
+        a: gate(A * STEP * HZ * HZ),
+        jerk: gate(J * STEP * HZ * HZ * HZ),
+        stop: TICK * gate(STOP),
+    }
+}
+
+fn gate(value: i128) -> i64 {
+    i64::try_from(value).expect("the lattice is small")
+}
+
+/// Position, velocity, acceleration in units, units a tick and units a tick^2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct State {
+    q: i128,
+    v: i128,
+    a: i128,
+}
+
+impl State {
+    fn steps(q: i128, v: i128, a: i128) -> Self {
+        Self { q: q * STEP, v: v * STEP, a: a * STEP }
+    }
+
+    fn point(self) -> Point {
+        Point { q: gate(self.q), v: gate(self.v * HZ), a: gate(self.a * HZ * HZ) }
+    }
+
+    /// After `t` ticks of jerk `j`; exact, since both are whole and STEP is a multiple of 6.
+    fn after(self, j: i128, t: i128) -> Self {
+        Self {
+            q: self.q + self.v * t + self.a * t * t / 2 + j * t * t * t / 6,
+            v: self.v + self.a * t + j * t * t / 2,
+            a: self.a + j * t,
+        }
+    }
+
+    fn mirrored(self) -> Self {
+        Self { q: -self.q, v: -self.v, a: -self.a }
+    }
+}
+
+/// Whether q(t) = q + v t + a t^2 / 2 + j t^3 / 6 is at most `most` for all t in [0, end]. Its maximum inside lies where
+/// q' = 0 and q'' < 0; with D = a^2 - 2 j v that is at a + j t = -sqrt(D), where
+/// q = q_0 + (2 D sqrt(D) + 3 D a - a^3) / (6 j^2).
+fn position_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
+    if x.q > most || x.after(j, end).q > most {
+        return false;
+    }
+    let State { q, v, a } = x;
+    if j == 0 {
+        // The maximum q - v^2 / 2a at t = -v / a.
+        let turns = a < 0 && v > 0 && v < -a * end;
+        return !turns || 2 * -a * q + v * v <= 2 * -a * most;
+    }
+    let d = a * a - 2 * j * v;
+    if d <= 0 {
+        return true;
+    }
+    let last = a + j * end;
+    let after_start = if j > 0 { a < 0 && d < a * a } else { a > 0 || d > a * a };
+    let before_end = if j > 0 { last >= 0 || d > last * last } else { last < 0 && d < last * last };
+    if !(after_start && before_end) {
+        return true;
+    }
+    let room = 6 * j * j * (most - q) - 3 * d * a + a * a * a;
+    room >= 0 && 4 * d * d * d <= room * room
+}
+
+/// Whether v(t) = v + a t + j t^2 / 2, in units a second, is at most `most` for all t in [0, end].
+fn velocity_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
+    // The maximum v - a^2 / 2j at t = -a / j.
+    let peaks = j < 0 && x.a > 0 && x.a < -j * end;
+    let ends_hold = x.v * HZ <= most && x.after(j, end).v * HZ <= most;
+    ends_hold && (!peaks || HZ * (2 * -j * x.v + x.a * x.a) <= 2 * -j * most)
+}
+
+/// Which checks a stretch fails when `grant` units are granted to each limit.
+fn broken(x: State, j: i128, end: i128, grant: i128) -> [bool; 3] {
+    let both = |holds: fn(State, i128, i128, i128) -> bool, most: i128| {
+        holds(x, j, end, most + grant) && holds(x.mirrored(), -j, end, most + grant)
+    };
+    let a_most = A * STEP * HZ * HZ + grant;
+    let a_holds = [x.a, x.a + j * end].iter().all(|a| (a * HZ * HZ).abs() <= a_most);
+    [!both(position_stays_below, Q * STEP), !both(velocity_stays_below, V * STEP * HZ), !a_holds]
+}
+
+/// Agreement of a verdict with what is broken for certain and what may be broken; counts what is undecided.
+#[derive(Debug, Default)]
+struct Tally {
+    admitted: u64,
+    denied: std::collections::BTreeMap<String, u64>,
+    undecided: u64,
+}
+
+impl Tally {
+    fn note(&mut self, got: Result<(), Check>, surely: &[(Check, bool)], maybe: &[(Check, bool)], what: &str) {
+        let (sure, possible) = (surely.iter().any(|(_, bad)| *bad), maybe.iter().any(|(_, bad)| *bad));
+        match got {
+            Ok(()) => {
+                assert!(!sure, "admitted {what}, which fails {surely:?}");
+                self.admitted += 1;
+            }
+            Err(check) => {
+                assert!(possible, "denied {what} for {check:?}, which fails nothing");
+                assert!(maybe.contains(&(check, true)), "denied {what} for {check:?}, which fails {maybe:?}");
+                *self.denied.entry(format!("{check:?}")).or_default() += 1;
+            }
+        }
+        self.undecided += u64::from(sure != possible);
+    }
+}
+
+/// What the step from `last` to `next` fails, when `grant` units are granted, and next is not the plan's point.
+fn step_fails(last: State, next: Point, grant: i128) -> [(Check, bool); 5] {
+    let (q, v, a) = (i128::from(next.q), i128::from(next.v), i128::from(next.a));
+    let a_before = last.a * HZ * HZ;
+    let jerk_is_broken = ((a - a_before) * HZ).abs() > J * STEP * HZ * HZ * HZ + i128::from(JERK_SLACK);
+    // The acceleration of `next` may be off the lattice by less than a hundred units, which is 0.03 units of velocity.
+    let j = ((a - a_before) as f64 / (STEP * HZ * HZ) as f64).round() as i128 * STEP;
+    let exact = last.after(j, 1);
+    let is_step = (q - exact.q).abs() <= i128::from(SLACK) && (v - exact.v * HZ).abs() <= i128::from(SLACK);
+    let [within_q, within_v, _] = broken(last, j, 1, grant);
+    let slack = i128::from(SLACK);
+    [
+        (Check::Position, q.abs() > Q * STEP + slack || is_step && within_q),
+        (Check::Velocity, v.abs() > V * STEP * HZ + slack || is_step && within_v),
+        (Check::Acceleration, a.abs() > A * STEP * HZ * HZ + slack),
+        (Check::Jerk, jerk_is_broken),
+        (Check::Step, !is_step),
+    ]
+}
+
+/// Every state, and every next one: halves of velocity and sixths of position included.
+#[test]
+fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
+    let limits = limits();
+    // A plan that leads elsewhere, so that nothing passes for being on it.
+    let elsewhere = State::steps(50, 0, 0).point();
+    let mut tally = Tally::default();
+    for (q, v, a, a_next) in states().flat_map(|(q, v, a)| (-5..=5).map(move |a_next| (q, v, a, a_next))) {
+        let last = State::steps(q, v, a);
+        for (halves, sixths) in (-8..=8).flat_map(|h| (-30..=30).map(move |s| (h, s))) {
+            let next = State { q: sixths * STEP / 6, v: halves * STEP / 2, a: a_next * STEP }.point();
+            let got = limits.step(last.point(), next, elsewhere);
+            let surely = step_fails(last, next, i128::from(SLACK) + ROUNDING);
+            let maybe = step_fails(last, next, i128::from(SLACK) - ROUNDING);
+            tally.note(got, &surely, &maybe, "a step");
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
+}
+
+/// All positions, velocities and accelerations of the lattice, some of them beyond the limits.
+fn states() -> impl Iterator<Item = (i128, i128, i128)> {
+    (-5..=5).flat_map(|q| (-4..=4).flat_map(move |v| (-4..=4).map(move |a| (q, v, a))))
+}
+
+/// The slack of every comparison, to the unit: the steps of the lattice moved by up to 65 units.
+#[test]
+fn every_comparison_grants_the_slack_and_not_a_unit_more() {
+    let limits = limits();
+    let elsewhere = State::steps(50, 0, 0).point();
+    let mut tally = Tally::default();
+    let moves = [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1];
+    for (q, v, a, j) in states().flat_map(|(q, v, a)| (-2..=2).map(move |j| (q, v, a, j))) {
+        let last = State::steps(q, v, a);
+        let exact = last.after(j * STEP, 1).point();
+        for n in 0..125 {
+            let [dq, dv, da] = [n % 5, n / 5 % 5, n / 25].map(|n| moves[n]);
+            let next = Point { q: exact.q + dq, v: exact.v + dv, a: exact.a + da };
+            let got = limits.step(last.point(), next, elsewhere);
+            let surely = step_fails(last, next, i128::from(SLACK) + ROUNDING);
+            let maybe = step_fails(last, next, i128::from(SLACK) - ROUNDING);
+            tally.note(got, &surely, &maybe, "a moved step");
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
+}
+
+/// A point of the plan needs no admissible jerk, but to be within the limits and near the plan.
+#[test]
+fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
+    let limits = limits();
+    let last = State::steps(0, 0, 0).point();
+    let moves = [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1];
+    for (q, v, a) in states() {
+        let on_plan = State::steps(q, v, a).point();
+        for n in 0..125 {
+            let [dq, dv, da] = [n % 5, n / 5 % 5, n / 25].map(|n| moves[n]);
+            let next = Point { q: on_plan.q + dq, v: on_plan.v + dv, a: on_plan.a + da };
+            let near = [dq, dv, da].iter().all(|d| d.abs() <= SLACK);
+            let within = next.q.abs() <= limits.q[1] + SLACK
+                && next.v.abs() <= limits.v + SLACK
+                && next.a.abs() <= limits.a + SLACK;
+            let rest_of_the_lattice_is_a_step = step_fails(State::steps(0, 0, 0), next, 0).iter().all(|(_, bad)| !bad);
+            let got = limits.step(last, next, on_plan);
+            assert_eq!(got.is_ok(), within && (near || rest_of_the_lattice_is_a_step), "{next:?} {on_plan:?} {got:?}");
+        }
+    }
+}
+
+/// What the stop fails when `grant` units are granted, and where it rests.
+fn stop_fails(start: State, phases: &[(i128, i128); 3], grant: i128) -> ([(Check, bool); 2], State) {
+    let mut x = start;
+    let mut leaves = false;
+    for (j, ticks) in phases.iter().filter(|(_, ticks)| *ticks > 0) {
+        // The acceleration that the stop begins with is the command's, and judged as such.
+        let from = State { a: x.a.clamp(-A * STEP, A * STEP), ..x };
+        let [q, v, _] = broken(x, j * STEP, *ticks, grant);
+        let end = x.after(j * STEP, *ticks);
+        leaves |= j.abs() > J || q || v || end.a.abs() > A * STEP || (from != x && x != start);
+        x = end;
+    }
+    let late = phases.iter().map(|(_, ticks)| ticks).sum::<i128>() > STOP;
+    let rests = x.v == 0 && x.a == 0;
+    ([(Check::PlanLimits, leaves), (Check::Braking, late || !rests)], x)
+}
+
+/// Every stop of three phases from every state.
+#[test]
+fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
+    let limits = limits();
+    let mut tally = Tally::default();
+    let phases: Vec<(i128, i128)> = (-3..=3).flat_map(|j| (0..=2).map(move |ticks| (j, ticks))).collect();
+    for (q, v, a) in states() {
+        let start = State::steps(q, v, a);
+        let point = start.point();
+        for n in 0..phases.len().pow(3) {
+            let stop = [n % phases.len(), n / phases.len() % phases.len(), n / phases.len().pow(2)].map(|n| phases[n]);
+            let quantised =
+                stop.map(|(j, ticks)| Phase { jerk: gate(j * STEP * HZ * HZ * HZ), duration: TICK * gate(ticks) });
+            let got = limits.stop(point, &quantised);
+            let (surely, rest) = stop_fails(start, &stop, i128::from(SLACK) + ROUNDING);
+            let (maybe, _) = stop_fails(start, &stop, i128::from(SLACK) - ROUNDING);
+            tally.note(got.map(|_| ()), &surely, &maybe, "a stop");
+            assert!(got.is_err() || (i128::from(got.unwrap_or(0)) - rest.q).abs() <= ROUNDING, "{got:?} {rest:?}");
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.admitted > 1000 && tally.denied.len() == 2 && tally.undecided == 0, "{tally:?}");
+}
+
+/// Rest, the length of a stop and the limits on its way, to the unit.
+#[test]
+fn what_a_stop_is_granted_is_exact() {
+    let limits = limits();
+    let none = [Phase::default(); 3];
+    for sign in [-1, 1] {
+        for (left, rests) in [(0, true), (REST_SLACK, true), (REST_SLACK + 1, false)] {
+            for point in [Point { q: 5, v: sign * left, a: 0 }, Point { q: 5, v: 0, a: sign * left }] {
+                assert_eq!(limits.stop(point, &none), rests.then_some(5).ok_or(Check::Braking), "{point:?}");
+            }
+        }
+        let still = Point { q: limits.q[1] * sign + sign * SLACK, v: 0, a: 0 };
+        let waiting = |duration: i64, jerk: i64| [Phase { jerk, duration }, Phase::default(), Phase::default()];
+        assert_eq!(limits.stop(still, &waiting(limits.stop, 0)), Ok(still.q));
+        assert_eq!(limits.stop(still, &waiting(limits.stop + 1, 0)), Err(Check::Braking));
+        let beyond = Point { q: still.q + sign, ..still };
+        assert_eq!(limits.stop(beyond, &waiting(limits.stop, 0)), Err(Check::PlanLimits));
+        // A nanosecond of it leaves too little to see; the jerk is judged all the same.
+        let centre = Point::default();
+        let most = sign * (limits.jerk + SLACK);
+        assert_eq!(limits.stop(centre, &waiting(1, most)), Ok(0));
+        assert_eq!(limits.stop(centre, &waiting(1, most + sign)), Err(Check::PlanLimits));
+        assert_eq!(limits.stop(centre, &waiting(0, most + sign)), Ok(0), "no time, no jerk");
+    }
+}
+
+/// Share of the velocity limit, every pair of velocities, both signs, to the unit.
+#[test]
+fn the_permitted_share_of_speed_is_exact() {
+    let limits = limits();
+    let point = |v: i64| Point { q: 0, v, a: 0 };
+    for eighths in 0..=8 {
+        let share = limits.v * eighths / 8;
+        for last in (-8..=8).map(|n| limits.v * n / 8) {
+            for next in (-8..=8).flat_map(|n| [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1].map(|d| limits.v * n / 8 + d)) {
+                let got = limits.slow(point(last), point(next), eighths as f64 / 8.0);
+                let may = eighths == 8 || next.abs() <= share + SLACK || next.abs() <= last.abs() + SLACK;
+                assert_eq!(got, if may { Ok(()) } else { Err(Check::SpeedScale) }, "{eighths} {last} {next}");
+            }
+        }
+    }
+    for scale in [f64::NAN, -1.0, f64::NEG_INFINITY, 0.0, f64::MIN_POSITIVE] {
+        assert_eq!(limits.slow(point(100), point(-100 - SLACK), scale), Ok(()));
+        assert_eq!(limits.slow(point(100), point(101 + SLACK), scale), Err(Check::SpeedScale));
+    }
+    assert_eq!(limits.slow(point(0), point(i64::MAX / 4), f64::INFINITY), Ok(()));
+}
+
+/// The judge itself, against a dense walk.
+#[test]
+fn the_judge_of_the_lattice_agrees_with_a_dense_walk() {
+    for (q, v, a) in states().filter(|(q, _, _)| q % 2 == 0) {
+        for (j, end) in (-3..=3).flat_map(|j| [(j, 1), (j, 2)]) {
+            let x = State::steps(q, v, a);
+            let (mut most_q, mut most_v) = (f64::MIN, f64::MIN);
+            for n in 0..=1000 {
+                let t = f64::from(n) / 1000.0 * end as f64;
+                let (v, a, j) = (v as f64, a as f64, f64::from(j));
+                most_q = most_q.max(q as f64 + v * t + a * t * t / 2.0 + j * t * t * t / 6.0);
+                most_v = most_v.max(v + a * t + j * t * t / 2.0);
+            }
+            // The walk misses at most |a| t^2 / 8 and |j| t^2 / 8 of a turning point: 5e-6 of a step.
+            let unit = STEP as f64;
+            let [above, below] =
+                [1.0, -1.0].map(|side| (most_q * unit + side - if side < 0.0 { 0.0 } else { -1.0 }) as i128);
+            assert!(position_stays_below(x, i128::from(j) * STEP, end, above + 1), "{x:?} {j} {end}");
+            assert!(!position_stays_below(x, i128::from(j) * STEP, end, below - 1), "{x:?} {j} {end}");
+            let fastest = (most_v * unit * HZ as f64) as i128;
+            assert!(velocity_stays_below(x, i128::from(j) * STEP, end, fastest + 100));
+            assert!(!velocity_stays_below(x, i128::from(j) * STEP, end, fastest - 100));
+        }
+    }
+}
