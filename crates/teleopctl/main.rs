@@ -3,7 +3,8 @@
 use clap::{Args, Parser, Subcommand};
 use messages::{FAULTS, Fault, Faults, Mode, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
-use std::path::PathBuf;
+use pipeline::Names;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -33,6 +34,8 @@ enum Command {
     Status(StatusArgs),
     /// Engages, and holds the enable until Ctrl-C; then releases.
     Engage,
+    /// Brings a robot back that stands outside its limits or too close to itself, slowly, until Ctrl-C; never engages.
+    Recover,
     /// Withdraws the enable, whoever holds it: the robot stops and keeps its posture.
     Release,
     /// Clears a latched stop, once its cause is gone and the robot is at rest. Never engages.
@@ -52,8 +55,9 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let socket = cli.run_dir.join("operator.sock");
     let outcome = Client::connect(&socket).and_then(|mut client| match cli.command {
-        Command::Status(args) => status(&mut client, args.json),
-        Command::Engage => engage(&mut client),
+        Command::Status(args) => status(&mut client, &cli.run_dir, args.json),
+        Command::Engage => engage(&mut client, &cli.run_dir),
+        Command::Recover => recover(&mut client, &cli.run_dir),
         Command::Release => {
             client.release();
             until(&mut client, "released", |status| mode(status) == Mode::Disengaged || mode(status) == Mode::Faulted)
@@ -81,19 +85,23 @@ fn mode(status: &Status) -> Mode {
     Mode::from_u32(status.mode).unwrap_or(Mode::Faulted)
 }
 
-fn status(client: &mut Client, json: bool) -> Result<bool, OperatorError> {
+fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, OperatorError> {
     let status = client.heartbeat()?;
     if json {
         println!("{}", pipeline::status_json(&status));
         return Ok(true);
     }
-    println!("mode              {}", mode(&status).name());
+    let names = Names::read(run_dir);
+    let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
+    println!("mode              {}{note}", mode(&status).name());
     println!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     println!("input age         {:.1} ms", status.input_age_ns as f64 * 1e-6);
     println!(
-        "clearance         {:.1} mm commanded, {:.1} mm measured",
+        "clearance         {:.1} mm commanded ({}), {:.1} mm measured ({})",
         status.clearance_command_m * 1e3,
-        status.clearance_measured_m * 1e3
+        names.pair(status.nearest_pair),
+        status.clearance_measured_m * 1e3,
+        names.pair(status.nearest_pair_measured)
     );
     println!("tracking error    {:.4} rad", status.tracking_error);
     let degrees = |rad: f64| rad.to_degrees();
@@ -107,7 +115,7 @@ fn status(client: &mut Client, json: bool) -> Result<bool, OperatorError> {
     println!("gate denials      {}", status.gate_denials);
     for fault in Faults(status.faults | status.latched).iter() {
         let latched = if Faults(status.latched).has(fault) { " (latched)" } else { "" };
-        println!("fault             {}{latched}: {}", fault.row().name, fault.row().meaning);
+        println!("fault             {}{latched}: {}", fault.row().name, meaning(fault, &status, &names));
     }
     for row in &FAULTS {
         let count = status.fault_counts[row.fault.index()];
@@ -118,38 +126,104 @@ fn status(client: &mut Client, json: bool) -> Result<bool, OperatorError> {
     Ok(true)
 }
 
-/// Holds the enable at 50 Hz until Ctrl-C, and says every change of mode.
-fn engage(client: &mut Client) -> Result<bool, OperatorError> {
-    let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
+/// What happened, with the joint or the pair that it happened to.
+fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
+    let meaning = fault.row().meaning;
+    let joint = status.joint_outside.checked_sub(1).map(|joint| joint as usize);
+    match (fault, joint) {
+        (Fault::StartOutsideLimits, Some(joint)) => {
+            let (name, unit, by) = (names.joint(joint), names.unit(joint), status.outside_by);
+            let side = if by < 0.0 { "below its lowest position" } else { "above its highest position" };
+            format!("{meaning} {name} is {:.4} {unit} {side}; teleopctl recover brings it back.", by.abs())
+        }
+        (Fault::StartInCollision, _) => {
+            let pair = names.pair(status.nearest_pair_measured);
+            let clearance_mm = status.clearance_measured_m * 1e3;
+            format!("{meaning} {pair} are {clearance_mm:.1} mm apart; teleopctl recover takes them apart.")
+        }
+        (Fault::CollisionNear, _) => {
+            let pair = names.pair(status.nearest_pair_measured);
+            format!("{meaning} {pair} are {:.1} mm apart.", status.clearance_measured_m * 1e3)
+        }
+        _ => meaning.into(),
+    }
+}
+
+/// Holds the enable until Ctrl-C.
+fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
-    let mut shown = first.transition_count;
-    let mut mode_shown = mode(&first);
-    if mode_shown != Mode::Disengaged {
-        println!("{}: only a disengaged robot can be engaged", mode_shown.name());
+    let names = Names::read(run_dir);
+    if mode(&first) != Mode::Disengaged {
+        println!("{}: only a disengaged robot can be engaged", mode(&first).name());
         return Ok(false);
     }
     let blocking = Faults(first.faults | first.latched);
+    for fault in blocking.iter() {
+        println!("cannot engage: {}: {}", fault.row().name, meaning(fault, &first, &names));
+    }
     if !blocking.is_empty() {
-        for fault in blocking.iter() {
-            println!("cannot engage: {}: {}", fault.row().name, fault.row().meaning);
-        }
         return Ok(false);
     }
     client.enable();
-    let mut beat = Instant::now();
+    hold(client, &first, &names)
+}
+
+/// Holds the recovery until Ctrl-C, or until the robot is back.
+fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+    let first = client.heartbeat()?;
+    let names = Names::read(run_dir);
+    if mode(&first) != Mode::Disengaged {
+        println!("{}: only a disengaged robot can be brought back", mode(&first).name());
+        return Ok(false);
+    }
+    let faults = Faults(first.faults);
+    if !faults.has(Fault::StartOutsideLimits) && !faults.has(Fault::StartInCollision) {
+        println!("nothing to recover from: every joint is inside its limits, and nothing is too close");
+        return Ok(true);
+    }
+    for fault in [Fault::StartOutsideLimits, Fault::StartInCollision].into_iter().filter(|&fault| faults.has(fault)) {
+        println!("recovering from {}: {}", fault.row().name, meaning(fault, &first, &names));
+    }
+    client.recover();
+    hold(client, &first, &names)
+}
+
+/// How long a press may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
+const REFUSED_AFTER: Duration = Duration::from_secs(1);
+
+/// Keeps what was pressed held at 50 Hz until Ctrl-C, and says every change of mode. Whether it ended well: let go by the
+/// operator, or recovered.
+fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
+    let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
+    let (mut shown, mut noted, mut last) = (first.transition_count, None, *first);
+    let pressed = Instant::now();
+    let mut beat = pressed;
     while !stop.requested() {
-        let status = client.heartbeat()?;
-        show_transitions(&status, &mut shown);
-        mode_shown = mode(&status);
-        if shown > first.transition_count && matches!(mode_shown, Mode::Disengaged | Mode::Faulted) {
+        last = client.heartbeat()?;
+        show_transitions(&last, &mut shown);
+        let note = pipeline::status_note(&last);
+        if let Some(note) = note.filter(|_| note != noted) {
+            println!("{note}: {:.0} mm to go", last.torso_to_go_m.abs() * 1e3);
+        }
+        noted = note;
+        let changed = last.transition_count > first.transition_count;
+        if changed && matches!(mode(&last), Mode::Disengaged | Mode::Faulted) {
+            let newest = last.transitions[(last.transition_count - 1) as usize % TRANSITIONS_KEPT];
+            return Ok(newest.why == Transition::RECOVERED);
+        }
+        if !changed && pressed.elapsed() > REFUSED_AFTER {
+            println!("refused: {}", mode(&last).name());
+            for fault in Faults(last.faults | last.latched).iter() {
+                println!("{}: {}", fault.row().name, meaning(fault, &last, names));
+            }
             return Ok(false);
         }
         beat += HEARTBEAT;
         std::thread::sleep(beat.saturating_duration_since(Instant::now()));
     }
     client.release();
-    until(client, "released", |status| !matches!(mode(status), Mode::Engaging | Mode::Engaged | Mode::Holding))?;
-    Ok(mode_shown != Mode::Faulted)
+    until(client, "released", |status| matches!(mode(status), Mode::Disengaged | Mode::Faulted))?;
+    Ok(mode(&last) != Mode::Faulted)
 }
 
 fn show_transitions(status: &Status, shown: &mut u32) {

@@ -233,8 +233,8 @@ impl Show {
             self.last = Some((Instant::now(), status.ticks));
         }
         let line = format!(
-            "{:<9} {frame:>4}/{frames} {rate:4.0} Hz  input {:4.1} ms  clear {:3.0} mm  error {:.1}, measured {:.1} deg",
-            mode_of(&status).name(),
+            "{:<14} {frame:>4}/{frames} {rate:4.0} Hz  input {:4.1} ms  clear {:3.0} mm  error {:.1}, measured {:.1} deg",
+            pipeline::status_note(&status).unwrap_or(mode_of(&status).name()),
             status.input_age_ns as f64 * 1e-6,
             status.clearance_command_m * 1e3,
             status.limb_error_target_rad.to_degrees(),

@@ -14,15 +14,18 @@ pub enum Mode {
     Holding = 3,
     /// Stopped until reset.
     Faulted = 4,
+    /// Brought back slowly from outside its limits or from too close to itself, while the operator holds the recovery.
+    Recovering = 5,
 }
 
 impl Mode {
     /// Every mode.
-    pub const ALL: [Self; 5] = [Self::Disengaged, Self::Engaging, Self::Engaged, Self::Holding, Self::Faulted];
+    pub const ALL: [Self; 6] =
+        [Self::Disengaged, Self::Engaging, Self::Engaged, Self::Holding, Self::Faulted, Self::Recovering];
 
     /// The mode with this number.
     pub const fn from_u32(value: u32) -> Option<Self> {
-        if value < 5 { Some(Self::ALL[value as usize]) } else { None }
+        if value < 6 { Some(Self::ALL[value as usize]) } else { None }
     }
 
     /// Name in reports.
@@ -33,6 +36,7 @@ impl Mode {
             Self::Engaged => "Engaged",
             Self::Holding => "Holding",
             Self::Faulted => "Faulted",
+            Self::Recovering => "Recovering",
         }
     }
 }

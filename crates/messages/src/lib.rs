@@ -20,7 +20,7 @@ pub use command::{JointCommand, JointTarget, RobotState, StopPlan, command_flag,
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 pub use layout::{Field, Layout, Message, TypeName};
-pub use operator::{OPERATOR_VERSION, OperatorRequest};
+pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
     HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Smpl,

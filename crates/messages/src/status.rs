@@ -17,7 +17,7 @@ message! {
         /// `Mode` after.
         pub to: u32,
         /// `Fault` index that caused it, or one of `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`,
-        /// `CLEARED`, `SETTLED`.
+        /// `CLEARED`, `SETTLED`, `RECOVERING`, `RECOVERED`, `BLOCKED`.
         pub why: u32,
         /// Zero.
         pub reserved: u32,
@@ -33,6 +33,9 @@ impl Transition {
     pub const RESET: u32 = 1004;
     pub const CLEARED: u32 = 1005;
     pub const SETTLED: u32 = 1006;
+    pub const RECOVERING: u32 = 1007;
+    pub const RECOVERED: u32 = 1008;
+    pub const BLOCKED: u32 = 1009;
 
     /// Name of the cause in reports.
     pub const fn why_name(&self) -> &'static str {
@@ -44,6 +47,9 @@ impl Transition {
             Self::RESET => "reset",
             Self::CLEARED => "cleared",
             Self::SETTLED => "settled",
+            Self::RECOVERING => "recovery held",
+            Self::RECOVERED => "recovered",
+            Self::BLOCKED => "recovery finds no way",
             why => match crate::Fault::from_u32(why) {
                 Some(fault) => fault.row().name,
                 None => "unknown",
@@ -54,7 +60,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 1 size 648 {
+    pub struct Status v 2 size 680 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -85,8 +91,18 @@ message! {
         pub limb_error_measured_rad: f64,
         /// Speed scale in force, 0 to 1.
         pub speed_scale: f64,
-        /// Capsules of the nearest pair, as indices of the robot file.
+        /// How far the measured joint `joint_outside` is beyond its limit: below the lowest position negative, rad or m.
+        pub outside_by: f64,
+        /// What the torso has yet to rise (or, negative, to sink) to its target while Engaging, m; zero otherwise.
+        pub torso_to_go_m: f64,
+        /// Capsules of the nearest pair at the command, as indices of the robot file.
         pub nearest_pair: [u32; 2],
+        /// Capsules of the nearest pair at the measured posture, as indices of the robot file.
+        pub nearest_pair_measured: [u32; 2],
+        /// One more than the index of the joint that is measured farthest outside its limits; zero if none is.
+        pub joint_outside: u32,
+        /// Zero.
+        pub reserved: u32,
         /// A `Mode`.
         pub mode: u32,
         /// Transitions since start; the last `TRANSITIONS_KEPT` are below.

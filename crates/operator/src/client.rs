@@ -2,7 +2,7 @@
 
 use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
-use messages::{Layout, OPERATOR_VERSION, OperatorRequest, Status};
+use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Status};
 use rustix::io::Errno;
 use rustix::net::sockopt::{self, Timeout};
 use rustix::net::{self, AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType};
@@ -61,12 +61,21 @@ impl Client {
 
     /// Presses the enable, with the next heartbeat.
     pub fn enable(&mut self) -> &mut Self {
-        self.request.enable_level = 1;
+        self.hold(HOLDS_ENABLE)
+    }
+
+    /// Presses the recovery, with the next heartbeat.
+    pub fn recover(&mut self) -> &mut Self {
+        self.hold(HOLDS_RECOVERY)
+    }
+
+    fn hold(&mut self, what: u32) -> &mut Self {
+        self.request.enable_level = what;
         self.request.enable_count = self.request.enable_count.wrapping_add(1);
         self
     }
 
-    /// Lets the enable go, with the next heartbeat. Also withdraws that of another connection.
+    /// Lets the enable or the recovery go, with the next heartbeat. Also withdraws that of another connection.
     pub fn release(&mut self) -> &mut Self {
         self.request.enable_level = 0;
         self.request.release_count = self.request.release_count.wrapping_add(1);
@@ -85,7 +94,7 @@ impl Client {
         self
     }
 
-    /// Sends the hand's state and returns the status of `control`. To be called at 50 Hz while the enable is held.
+    /// Sends the hand's state and returns the status of `control`. To be called at 50 Hz while anything is held.
     pub fn heartbeat(&mut self) -> Result<Status, OperatorError> {
         self.request.sequence += 1;
         let request = self.request;

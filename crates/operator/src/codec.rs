@@ -1,7 +1,7 @@
 //! The bytes on the socket: the fields of the message in their order, little-endian, without padding, which on the
 //! machines that teleopd runs on is the memory layout of the message.
 
-use messages::{Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
+use messages::{HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
@@ -103,7 +103,13 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     for value in [&mut s.limb_error_target_rad, &mut s.limb_error_measured_rad, &mut s.speed_scale] {
         fields.f64(value);
     }
-    for value in s.nearest_pair.iter_mut().chain([&mut s.mode, &mut s.transition_count]) {
+    for value in [&mut s.outside_by, &mut s.torso_to_go_m] {
+        fields.f64(value);
+    }
+    for value in s.nearest_pair.iter_mut().chain(&mut s.nearest_pair_measured) {
+        fields.u32(value);
+    }
+    for value in [&mut s.joint_outside, &mut s.reserved, &mut s.mode, &mut s.transition_count] {
         fields.u32(value);
     }
     for transition in &mut s.transitions {
@@ -124,14 +130,14 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     bytes
 }
 
-/// The request in `bytes`; `None` if the length or the version is not ours or the level is neither 0 nor 1.
+/// The request in `bytes`; `None` if the length or the version is not ours or the level is none that exists.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let mut request = OperatorRequest::ZERO;
     if bytes.len() != REQUEST_BYTES {
         return None;
     }
     request_fields(&mut Take { bytes, at: 0 }, &mut request);
-    (request.version == OPERATOR_VERSION && request.enable_level <= 1).then_some(request)
+    (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
 }
 
 /// The bytes of a status.

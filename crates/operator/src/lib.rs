@@ -4,7 +4,7 @@
 //! client sends an `OperatorRequest` (its heartbeat) and gets a `Status` back. Requests carry counters, so that an edge is
 //! neither lost nor doubled, and a level.
 //!
-//! - The enable belongs to one connection, the first whose enable edge arrives while nobody holds it. It loses it by a
+//! - The enable, or in its place the recovery, belongs to one connection, the first whose enable edge arrives while nobody holds it. It loses it by a
 //!   release, by lowering its level, by going away, or by a heartbeat that is late by the lease; to get it back takes a
 //!   new edge.
 //! - Release, reset and emergency stop are accepted from every connection.

@@ -1,6 +1,6 @@
 //! Many connections, one operator: what their requests add up to. Does no IO and reads no clock.
 
-use messages::{OperatorRequest, Stamp};
+use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, Stamp};
 
 /// Connections at once.
 pub const CLIENTS_MAX: usize = 16;
@@ -18,10 +18,14 @@ pub struct OperatorView {
     pub connections: u32,
     /// Whether the enable is held: the level of the holder.
     pub enable_level: bool,
+    /// Whether the recovery is held, in place of the enable: there is one holder, and he holds one of them.
+    pub recover_level: bool,
     /// When the holder's last heartbeat was received; that of the last holder if there is none.
     pub heartbeat: Stamp,
     /// Enable edges of a holder.
     pub enable_edges: u64,
+    /// Recovery edges of a holder.
+    pub recover_edges: u64,
     /// Release edges of any connection; a holder that merely lowers its level counts as one.
     pub release_edges: u64,
     /// Reset edges of any connection.
@@ -30,7 +34,7 @@ pub struct OperatorView {
     pub estop_edges: u64,
     /// Holders that went away or fell silent while holding.
     pub holders_lost: u64,
-    /// Enable edges of connections other than the holder's.
+    /// Enable and recovery edges of connections other than the holder's.
     pub enables_refused: u64,
     /// Requests that made no sense: length, version, level, or a counter that ran back.
     pub requests_refused: u64,
@@ -88,18 +92,22 @@ impl Merge {
         (seat.last, seat.heard) = (*request, now);
         self.view.estop_edges += u64::from(estops);
         self.view.reset_edges += u64::from(resets);
-        let level = request.enable_level == 1;
         let released_by_another = self.released;
         let held = self.holder == Some(index);
-        if releases > 0 || (held && !level) {
+        let kept = match request.enable_level {
+            HOLDS_ENABLE => self.view.enable_level,
+            HOLDS_RECOVERY => self.view.recover_level,
+            _ => false,
+        };
+        if releases > 0 || (held && !kept) {
             self.view.release_edges += u64::from(releases.max(1));
             self.released = true;
-            (self.holder, self.view.enable_level) = (None, false);
+            self.let_go();
         }
-        // An enable that is already let go again grants nothing: edges grant authority, levels withdraw it.
-        if enables > 0 && level {
-            // A release of the same request came before the enable, because the level is up.
-            self.enable(index, u64::from(enables), released_by_another);
+        // What is already let go again grants nothing: edges grant authority, levels withdraw it.
+        if enables > 0 && request.enable_level != 0 {
+            // A release of the same request came before the edge, because the level is up.
+            self.hold(index, request.enable_level, u64::from(enables), released_by_another);
         }
         if self.holder == Some(index) {
             self.view.heartbeat = now;
@@ -107,13 +115,20 @@ impl Merge {
         true
     }
 
-    fn enable(&mut self, index: usize, edges: u64, released_by_another: bool) {
+    fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool) {
         if self.holder.is_some_and(|holder| holder != index) || released_by_another {
             self.view.enables_refused += edges;
-        } else {
-            (self.holder, self.view.enable_level) = (Some(index), true);
-            self.view.enable_edges += edges;
+            return;
         }
+        self.holder = Some(index);
+        (self.view.enable_level, self.view.recover_level) = (what == HOLDS_ENABLE, what == HOLDS_RECOVERY);
+        let counted = if what == HOLDS_ENABLE { &mut self.view.enable_edges } else { &mut self.view.recover_edges };
+        *counted += edges;
+    }
+
+    fn let_go(&mut self) {
+        self.holder = None;
+        (self.view.enable_level, self.view.recover_level) = (false, false);
     }
 
     /// The connection `index` is gone.
@@ -125,6 +140,6 @@ impl Merge {
 
     fn lose(&mut self) {
         self.view.holders_lost += 1;
-        (self.holder, self.view.enable_level) = (None, false);
+        self.let_go();
     }
 }

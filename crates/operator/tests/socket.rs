@@ -1,6 +1,6 @@
 //! The socket itself: who may bind, who may connect, whose word counts.
 
-use messages::{Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
+use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
 use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use std::os::fd::OwnedFd;
@@ -77,6 +77,32 @@ fn the_first_edge_holds_and_others_are_refused() {
     second.press();
     let view = house.poll();
     assert_eq!((view.enable_level, view.enable_edges), (true, 2));
+}
+
+#[test]
+fn the_recovery_is_held_in_place_of_the_enable() {
+    let mut house = House::new();
+    let (mut first, mut second) = (house.raw(), house.raw());
+    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 1));
+    let view = house.poll();
+    assert_eq!((view.recover_level, view.recover_edges, view.enable_level, view.enable_edges), (true, 1, false, 0));
+    second.press();
+    let view = house.poll();
+    assert_eq!((view.recover_level, view.enable_level, view.enables_refused), (true, false, 1), "there is one holder");
+    // Another level without an edge is a release, with one it is another grip.
+    first.say(|r| r.enable_level = HOLDS_ENABLE);
+    let view = house.poll();
+    assert_eq!((view.recover_level, view.enable_level, view.release_edges), (false, false, 1));
+    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 2));
+    assert!(house.poll().recover_level);
+    first.press();
+    let view = house.poll();
+    assert_eq!((view.recover_level, view.enable_level, view.release_edges, view.enable_edges), (false, true, 2, 1));
+    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, r.enable_count + 1));
+    house.poll();
+    drop(first);
+    let view = house.poll();
+    assert_eq!((view.recover_level, view.holders_lost), (false, 1));
 }
 
 #[test]

@@ -15,12 +15,15 @@ impl OperatorEdges {
     /// Takes the socket's view; edges add up until they are taken.
     pub fn note(&mut self, view: &operator::OperatorView) {
         let enabled = view.enable_edges != self.seen.enable_edges;
+        let recovers = view.recover_edges != self.seen.recover_edges;
         // A holder that is lost did not let go: the state machine must see silence, not a release.
-        self.lost = (self.lost && !enabled) || view.holders_lost != self.seen.holders_lost;
+        self.lost = (self.lost && !enabled && !recovers) || view.holders_lost != self.seen.holders_lost;
         self.now.connected = view.connections > 0 && !self.lost;
         self.now.enable_level = view.enable_level;
         self.now.heartbeat_received = view.heartbeat;
         self.now.enable_edge |= enabled;
+        self.now.recover_level = view.recover_level;
+        self.now.recover_edge |= recovers;
         self.now.release_edge |= view.release_edges != self.seen.release_edges;
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
         self.now.estop_edge |= view.estop_edges != self.seen.estop_edges;
@@ -32,13 +35,21 @@ impl OperatorEdges {
         self.now.release_edge = true;
         self.now.enable_edge = false;
         self.now.enable_level = false;
+        self.now.recover_edge = false;
+        self.now.recover_level = false;
     }
 
     /// The view for this tick; its edges are gone afterwards.
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;
-        self.now =
-            OperatorView { enable_edge: false, release_edge: false, reset_edge: false, estop_edge: false, ..view };
+        self.now = OperatorView {
+            enable_edge: false,
+            recover_edge: false,
+            release_edge: false,
+            reset_edge: false,
+            estop_edge: false,
+            ..view
+        };
         view
     }
 }

@@ -6,6 +6,7 @@ mod control;
 mod edges;
 mod instance;
 mod load;
+mod names;
 mod offline;
 mod player;
 mod publisher;
@@ -14,10 +15,13 @@ mod stages;
 mod world;
 
 pub use authority::Authority;
-pub use control::{ControlConfig, ControlInput, ControlOutput, ControlState, status_json, tick as control_tick};
+pub use control::{
+    ControlConfig, ControlInput, ControlOutput, ControlState, status_json, status_note, tick as control_tick,
+};
 pub use edges::OperatorEdges;
 pub use instance::{DEFAULT_RUN_DIR, Instance};
 pub use load::{Loaded, Overrides, load, load_model, load_weights};
+pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
 pub use player::{PlayOptions, Player};
 pub use publisher::Publisher;

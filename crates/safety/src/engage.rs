@@ -3,19 +3,26 @@
 //! ```text
 //!               enable edge, no fault                aligned
 //!  Disengaged --------------------------> Engaging ------------> Engaged
-//!      ^                                  |    ^                   |
-//!      |          Hold/Release fault, or  |    | cleared in time,  | Hold/Release fault,
-//!      |          operator release        |    | enable still held | or operator release
-//!      |                                  v    |                   |
-//!      +-------- at rest, not resumable - Holding <----------------+
-//!  any -- Stop fault --> Faulted -- reset edge, cause gone, at rest, enable not held --> Disengaged
+//!   ^ ^  |                                |    ^                   |
+//!   | |  | recover edge,  Hold/Release    |    | cleared in time,  | Hold/Release fault,
+//!   | |  | only the start fault, or       |    | enable still held | or operator release
+//!   | |  | is wrong       release         v    |                   |
+//!   | +--|--- at rest, not resumable - Holding <-------------------+
+//!   |    v                                ^
+//!   +- Recovering ------------------------+ recovery let go, or a fault of the others
+//!      recovered, or no way
+//!  any -- Stop fault --> Faulted -- reset edge, cause gone, at rest, nothing held --> Disengaged
 //! ```
+//!
+//! The same from the table of all states and events, fault by fault: `tests/engage.txt`, and the diagram in
+//! ARCHITECTURE.md, which is made from it.
 //!
 //! Edges grant authority, levels withdraw it. A stop beats everything else in the same tick. No restart ever engages:
 //! a fresh `State` is Disengaged, and has yet to see the enable released.
 
 mod config;
 mod input;
+mod recovery;
 mod watch;
 
 use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
@@ -45,6 +52,7 @@ enum Phase {
     Engaged,
     Holding { elapsed_ns: u64, resumable: bool },
     Faulted { cause: Fault, reset_pending_ns: Option<u64> },
+    Recovering { blocked_ns: u64 },
 }
 
 impl Phase {
@@ -63,6 +71,7 @@ impl Phase {
             Self::Engaged => Mode::Engaged,
             Self::Holding { .. } => Mode::Holding,
             Self::Faulted { .. } => Mode::Faulted,
+            Self::Recovering { .. } => Mode::Recovering,
         }
     }
 }
@@ -92,7 +101,11 @@ impl State {
     pub const fn cause(&self) -> Option<Fault> {
         match self.phase {
             Phase::Faulted { cause, .. } => Some(cause),
-            Phase::Disengaged | Phase::Engaging { .. } | Phase::Engaged | Phase::Holding { .. } => None,
+            Phase::Disengaged
+            | Phase::Engaging { .. }
+            | Phase::Engaged
+            | Phase::Holding { .. }
+            | Phase::Recovering { .. } => None,
         }
     }
 }
@@ -118,7 +131,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     let before = state.phase;
     let mode = ModeView {
         has_authority: match before {
-            Phase::Engaging { .. } | Phase::Engaged => true,
+            Phase::Engaging { .. } | Phase::Engaged | Phase::Recovering { .. } => true,
             Phase::Holding { resumable, .. } => resumable,
             Phase::Disengaged | Phase::Faulted { .. } => false,
         },
@@ -129,7 +142,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     state.latched = state.latched.union(stops);
 
     let (phase, why) = if stops.is_empty() { next(state, &input, active) } else { stop(state, &input, stops) };
-    let refused = input.operator.enable_edge && before == Phase::Disengaged && phase == Phase::Disengaged;
+    let asked = input.operator.enable_edge || input.operator.recover_edge;
+    let refused = asked && before == Phase::Disengaged && phase == Phase::Disengaged;
     let transition = (before.mode() != phase.mode()).then(|| Transition {
         k: input.k,
         from: before.mode() as u32,
@@ -155,6 +169,7 @@ fn permit(phase: Phase) -> Permit {
     match phase {
         Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: speed_scale(elapsed_ns) },
         Phase::Engaged => Permit::Follow { speed_scale: 1.0 },
+        Phase::Recovering { .. } => Permit::Recover,
         Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
     }
 }
@@ -180,11 +195,16 @@ fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<
         return Some(0);
     }
     let left = pending_ns.map(|ns| ns.saturating_add(charged_ns(input.own_gap_ns)));
-    left.filter(|&ns| ns <= RESET_PENDING_NS && input.motion.at_rest && !input.operator.enable_level)
+    left.filter(|&ns| ns <= RESET_PENDING_NS && input.motion.at_rest && !held(input))
 }
 
 fn may_reset(input: &Input) -> bool {
-    input.operator.reset_edge && input.motion.at_rest && !input.operator.enable_level
+    input.operator.reset_edge && input.motion.at_rest && !held(input)
+}
+
+/// The operator holds the enable or the recovery.
+fn held(input: &Input) -> bool {
+    input.operator.enable_level || input.operator.recover_level
 }
 
 /// No Stop fault holds.
@@ -197,14 +217,21 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
         Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
+        Phase::Recovering { blocked_ns } => recovery::next(input, active, blocked_ns),
     }
 }
 
 fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     let operator = &input.operator;
     let asked = operator.enable_edge && operator.enable_level && !operator.release_edge;
-    let allowed = state.watch.armed() && state.watch.operator_alive && input.motion.at_rest && active.is_empty();
-    if asked && allowed { (Phase::engaging(), Transition::ENABLED) } else { (Phase::Disengaged, 0) }
+    let ready = state.watch.armed() && state.watch.operator_alive && input.motion.at_rest;
+    if ready && asked && active.is_empty() {
+        (Phase::engaging(), Transition::ENABLED)
+    } else if ready && recovery::begins(input, active) {
+        (Phase::Recovering { blocked_ns: 0 }, Transition::RECOVERING)
+    } else {
+        (Phase::Disengaged, 0)
+    }
 }
 
 /// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
@@ -252,7 +279,7 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (
 }
 
 fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u64>) -> (Phase, u32) {
-    let driver_cleared = pending_ns.is_some() && input.motion.at_rest && !input.operator.enable_level;
+    let driver_cleared = pending_ns.is_some() && input.motion.at_rest && !held(input);
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
     } else if !driver_cleared {

@@ -9,6 +9,9 @@ pub use crate::clearance::Clearance;
 /// an encoder of 14 bits with its noise and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and more of soft margin.)
 const OUTSIDE_MARGIN: f64 = 0.005;
 
+/// Clearance beyond d_min that a recovery ends with, m: it leaves room to begin the next motion in any direction.
+pub const START_MARGIN_M: f64 = 3e-3;
+
 /// What the clearance must regain above the threshold before the monitor is content again, m: ten times what the
 /// encoders' noise makes of a reach of 0.9 m.
 const NEAR_HYSTERESIS_M: f64 = 0.001;
@@ -18,12 +21,34 @@ pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64;
     crate::clearance::clearance(model, frames, q_measured)
 }
 
-/// Whether any joint is measured outside its limits by more than noise. NaN is outside.
-pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS]) -> bool {
-    model.limits.iter().zip(q_measured).any(|(limits, q)| {
-        let inside = *q >= limits.q_min - OUTSIDE_MARGIN && *q <= limits.q_max + OUTSIDE_MARGIN;
-        !inside
-    })
+/// A joint outside its limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outside {
+    /// Its index.
+    pub joint: usize,
+    /// How far beyond the limit, rad or m: below the lowest position negative, NaN for a position that is none.
+    pub by: f64,
+}
+
+/// The joint that is measured farthest outside its limits, if one is by more than noise. NaN is outside.
+pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS]) -> Option<Outside> {
+    let mut worst: Option<Outside> = None;
+    for (joint, (limits, q)) in model.limits.iter().zip(q_measured).enumerate() {
+        let by = q - q.clamp(limits.q_min, limits.q_max);
+        let inside = by.abs() <= OUTSIDE_MARGIN;
+        let worse = worst.is_none_or(|worst| by.is_nan() || by.abs() > worst.by.abs());
+        if !inside && worse {
+            worst = Some(Outside { joint, by });
+        }
+    }
+    worst
+}
+
+/// Whether a command at `q` (rad, m) may be engaged from for good: every joint within its limits, and every checked pair
+/// d_min and [`START_MARGIN_M`] apart, by the arithmetic of this crate. What a recovery ends with.
+pub fn clear_to_start(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> bool {
+    let inside = model.limits.iter().zip(q).all(|(limits, q)| limits.contains(*q));
+    inside && crate::clearance::clearance(model, frames, q).is_at_least(model.d_min_m + START_MARGIN_M)
 }
 
 /// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). What the command is ahead of a
@@ -85,14 +110,19 @@ mod tests {
     #[test]
     fn joints_outside_their_limits_are_seen_beyond_noise() {
         let model = model();
-        assert!(!outside_limits(&model, &model.home));
+        assert_eq!(outside_limits(&model, &model.home), None);
         for (past, outside) in [(0.0, false), (0.0049, false), (0.0051, true), (f64::NAN, true)] {
             for j in 0..JOINTS {
                 let mut q = model.home;
                 q[j] = model.limits[j].q_max + past;
-                assert_eq!(outside_limits(&model, &q), outside, "joint {j} at {past}");
+                let named = |q: &[f64; JOINTS]| outside_limits(&model, q).map(|outside| outside.joint);
+                assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
                 q[j] = model.limits[j].q_min - past;
-                assert_eq!(outside_limits(&model, &q), outside, "joint {j} at {past}");
+                assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
+                // The worst is named, with its side.
+                q[JOINTS - 1 - j] = model.limits[JOINTS - 1 - j].q_max + 0.5;
+                let worst = outside_limits(&model, &q).expect("is outside");
+                assert!(past.is_nan() || (worst.joint, worst.by > 0.4) == (JOINTS - 1 - j, true), "{worst:?}");
             }
         }
     }

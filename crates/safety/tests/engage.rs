@@ -2,7 +2,7 @@
 
 mod support;
 
-use messages::{Fault, Mode};
+use messages::{Fault, Mode, Transition};
 use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
 use support::{Bench, settings, ticks};
 
@@ -258,6 +258,84 @@ fn faults_are_counted_once_each_time_they_begin() {
         bench.input.target.input_fresh = true;
         bench.steps(10);
     }
+}
+
+#[test]
+fn a_recovery_is_held_to_run_and_engages_nothing() {
+    // From its reasons alone, whatever is missing of the person: it follows no target.
+    let mut bench = Bench::outside();
+    bench.alive.target = false;
+    bench.input.target.input_fresh = false;
+    bench.steps(ticks(200));
+    bench.press();
+    assert!(bench.step().refused, "nobody engages from there");
+    bench.input.operator.enable_level = false;
+    bench.press_recovery();
+    let out = bench.step();
+    assert_eq!((out.mode, out.permit), (Mode::Recovering, Permit::Recover));
+    bench.input.motion.at_rest = false;
+    assert_eq!(bench.steps(ticks(3000)).mode, Mode::Recovering);
+    // Let go: it stops, and stays where it is.
+    bench.let_go();
+    let out = bench.step();
+    assert_eq!((out.mode, out.permit), (Mode::Holding, Permit::Stop));
+    bench.input.operator.recover_level = true;
+    bench.input.motion.at_rest = true;
+    assert_eq!(bench.step().mode, Mode::Disengaged, "a level alone resumes nothing");
+    assert_eq!(bench.steps(10).mode, Mode::Disengaged);
+    bench.input.operator.recover_level = false;
+    bench.press_recovery();
+    assert_eq!(bench.step().mode, Mode::Recovering);
+    // Back: it ends by itself, says so, and neither the hand that still holds nor an old enable engages.
+    bench.input.robot.outside_limits = false;
+    bench.input.robot.clear_to_start = true;
+    bench.alive.target = true;
+    bench.input.target.input_fresh = true;
+    let out = bench.step();
+    assert_eq!(out.transition.map(|t| (t.to, t.why)), Some((Mode::Disengaged as u32, Transition::RECOVERED)));
+    bench.input.operator.enable_level = true;
+    assert_eq!(bench.steps(ticks(1000)).mode, Mode::Disengaged);
+}
+
+#[test]
+fn a_recovery_needs_its_reason_and_no_other() {
+    let refused = |prepare: fn(&mut Bench)| {
+        let mut bench = Bench::outside();
+        prepare(&mut bench);
+        bench.press_recovery();
+        let out = bench.step();
+        assert!(out.mode != Mode::Recovering && out.permit == Permit::Stop, "{out:?}");
+    };
+    refused(|b| b.input.robot.outside_limits = false);
+    refused(|b| b.input.realtime_ok = false);
+    refused(|b| b.input.robot.config_matches = false);
+    refused(|b| b.input.robot.commanded = false);
+    refused(|b| b.input.motion.at_rest = false);
+    refused(|b| b.input.operator.enable_level = true);
+    refused(|b| b.input.robot.driver_fault = true);
+    refused(|b| b.input.target.incarnation += 1);
+    refused(|b| {
+        b.alive.heartbeat = false;
+        b.steps(ticks(250));
+    });
+    // A handle that is stuck since the start is none.
+    let mut bench = Bench::new();
+    bench.input.robot.outside_limits = true;
+    for _ in 0..ticks(1000) {
+        bench.press_recovery();
+        assert_eq!(bench.step().mode, Mode::Disengaged);
+    }
+}
+
+#[test]
+fn a_recovery_that_finds_no_way_says_so() {
+    let mut bench = Bench::recovering();
+    bench.steps(ticks(1000));
+    bench.input.motion.at_rest = true;
+    let taken = bench.until(Mode::Disengaged, ticks(600));
+    assert!((ticks(500) - 2..=ticks(500) + 2).contains(&taken), "{taken}");
+    let why = bench.last.and_then(|out| out.transition).map(|transition| transition.why);
+    assert_eq!(why, Some(Transition::BLOCKED));
 }
 
 #[test]

@@ -2,14 +2,21 @@
 
 mod support;
 
-use messages::{Fault, Mode, Response};
+use messages::{Fault, Faults, Mode, Response};
 use safety::engage::{Output, Permit};
 use support::{Bench, ticks};
 
 const BITS: u32 = 19;
 
+/// What the operator's edge and level (bits 12 and 15) are those of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Hand {
+    Enable,
+    Recovery,
+}
+
 /// One bit, one event. The debounced ones were prepared up to the tick before they act.
-fn apply(bench: &mut Bench, set: u32) {
+fn apply(bench: &mut Bench, hand: Hand, set: u32) {
     let has = |bit: u32| set & 1 << bit != 0;
     let input = &mut bench.input;
     input.operator.estop_edge = has(0);
@@ -24,10 +31,17 @@ fn apply(bench: &mut Bench, set: u32) {
     input.robot.incarnation += u32::from(has(9));
     input.realtime_ok = !has(10);
     input.robot.outside_limits = has(11);
-    input.operator.enable_edge = has(12);
+    input.robot.clear_to_start = hand == Hand::Recovery && has(17) && !has(11);
+    (input.operator.enable_edge, input.operator.enable_level) = (false, false);
+    (input.operator.recover_edge, input.operator.recover_level) = (false, false);
+    let operator = &mut input.operator;
+    let (edge, level) = match hand {
+        Hand::Enable => (&mut operator.enable_edge, &mut operator.enable_level),
+        Hand::Recovery => (&mut operator.recover_edge, &mut operator.recover_level),
+    };
+    (*edge, *level) = (has(12), has(15));
     input.operator.release_edge = has(13);
     input.operator.reset_edge = has(14);
-    input.operator.enable_level = has(15);
     input.motion.at_rest = has(16);
     input.motion.aligned = has(17);
     input.motion.settled = has(18);
@@ -50,20 +64,51 @@ fn prepared(mut bench: Bench) -> Bench {
     bench
 }
 
-fn legal(set: u32, from: Mode, out: &Output, pending: bool) -> bool {
+/// What a recovery does not mind.
+fn minded(out: &Output) -> Faults {
+    let borne = [
+        Fault::StartOutsideLimits,
+        Fault::StartInCollision,
+        Fault::CollisionNear,
+        Fault::NoTarget,
+        Fault::InputStale,
+        Fault::InputImplausible,
+        Fault::TargetStale,
+    ];
+    out.active.iter().filter(|fault| !borne.contains(fault)).fold(Faults::NONE, Faults::with)
+}
+
+fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool {
     let has = |bit: u32| set & 1 << bit != 0;
     let (level, at_rest) = (has(15), has(16));
     let stop = !out.active.of(Response::Stop).is_empty();
     match (from, out.mode) {
         (from, to) if from == to => true,
         (_, Mode::Faulted) => stop,
-        (Mode::Disengaged, Mode::Engaging) => has(12) && level && !has(13) && at_rest && out.active.is_empty(),
+        (Mode::Disengaged, Mode::Engaging) => {
+            hand == Hand::Enable && has(12) && level && !has(13) && at_rest && out.active.is_empty()
+        }
         (Mode::Engaging, Mode::Engaged) => has(17) || has(18),
         (Mode::Engaging | Mode::Engaged, Mode::Holding) => {
-            has(13) || !level || !out.active.of(Response::Hold).union(out.active.of(Response::Release)).is_empty()
+            has(13)
+                || !level
+                || hand == Hand::Recovery
+                || !out.active.of(Response::Hold).union(out.active.of(Response::Release)).is_empty()
         }
+        (Mode::Disengaged, Mode::Recovering) => {
+            let asked = hand == Hand::Recovery && has(12) && level && !has(13);
+            asked && at_rest && out.active.has(Fault::StartOutsideLimits) && minded(out).is_empty()
+        }
+        (Mode::Recovering, Mode::Holding) => {
+            let faults = minded(out);
+            let withdrawn = faults.of(Response::Hold).union(faults.of(Response::Release));
+            has(13) || !level || hand == Hand::Enable || !withdrawn.is_empty()
+        }
+        (Mode::Recovering, Mode::Disengaged) => at_rest && has(17) && !has(11),
         (Mode::Holding, Mode::Disengaged) => at_rest,
-        (Mode::Holding, Mode::Engaging) => at_rest && level && !has(13) && out.active.is_empty(),
+        (Mode::Holding, Mode::Engaging) => {
+            hand == Hand::Enable && at_rest && level && !has(13) && out.active.is_empty()
+        }
         (Mode::Faulted, Mode::Disengaged) => (has(14) || pending) && at_rest && !level && !stop,
         _ => false,
     }
@@ -91,34 +136,43 @@ fn a_stop_beats_everything_in_every_combination() {
         (Bench::holding(false), false),
         (Bench::faulted(), false),
         (reset_passed_on, true),
+        (Bench::outside(), false),
+        (Bench::recovering(), false),
     ];
-    let mut seen = [[0_u64; 5]; 5];
-    for (bench, pending) in states {
-        let bench = prepared(bench);
+    let mut seen = [[0_u64; Mode::ALL.len()]; Mode::ALL.len()];
+    for ((bench, pending), hand) in states.iter().flat_map(|state| [(state, Hand::Enable), (state, Hand::Recovery)]) {
+        let bench = prepared(bench.clone());
         let from = bench.state.mode();
         for set in 0..1 << BITS {
             let mut bench = bench.clone();
-            apply(&mut bench, set);
+            apply(&mut bench, hand, set);
             let out = bench.step();
             seen[from as usize][out.mode as usize] += 1;
-            let context = || format!("{from:?} {set:019b} {out:?}");
+            let context = || format!("{from:?} {hand:?} {set:019b} {out:?}");
             let wanted_stop = set & 0b1_1111 != 0;
             assert_eq!(wanted_stop, !out.active.of(Response::Stop).is_empty(), "{}", context());
             if wanted_stop {
                 assert!(out.mode == Mode::Faulted && out.permit == Permit::Stop, "{}", context());
                 assert!(from == Mode::Faulted || set & 1 == 0 || bench.state.cause() == Some(Fault::EmergencyStop));
             }
-            if out.permit != Permit::Stop {
+            if out.permit == Permit::Recover {
+                let held = bench.input.operator.recover_level && set & (1 << 13 | 1 << 8) == 0;
+                assert!(out.mode == Mode::Recovering && held && !bench.input.operator.enable_level, "{}", context());
+                let calm = [Response::Hold, Response::Release].into_iter().all(|r| minded(&out).of(r).is_empty());
+                assert!(calm, "{}", context());
+            } else if out.permit != Permit::Stop {
                 assert!(matches!(out.mode, Mode::Engaging | Mode::Engaged), "{}", context());
                 assert!(bench.input.operator.enable_level && set & (1 << 13 | 1 << 8) == 0, "{}", context());
                 let calm = [Response::Hold, Response::Release].into_iter().all(|r| out.active.of(r).is_empty());
                 assert!(calm, "{}", context());
             }
-            assert!(legal(set, from, &out, pending), "{}", context());
+            assert!(legal(hand, set, from, &out, *pending), "{}", context());
             assert_eq!(out.transition.is_some(), from != out.mode, "{}", context());
         }
     }
     println!("from (row) to (column): {seen:?}");
     let engaged_to_engaging = seen[Mode::Engaged as usize][Mode::Engaging as usize];
     assert!(seen[Mode::Disengaged as usize][Mode::Engaging as usize] > 0 && engaged_to_engaging == 0);
+    assert!(seen[Mode::Disengaged as usize][Mode::Recovering as usize] > 0);
+    assert_eq!(seen[Mode::Recovering as usize][Mode::Engaging as usize], 0);
 }

@@ -1,10 +1,12 @@
-//! Every (state, event) pair of engagement, legal or not, is a line of `engage.txt`.
+//! Every (state, event) pair of engagement, legal or not, is a line of `engage.txt`; the diagram in ARCHITECTURE.md is
+//! made from the same pairs.
 
 mod support;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use messages::{FAULTS, Fault, Mode, Transition};
+use messages::{FAULTS, Fault, Mode, Response, Transition};
 use safety::engage::Permit;
 use support::{Bench, ticks};
 
@@ -53,7 +55,13 @@ fn faulted_reset_passed_on() -> Bench {
     bench
 }
 
-const STATES: [State; 16] = [
+fn recovering_stuck() -> Bench {
+    let mut bench = at_rest(Bench::recovering());
+    bench.steps(ticks(500) - 2);
+    bench
+}
+
+const STATES: [State; 20] = [
     ("Disengaged, just started", || Bench::disengaged(false)),
     ("Disengaged", || Bench::disengaged(true)),
     ("Disengaged, no client", || {
@@ -61,6 +69,7 @@ const STATES: [State; 16] = [
         bench.alive.heartbeat = false;
         bench
     }),
+    ("Disengaged, outside limits", Bench::outside),
     ("Engaging, first second", Bench::engaging),
     ("Engaging, ramp", || {
         let mut bench = Bench::engaging();
@@ -78,9 +87,12 @@ const STATES: [State; 16] = [
     ("Faulted, at rest, let go", faulted_let_go),
     ("Faulted by driver, at rest", faulted_by_driver),
     ("Faulted by driver, reset passed on", faulted_reset_passed_on),
+    ("Recovering, moving", Bench::recovering),
+    ("Recovering, at rest", || at_rest(Bench::recovering())),
+    ("Recovering, stuck", recovering_stuck),
 ];
 
-const EVENTS: [Event; 23] = [
+const EVENTS: [Event; 28] = [
     ("nothing", |_| {}),
     ("enable pressed", Bench::press),
     ("enable edge without level", |b| {
@@ -93,6 +105,20 @@ const EVENTS: [Event; 23] = [
         b.input.operator.enable_level = true;
     }),
     ("enable let go", |b| b.input.operator.enable_level = false),
+    ("recovery pressed", Bench::press_recovery),
+    ("recovery edge without level", |b| {
+        b.input.operator.connected = true;
+        b.input.operator.recover_edge = true;
+    }),
+    ("recovery pressed with the enable", |b| {
+        b.press_recovery();
+        b.press();
+    }),
+    ("recovery let go", |b| b.input.operator.recover_level = false),
+    ("back inside and clear", |b| {
+        b.input.robot.outside_limits = false;
+        b.input.robot.clear_to_start = true;
+    }),
     ("release asked for", |b| b.input.operator.release_edge = true),
     ("enable pressed and release", |b| {
         b.press();
@@ -137,7 +163,7 @@ const EVENTS: [Event; 23] = [
 /// Brings the bench to the tick before this fault acts; debouncing and silence pass while nothing comes to rest.
 fn raise(bench: &mut Bench, fault: Fault) {
     let at_rest = bench.input.motion.at_rest;
-    if bench.state.mode() == Mode::Holding {
+    if matches!(bench.state.mode(), Mode::Holding | Mode::Recovering) {
         bench.input.motion.at_rest = false;
     }
     let input = &mut bench.input;
@@ -170,8 +196,8 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::HoldTimeout => 5000,
         _ => 0,
     };
-    // Silence acts once the age is above its bound: at 667 us a tick that is the tick after the last whole one below it.
-    let passing = (silence_ms * 1500_u64 / 1000).saturating_sub(1) + u64::from(fault.row().debounce_ticks - 1);
+    // Silence acts once the age is above its bound: at 667 us a tick, the first tick that is not below it.
+    let passing = (silence_ms * 1500_u64).div_ceil(1000).saturating_sub(1) + u64::from(fault.row().debounce_ticks - 1);
     for _ in 0..passing {
         bench.step();
     }
@@ -187,11 +213,15 @@ fn why(transition: &Transition) -> String {
         Transition::RESET => "reset".into(),
         Transition::CLEARED => "cleared".into(),
         Transition::SETTLED => "settled".into(),
+        Transition::RECOVERING => "recovery held".into(),
+        Transition::RECOVERED => "recovered".into(),
+        Transition::BLOCKED => "blocked".into(),
         fault => Fault::from_u32(fault).expect("a fault or a reason").row().name.into(),
     }
 }
 
-fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)) {
+/// Appends the line of a pair; returns the transition that it makes.
+fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)) -> Option<Transition> {
     let mut bench = (state.1)();
     apply(&mut bench);
     let before = bench.state.mode();
@@ -199,6 +229,7 @@ fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)
     let decided = bench.step();
     let scale = match decided.permit {
         Permit::Follow { speed_scale } => format!("follow {speed_scale:.2}"),
+        Permit::Recover => "recover".into(),
         Permit::Stop => "stop".into(),
     };
     let names = |faults: messages::Faults| {
@@ -219,19 +250,77 @@ fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)
     let (active, latched) = (names(decided.active), names(decided.latched));
     let (name, before) = (state.0, before.name());
     writeln!(out, "{name} | {event} | {before}{went} | {scale} | {active} | latched {latched} |{notes}").unwrap();
+    decided.transition
+}
+
+/// The lines of all pairs, and all transitions that there are.
+fn pairs() -> (String, Vec<Transition>) {
+    let mut out = String::from("state | event | mode -> mode (why) | permit | active | latched | notes\n");
+    let mut transitions = Vec::new();
+    for state in &STATES {
+        for (event, apply) in &EVENTS {
+            transitions.extend(line(&mut out, state, event, apply));
+        }
+        for row in &FAULTS {
+            transitions.extend(line(&mut out, state, row.name, |bench| raise(bench, row.fault)));
+        }
+    }
+    (out, transitions)
 }
 
 fn snapshot() -> String {
-    let mut out = String::from("state | event | mode -> mode (why) | permit | active | latched | notes\n");
-    for state in &STATES {
-        for (event, apply) in &EVENTS {
-            line(&mut out, state, event, apply);
-        }
-        for row in &FAULTS {
-            line(&mut out, state, row.name, |bench| raise(bench, row.fault));
-        }
+    pairs().0
+}
+
+/// What stands at an arrow: the reason, or for a fault its response.
+fn arrow(transition: &Transition) -> String {
+    match Fault::from_u32(transition.why).map(|fault| fault.row().response) {
+        None => why(transition),
+        Some(Response::Inhibit) => unreachable!("an Inhibit makes no transition"),
+        Some(Response::Hold) => "Hold fault".into(),
+        Some(Response::Release) => "Release fault".into(),
+        Some(Response::Stop) => "Stop fault".into(),
     }
-    out
+}
+
+const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ARCHITECTURE.md");
+const BEGIN: &str = "<!-- engagement: written by cargo test -p safety --test engage_snapshot -- --ignored -->\n";
+const END: &str = "<!-- end of engagement -->";
+
+/// The diagram, as its block in the document stands between the two marks.
+fn diagram() -> String {
+    let mut arrows: BTreeMap<(u32, u32), BTreeSet<String>> = BTreeMap::new();
+    for transition in pairs().1 {
+        arrows.entry((transition.from, transition.to)).or_default().insert(arrow(&transition));
+    }
+    let name = |mode: u32| Mode::from_u32(mode).expect("a mode").name();
+    let mut out = String::from("```mermaid\nstateDiagram-v2\n    [*] --> Disengaged\n");
+    for ((from, to), reasons) in &arrows {
+        let reasons: Vec<_> = reasons.iter().map(String::as_str).collect();
+        writeln!(out, "    {} --> {}: {}", name(*from), name(*to), reasons.join(" or ")).unwrap();
+    }
+    out + "```\n"
+}
+
+/// The document before the block, the block, and what follows.
+fn document() -> [String; 3] {
+    let text = std::fs::read_to_string(DOCUMENT).expect("ARCHITECTURE.md");
+    let (before, rest) = text.split_once(BEGIN).expect("the mark before the diagram");
+    let (block, after) = rest.split_once(END).expect("the mark after the diagram");
+    [before.into(), block.into(), after.into()]
+}
+
+#[test]
+fn the_diagram_in_the_document_shows_every_transition_and_no_other() {
+    let [_, stored, _] = document();
+    assert_eq!(stored, diagram(), "write it anew: cargo test -p safety --test engage_snapshot -- --ignored");
+}
+
+#[test]
+#[ignore = "writes the diagram: cargo test -p safety --test engage_snapshot -- --ignored"]
+fn write_the_diagram() {
+    let [before, _, after] = document();
+    std::fs::write(DOCUMENT, format!("{before}{BEGIN}{}{END}{after}", diagram())).unwrap();
 }
 
 #[test]

@@ -25,6 +25,9 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
+    pipeline::Names::of(&config.model).write(process.instance.run_dir()).map_err(|error| {
+        Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))
+    })?;
     let server = Server::bind(process.instance.operator_socket()).map_err(|error| {
         let exit =
             if matches!(error, operator::OperatorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
@@ -109,7 +112,8 @@ impl Control {
                 let since = *ending.get_or_insert(woke);
                 self.edges.withdraw();
                 let moving = self.state.commanded().v.iter().any(|v| *v != 0.0);
-                let authority = self.status.mode == Mode::Engaging as u32 || self.status.mode == Mode::Engaged as u32;
+                let modes = [Mode::Engaging, Mode::Engaged, Mode::Recovering];
+                let authority = modes.iter().any(|&mode| self.status.mode == mode as u32);
                 if (!moving && !authority) || woke.since(since) > END_WITHIN_NS {
                     return;
                 }

@@ -3,14 +3,15 @@
 mod chain;
 mod status;
 
-pub use status::status_json;
+pub use status::{note as status_note, status_json};
 
 use crate::ConfigError;
 use crate::load::Loaded;
 use chain::{Continue, Stream};
 use driver::Motion;
 use messages::{
-    Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Stamp, Status, command_flag, state_flag, target_flag,
+    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, state_flag,
+    target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -177,9 +178,13 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
     });
     let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
-        state.status.clearance_measured_m = clearance.distance_m;
-        // These two inhibit a start; in motion it is the certificate and `CollisionNear` that watch over the robot.
-        let may_start = state.engage.mode() == messages::Mode::Disengaged;
+        // These inhibit a start, and are what a recovery ends; in any other motion it is the certificate and
+        // `CollisionNear` that watch over the robot.
+        let may_start = matches!(state.engage.mode(), Mode::Disengaged | Mode::Recovering);
+        let outside = monitor::outside_limits(&config.model, &robot.q_measured).filter(|_| may_start);
+        let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
+        let recovers = state.engage.mode() == Mode::Recovering;
+        state.note_measured(clearance, outside);
         let (error_rad, error_m) =
             monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
         state.status.tracking_error = error_rad.max(error_m);
@@ -190,8 +195,12 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
             commanded: robot.flags & state_flag::COMMANDED != 0,
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
             reset_count: robot.reset_count,
-            outside_limits: may_start && monitor::outside_limits(&config.model, &robot.q_measured),
-            in_collision: may_start && too_close_to_start(config, state, &robot, clearance),
+            outside_limits: outside.is_some(),
+            in_collision,
+            clear_to_start: recovers
+                && outside.is_none()
+                && !in_collision
+                && monitor::clear_to_start(&config.model, &mut state.frames, &state.gate.q()),
             collision_near: state.near.update(&config.model, clearance.distance_m),
             tracking_error_rad: error_rad,
             tracking_error_m: error_m,
@@ -240,6 +249,7 @@ fn command(
 ) -> JointCommand {
     let permit = match decided.permit {
         engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
+        engage::Permit::Recover => wbc::Permit::Stop,
         engage::Permit::Stop => wbc::Permit::Stop,
     };
     let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
@@ -264,6 +274,10 @@ fn command(
         aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
         settled: motion.v.iter().all(|v| v.abs() <= SETTLED_SPEED),
         gate_denied: denied,
+    };
+    state.status.torso_to_go_m = match (decided.mode, &wanted) {
+        (Mode::Engaging, Some(wanted)) => status::torso_to_go(&config.model, wanted, &motion.q),
+        _ => 0.0,
     };
     state.status.clearance_command_m = proposed.clearance_m;
     state.status.nearest_pair = proposed.nearest_pair;
@@ -310,6 +324,14 @@ fn aligned(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> bool {
 }
 
 impl ControlState {
+    /// What the newest measurement amounts to.
+    fn note_measured(&mut self, clearance: monitor::Clearance, outside: Option<monitor::Outside>) {
+        let status = &mut self.status;
+        (status.clearance_measured_m, status.nearest_pair_measured) = (clearance.distance_m, clearance.pair);
+        status.joint_outside = outside.map_or(0, |outside| outside.joint as u32 + 1);
+        status.outside_by = outside.map_or(0.0, |outside| outside.by);
+    }
+
     fn note(
         &mut self,
         config: &ControlConfig,

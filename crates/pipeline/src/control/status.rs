@@ -1,8 +1,11 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
-use messages::{FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Status, TRANSITIONS_KEPT};
+use messages::{
+    FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Status, TORSO, TRANSITIONS_KEPT,
+};
 use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
+use robot::Model;
 use serde_json::{Value, json};
 
 /// Mean angle between the human's four limbs and those of the arms at `q`, rad; zero without a human.
@@ -19,6 +22,28 @@ pub(super) fn limb_error(config: &ControlConfig, target: &JointTarget, q: &[f64;
         sum_deg += limb_error_deg(&config.arm.forward(&arm), &Limbs { upper, fore }).iter().sum::<f64>();
     }
     (sum_deg / LIMBS as f64).to_radians()
+}
+
+/// What the torso has yet to rise to its target, m; without a target for it, to its home position.
+pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> f64 {
+    let limits = &model.limits[TORSO];
+    let aim = if target.valid_mask & 1 << TORSO != 0 { target.q[TORSO] } else { model.home[TORSO] };
+    let to_go = aim.clamp(limits.q_min, limits.q_max) - q[TORSO];
+    if to_go.is_finite() { to_go } else { 0.0 }
+}
+
+/// How far the torso must be from its target to be worth a word, m: 70 ms of its largest speed.
+const TORSO_FAR_M: f64 = 0.005;
+
+/// What takes its time at the moment, in words for the operator: the torso's whole stroke takes 5 s.
+pub fn note(status: &Status) -> Option<&'static str> {
+    if status.torso_to_go_m > TORSO_FAR_M {
+        Some("raising torso")
+    } else if status.torso_to_go_m < -TORSO_FAR_M {
+        Some("lowering torso")
+    } else {
+        None
+    }
 }
 
 /// A status as JSON; its keys are those of the message.
@@ -48,6 +73,11 @@ pub fn status_json(status: &Status) -> Value {
         "clearance_command_m": status.clearance_command_m,
         "clearance_measured_m": status.clearance_measured_m,
         "nearest_pair": status.nearest_pair,
+        "nearest_pair_measured": status.nearest_pair_measured,
+        "joint_outside": status.joint_outside.checked_sub(1),
+        "outside_by": status.outside_by,
+        "torso_to_go_m": status.torso_to_go_m,
+        "note": note(status),
         "tracking_error": status.tracking_error,
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
         "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),

@@ -11,6 +11,10 @@ pub struct OperatorView {
     pub enable_level: bool,
     /// The enable was pressed since the last tick.
     pub enable_edge: bool,
+    /// The recovery is held; never together with the enable.
+    pub recover_level: bool,
+    /// The recovery was pressed since the last tick.
+    pub recover_edge: bool,
     /// A release was asked for since the last tick.
     pub release_edge: bool,
     /// A reset was asked for since the last tick.
@@ -59,6 +63,9 @@ pub struct RobotView {
     pub outside_limits: bool,
     /// The posture is closer to self-collision than allowed for engaging.
     pub in_collision: bool,
+    /// Neither of the two holds, and the commanded posture keeps the limits and the clearance that a recovery aims for
+    /// (see `monitor::clear_to_start`).
+    pub clear_to_start: bool,
     /// The measured posture is closer to self-collision than allowed in motion (see `monitor::Near`).
     pub collision_near: bool,
     /// Largest |command - measured| of the revolute joints, rad.
@@ -109,16 +116,18 @@ pub enum Permit {
         /// Share of the velocity limit.
         speed_scale: f64,
     },
+    /// Back inside the limits and away from the robot's own body, slowly, and nothing else.
+    Recover,
     /// Play the stored stop plan, and rest at its end.
     Stop,
 }
 
 impl Permit {
-    /// Share of the velocity limit; zero for `Stop`.
+    /// Share of the velocity limit of a motion that follows; zero for all others.
     pub const fn speed_scale(self) -> f64 {
         match self {
             Self::Follow { speed_scale } => speed_scale,
-            Self::Stop => 0.0,
+            Self::Recover | Self::Stop => 0.0,
         }
     }
 }
@@ -136,7 +145,7 @@ pub struct Output {
     pub latched: Faults,
     /// The transition of this tick.
     pub transition: Option<Transition>,
-    /// An enable edge was refused at this tick; `active` says why, or the enable was never seen released.
+    /// An enable or recovery edge was refused at this tick; `active` says why, or nothing was ever seen released.
     pub refused: bool,
     /// Counts accepted resets, from what the driver last saw; goes into every command.
     pub reset_count: u32,

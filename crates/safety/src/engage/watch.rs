@@ -111,7 +111,7 @@ impl Watch {
     }
 
     fn note_enable(&mut self, config: &Config, input: &Input) {
-        let released = !input.operator.enable_level;
+        let released = !input.operator.enable_level && !input.operator.recover_level;
         self.released_ns = if released { self.released_ns.saturating_add(charged_ns(input.own_gap_ns)) } else { 0 };
         self.enable_was_released |= self.released_ns >= config.enable_released_ns;
     }

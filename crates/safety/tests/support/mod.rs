@@ -100,6 +100,7 @@ impl Bench {
         let out = engage::tick(&self.config, &mut self.state, now, self.input);
         let operator = &mut self.input.operator;
         operator.enable_edge = false;
+        operator.recover_edge = false;
         operator.release_edge = false;
         operator.reset_edge = false;
         operator.estop_edge = false;
@@ -133,8 +134,15 @@ impl Bench {
         self.input.operator.enable_edge = true;
     }
 
+    pub fn press_recovery(&mut self) {
+        self.input.operator.connected = true;
+        self.input.operator.recover_level = true;
+        self.input.operator.recover_edge = true;
+    }
+
     pub fn let_go(&mut self) {
         self.input.operator.enable_level = false;
+        self.input.operator.recover_level = false;
         self.input.operator.release_edge = true;
     }
 
@@ -164,6 +172,23 @@ impl Bench {
         }
         assert_eq!(bench.step().mode, Mode::Holding);
         bench.input.target.input_fresh = true;
+        bench
+    }
+
+    /// Disengaged, with a joint measured outside its limits.
+    pub fn outside() -> Self {
+        let mut bench = Self::disengaged(true);
+        bench.input.robot.outside_limits = true;
+        bench.step();
+        bench
+    }
+
+    /// Recovering, in motion.
+    pub fn recovering() -> Self {
+        let mut bench = Self::outside();
+        bench.press_recovery();
+        assert_eq!(bench.step().mode, Mode::Recovering);
+        bench.input.motion.at_rest = false;
         bench
     }
 

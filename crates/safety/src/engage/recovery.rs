@@ -1,0 +1,56 @@
+//! Recovery: a slow motion, held to run, that brings a robot back which stands outside its limits or too close to itself.
+
+use messages::{Fault, Faults, Response, Transition};
+
+use super::watch::charged_ns;
+use super::{Input, Phase};
+
+/// Why a recovery is needed.
+const REASONS: Faults = Faults::NONE.with(Fault::StartOutsideLimits).with(Fault::StartInCollision);
+
+/// What a recovery does not mind: its reasons, what the measured posture means besides, and everything about targets,
+/// because it follows none.
+const BORNE: Faults = REASONS
+    .with(Fault::CollisionNear)
+    .with(Fault::NoTarget)
+    .with(Fault::InputStale)
+    .with(Fault::InputImplausible)
+    .with(Fault::TargetStale);
+
+/// How long a recovery may stand still before it says that it finds no way, ns. Its motions begin within a tick.
+const BLOCKED_NS: u64 = 500_000_000;
+
+/// The faults that a recovery minds.
+fn minded(active: Faults) -> Faults {
+    Faults(active.0 & !BORNE.0)
+}
+
+/// Whether the recovery is asked for and needed, and nothing else stands in the way.
+pub(super) fn begins(input: &Input, active: Faults) -> bool {
+    let operator = &input.operator;
+    let asked = operator.recover_edge && operator.recover_level && !operator.enable_level && !operator.release_edge;
+    asked && active.0 & REASONS.0 != 0 && minded(active).is_empty()
+}
+
+/// No Stop fault holds while recovering. Whoever lets go, and every fault that is minded, ends it: it never resumes.
+pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u32) {
+    let minded = minded(active);
+    let withdrawn = minded.of(Response::Release).iter().next().or_else(|| minded.of(Response::Hold).iter().next());
+    if let Some(fault) = withdrawn {
+        return (Phase::holding(false), fault as u32);
+    }
+    if input.operator.release_edge || !input.operator.recover_level {
+        return (Phase::holding(false), Transition::RELEASED);
+    }
+    if !input.motion.at_rest {
+        return (Phase::Recovering { blocked_ns: 0 }, 0);
+    }
+    let blocked_ns = blocked_ns.saturating_add(charged_ns(input.own_gap_ns));
+    if input.robot.clear_to_start {
+        (Phase::Disengaged, Transition::RECOVERED)
+    } else if blocked_ns > BLOCKED_NS {
+        (Phase::Disengaged, Transition::BLOCKED)
+    } else {
+        (Phase::Recovering { blocked_ns }, 0)
+    }
+}
