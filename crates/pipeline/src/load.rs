@@ -15,7 +15,7 @@ const WEIGHTS_BYTES_MAX: u64 = 256 << 20;
 pub struct Loaded {
     /// The settings in force.
     pub settings: Settings,
-    /// The robot.
+    /// The robot among its obstacles.
     pub model: Model,
     /// Trained weights; absent where the method needs none and no file is there.
     pub weights: Option<retarget::Weights>,
@@ -60,6 +60,8 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
 
     let robot_path = folder.join(&settings.robot.file);
     let (model, urdf_path) = load_model(&robot_path)?;
+    let config_name = config.display().to_string();
+    let model = model.with_environment(&config_name, &settings.environment).map_err(ConfigError::robot)?;
 
     let weights_path = folder.join(&settings.weights.file);
     let (tensors, manifest) = (with_extension(&weights_path, "safetensors"), with_extension(&weights_path, "toml"));
@@ -69,6 +71,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         None
     };
 
+    // The obstacles are part of the text.
     let mut hash = crate::fnv(text.as_bytes());
     hash = fnv_continue(hash, &[u8::from(settings.control.engage_without_realtime)]);
     hash = fnv_continue(hash, &model.hash.to_le_bytes());
@@ -80,7 +83,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     Ok(Loaded { settings, model, weights, hash, files })
 }
 
-/// Reads a robot file and the URDF it names; returns the model and the URDF's path.
+/// Reads a robot file and the URDF it names; returns the model, without obstacles, and the URDF's path.
 pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     let toml_text = read_text(robot_file)?;
     let toml_name = robot_file.display().to_string();

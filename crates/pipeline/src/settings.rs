@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// Robot description.
     pub robot: FileKey,
+    /// What stands about the robot.
+    pub environment: robot::Environment,
     /// Trained weights, without extension.
     pub weights: FileKey,
     /// Retargeting.

@@ -11,6 +11,7 @@
 mod arm;
 mod collision;
 mod effective;
+mod environment;
 mod error;
 mod file;
 mod kinematics;
@@ -23,6 +24,7 @@ mod urdf;
 
 pub use arm::Arm;
 pub use collision::{AllowedPair, AllowedReason, CAPSULES_MAX, Capsule, Pair};
+pub use environment::{BOXES_MAX, BoxEntry, Environment, Obstacle, PLANES_MAX, PlaneEntry, Solid};
 pub use error::RobotError;
 pub use file::urdf_file;
 pub use kinematics::Frames;

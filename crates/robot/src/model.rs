@@ -2,6 +2,7 @@
 
 use crate::arm::Arm;
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
+use crate::environment::Obstacle;
 use crate::error::RobotError;
 use crate::file::{Limb, RobotFile};
 use crate::kinematics::{Frames, JointFrame};
@@ -40,6 +41,8 @@ pub struct Model {
     pub pairs: Vec<Pair>,
     /// The pairs that are not, with reasons.
     pub allowed: Vec<AllowedPair>,
+    /// What stands about the robot, see [`Model::with_environment`]; every capsule that moves is checked against each.
+    pub obstacles: Vec<Obstacle>,
     /// Commands keep every checked pair at least this far apart, m.
     pub d_min_m: f64,
     /// Measured postures below this clearance are a fault, m.
@@ -124,6 +127,7 @@ impl Source<'_> {
             capsules,
             pairs,
             allowed,
+            obstacles: Vec::new(),
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
             d_measured_min_m: self
                 .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,

@@ -2,14 +2,14 @@
 
 use messages::JOINTS;
 use nalgebra::Vector3;
-use robot::{CAPSULES_MAX, Frames, Model, Pose};
+use robot::{CAPSULES_MAX, Frames, Model, Pose, Solid};
 
-/// The least distance of the checked pairs.
+/// The least distance of the checked pairs, and of the capsules that move from the obstacles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clearance {
     /// Surface to surface, m; negative where capsules overlap, NaN for a posture that is no posture.
     pub distance_m: f64,
-    /// Indices of the two capsules in the robot file.
+    /// Indices of the two capsules in the robot file; for an obstacle the number of capsules and its index.
     pub pair: [u32; 2],
 }
 
@@ -58,7 +58,8 @@ impl Axis {
     }
 }
 
-/// Least distance of the checked pairs of `model` at posture `q` (rad, m); `frames` is working memory. No allocation.
+/// Least distance of the checked pairs of `model`, and from its obstacles, at posture `q` (rad, m); `frames` is working
+/// memory. No allocation.
 pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clearance {
     if q.iter().any(|q| !q.is_finite()) {
         return Clearance { distance_m: f64::NAN, pair: [0; 2] };
@@ -81,7 +82,83 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
             least = Clearance { distance_m, pair: [pair.a as u32, pair.b as u32] };
         }
     }
+    from_obstacles(model, &axes, least)
+}
+
+/// The lesser of `least` and the least distance of a capsule that moves from an obstacle.
+fn from_obstacles(model: &Model, axes: &[Axis; CAPSULES_MAX], mut least: Clearance) -> Clearance {
+    for (i, (axis, capsule)) in axes.iter().zip(&model.capsules).enumerate() {
+        // Capsules of the base stand still, as the obstacles do.
+        if capsule.body == 0 {
+            continue;
+        }
+        for (k, obstacle) in model.obstacles.iter().enumerate() {
+            let distance_m = match &obstacle.solid {
+                Solid::HalfSpace { normal, offset_m } => above_plane(&axis.ends, normal, *offset_m),
+                Solid::Box { center, r, half_m } => {
+                    let around = (axis.middle - center).norm() - axis.half_m - half_m.norm() - axis.radius_m;
+                    if around >= least.distance_m {
+                        continue;
+                    }
+                    from_box(&axis.ends.map(|end| r.tr_mul(&(end - center))), half_m)
+                }
+            } - axis.radius_m;
+            if distance_m < least.distance_m || distance_m.is_nan() {
+                least = Clearance { distance_m, pair: [i as u32, (model.capsules.len() + k) as u32] };
+            }
+        }
+    }
     least
+}
+
+/// Height of a segment's lower end above the plane normal . x = offset, m.
+fn above_plane(ends: &[Vector3<f64>; 2], normal: &Vector3<f64>, offset_m: f64) -> f64 {
+    f64::min(normal.dot(&ends[0]), normal.dot(&ends[1])) - offset_m
+}
+
+/// Distance of a segment from the box |x_i| <= half_i, m: 0 if they meet; else the least of those of its ends from the
+/// box and of the segment from the twelve edges. (If a point inside the segment is closest to a point inside a face, the
+/// segment is parallel to that face, and an end of it, or where it passes above an edge, is as close.)
+fn from_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> f64 {
+    if meets_box(ends, half) {
+        return 0.0;
+    }
+    let from_end = |p: &Vector3<f64>| (p - p.zip_map(half, |x, h| x.clamp(-h, h))).norm();
+    let mut least = from_end(&ends[0]).min(from_end(&ends[1]));
+    for axis in 0..3 {
+        for corner in 0..4 {
+            let mut from = *half;
+            let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+            if corner & 1 != 0 {
+                from[next] = -from[next];
+            }
+            if corner & 2 != 0 {
+                from[last] = -from[last];
+            }
+            let mut to = from;
+            to[axis] = -to[axis];
+            least = least.min(between_segments(ends, &[from, to]));
+        }
+    }
+    least
+}
+
+/// Whether a part of the segment lies between all three pairs of faces.
+fn meets_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> bool {
+    let along = ends[1] - ends[0];
+    let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
+    for i in 0..3 {
+        if along[i] == 0.0 {
+            if ends[0][i].abs() > half[i] {
+                return false;
+            }
+            continue;
+        }
+        let (s, t) = ((-half[i] - ends[0][i]) / along[i], (half[i] - ends[0][i]) / along[i]);
+        enters = enters.max(s.min(t));
+        leaves = leaves.min(s.max(t));
+    }
+    enters <= leaves
 }
 
 /// Distance of two segments, m: where the infinite lines are closest inside both segments, that; else the least of the
@@ -142,6 +219,35 @@ mod tests {
             let other = robot::segment_distance(&first[0], &first[1], &second[0], &second[1]).distance_m;
             assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {first:?} {second:?}");
         }
+    }
+
+    #[test]
+    fn distances_from_solids_are_those_of_the_other_implementation() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
+        let mut meeting = 0;
+        for n in 0..100_000 {
+            let half = point(&mut rng, 0.5).abs() + Vector3::repeat(1e-3);
+            let mut start = point(&mut rng, 1.0);
+            // Every fifth segment begins in the plane of a face; some are points, some almost parallel to an edge.
+            if n % 5 == 0 {
+                start[n % 3] = half[n % 3];
+            }
+            let along = match n % 4 {
+                0 => Vector3::x() * rng.random_range(-1.0..1.0) + point(&mut rng, 1e-9),
+                1 => point(&mut rng, if n % 8 == 1 { 0.0 } else { 1e-10 } + 1e-300),
+                _ => point(&mut rng, 1.0),
+            };
+            let ends = [start, start + along];
+            let solid = Solid::Box { center: Vector3::zeros(), r: nalgebra::Matrix3::identity(), half_m: half };
+            let (own, other) = (from_box(&ends, &half), solid.segment_distance(&ends[0], &ends[1]));
+            assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {ends:?} {half:?}");
+            meeting += u32::from(own == 0.0);
+            let normal = half.normalize();
+            let solid = Solid::HalfSpace { normal, offset_m: 0.3 };
+            let other = solid.segment_distance(&ends[0], &ends[1]);
+            assert!((above_plane(&ends, &normal, 0.3) - other).abs() < 1e-12);
+        }
+        assert!(meeting > 1000, "{meeting}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Clearance of the checked pairs, with distances of its own.
 
-use robot::{Frames, Model};
+use robot::{Frames, Model, Solid};
 
 type Point = [f64; 3];
 
@@ -9,6 +9,7 @@ type Point = [f64; 3];
 pub(crate) struct Body {
     capsules: Vec<Capsule>,
     pairs: Vec<Pair>,
+    obstacles: Vec<Obstacle>,
     /// Clearance that every pair must keep, m.
     pub(crate) d_min_m: f64,
 }
@@ -18,6 +19,16 @@ struct Capsule {
     body: usize,
     ends: [Point; 2],
     half_length_m: f64,
+    radius_m: f64,
+}
+
+/// What stands about the robot, in the base frame.
+#[derive(Clone, Debug)]
+enum Obstacle {
+    /// Solid where normal . x <= offset.
+    Plane { normal: Point, offset_m: f64 },
+    /// Solid within half a length of the centre along each of its axes.
+    Box { center: Point, axes: [Point; 3], half_m: Point },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -38,18 +49,26 @@ impl Body {
     pub(crate) fn new(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| {
             let ends = [&capsule.a, &capsule.b].map(|p| [p[0], p[1], p[2]]);
-            Capsule { body: capsule.body, ends, half_length_m: length(minus(ends[1], ends[0])) / 2.0 }
+            Capsule {
+                body: capsule.body,
+                ends,
+                half_length_m: length(minus(ends[1], ends[0])) / 2.0,
+                radius_m: capsule.radius_m,
+            }
         });
         let radii = |a: usize, b: usize| model.capsules[a].radius_m + model.capsules[b].radius_m;
         let pairs = model.pairs.iter().map(|pair| Pair { a: pair.a, b: pair.b, radii_m: radii(pair.a, pair.b) });
-        Self { capsules: capsules.collect(), pairs: pairs.collect(), d_min_m: model.d_min_m }
+        let obstacles = model.obstacles.iter().map(|obstacle| Obstacle::new(&obstacle.solid)).collect();
+        Self { capsules: capsules.collect(), pairs: pairs.collect(), obstacles, d_min_m: model.d_min_m }
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
         Workspace { frames: Frames::default(), axes: vec![[[0.0; 3]; 2]; self.capsules.len()] }
     }
 
-    /// The least clearance of the checked pairs at posture `q`, m, and the index of that pair; infinite without pairs.
+    /// The least clearance of the checked pairs and of the capsules that move from the obstacles at posture `q`, m, and
+    /// the index of that pair; infinite without pairs. Behind the pairs of capsules come, for each capsule, its pairs
+    /// with each obstacle.
     pub(crate) fn clearance(&self, model: &Model, q: &[f64; messages::JOINTS], room: &mut Workspace) -> (f64, usize) {
         model.forward(q, &mut room.frames);
         for (axis, capsule) in room.axes.iter_mut().zip(&self.capsules) {
@@ -75,8 +94,68 @@ impl Body {
                 least = (clearance, index);
             }
         }
+        for (i, (axis, capsule)) in room.axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0) {
+            for (k, obstacle) in self.obstacles.iter().enumerate() {
+                let clearance = obstacle.distance(axis) - capsule.radius_m;
+                if clearance < least.0 {
+                    least = (clearance, self.pairs.len() + i * self.obstacles.len() + k);
+                }
+            }
+        }
         least
     }
+}
+
+impl Obstacle {
+    fn new(solid: &Solid) -> Self {
+        match solid {
+            Solid::HalfSpace { normal, offset_m } => {
+                Self::Plane { normal: [normal[0], normal[1], normal[2]], offset_m: *offset_m }
+            }
+            Solid::Box { center, r, half_m } => Self::Box {
+                center: [center[0], center[1], center[2]],
+                axes: std::array::from_fn(|i| [r[(0, i)], r[(1, i)], r[(2, i)]]),
+                half_m: [half_m[0], half_m[1], half_m[2]],
+            },
+        }
+    }
+
+    /// Distance of a segment: 0 where it touches a box, negative below a plane.
+    fn distance(&self, segment: &[Point; 2]) -> f64 {
+        match self {
+            Self::Plane { normal, offset_m } => dot(*normal, segment[0]).min(dot(*normal, segment[1])) - offset_m,
+            Self::Box { center, axes, half_m } => {
+                let local = segment.map(|p| axes.map(|axis| dot(axis, minus(p, *center))));
+                from_box(&local, half_m)
+            }
+        }
+    }
+}
+
+/// Distance of a segment from the box |x_i| <= half_i. A coordinate is below, within or above its range, and for each of
+/// the 26 ways of being outside the squared distance is a square in the place s on the segment, sum of (x_i -+ half_i)^2
+/// over those outside, whose minimum is known. One of them, or an end, or a place where a coordinate enters or leaves
+/// its range, is the true minimum; the distance itself, taken at all of these places, is least there.
+fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
+    let (a, d) = (segment[0], minus(segment[1], segment[0]));
+    let squared_at = |s: f64| {
+        let s = if s > 0.0 { s.min(1.0) } else { 0.0 };
+        squared(std::array::from_fn(|i| ((a[i] + s * d[i]).abs() - half[i]).max(0.0)))
+    };
+    let mut least = squared_at(0.0).min(squared_at(1.0));
+    for way in 1..27 {
+        let sides: Point = std::array::from_fn(|i| [0.0, -1.0, 1.0][way / [1, 3, 9][i] % 3]);
+        let (mut falls, mut curves) = (0.0, 0.0);
+        for i in (0..3).filter(|&i| sides[i] != 0.0) {
+            falls += d[i] * (sides[i] * half[i] - a[i]);
+            curves += d[i] * d[i];
+        }
+        // With one coordinate outside, this is where it enters its range.
+        if curves > 0.0 {
+            least = least.min(squared_at(falls / curves));
+        }
+    }
+    least.sqrt()
 }
 
 /// Distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and then the vector
@@ -128,6 +207,42 @@ fn length(a: Point) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn distances_from_solids_are_those_of_the_robot_model() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
+        let mut point = |size: f64| -> Point { std::array::from_fn(|_| rng.random_range(-size..=size)) };
+        let mut touching = 0;
+        for n in 0..100_000 {
+            let half_m = point(0.5).map(|x| x.abs() + 1e-3);
+            let mut a = point(1.0);
+            // Some segments begin in the plane of a face, some are points, some almost parallel to an edge.
+            if n % 5 == 0 {
+                a[n % 3] = half_m[n % 3];
+            }
+            let mut d = point(if n % 4 == 1 { 1e-10 } else { 1.0 });
+            if n % 4 == 0 {
+                (d[1], d[2]) = (d[1] * 1e-9, if n % 8 == 0 { 0.0 } else { d[2] * 1e-9 });
+            }
+            let (center, turn) = (point(0.5), point(3.0));
+            let pose = robot::Pose::from_xyz_rpy(center, if n % 3 == 0 { [0.0; 3] } else { turn });
+            let place = |p: Point| pose.transform_point(&p.into());
+            let (from, to) = (place(a), place(std::array::from_fn(|i| a[i] + d[i])));
+            let z = pose.r.column(2).into_owned();
+            let solids = [
+                Solid::Box { center: pose.t, r: pose.r, half_m: half_m.into() },
+                Solid::HalfSpace { normal: z, offset_m: 0.3 * center[0] },
+            ];
+            for solid in solids {
+                let own = Obstacle::new(&solid).distance(&[from.into(), to.into()]);
+                let other = solid.segment_distance(&from, &to);
+                assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {from} {to} {solid:?}");
+                touching += usize::from(own == 0.0);
+            }
+        }
+        assert!(touching > 1000, "{touching}");
+    }
 
     #[test]
     fn distances_known_from_geometry() {

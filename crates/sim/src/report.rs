@@ -15,7 +15,7 @@ pub enum ViolationKind {
     /// Jerk limit: the acceleration changed by more than it allows, or velocity or position by more than any motion
     /// within it could.
     Jerk = 3,
-    /// Clearance of a checked pair.
+    /// Clearance of a checked pair, or from an obstacle.
     Clearance = 4,
 }
 
@@ -42,7 +42,7 @@ pub struct Violation {
     pub kind: ViolationKind,
     /// Index of the executed step.
     pub k: u64,
-    /// The joint, or the index of the pair.
+    /// The joint, or the index of the pair; with m obstacles capsule i and obstacle k are m i + k behind the model's pairs.
     pub which: usize,
     /// The value, SI.
     pub value: f64,

@@ -43,7 +43,7 @@
 
 use crate::chain::{JointSet, Placement, Placements};
 use crate::clearance::Anchor;
-use crate::geometry::{Geometry, Segment, Side, normal, separation};
+use crate::geometry::{Geometry, Segment, Side};
 use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
 use messages::JOINTS;
@@ -364,9 +364,9 @@ impl Proof<'_> {
         let pair = &self.geometry.pairs[pair];
         let node = &mut self.s.nodes[node];
         let (a, b) = (node.axis(self.geometry, pair.a.capsule), node.axis(self.geometry, pair.b.capsule));
-        let (n, sep) = normal(&a, &b);
+        let (n, sep) = self.geometry.normal(pair, &a, &b);
         let n = if pair.turns { node.placements[pair.common].r.tr_mul(&n) } else { n };
-        (n, sep - pair.radii)
+        (n, sep)
     }
 
     /// Separation of a pair at a node along a direction of the common body's frame.
@@ -376,7 +376,7 @@ impl Proof<'_> {
         let node = &mut self.s.nodes[node];
         let (a, b) = (node.axis(self.geometry, pair.a.capsule), node.axis(self.geometry, pair.b.capsule));
         let n = if pair.turns { node.placements[pair.common].r * n } else { *n };
-        separation(&n, &a, &b) - pair.radii
+        self.geometry.separation(pair, &n, &a, &b)
     }
 
     fn blame(&mut self, pair: usize) -> bool {

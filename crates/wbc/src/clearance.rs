@@ -1,7 +1,7 @@
 //! Distances of all checked pairs at one posture: where every certificate of a tick begins.
 
 use crate::chain::{BODIES, Placement, Placements};
-use crate::geometry::{Geometry, Segment, closest_points, normal};
+use crate::geometry::{Geometry, Segment};
 use messages::JOINTS;
 use nalgebra::Vector3;
 
@@ -50,7 +50,7 @@ impl Anchor {
             let spheres = geometry.shapes[pair.a.capsule].sphere + geometry.shapes[pair.b.capsule].sphere;
             let apart = ((a.a + a.b) - (b.a + b.b)).norm() / 2.0 - spheres;
             let far = apart > FAR_M.max(self.clearance_m);
-            self.separation[i] = if far { apart } else { normal(a, b).1 - pair.radii };
+            self.separation[i] = if far { apart } else { geometry.normal(pair, a, b).1 };
             if self.separation[i] < self.clearance_m {
                 (self.clearance_m, self.nearest) = (self.separation[i], i);
             }
@@ -62,8 +62,8 @@ impl Anchor {
     pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS] {
         let pair = &geometry.pairs[pair];
         let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);
-        let (on_a, on_b) = closest_points(a, b);
-        let (n, _) = normal(a, b);
+        let (on_a, on_b) = geometry.closest_points(pair, a, b);
+        let (n, _) = geometry.normal(pair, a, b);
         let carries_a = geometry.chain.ancestors(geometry.shapes[pair.a.capsule].capsule.body);
         std::array::from_fn(|j| {
             if pair.between & 1 << j == 0 {

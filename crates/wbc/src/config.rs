@@ -4,6 +4,7 @@ use crate::chain::Chain;
 use crate::geometry::{BodyCapsule, Geometry};
 use crate::interval::Bounds;
 use messages::JOINTS;
+use robot::Solid;
 use thiserror::Error;
 
 /// Share of velocity, acceleration and jerk limits that is planned with, so that rounding at the gate never denies an
@@ -118,6 +119,8 @@ pub struct Parts {
     pub capsules: Vec<BodyCapsule>,
     /// Pairs of capsule indices that must stay apart.
     pub pairs: Vec<[usize; 2]>,
+    /// Solids on the base that every capsule that moves must stay apart from.
+    pub obstacles: Vec<Solid>,
     /// Distance that they keep, m.
     pub d_min_m: f64,
 }
@@ -143,7 +146,8 @@ impl Config {
             bounds,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
             home: parts.home,
-            geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?,
+            geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
+                .with_obstacles(&parts.obstacles)?,
             certificate: options.certificate,
         })
     }

@@ -1,11 +1,13 @@
-//! The collision model, laid out for the certificate: capsules on bodies, the pairs that must stay apart, and for each
-//! pair which joints change its distance.
+//! The collision model, laid out for the certificate: capsules on bodies, solids on the base, the pairs that must stay
+//! apart, and for each pair which joints change its distance.
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::config::WbcError;
 use crate::motion::Swing;
+use crate::solid;
 use messages::JOINTS;
 use nalgebra::Vector3;
+use robot::Solid;
 
 /// A capsule in the frame of its body, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,17 +34,20 @@ pub struct Segment {
 /// A capsule's side of a pair: the joints `from..` of its body's chain move it against the pair's common body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Side {
+    /// Index of the capsule, or the number of capsules and the index of the obstacle.
     pub(crate) capsule: usize,
     /// Index into the chain of the capsule's body.
     pub(crate) from: usize,
 }
 
-/// Two capsules that must stay apart.
+/// Two capsules, or a capsule A and an obstacle B, that must stay apart.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CheckedPair {
     pub(crate) a: Side,
     pub(crate) b: Side,
-    /// Sum of both radii, m.
+    /// Which obstacle B is, if it is no capsule.
+    pub(crate) obstacle: Option<usize>,
+    /// Sum of the capsules' radii, m.
     pub(crate) radii: f64,
     /// The deepest body that carries both. A motion that moves both alike cannot change their distance.
     pub(crate) common: usize,
@@ -54,7 +59,7 @@ pub(crate) struct CheckedPair {
     pub(crate) needed: JointSet,
 }
 
-/// One capsule with the reach of each joint of its chain.
+/// One capsule with the reach of each joint of its chain; an obstacle's is a point on the base, which no joint reaches.
 #[derive(Clone, Debug)]
 pub(crate) struct Shape {
     pub(crate) capsule: BodyCapsule,
@@ -98,11 +103,12 @@ pub struct Geometry {
     pub(crate) chain: Chain,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) pairs: Vec<CheckedPair>,
+    obstacles: Vec<Solid>,
     /// Distance that every pair keeps, m.
     pub(crate) d_min_m: f64,
 }
 
-/// Capsules that the certificate can hold: its marks are bits of a u128.
+/// Capsules and obstacles that the certificate can hold: its marks are bits of a u128.
 pub const CAPSULES_MAX: usize = 128;
 
 impl Geometry {
@@ -124,7 +130,26 @@ impl Geometry {
                 checked.push(checked_pair(&chain, &shapes, a, b));
             }
         }
-        Ok(Self { chain, shapes, pairs: checked, d_min_m })
+        Ok(Self { chain, shapes, pairs: checked, obstacles: Vec::new(), d_min_m })
+    }
+
+    /// The same model among solids that stand on the base. Every capsule that moves must stay apart from each.
+    pub fn with_obstacles(mut self, obstacles: &[Solid]) -> Result<Self, WbcError> {
+        let (capsules, value) = (self.shapes.len(), self.shapes.len() + obstacles.len());
+        if value > CAPSULES_MAX {
+            return Err(WbcError::Collision { what: "number of capsules and obstacles", value, bound: CAPSULES_MAX });
+        }
+        for solid in obstacles {
+            self.shapes.push(obstacle(solid));
+        }
+        for a in (0..capsules).filter(|&a| self.shapes[a].capsule.body != 0) {
+            for k in 0..obstacles.len() {
+                let pair = checked_pair(&self.chain, &self.shapes, a, capsules + k);
+                self.pairs.push(CheckedPair { obstacle: Some(k), ..pair });
+            }
+        }
+        self.obstacles = obstacles.to_vec();
+        Ok(self)
     }
 
     /// Bounds on the acceleration (m/s^2) and the path (m) of any point of a capsule's axis in the base frame while the
@@ -140,7 +165,7 @@ impl Geometry {
         self.pairs.len()
     }
 
-    /// Capsule indices of pair `i`.
+    /// Capsule indices of pair `i`; for an obstacle the number of capsules and its index.
     pub fn pair(&self, i: usize) -> [usize; 2] {
         [self.pairs[i].a.capsule, self.pairs[i].b.capsule]
     }
@@ -152,6 +177,36 @@ impl Geometry {
         let body = &placements[c.body];
         Segment { a: body.point(&c.a), b: body.point(&c.b) }
     }
+
+    /// The closest points of a pair whose axes are `a` and `b` (of an obstacle, whatever its shape's axis is).
+    #[inline]
+    pub(crate) fn closest_points(&self, pair: &CheckedPair, a: &Segment, b: &Segment) -> (Vector3<f64>, Vector3<f64>) {
+        pair.obstacle.map_or_else(|| closest_points(a, b), |k| solid::closest_points(a, &self.obstacles[k]))
+    }
+
+    /// The unit direction from the closest point of B to that of A, and the separation of the surfaces along it, m.
+    #[inline]
+    pub(crate) fn normal(&self, pair: &CheckedPair, a: &Segment, b: &Segment) -> (Vector3<f64>, f64) {
+        let (n, sep) = pair.obstacle.map_or_else(|| normal(a, b), |k| solid::normal(a, &self.obstacles[k]));
+        (n, sep - pair.radii)
+    }
+
+    /// The separation of the surfaces of a pair along `n`, m.
+    #[inline]
+    pub(crate) fn separation(&self, pair: &CheckedPair, n: &Vector3<f64>, a: &Segment, b: &Segment) -> f64 {
+        let axes = pair.obstacle.map_or_else(|| separation(n, a, b), |k| solid::separation(n, a, &self.obstacles[k]));
+        axes - pair.radii
+    }
+}
+
+/// A place in the list of shapes for an obstacle. Its sphere holds a box; nothing holds a half-space.
+fn obstacle(solid: &Solid) -> Shape {
+    let (center, sphere) = match solid {
+        Solid::HalfSpace { normal, offset_m } => (normal * *offset_m, f64::INFINITY),
+        Solid::Box { center, half_m, .. } => (*center, half_m.norm()),
+    };
+    let capsule = BodyCapsule { body: 0, a: center, b: center, radius_m: 0.0 };
+    Shape { capsule, chain: Vec::new(), reach: Vec::new(), sphere }
 }
 
 fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
@@ -173,6 +228,7 @@ fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedP
     CheckedPair {
         a: side(a),
         b: side(b),
+        obstacle: None,
         radii: shapes[a].capsule.radius_m + shapes[b].capsule.radius_m,
         common,
         turns,

@@ -29,6 +29,7 @@ mod model;
 pub mod motion;
 pub mod plan;
 mod slide;
+mod solid;
 mod tick;
 pub mod track;
 

@@ -47,6 +47,7 @@ impl Parts {
             home: model.home,
             capsules: model.capsules.iter().map(capsule).collect(),
             pairs: model.pairs.iter().map(|p| [p.a, p.b]).collect(),
+            obstacles: model.obstacles.iter().map(|obstacle| obstacle.solid).collect(),
             d_min_m: model.d_min_m,
         })
     }

@@ -31,6 +31,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         home: [0.0; JOINTS],
         capsules: vec![capsule(2, ball), capsule(post, away)],
         pairs: vec![[0, 1]],
+        obstacles: Vec::new(),
         d_min_m: D_MIN_M,
     };
     Config::from_parts(parts, Options::default()).unwrap()

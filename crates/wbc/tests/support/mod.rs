@@ -142,7 +142,7 @@ pub fn chain() -> Chain {
 pub fn parts() -> Parts {
     let capsules = capsules();
     let pairs = pairs(&capsules);
-    Parts { chain: chain(), limits: limits(), home: home(), capsules, pairs, d_min_m: D_MIN_M }
+    Parts { chain: chain(), limits: limits(), home: home(), capsules, pairs, obstacles: Vec::new(), d_min_m: D_MIN_M }
 }
 
 /// The robot's configuration.

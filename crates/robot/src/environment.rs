@@ -1,0 +1,226 @@
+//! Tables, floors and walls about the robot. They stand in the base's frame, not the torso's, which lifts; when the base
+//! moves they are void.
+
+use crate::error::RobotError;
+use crate::kinematics::Frames;
+use crate::model::Model;
+use crate::pose::Pose;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Most planes of an environment.
+pub const PLANES_MAX: usize = 8;
+/// Most boxes of an environment.
+pub const BOXES_MAX: usize = 8;
+/// What stands farther away than this is out of any arm's reach, m.
+const FAR_M: f64 = 10.0;
+/// A normal may be so much longer or shorter than 1: a few digits in a file.
+const NORMAL_TOLERANCE: f64 = 1e-3;
+
+/// What is written in the settings: everything in metres, in the base's frame.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Environment {
+    /// Floors and walls.
+    #[serde(default)]
+    pub planes: Vec<PlaneEntry>,
+    /// Tables and cupboards.
+    #[serde(default)]
+    pub boxes: Vec<BoxEntry>,
+}
+
+/// Everything at x with normal . x <= offset is solid.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaneEntry {
+    /// Unique name.
+    pub name: String,
+    /// Unit vector that leads out of what is solid.
+    pub normal: [f64; 3],
+    /// Distance of the surface from the base's origin along the normal, m.
+    pub offset_m: f64,
+}
+
+/// A solid box.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoxEntry {
+    /// Unique name.
+    pub name: String,
+    /// Its centre, m.
+    pub center_m: [f64; 3],
+    /// Lengths of its edges, m.
+    pub size_m: [f64; 3],
+    /// Roll, pitch and yaw in degrees, R = Rz(yaw) Ry(pitch) Rx(roll); none: the edges are parallel to the base's axes.
+    #[serde(default)]
+    pub rpy_deg: [f64; 3],
+}
+
+/// A solid that does not move, in the base frame, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Solid {
+    /// All x with normal . x <= offset.
+    HalfSpace {
+        /// Unit normal, leads out.
+        normal: Vector3<f64>,
+        /// Distance of the surface from the origin along the normal, m.
+        offset_m: f64,
+    },
+    /// All center + r y with |y_i| <= half_m_i.
+    Box {
+        /// Centre, m.
+        center: Vector3<f64>,
+        /// Rotation from the box's axes to the base's.
+        r: Matrix3<f64>,
+        /// Half of the edges' lengths, m.
+        half_m: Vector3<f64>,
+    },
+}
+
+/// Something that every capsule that moves keeps clear of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Unique name.
+    pub name: String,
+    /// Its shape.
+    pub solid: Solid,
+}
+
+impl Solid {
+    /// Distance of the segment `a` `b` from the solid, m; 0 where it touches a box, negative below a plane. Not for a
+    /// tick.
+    ///
+    /// The squared distance of a point from a box is convex and has a continuous derivative, so along a segment its
+    /// minimum is an end or where the derivative changes sign, which bisection finds.
+    pub fn segment_distance(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+        match self {
+            Self::HalfSpace { normal, offset_m } => normal.dot(a).min(normal.dot(b)) - offset_m,
+            Self::Box { center, r, half_m } => {
+                let (from, along) = (r.tr_mul(&(a - center)), r.tr_mul(&(b - a)));
+                let beyond = |s: f64| (from + along * s).zip_map(half_m, |x, half| x - x.clamp(-half, half));
+                let (mut low, mut high) = (0.0, 1.0);
+                // Halved 60 times, the bracket is shorter than a double at 1 can tell.
+                for _ in 0..60 {
+                    let middle = 0.5 * (low + high);
+                    *(if beyond(middle).dot(&along) > 0.0 { &mut high } else { &mut low }) = middle;
+                }
+                [0.0, low, 1.0].iter().map(|s| beyond(*s).norm()).fold(f64::INFINITY, f64::min)
+            }
+        }
+    }
+}
+
+impl Model {
+    /// The same robot among the obstacles of `environment`; `file` is named in errors. Refuses what is out of bounds, and
+    /// obstacles to which the home posture is closer than commands may come.
+    pub fn with_environment(mut self, file: &str, environment: &Environment) -> Result<Self, RobotError> {
+        self.obstacles = read(file, environment)?;
+        let names = self.capsules.iter().map(|capsule| &capsule.name).collect::<Vec<_>>();
+        if let Some(obstacle) = self.obstacles.iter().find(|obstacle| names.contains(&&obstacle.name)) {
+            let (file, key, name) = (file.into(), "environment: name".into(), obstacle.name.clone());
+            return Err(RobotError::Duplicate { file, key, name });
+        }
+        let mut frames = Frames::default();
+        self.forward(&self.home, &mut frames);
+        let (clearance_m, pair) = self.obstacle_clearance(&frames);
+        if !(clearance_m >= self.d_min_m) {
+            let [capsule, obstacle] = pair.map(|index| self.shape_name(index));
+            return Err(RobotError::Value {
+                file: file.into(),
+                key: format!("environment `{obstacle}`: clearance of `{capsule}` at home"),
+                value: format!("{:.1} mm", clearance_m * 1e3),
+                bound: format!("must be at least collision.clearance_min_mm = {} mm", self.d_min_m * 1e3),
+            });
+        }
+        Ok(self)
+    }
+
+    /// The least clearance of the capsules that move from the obstacles, m, and the pair as in
+    /// [`Model::shape_name`]; infinite without obstacles.
+    pub fn obstacle_clearance(&self, frames: &Frames) -> (f64, [u32; 2]) {
+        let mut least = (f64::INFINITY, [0; 2]);
+        // What stands on the base cannot come closer to what stands still.
+        for (i, capsule) in self.capsules.iter().enumerate().filter(|(_, capsule)| capsule.body != 0) {
+            let pose = &frames.base_from_body[capsule.body];
+            let (a, b) = (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b));
+            for (k, obstacle) in self.obstacles.iter().enumerate() {
+                let clearance_m = obstacle.solid.segment_distance(&a, &b) - capsule.radius_m;
+                if clearance_m < least.0 {
+                    least = (clearance_m, [i as u32, (self.capsules.len() + k) as u32]);
+                }
+            }
+        }
+        least
+    }
+
+    /// Name of one side of a pair in messages: capsules come first, then the obstacles, in the order of their files.
+    pub fn shape_name(&self, index: u32) -> &str {
+        let index = index as usize;
+        let capsule = self.capsules.get(index).map(|capsule| capsule.name.as_str());
+        let obstacle = || index.checked_sub(self.capsules.len()).and_then(|k| self.obstacles.get(k));
+        capsule.or_else(|| obstacle().map(|obstacle| obstacle.name.as_str())).unwrap_or("?")
+    }
+}
+
+fn read(file: &str, environment: &Environment) -> Result<Vec<Obstacle>, RobotError> {
+    let lengths = [
+        ("environment.planes", environment.planes.len(), PLANES_MAX),
+        ("environment.boxes", environment.boxes.len(), BOXES_MAX),
+    ];
+    for (key, count, bound) in lengths {
+        if count > bound {
+            return Err(RobotError::TooMany { file: file.into(), key: key.into(), count, bound });
+        }
+    }
+    let planes =
+        environment.planes.iter().map(|entry| Ok(Obstacle { name: entry.name.clone(), solid: plane(file, entry)? }));
+    let boxes =
+        environment.boxes.iter().map(|entry| Ok(Obstacle { name: entry.name.clone(), solid: block(file, entry)? }));
+    let obstacles = planes.chain(boxes).collect::<Result<Vec<_>, RobotError>>()?;
+    for (k, obstacle) in obstacles.iter().enumerate() {
+        if obstacle.name.is_empty() {
+            return Err(value(file, "environment: name", "empty", "must not be empty"));
+        }
+        if obstacles[..k].iter().any(|other| other.name == obstacle.name) {
+            let (file, key, name) = (file.into(), "environment: name".into(), obstacle.name.clone());
+            return Err(RobotError::Duplicate { file, key, name });
+        }
+    }
+    Ok(obstacles)
+}
+
+fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {
+    let key = |name: &str| format!("environment.planes `{}`: {name}", entry.name);
+    let normal = Vector3::from(entry.normal);
+    let length = normal.norm();
+    if !((length - 1.0).abs() <= NORMAL_TOLERANCE) {
+        let bound = format!("must have length 1 within {NORMAL_TOLERANCE}, has {length}");
+        return Err(value(file, &key("normal"), &format!("{:?}", entry.normal), &bound));
+    }
+    if !(entry.offset_m.abs() <= FAR_M) {
+        let bound = format!("must be at most {FAR_M} in magnitude");
+        return Err(value(file, &key("offset_m"), &entry.offset_m.to_string(), &bound));
+    }
+    Ok(Solid::HalfSpace { normal: normal / length, offset_m: entry.offset_m })
+}
+
+fn block(file: &str, entry: &BoxEntry) -> Result<Solid, RobotError> {
+    let key = |name: &str| format!("environment.boxes `{}`: {name}", entry.name);
+    // A millimetre is thinner than any board, and two walls of a large room are 2 x 10 m apart.
+    let bounds = [
+        ("center_m", entry.center_m, -FAR_M, FAR_M),
+        ("size_m", entry.size_m, 1e-3, 2.0 * FAR_M),
+        ("rpy_deg", entry.rpy_deg, -360.0, 360.0),
+    ];
+    for (name, values, low, high) in bounds {
+        if !values.iter().all(|x| *x >= low && *x <= high) {
+            return Err(value(file, &key(name), &format!("{values:?}"), &format!("each must be {low} to {high}")));
+        }
+    }
+    let pose = Pose::from_xyz_rpy(entry.center_m, entry.rpy_deg.map(f64::to_radians));
+    Ok(Solid::Box { center: pose.t, r: pose.r, half_m: Vector3::from(entry.size_m) / 2.0 })
+}
+
+fn value(file: &str, key: &str, value: &str, bound: &str) -> RobotError {
+    RobotError::Value { file: file.into(), key: key.into(), value: value.into(), bound: bound.into() }
+}

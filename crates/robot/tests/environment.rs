@@ -1,0 +1,113 @@
+//! What stands about the robot: what is refused, what is named, and distances against plain sampling.
+
+mod support;
+
+use messages::{LEFT_ARM, RIGHT_ARM};
+use nalgebra::{Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use robot::{BoxEntry, Environment, Frames, PlaneEntry, Solid};
+use support::shipped;
+
+fn floor() -> PlaneEntry {
+    PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 }
+}
+
+fn table() -> BoxEntry {
+    BoxEntry { name: "table".into(), center_m: [1.1, 0.0, 0.73], size_m: [0.8, 1.6, 0.04], rpy_deg: [0.0; 3] }
+}
+
+fn refused(environment: &Environment, words: &[&str]) {
+    let made = shipped().with_environment("teleop.toml", environment);
+    let error = made.map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
+    for word in words.iter().chain(&["teleop.toml"]) {
+        assert!(error.contains(word), "`{word}` is missing in: {error}");
+    }
+}
+
+#[test]
+fn what_is_out_of_bounds_is_refused_with_key_value_and_bound() {
+    let planes = |plane: PlaneEntry| Environment { planes: vec![plane], boxes: vec![] };
+    let boxes = |block: BoxEntry| Environment { planes: vec![], boxes: vec![block] };
+    for (normal, value) in [([0.0, 0.0, 0.9], "0.9"), ([0.0; 3], "0.0"), ([f64::NAN, 0.0, 1.0], "NaN")] {
+        refused(&planes(PlaneEntry { normal, ..floor() }), &["environment.planes `floor`: normal", value, "length 1"]);
+    }
+    for offset_m in [10.5, f64::INFINITY] {
+        let value = offset_m.to_string();
+        refused(&planes(PlaneEntry { offset_m, ..floor() }), &["offset_m", &value, "at most 10"]);
+    }
+    let size_m = [0.8, 0.0, 0.04];
+    refused(&boxes(BoxEntry { size_m, ..table() }), &["environment.boxes `table`: size_m", "0.0", "0.001 to 20"]);
+    refused(&boxes(BoxEntry { center_m: [11.0, 0.0, 0.0], ..table() }), &["center_m", "11.0", "-10 to 10"]);
+    refused(&boxes(BoxEntry { rpy_deg: [f64::NAN; 3], ..table() }), &["rpy_deg", "NaN", "-360 to 360"]);
+    refused(&planes(PlaneEntry { name: String::new(), ..floor() }), &["name = empty"]);
+    let twice = Environment { planes: vec![floor()], boxes: vec![BoxEntry { name: "floor".into(), ..table() }] };
+    refused(&twice, &["`floor` occurs twice"]);
+    let capsule = shipped().capsules[0].name.clone();
+    refused(&boxes(BoxEntry { name: capsule.clone(), ..table() }), &[&capsule, "occurs twice"]);
+    let many = (0..9).map(|i| PlaneEntry { name: i.to_string(), ..floor() }).collect();
+    refused(&Environment { planes: many, boxes: vec![] }, &["environment.planes: 9, at most 8"]);
+    // A floor at the height of the waist.
+    refused(
+        &planes(PlaneEntry { offset_m: 0.8, ..floor() }),
+        &["environment `floor`: clearance", "at home", "-", "mm"],
+    );
+}
+
+#[test]
+fn obstacles_are_named_behind_the_capsules_and_leave_the_robot_as_it_is() {
+    let environment = Environment { planes: vec![floor()], boxes: vec![table()] };
+    let (plain, model) = (shipped(), shipped().with_environment("teleop.toml", &environment).expect("clear"));
+    assert_eq!((plain.hash, plain.obstacles.len(), model.obstacles.len()), (model.hash, 0, 2), "weights stay valid");
+    let count = model.capsules.len() as u32;
+    let names = [0, count - 1, count, count + 1, count + 2].map(|index| model.shape_name(index));
+    assert_eq!(names, [&*model.capsules[0].name, &*model.capsules[count as usize - 1].name, "floor", "table", "?"]);
+    let mut frames = Frames::default();
+    let mut q = model.home;
+    // The T-pose, with the torso low and high, is clear of the floor and of the table.
+    for arm in &model.arms {
+        arm.joints.iter().zip(arm.reference).for_each(|(j, position)| q[*j] = position);
+    }
+    for lift in [model.limits[0].q_min, model.limits[0].q_max] {
+        q[0] = lift;
+        model.forward(&q, &mut frames);
+        let (clearance_m, _) = model.obstacle_clearance(&frames);
+        assert!(clearance_m > 0.05, "{clearance_m} at lift {lift}");
+    }
+}
+
+#[test]
+fn a_lifting_torso_moves_the_arms_against_the_table() {
+    let model = shipped().with_environment("teleop.toml", &Environment { planes: vec![], boxes: vec![table()] });
+    let model = model.expect("clear");
+    let mut frames = Frames::default();
+    let mut q = model.home;
+    // Both forearms forward over the table.
+    for arm in [LEFT_ARM, RIGHT_ARM] {
+        arm.zip([1.2, 0.6, 1.5, 1.0, 0.0, 0.0, 0.0]).for_each(|(j, position)| q[j] = position);
+    }
+    let at = [0.1, 0.2].map(|lift| {
+        q[0] = lift;
+        model.forward(&q, &mut frames);
+        model.obstacle_clearance(&frames).0
+    });
+    assert!((at[1] - at[0]).abs() > 0.02, "{at:?}");
+}
+
+#[test]
+fn distances_are_those_of_samples() {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+    for n in 0..2000 {
+        let mut point = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));
+        let (r, center, half_m) = (Rotation3::new(point(3.0)), point(0.5), point(0.4).abs() + Vector3::repeat(0.01));
+        let (a, b) = (point(1.0), point(1.0));
+        let solid = Solid::Box { center, r: r.into_inner(), half_m };
+        let exact = solid.segment_distance(&a, &b);
+        let mut sampled = f64::INFINITY;
+        for i in 0..=1000 {
+            let x = r.inverse() * (a + (b - a) * (f64::from(i) / 1000.0) - center);
+            sampled = sampled.min((x - x.zip_map(&half_m, |x, half| x.clamp(-half, half))).norm());
+        }
+        // Between samples the distance changes by at most half a step.
+        assert!(exact <= sampled + 1e-12 && exact >= sampled - (b - a).norm() / 2000.0, "{n}: {exact} {sampled}");
+    }
+}
