@@ -1,5 +1,7 @@
 //! `collision fit` writes the capsules of a robot file; `collision check` verifies them.
 
+mod command_limits;
+
 use clap::{Parser, Subcommand};
 use collision::check::{capsules_in_frame, collision_share, reasons, sticks_out_m};
 use collision::error::{CollisionError, read_text};
@@ -33,6 +35,8 @@ enum Command {
         #[command(flatten)]
         source: Source,
     },
+    /// Torques by inverse dynamics at the limits in force, or the accelerations that the motors can give everywhere.
+    Limits(command_limits::Limits),
 }
 
 #[derive(clap::Args)]
@@ -59,6 +63,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Fit { source, out } => fit(&source, out.as_deref()),
         Command::Check { source } => check(&source),
+        Command::Limits(options) => command_limits::limits(&options),
     };
     match done {
         Ok(true) => ExitCode::SUCCESS,
@@ -83,11 +88,18 @@ fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let plan = Plan::parse(&name(&source.plan), &read_text(&source.plan)?)?;
     let shapes = urdf_rs::read_from_string(&read_text(&source.urdf)?)
         .map_err(|error| CollisionError::content(name(&source.urdf), error.to_string()))?;
-    let toml = (name(&source.robot), read_text(&source.robot)?);
-    let folder = source.robot.parent().unwrap_or(Path::new("."));
+    let (toml, urdf) = robot_texts(&source.robot)?;
+    Ok(Texts { plan, shapes, toml, urdf })
+}
+
+/// Name and text of a robot file and of the URDF that it asks for.
+fn robot_texts(path: &Path) -> Result<((String, String), (String, String)), CollisionError> {
+    let name = |path: &Path| path.display().to_string();
+    let toml = (name(path), read_text(path)?);
+    let folder = path.parent().unwrap_or(Path::new("."));
     let urdf_path = folder.join(robot::urdf_file(&toml.0, &toml.1)?);
     let urdf = (name(&urdf_path), read_text(&urdf_path)?);
-    Ok(Texts { plan, shapes, toml, urdf })
+    Ok((toml, urdf))
 }
 
 fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
