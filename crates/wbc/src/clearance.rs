@@ -39,11 +39,7 @@ impl Anchor {
 
     /// Moves the anchor to posture `q`.
     pub(crate) fn place(&mut self, geometry: &Geometry, q: [f64; JOINTS]) {
-        self.q = q;
-        geometry.chain.forward(&q, (1 << JOINTS) - 1, &mut self.placements);
-        for (i, axis) in self.axes.iter_mut().enumerate() {
-            *axis = geometry.axis(i, &self.placements);
-        }
+        self.pose(geometry, q);
         self.clearance_m = f64::INFINITY;
         for (i, pair) in geometry.pairs.iter().enumerate() {
             let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);
@@ -55,6 +51,34 @@ impl Anchor {
                 (self.clearance_m, self.nearest) = (self.separation[i], i);
             }
         }
+    }
+
+    /// Moves the kinematics alone to posture `q`: the separations stay what they were.
+    pub(crate) fn pose(&mut self, geometry: &Geometry, q: [f64; JOINTS]) {
+        self.q = q;
+        geometry.chain.forward(&q, (1 << JOINTS) - 1, &mut self.placements);
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            *axis = geometry.axis(i, &self.placements);
+        }
+    }
+
+    /// Becomes `other`, without allocating.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        (self.q, self.placements) = (other.q, other.placements);
+        self.axes.copy_from_slice(&other.axes);
+        self.separation.copy_from_slice(&other.separation);
+        (self.clearance_m, self.nearest) = (other.clearance_m, other.nearest);
+    }
+
+    /// Axis of joint `j` in the base frame.
+    pub(crate) fn axis(&self, geometry: &Geometry, j: usize) -> Vector3<f64> {
+        self.placements[j + 1].r * geometry.chain.links()[j].axis
+    }
+
+    /// The distance of one pair at the posture, m, whatever its separation was found to be.
+    pub(crate) fn measure(&self, geometry: &Geometry, pair: usize) -> f64 {
+        let pair = &geometry.pairs[pair];
+        geometry.normal(pair, &self.axes[pair.a.capsule], &self.axes[pair.b.capsule]).1
     }
 
     /// Gradient of a pair's distance by the joint positions, m per rad or m: for each joint between them the velocity

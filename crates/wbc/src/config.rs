@@ -94,6 +94,22 @@ impl Options {
     }
 }
 
+/// What a deviation from the wish costs where the robot cannot do as it would like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tasks {
+    /// Per joint, for a deviation as large as its largest speed; above zero.
+    pub joint_weight: [f64; JOINTS],
+    /// For a deviation of a limb's angular velocity by 1 rad/s; 0 leaves the limbs out.
+    pub limb_weight: f64,
+    /// Bodies whose rotations are the limbs: of each arm the upper and the fore one.
+    pub limb_bodies: [[usize; 2]; 2],
+}
+
+impl Tasks {
+    /// Every joint counts the same, limbs do not.
+    pub const JOINTS_ALIKE: Self = Self { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] };
+}
+
 /// Validated, immutable configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -103,6 +119,7 @@ pub struct Config {
     pub(crate) hard_range: [[f64; 2]; JOINTS],
     pub(crate) home: [f64; JOINTS],
     pub(crate) geometry: Geometry,
+    pub(crate) tasks: Tasks,
     pub(crate) certificate: bool,
 }
 
@@ -123,6 +140,8 @@ pub struct Parts {
     pub obstacles: Vec<Solid>,
     /// Distance that they keep, m.
     pub d_min_m: f64,
+    /// What deviations cost.
+    pub tasks: Tasks,
 }
 
 impl Config {
@@ -148,6 +167,7 @@ impl Config {
             home: parts.home,
             geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
                 .with_obstacles(&parts.obstacles)?,
+            tasks: parts.tasks,
             certificate: options.certificate,
         })
     }

@@ -9,7 +9,8 @@
 //! - [`plan`]: the stop of a joint in closed form, and playing it.
 //! - [`interval`]: the jerks a joint may take.
 //! - [`track`]: the jerk it would like to take.
-//! - `slide`: what it would like instead where the way is blocked.
+//! - `barrier`: what it would like instead where a pair is near; [`qp`]: the program that this takes.
+//! - `choose`: the decision, from wish to proof.
 //! - [`chain`], [`geometry`]: kinematics and the collision model as the proof needs them.
 //! - [`motion`]: the motion that is to be proved.
 //! - [`certificate`]: the proof, with its derivation.
@@ -19,8 +20,10 @@
 
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
+mod barrier;
 pub mod certificate;
 pub mod chain;
+mod choose;
 mod clearance;
 pub mod config;
 pub mod geometry;
@@ -28,11 +31,12 @@ pub mod interval;
 mod model;
 pub mod motion;
 pub mod plan;
-mod slide;
+pub mod qp;
 mod solid;
 mod tick;
 pub mod track;
 
-pub use config::{Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, Parts, WbcError};
+pub use barrier::Program;
+pub use config::{Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, Parts, Tasks, WbcError};
 pub use plan::{JointState, JointStop, Planned};
 pub use tick::{Candidate, Input, Output, Permit, State, Target, certify_plan, certify_rest, tick};

@@ -1,7 +1,7 @@
 //! The parts of a robot model that this stage needs.
 
 use crate::chain::{Chain, Link, Placement};
-use crate::config::{Config, Options, Parts, WbcError};
+use crate::config::{Config, Options, Parts, Tasks, WbcError};
 use crate::geometry::BodyCapsule;
 use crate::interval::Bounds;
 use messages::JOINTS;
@@ -49,6 +49,7 @@ impl Parts {
             pairs: model.pairs.iter().map(|p| [p.a, p.b]).collect(),
             obstacles: model.obstacles.iter().map(|obstacle| obstacle.solid).collect(),
             d_min_m: model.d_min_m,
+            tasks: Tasks::JOINTS_ALIKE,
         })
     }
 }

@@ -33,6 +33,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         pairs: vec![[0, 1]],
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
+        tasks: wbc::Tasks::JOINTS_ALIKE,
     };
     Config::from_parts(parts, Options::default()).unwrap()
 }

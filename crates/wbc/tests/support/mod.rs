@@ -12,7 +12,7 @@ use std::rc::Rc;
 use wbc::chain::{Chain, Link, Placement};
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, Options, Parts};
+use wbc::{Config, Options, Parts, Tasks};
 
 /// Names no robot: proportions of a person on a column, d_min 10 mm.
 pub const D_MIN_M: f64 = 0.01;
@@ -142,7 +142,16 @@ pub fn chain() -> Chain {
 pub fn parts() -> Parts {
     let capsules = capsules();
     let pairs = pairs(&capsules);
-    Parts { chain: chain(), limits: limits(), home: home(), capsules, pairs, obstacles: Vec::new(), d_min_m: D_MIN_M }
+    Parts {
+        chain: chain(),
+        limits: limits(),
+        home: home(),
+        capsules,
+        pairs,
+        obstacles: Vec::new(),
+        d_min_m: D_MIN_M,
+        tasks: Tasks::JOINTS_ALIKE,
+    }
 }
 
 /// The robot's configuration.

@@ -1,0 +1,395 @@
+//! Where the stop may go: the wished jerks, changed as little as possible so that no near pair's stop comes too close.
+//!
+//! Every jerk of a tick is a place p where the joint would then come to rest, and p grows with the jerk. The program in
+//! these *stop positions* is
+//!
+//! ```text
+//! minimise  (p - p_ref)^T M (p - p_ref)
+//! such that p(j_lo) <= p <= p(j_hi)                                  [the joint's limits, see `interval`]
+//!           g_s . S_s (p - p_k) >= min(-gamma l_s, push)             [for every near pair, at samples s of the plan]
+//! ```
+//!
+//! with p_k the end of the plan in force, g_s the gradient of the pair's distance d_s at sample s, l_s = d_s - d_min -
+//! eps what is left there, and S_s = dq_s / dp how far a change of the end shows at the sample. The samples are the end
+//! and three postures on the way. A pair with l_s > 0 may use up the share gamma of it in one tick; one with l_s < 0 is
+//! opened, at a share of l_s per tick and by no more than a quarter of what the joints can do at all, so that a row alone
+//! is always feasible. Because the rows speak of where the robot *stops*, a joint that moves along an obstacle keeps its
+//! speed, and one that moves towards it has been told to brake while there still was room.
+//!
+//! The unknowns are scaled to jerks: z = (p - p_k) k / J with k the secant slope dj/dp over [j_lo, j_hi]. M is given by
+//! what a deviation costs in joint velocities, weighted per joint over its largest speed, and, where the robot file asks
+//! for it, in angular velocities of the limbs: then a blocked arm gives up the joints that turn no limb (wrist, lift)
+//! first, and keeps its limbs' directions as well as it can.
+//!
+//! Nothing here is trusted: what comes out is a proposal, and the certificate decides.
+
+use crate::clearance::Anchor;
+use crate::config::Config;
+use crate::geometry::Geometry;
+use crate::interval::Bounds;
+use crate::motion::{JointMotion, Motion};
+use crate::plan::{JointState, JointStop, Planned};
+use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
+
+/// Share of what is left of a pair's distance that a tick may use up: with it the stop comes within 1 % of the boundary
+/// in 16 ticks, and far enough from 1 that the error of linearisation is made good in the next tick.
+const GAMMA: f64 = 0.25;
+/// Distance beyond d_min that stops keep, m: what engaging asks for, and six times the certificate's own slack, so that
+/// an arm that slides does not run on the certificate.
+const EPS_M: f64 = 3e-3;
+/// Share of a missing distance that is opened in a tick: 15 1/s, half the bandwidth of the position loop.
+const OPEN: f64 = 0.01;
+/// Share of what the joints can do at most in a tick that opening may ask for.
+const OPEN_SHARE: f64 = 0.25;
+/// Pairs farther apart than this at the end of the plan, and now, have no rows, m. A tick moves a stop by v_max h and by
+/// the change of its length, 3 mrad a joint or 15 mm for a stretched arm, a quarter of which would be 60 mm.
+const NEAR_M: f64 = 0.15;
+/// Samples on the way, as shares of the time to rest; the end itself is the fourth.
+const ON_THE_WAY: [f64; 3] = [0.25, 0.5, 0.75];
+/// Halvings of a bracket in which a jerk is looked for; secant steps usually need four.
+const INVERSION_STEPS: u32 = 12;
+/// Accuracy of that, as a share of the bracket: below what the rows' linearisation neglects.
+const INVERSION_SHARE: f64 = 1e-3;
+
+/// A z this close to the wish's is the wish: rounding of the solver.
+const UNCHANGED: f64 = 1e-10;
+
+/// How the program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Program {
+    /// There was nothing to solve: the wishes break no row.
+    Idle,
+    /// Solved: the wishes were changed.
+    Solved,
+    /// No solution; the robot holds to its plan.
+    Infeasible,
+}
+
+/// A joint's wish and what it may do in this tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wish {
+    /// The state before the tick.
+    pub x: JointState,
+    /// Bounds of the tick.
+    pub bounds: Bounds,
+    /// The jerk it would like, not limited.
+    pub wanted: f64,
+    /// The admissible jerk nearest to it.
+    pub jerk: f64,
+}
+
+/// The jerks between which a joint may choose, and where it stops for them.
+#[derive(Clone, Copy, Debug, Default)]
+struct Span {
+    jerk: [f64; 2],
+    stop: [f64; 2],
+    /// Where the plan stops.
+    plan_stop: f64,
+    /// z of both ends.
+    z: [f64; 2],
+    /// dp/dz.
+    scale: f64,
+    motion: [JointMotion; 2],
+}
+
+/// A pair at a sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Key {
+    pair: usize,
+    sample: usize,
+}
+
+/// Working memory, and what was active at the last solution.
+#[derive(Clone, Debug)]
+pub(crate) struct Barrier {
+    way: [Anchor; 3],
+    end: Anchor,
+    keys: [Key; ROWS_MAX],
+    left: [f64; ROWS_MAX],
+    problem: Problem,
+    spans: [Span; JOINTS],
+    active: ActiveSet,
+    active_keys: [Key; ROWS_MAX],
+}
+
+impl Barrier {
+    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
+        let anchor = Anchor::new(geometry, q);
+        Self {
+            way: [anchor.clone(), anchor.clone(), anchor.clone()],
+            end: anchor,
+            keys: [Key::default(); ROWS_MAX],
+            left: [0.0; ROWS_MAX],
+            problem: Problem::default(),
+            spans: [Span::default(); JOINTS],
+            active: ActiveSet::default(),
+            active_keys: [Key::default(); ROWS_MAX],
+        }
+    }
+
+    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, `before` the plan
+    /// in force there.
+    pub(crate) fn apply(
+        &mut self,
+        config: &Config,
+        now: &Anchor,
+        before: &Planned,
+        wishes: &mut [Option<Wish>; JOINTS],
+    ) -> Program {
+        let plan = Motion::stops(before);
+        self.find_near(&config.geometry, now, &plan);
+        if self.problem.row_count == 0 {
+            return Program::Idle;
+        }
+        self.span(wishes, &plan);
+        self.keep_reachable(&config.geometry);
+        self.make_rows(&config.geometry, &plan);
+        if !self.wishes_break_a_row(wishes) {
+            return Program::Idle;
+        }
+        self.weigh(config, now);
+        let Some(z) = self.solve() else {
+            return Program::Infeasible;
+        };
+        for j in 0..JOINTS {
+            if let Some(wish) = &mut wishes[j] {
+                wish.jerk = self.spans[j].jerk_at(wish, z[j]);
+            }
+        }
+        Program::Solved
+    }
+
+    /// Poses the samples and lists the pairs that are near, the ones with least left first.
+    fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Motion) {
+        let end_s = plan.end_s();
+        self.problem.row_count = 0;
+        let moving = end_s > 0.0;
+        if moving {
+            self.end.place(geometry, plan.posture(end_s));
+        } else if self.end.q != now.q {
+            self.end.copy_from(now);
+        }
+        let mut posed = false;
+        for pair in 0..geometry.pair_count() {
+            if self.end.separation[pair].min(now.separation[pair]) >= NEAR_M {
+                continue;
+            }
+            self.insert(geometry, Key { pair, sample: ON_THE_WAY.len() }, self.end.separation[pair]);
+            if !moving {
+                continue;
+            }
+            if !posed {
+                posed = true;
+                for (anchor, share) in self.way.iter_mut().zip(ON_THE_WAY) {
+                    anchor.pose(geometry, plan.posture(share * end_s));
+                }
+            }
+            for sample in 0..ON_THE_WAY.len() {
+                let separation = self.way[sample].measure(geometry, pair);
+                self.insert(geometry, Key { pair, sample }, separation);
+            }
+        }
+    }
+
+    /// Keeps the rows sorted by what is left; the farthest falls out where there is no room.
+    fn insert(&mut self, geometry: &Geometry, key: Key, separation: f64) {
+        let left = separation - geometry.d_min_m - EPS_M;
+        let mut at = self.problem.row_count;
+        if at == ROWS_MAX {
+            if left >= self.left[at - 1] {
+                return;
+            }
+            at -= 1;
+        } else {
+            self.problem.row_count += 1;
+        }
+        while at > 0 && self.left[at - 1] > left {
+            (self.left[at], self.keys[at]) = (self.left[at - 1], self.keys[at - 1]);
+            at -= 1;
+        }
+        (self.left[at], self.keys[at]) = (left, key);
+    }
+
+    /// What each joint may choose between; a joint without a wish stays on its plan.
+    fn span(&mut self, wishes: &[Option<Wish>; JOINTS], plan: &Motion) {
+        for j in 0..JOINTS {
+            let plan_stop = plan.joints[j].at(f64::INFINITY).q;
+            self.spans[j] = wishes[j].as_ref().map_or_else(Span::default, |wish| Span::new(wish, plan_stop));
+            (self.problem.lower[j], self.problem.upper[j]) = (self.spans[j].z[0], self.spans[j].z[1]);
+            let reference = |wish: &Wish| self.spans[j].reference(wish);
+            self.problem.reference[j] = wishes[j].as_ref().map_or(0.0, reference);
+        }
+    }
+
+    /// Drops the rows that no choice can break: the distance changes by at most the sum of reach times change.
+    fn keep_reachable(&mut self, geometry: &Geometry) {
+        let most: [f64; JOINTS] =
+            std::array::from_fn(|j| self.spans[j].scale * self.spans[j].z[1].max(-self.spans[j].z[0]));
+        let mut kept = 0;
+        for k in 0..self.problem.row_count {
+            let pair = &geometry.pairs[self.keys[k].pair];
+            let change = [pair.a, pair.b].map(|side| {
+                let shape = &geometry.shapes[side.capsule];
+                (side.from..shape.chain.len()).map(|i| shape.reach[i] * most[shape.chain[i]]).sum::<f64>()
+            });
+            if GAMMA * self.left[k] <= change[0] + change[1] {
+                (self.keys[kept], self.left[kept]) = (self.keys[k], self.left[k]);
+                kept += 1;
+            }
+        }
+        self.problem.row_count = kept;
+    }
+
+    fn make_rows(&mut self, geometry: &Geometry, plan: &Motion) {
+        let end_s = plan.end_s();
+        for k in 0..self.problem.row_count {
+            let Key { pair, sample } = self.keys[k];
+            let (anchor, time) = match ON_THE_WAY.get(sample) {
+                Some(share) => (&self.way[sample], share * end_s),
+                None => (&self.end, f64::INFINITY),
+            };
+            let gradient = anchor.gradient(geometry, pair);
+            let (mut row, mut reach) = ([0.0; JOINTS], 0.0);
+            for j in 0..JOINTS {
+                if gradient[j] != 0.0 {
+                    row[j] = gradient[j] * self.spans[j].shown_at(time) * self.spans[j].scale;
+                    reach += (row[j] * self.spans[j].z[0]).max(row[j] * self.spans[j].z[1]);
+                }
+            }
+            let left = self.left[k];
+            self.problem.rows[k] = row;
+            self.problem.least[k] = if left > 0.0 { -GAMMA * left } else { (-OPEN * left).min(OPEN_SHARE * reach) };
+        }
+    }
+
+    fn wishes_break_a_row(&self, wishes: &[Option<Wish>; JOINTS]) -> bool {
+        let p = &self.problem;
+        let wished: [f64; JOINTS] =
+            std::array::from_fn(|j| wishes[j].as_ref().map_or(0.0, |wish| self.spans[j].z_at(wish, wish.jerk)));
+        (0..p.row_count).any(|k| (0..JOINTS).map(|j| p.rows[k][j] * wished[j]).sum::<f64>() < p.least[k])
+    }
+
+    /// H: what a deviation costs.
+    fn weigh(&mut self, config: &Config, now: &Anchor) {
+        let h = &mut self.problem.hessian;
+        *h = [[0.0; JOINTS]; JOINTS];
+        let unit: [f64; JOINTS] = std::array::from_fn(|j| config.bounds[j].j_max);
+        for j in 0..JOINTS {
+            h[j][j] = config.tasks.joint_weight[j] * (unit[j] / config.bounds[j].v_max).powi(2);
+        }
+        let weight = config.tasks.limb_weight;
+        if weight == 0.0 {
+            return;
+        }
+        for (arm, bodies) in [LEFT_ARM, RIGHT_ARM].into_iter().zip(config.tasks.limb_bodies) {
+            for body in bodies {
+                let moved = config.geometry.chain.ancestors(body);
+                // The lift and the base do not turn a limb; the head is no ancestor of one.
+                for i in arm.clone().filter(|i| moved & 1 << i != 0) {
+                    for k in arm.clone().filter(|k| moved & 1 << k != 0) {
+                        let (first, second) = (now.axis(&config.geometry, i), now.axis(&config.geometry, k));
+                        h[i][k] += weight * first.dot(&second) * unit[i] * unit[k];
+                    }
+                }
+            }
+        }
+    }
+
+    /// The solution; where opening asks for too much, the one that only comes no closer.
+    fn solve(&mut self) -> Option<[f64; JOINTS]> {
+        let mut warm = self.active.bounds_only();
+        for k in 0..self.problem.row_count {
+            let known = |i: usize| self.active.has_row(i) && self.active_keys[i] == self.keys[k];
+            if (0..ROWS_MAX).any(known) {
+                warm.add_row(k);
+            }
+        }
+        let mut solution = qp::solve(&self.problem, &mut warm);
+        if solution.status == Status::Infeasible {
+            for least in &mut self.problem.least[..self.problem.row_count] {
+                *least = least.min(0.0);
+            }
+            solution = qp::solve(&self.problem, &mut warm);
+        }
+        if solution.status != Status::Optimal {
+            self.active = ActiveSet::default();
+            return None;
+        }
+        (self.active, self.active_keys) = (warm, self.keys);
+        Some(solution.z)
+    }
+}
+
+/// Where a joint stops after a tick of jerk `j`.
+#[inline]
+fn stop_after(wish: &Wish, j: f64) -> f64 {
+    let next = wish.x.after(j, TICK_S);
+    JointStop::new(next.v, next.a, wish.bounds.a_max, wish.bounds.j_max).stop_position(next)
+}
+
+impl Span {
+    fn new(wish: &Wish, plan_stop: f64) -> Self {
+        let Some(jerk) = wish.bounds.interval(wish.x) else {
+            return Self::default();
+        };
+        let motion = jerk.map(|j| {
+            let next = wish.x.after(j, TICK_S);
+            let stop = JointStop::new(next.v, next.a, wish.bounds.a_max, wish.bounds.j_max);
+            JointMotion::tick_then_stop(wish.x, j, &stop)
+        });
+        let stop = motion.map(|motion| motion.at(f64::INFINITY).q);
+        // At least a billionth of the jerk limit, and a stop that moves at all: else there is nothing to choose.
+        if jerk[1] - jerk[0] < 1e-9 * wish.bounds.j_max || stop[1] <= stop[0] {
+            return Self::default();
+        }
+        let scale = (stop[1] - stop[0]) / (jerk[1] - jerk[0]) * wish.bounds.j_max;
+        // The plan may not be a constant jerk over the tick; to stay on it is always allowed.
+        let z = [((stop[0] - plan_stop) / scale).min(0.0), ((stop[1] - plan_stop) / scale).max(0.0)];
+        Self { jerk, stop, plan_stop, z, scale, motion }
+    }
+
+    /// S: the change of the position at `time` per change of the stop.
+    fn shown_at(&self, time: f64) -> f64 {
+        if time == f64::INFINITY || self.scale == 0.0 {
+            return 1.0;
+        }
+        (self.motion[1].at(time).q - self.motion[0].at(time).q) / (self.stop[1] - self.stop[0])
+    }
+
+    fn z_at(&self, wish: &Wish, jerk: f64) -> f64 {
+        if self.scale == 0.0 { 0.0 } else { (stop_after(wish, jerk) - self.plan_stop) / self.scale }
+    }
+
+    /// z of the wish; beyond what is admissible it goes on as jerk does, so that a wish that is far from possible weighs
+    /// as much as it would in velocities.
+    fn reference(&self, wish: &Wish) -> f64 {
+        self.z_at(wish, wish.jerk) + (wish.wanted - wish.jerk) / wish.bounds.j_max
+    }
+
+    /// The jerk whose stop is at `z`: a bracketed secant. The wish itself where it already stops there.
+    fn jerk_at(&self, wish: &Wish, z: f64) -> f64 {
+        if self.scale == 0.0 || (z - self.z_at(wish, wish.jerk)).abs() < UNCHANGED {
+            return wish.jerk;
+        }
+        let goal = self.plan_stop + z * self.scale;
+        if goal <= self.stop[0] {
+            return self.jerk[0];
+        }
+        if goal >= self.stop[1] {
+            return self.jerk[1];
+        }
+        let (mut low, mut high) = ((self.jerk[0], self.stop[0] - goal), (self.jerk[1], self.stop[1] - goal));
+        let accuracy = INVERSION_SHARE * (high.1 - low.1);
+        for step in 0..INVERSION_STEPS {
+            let share = if step % 3 == 2 { 0.5 } else { -low.1 / (high.1 - low.1) };
+            let jerk = low.0 + share * (high.0 - low.0);
+            let off = stop_after(wish, jerk) - goal;
+            if off.abs() <= accuracy {
+                return jerk;
+            }
+            *(if off < 0.0 { &mut low } else { &mut high }) = (jerk, off);
+        }
+        low.0
+    }
+}

@@ -1,0 +1,365 @@
+//! A small strictly convex quadratic program, solved exactly by a dual active set.
+//!
+//! ```text
+//! minimise  1/2 (z - r)^T H (z - r)   over z in R^17
+//! such that lower <= z <= upper  and  g_k . z >= c_k for up to 24 rows k
+//! ```
+//!
+//! Method: Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic programs",
+//! Mathematical Programming 27 (1983). With H = L L^T it begins at the unconstrained optimum r with the basis
+//! J = L^-T and adds one violated constraint after another; each step keeps the multipliers of the active ones at zero
+//! or above, so every iterate is the optimum of the constraints seen so far. J is kept such that the first columns span
+//! the active normals (J1, with J1^T N = R upper triangular) and the rest, J2, their complement: for a violated
+//! constraint with normal n, d = J^T n gives the step in z, J2 d2, and in the multipliers, R^-1 d1. Rotations add and
+//! drop a constraint in O(17^2).
+//!
+//! Warm start: constraints that were active at the last solution are considered first, so that where little has changed
+//! the final set is found without detours. Bounded work, no allocation, no panic; what cannot be solved is a [`Status`].
+
+#![allow(clippy::indexing_slicing, reason = "all indices run over arrays of fixed size")]
+
+use messages::JOINTS;
+
+/// Unknowns.
+pub const UNKNOWNS: usize = JOINTS;
+/// Most rows.
+pub const ROWS_MAX: usize = 24;
+/// Lower bounds, upper bounds, rows: in this order.
+const CONSTRAINTS: usize = 2 * UNKNOWNS + ROWS_MAX;
+/// Steps after which a program is given up. Each constraint enters or leaves in one step, so all of them could do so
+/// more than once; random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below the limit).
+pub const STEPS_MAX: u32 = 160;
+/// Violation that counts as rounding, relative to the terms of the constraint.
+const ROUNDING: f64 = 1e-13;
+/// A normal counts as a combination of the active ones if what is left of it, squared, is below this share of it: an
+/// angle of 1e-10, far above rounding (1e-16 times the condition of H).
+const DEPENDENT: f64 = 1e-20;
+
+type Vector = [f64; UNKNOWNS];
+
+/// A program. Every entry must be finite, `lower <= upper`, H symmetric and positive definite.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// H.
+    pub hessian: [Vector; UNKNOWNS],
+    /// r, the optimum without constraints.
+    pub reference: Vector,
+    /// Lower bounds of z.
+    pub lower: Vector,
+    /// Upper bounds of z.
+    pub upper: Vector,
+    /// g_k.
+    pub rows: [Vector; ROWS_MAX],
+    /// c_k.
+    pub least: [f64; ROWS_MAX],
+    /// How many rows count.
+    pub row_count: usize,
+}
+
+impl Default for Problem {
+    fn default() -> Self {
+        let mut hessian = [[0.0; UNKNOWNS]; UNKNOWNS];
+        for (i, row) in hessian.iter_mut().enumerate() {
+            row[i] = 1.0;
+        }
+        Self {
+            hessian,
+            reference: [0.0; UNKNOWNS],
+            lower: [0.0; UNKNOWNS],
+            upper: [0.0; UNKNOWNS],
+            rows: [[0.0; UNKNOWNS]; ROWS_MAX],
+            least: [0.0; ROWS_MAX],
+            row_count: 0,
+        }
+    }
+}
+
+/// How a solution ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// `z` is the optimum.
+    Optimal,
+    /// No z meets all constraints.
+    Infeasible,
+    /// Given up after [`STEPS_MAX`] steps, or H is not positive definite.
+    Unsolved,
+}
+
+/// What the solver found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// How it ended; `z` means nothing unless it is optimal.
+    pub status: Status,
+    /// The unknowns.
+    pub z: Vector,
+    /// Steps taken.
+    pub steps: u32,
+}
+
+/// The constraints that were active at a solution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ActiveSet(u64);
+
+impl ActiveSet {
+    /// Whether row `k` of the problem is in it.
+    pub fn has_row(self, k: usize) -> bool {
+        self.0 & 1 << (2 * UNKNOWNS + k) != 0
+    }
+
+    /// Puts row `k` into it.
+    pub fn add_row(&mut self, k: usize) {
+        self.0 |= 1 << (2 * UNKNOWNS + k);
+    }
+
+    /// The same without rows: for a problem whose bounds are those of the last one and whose rows are not.
+    pub fn bounds_only(self) -> Self {
+        Self(self.0 & ((1 << (2 * UNKNOWNS)) - 1))
+    }
+}
+
+/// Solves `problem`; `warm` is what was active before, and becomes what is active now.
+pub fn solve(problem: &Problem, warm: &mut ActiveSet) -> Solution {
+    let mut work = Work::new(problem);
+    let unsolved = |work: &Work<'_>, status| Solution { status, z: work.z, steps: work.steps };
+    if !work.factorise() {
+        return unsolved(&work, Status::Unsolved);
+    }
+    while let Some(violated) = work.most_violated(*warm) {
+        match work.enforce(violated) {
+            Status::Optimal => {}
+            status => return unsolved(&work, status),
+        }
+    }
+    *warm = ActiveSet(work.members);
+    Solution { status: Status::Optimal, z: work.z, steps: work.steps }
+}
+
+struct Work<'a> {
+    problem: &'a Problem,
+    z: Vector,
+    /// Column c of J.
+    basis: [Vector; UNKNOWNS],
+    /// R, upper triangular: `r[row][column]`.
+    r: [Vector; UNKNOWNS],
+    /// The active constraints in the order of R's columns, and their multipliers.
+    active: [usize; UNKNOWNS],
+    multiplier: Vector,
+    len: usize,
+    /// The active constraints as a set.
+    members: u64,
+    steps: u32,
+}
+
+impl<'a> Work<'a> {
+    fn new(problem: &'a Problem) -> Self {
+        Self {
+            problem,
+            z: problem.reference,
+            basis: [[0.0; UNKNOWNS]; UNKNOWNS],
+            r: [[0.0; UNKNOWNS]; UNKNOWNS],
+            active: [0; UNKNOWNS],
+            multiplier: [0.0; UNKNOWNS],
+            len: 0,
+            members: 0,
+            steps: 0,
+        }
+    }
+
+    /// J = L^-T: column c of J is row c of L^-1. False unless H is positive definite.
+    fn factorise(&mut self) -> bool {
+        let mut l = [[0.0; UNKNOWNS]; UNKNOWNS];
+        for i in 0..UNKNOWNS {
+            for k in 0..=i {
+                let sum: f64 = (0..k).map(|m| l[i][m] * l[k][m]).sum();
+                let left = self.problem.hessian[i][k] - sum;
+                if i == k {
+                    // Also false for NaN.
+                    if !(left > 0.0 && left.is_finite()) {
+                        return false;
+                    }
+                    l[i][i] = left.sqrt();
+                } else {
+                    l[i][k] = left / l[k][k];
+                }
+            }
+        }
+        for c in 0..UNKNOWNS {
+            for i in 0..=c {
+                let sum: f64 = (i..c).map(|m| l[c][m] * self.basis[m][i]).sum();
+                self.basis[c][i] = (if c == i { 1.0 } else { 0.0 } - sum) / l[c][c];
+            }
+        }
+        true
+    }
+
+    /// n . z - b of a constraint, and the size of what rounding may do to it.
+    fn slack(&self, constraint: usize) -> (f64, f64) {
+        let p = self.problem;
+        let (value, bound, size) = if constraint < UNKNOWNS {
+            (self.z[constraint], p.lower[constraint], self.z[constraint].abs())
+        } else if constraint < 2 * UNKNOWNS {
+            let i = constraint - UNKNOWNS;
+            (-self.z[i], -p.upper[i], self.z[i].abs())
+        } else {
+            let row = &p.rows[constraint - 2 * UNKNOWNS];
+            let mut sums = (0.0, 0.0);
+            for i in 0..UNKNOWNS {
+                let term = row[i] * self.z[i];
+                sums = (sums.0 + term, sums.1 + term.abs());
+            }
+            (sums.0, p.least[constraint - 2 * UNKNOWNS], sums.1)
+        };
+        (value - bound, ROUNDING * (size + bound.abs()))
+    }
+
+    /// d = J^T n.
+    fn project(&self, constraint: usize) -> Vector {
+        let mut d = [0.0; UNKNOWNS];
+        for (c, d) in d.iter_mut().enumerate() {
+            let column = &self.basis[c];
+            *d = if constraint < UNKNOWNS {
+                column[constraint]
+            } else if constraint < 2 * UNKNOWNS {
+                -column[constraint - UNKNOWNS]
+            } else {
+                let row = &self.problem.rows[constraint - 2 * UNKNOWNS];
+                (0..UNKNOWNS).map(|i| column[i] * row[i]).sum()
+            };
+        }
+        d
+    }
+
+    /// The constraint that is violated most, first among those of `warm`.
+    fn most_violated(&self, warm: ActiveSet) -> Option<usize> {
+        let count = 2 * UNKNOWNS + self.problem.row_count.min(ROWS_MAX);
+        let worst = |among: u64| {
+            let mut worst: Option<(f64, usize)> = None;
+            let mut left = among & !self.members & (u64::MAX >> (64 - count));
+            while left != 0 {
+                let constraint = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let (slack, rounding) = self.slack(constraint);
+                if slack < -rounding && worst.is_none_or(|(least, _)| slack < least) {
+                    worst = Some((slack, constraint));
+                }
+            }
+            worst.map(|(_, constraint)| constraint)
+        };
+        worst(warm.0).or_else(|| worst(u64::MAX))
+    }
+
+    /// Moves to the optimum with `constraint` added, dropping active ones whose multiplier would fall below zero.
+    fn enforce(&mut self, constraint: usize) -> Status {
+        let mut own = 0.0;
+        loop {
+            self.steps += 1;
+            if self.steps > STEPS_MAX {
+                return Status::Unsolved;
+            }
+            let d = self.project(constraint);
+            let along = self.dual_direction(&d);
+            let (mut blocking, mut dual_step) = (None, f64::INFINITY);
+            for m in 0..self.len {
+                if along[m] > 0.0 && self.multiplier[m] < dual_step * along[m] {
+                    (blocking, dual_step) = (Some(m), self.multiplier[m] / along[m]);
+                }
+            }
+            let free: f64 = d[self.len..].iter().map(|d| d * d).sum();
+            let whole: f64 = d.iter().map(|d| d * d).sum();
+            let full_step = if free > DEPENDENT * whole && self.len < UNKNOWNS {
+                (-self.slack(constraint).0 / free).max(0.0)
+            } else {
+                f64::INFINITY
+            };
+            let step = dual_step.min(full_step);
+            if !step.is_finite() {
+                return Status::Infeasible;
+            }
+            if full_step.is_finite() {
+                for c in self.len..UNKNOWNS {
+                    for i in 0..UNKNOWNS {
+                        self.z[i] += step * d[c] * self.basis[c][i];
+                    }
+                }
+            }
+            for m in 0..self.len {
+                self.multiplier[m] -= step * along[m];
+            }
+            own += step;
+            match blocking {
+                Some(m) if dual_step < full_step => self.drop_active(m),
+                _ => {
+                    self.add_active(constraint, d, own);
+                    return Status::Optimal;
+                }
+            }
+        }
+    }
+
+    /// R^-1 d1.
+    fn dual_direction(&self, d: &Vector) -> Vector {
+        let mut along = [0.0; UNKNOWNS];
+        for row in (0..self.len).rev() {
+            let sum: f64 = (row + 1..self.len).map(|c| self.r[row][c] * along[c]).sum();
+            along[row] = (d[row] - sum) / self.r[row][row];
+        }
+        along
+    }
+
+    fn add_active(&mut self, constraint: usize, mut d: Vector, multiplier: f64) {
+        for c in (self.len + 1..UNKNOWNS).rev() {
+            if let Some((cos, sin)) = rotation(d[c - 1], d[c]) {
+                d[c - 1] = cos * d[c - 1] + sin * d[c];
+                self.rotate_basis(c - 1, cos, sin);
+            }
+        }
+        for row in 0..=self.len {
+            self.r[row][self.len] = d[row];
+        }
+        self.active[self.len] = constraint;
+        self.multiplier[self.len] = multiplier;
+        self.members |= 1 << constraint;
+        self.len += 1;
+    }
+
+    fn drop_active(&mut self, m: usize) {
+        self.members &= !(1 << self.active[m]);
+        self.len -= 1;
+        for c in m..self.len {
+            self.active[c] = self.active[c + 1];
+            self.multiplier[c] = self.multiplier[c + 1];
+            for row in 0..=c + 1 {
+                self.r[row][c] = self.r[row][c + 1];
+            }
+        }
+        for row in m..self.len {
+            let Some((cos, sin)) = rotation(self.r[row][row], self.r[row + 1][row]) else { continue };
+            for c in row..self.len {
+                let (upper, lower) = (self.r[row][c], self.r[row + 1][c]);
+                self.r[row][c] = cos * upper + sin * lower;
+                self.r[row + 1][c] = cos * lower - sin * upper;
+            }
+            self.rotate_basis(row, cos, sin);
+        }
+    }
+
+    /// Turns columns `first` and `first + 1` of J.
+    fn rotate_basis(&mut self, first: usize, cos: f64, sin: f64) {
+        for i in 0..UNKNOWNS {
+            let (a, b) = (self.basis[first][i], self.basis[first + 1][i]);
+            self.basis[first][i] = cos * a + sin * b;
+            self.basis[first + 1][i] = cos * b - sin * a;
+        }
+    }
+}
+
+/// The rotation that takes (a, b) to (length, 0); none where b is zero already.
+fn rotation(a: f64, b: f64) -> Option<(f64, f64)> {
+    if b == 0.0 {
+        return None;
+    }
+    let length = a.hypot(b);
+    Some((a / length, b / length))
+}
+
+const _: () = assert!(CONSTRAINTS < 64, "a set of constraints fits into 64 bits");
