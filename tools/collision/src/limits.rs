@@ -1,0 +1,293 @@
+//! The largest accelerations that the motors can give everywhere: torques by inverse dynamics over random states.
+//!
+//! tau = M(q) a + h(q, v) is affine in the accelerations a, so over the box |a_k| <= A_k the largest torque of joint j in
+//! a state is exactly |h_j| + sum_k |M_jk| A_k: no signs need to be tried. States: q uniform in the limits in force; v in
+//! half of the states a random corner of the box of the speeds, else uniform in it. What sampling finds is then climbed:
+//! from the worst states of each joint, coordinate by coordinate, to a local maximum over q and v.
+
+use crate::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
+use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM};
+use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
+use robot::Model;
+
+/// States of one random stream; results do not depend on the number of threads.
+const CHUNK: u64 = 1_000;
+/// States of a joint that are remembered: the worst ones.
+const KEPT: usize = 100;
+/// States of a joint that are climbed from.
+const CLIMBED: usize = 12;
+/// Factor between one acceleration that is tried and the next.
+const GROWTH: f64 = 1.01;
+/// Rounds of growing, testing against all states, and climbing.
+const ROUNDS_MAX: usize = 24;
+
+/// Speeds and accelerations that are asked about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Highest speeds, rad/s or m/s.
+    pub v: PerJoint,
+    /// Highest accelerations, rad/s^2 or m/s^2.
+    pub a: PerJoint,
+}
+
+impl Motion {
+    /// The limits in force.
+    pub fn in_force(model: &Model) -> Self {
+        Self { v: model.limits.map(|limits| limits.v_max), a: model.limits.map(|limits| limits.a_max) }
+    }
+}
+
+/// How states are drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampling {
+    /// Number of states.
+    pub states: u64,
+    /// Seed of the random streams.
+    pub seed: u64,
+    /// Torque above this share of the effort limit counts as too much.
+    pub share: f64,
+}
+
+/// A state and what it asks of one joint.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    /// Positions, rad or m.
+    pub q: PerJoint,
+    /// Speeds, rad/s or m/s.
+    pub v: PerJoint,
+    /// |h| of the joint in this state, N m or N.
+    pub bias: f64,
+    /// |M_jk| of the joint.
+    pub row: PerJoint,
+}
+
+impl State {
+    /// The largest torque over the box of accelerations, N m or N.
+    pub fn torque(&self, a: &PerJoint) -> f64 {
+        self.bias + self.row.iter().zip(a).map(|(m, a)| m * a).sum::<f64>()
+    }
+}
+
+/// What is known of one joint.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// The worst states, the worst first.
+    pub worst: Vec<State>,
+    /// States in which the torque exceeds the share.
+    pub exceeding: u64,
+    /// States in which it does so without any acceleration.
+    pub exceeding_coasting: u64,
+}
+
+/// Positions, speeds and weights of the robot, and its motors.
+pub struct Survey<'a> {
+    /// The robot.
+    pub model: &'a Model,
+    /// Its masses.
+    pub dynamics: &'a Dynamics<'a>,
+    /// How states are drawn.
+    pub sampling: Sampling,
+}
+
+impl Survey<'_> {
+    /// Effort limit of a joint, N m or N.
+    pub fn effort(&self, j: usize) -> f64 {
+        self.model.limits[j].effort_max
+    }
+
+    /// What a state asks of each joint.
+    fn states(&self, q: &PerJoint, v: &PerJoint) -> [State; JOINTS] {
+        let posture = self.dynamics.at(q);
+        let bias = posture.torques(v, &[0.0; JOINTS], GRAVITY_M_PER_S2);
+        let matrix = posture.mass_matrix();
+        std::array::from_fn(|j| State { q: *q, v: *v, bias: bias[j].abs(), row: matrix[j].map(f64::abs) })
+    }
+
+    /// All states at these speeds and accelerations.
+    pub fn pass(&self, motion: &Motion) -> Vec<Found> {
+        let chunks = self.sampling.states.div_ceil(CHUNK);
+        let empty = || vec![Found::default(); JOINTS];
+        (0..chunks).into_par_iter().fold(empty, |found, chunk| self.chunk(motion, chunk, found)).reduce(
+            empty,
+            |mut a, b| {
+                for (j, (a, b)) in a.iter_mut().zip(b).enumerate() {
+                    a.exceeding += b.exceeding;
+                    a.exceeding_coasting += b.exceeding_coasting;
+                    a.worst.extend(b.worst);
+                    self.keep(j, motion, &mut a.worst);
+                }
+                a
+            },
+        )
+    }
+
+    fn chunk(&self, motion: &Motion, chunk: u64, mut found: Vec<Found>) -> Vec<Found> {
+        let stream = self.sampling.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(chunk);
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(stream);
+        let count = CHUNK.min(self.sampling.states - chunk * CHUNK);
+        for _ in 0..count {
+            let q = std::array::from_fn(|j| {
+                let limits = &self.model.limits[j];
+                rng.random_range(limits.q_min..=limits.q_max)
+            });
+            let corner = rng.random_bool(0.5);
+            let v = std::array::from_fn(|j| {
+                let x = rng.random_range(-1.0..=1.0);
+                motion.v[j] * if corner { f64::signum(x) } else { x }
+            });
+            for (j, (state, found)) in self.states(&q, &v).into_iter().zip(&mut found).enumerate() {
+                let bound = self.sampling.share * self.effort(j);
+                let torque = state.torque(&motion.a);
+                found.exceeding += u64::from(torque > bound);
+                found.exceeding_coasting += u64::from(state.bias > bound);
+                let least = found.worst.get(KEPT - 1).map_or(0.0, |state| state.torque(&motion.a));
+                if torque > least {
+                    found.worst.push(state);
+                    if found.worst.len() > 2 * KEPT {
+                        self.keep(j, motion, &mut found.worst);
+                    }
+                }
+            }
+        }
+        for (j, found) in found.iter_mut().enumerate() {
+            self.keep(j, motion, &mut found.worst);
+        }
+        found
+    }
+
+    fn keep(&self, _joint: usize, motion: &Motion, worst: &mut Vec<State>) {
+        worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
+        worst.truncate(KEPT);
+    }
+
+    /// Climbs from a state to a local maximum of the torque of joint `j`: steps of positions and of speeds, each tried in
+    /// both directions, halved when none helps.
+    pub fn climb(&self, j: usize, from: &State, motion: &Motion) -> State {
+        let mut best = *from;
+        let mut step = 0.1;
+        while step > 1e-4 {
+            let before = best.torque(&motion.a);
+            for k in 0..JOINTS {
+                let limits = &self.model.limits[k];
+                let reach = limits.q_max - limits.q_min;
+                for move_q in [true, false] {
+                    for sign in [-1.0, 1.0] {
+                        let (mut q, mut v) = (best.q, best.v);
+                        if move_q {
+                            q[k] = (q[k] + sign * step * reach).clamp(limits.q_min, limits.q_max);
+                        } else {
+                            v[k] = (v[k] + sign * 2.0 * step * motion.v[k]).clamp(-motion.v[k], motion.v[k]);
+                        }
+                        let next = self.states(&q, &v)[j];
+                        if next.torque(&motion.a) > best.torque(&motion.a) {
+                            best = next;
+                        }
+                    }
+                }
+            }
+            if best.torque(&motion.a) <= before * (1.0 + 1e-6) {
+                step *= 0.5;
+            }
+        }
+        best
+    }
+
+    /// The highest maximum reached from the worst states of each joint.
+    pub fn climb_all(&self, found: &[Found], motion: &Motion) -> Vec<Option<State>> {
+        let climb = |(j, found): (usize, &Found)| {
+            let starts = found.worst.iter().take(CLIMBED);
+            let tops = starts.map(|state| self.climb(j, state, motion));
+            tops.max_by(|a, b| a.torque(&motion.a).total_cmp(&b.torque(&motion.a)))
+        };
+        found.par_iter().enumerate().map(climb).collect()
+    }
+
+    /// The lowest acceleration with which joint `j` stops from `v` within `stop_time_s`: v / A + A / J = stop_time.
+    /// `None` where the jerk does not allow it.
+    pub fn floor(&self, j: usize, v: f64, stop_time_s: f64) -> Option<f64> {
+        let jerk = self.model.limits[j].j_max;
+        let root = stop_time_s * stop_time_s - 4.0 * v / jerk;
+        (root >= 0.0).then(|| 0.5 * jerk * (stop_time_s - root.sqrt()))
+    }
+
+    /// The largest accelerations at the speeds `v`; see `Solution`.
+    pub fn solve(&self, v: &PerJoint, cap: f64, stop_time_s: f64) -> Solution {
+        let floors: PerJoint = std::array::from_fn(|j| {
+            let arm = j >= LEFT_ARM.start;
+            if arm { self.floor(j, v[j], stop_time_s).map_or(f64::INFINITY, up) } else { self.model.limits[j].a_max }
+        });
+        let mut cuts: Vec<Vec<State>> = vec![Vec::new(); JOINTS];
+        let mut motion = Motion { v: *v, a: floors };
+        let feasible = motion.a[LEFT_ARM.start..].iter().all(|a| *a <= cap);
+        let mut found = if feasible { self.pass(&motion) } else { vec![Found::default(); JOINTS] };
+        if !feasible || found.iter().any(|found| found.exceeding > 0) {
+            return Solution { motion, found, climbed: Vec::new(), complete: false };
+        }
+        for _ in 0..ROUNDS_MAX {
+            let climbed = self.climb_all(&found, &motion);
+            for (j, (cuts, found)) in cuts.iter_mut().zip(&found).enumerate() {
+                cuts.extend(found.worst.iter().chain(&climbed[j]));
+            }
+            let holds = |a: &PerJoint| {
+                let all = |j: usize, states: &[State]| {
+                    let bound = self.sampling.share * self.effort(j);
+                    states.iter().all(|state| state.torque(a) <= bound)
+                };
+                cuts.iter().enumerate().all(|(j, states)| all(j, states))
+            };
+            let a = grown(&floors, cap, &holds);
+            if a == motion.a {
+                let complete = holds(&a) && found.iter().all(|found| found.exceeding == 0);
+                return Solution { motion, found, climbed, complete };
+            }
+            motion.a = a;
+            found = self.pass(&motion);
+        }
+        Solution { climbed: self.climb_all(&found, &motion), motion, found, complete: false }
+    }
+}
+
+/// Accelerations, with their evidence.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// Speeds that were given, accelerations that were found: always the lowest one is raised that can be raised, so that
+    /// none is bought at the cost of a lower one. Lift and head keep the limits in force.
+    pub motion: Motion,
+    /// What the states say of it.
+    pub found: Vec<Found>,
+    /// The worst that climbing found.
+    pub climbed: Vec<Option<State>>,
+    /// Whether no state, sampled or climbed to, exceeds the share. If not, already the floors ask for too much.
+    pub complete: bool,
+}
+
+/// Joints that share a value: both arms are one arm mirrored.
+fn pairs() -> Vec<[usize; 2]> {
+    (0..ARM_JOINTS).map(|i| [LEFT_ARM.start + i, RIGHT_ARM.start + i]).collect()
+}
+
+fn grown(floors: &PerJoint, cap: f64, holds: &dyn Fn(&PerJoint) -> bool) -> PerJoint {
+    let mut a = *floors;
+    let mut open = pairs();
+    while !open.is_empty() {
+        let least = (0..open.len()).min_by(|x, y| a[open[*x][0]].total_cmp(&a[open[*y][0]])).unwrap_or(0);
+        let mut next = a;
+        for j in &open[least] {
+            next[*j] = (a[*j] * GROWTH).min(cap);
+        }
+        let stuck = next == a;
+        if stuck || !holds(&next) {
+            open.swap_remove(least);
+        } else {
+            a = next;
+        }
+    }
+    let down = |j: usize| floors[j].max((a[j] * 100.0).floor() / 100.0);
+    std::array::from_fn(down)
+}
+
+/// Two decimals, rounded up.
+fn up(x: f64) -> f64 {
+    (x * 100.0).ceil() / 100.0
+}
