@@ -38,7 +38,7 @@ pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, Config
         encoder_noise_rad: settings.encoder_noise_rad,
         encoder_step_rad: settings.encoder_step_rad,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
-        initial: None,
+        ..sim::Options::default()
     };
     sim::Config::new(&loaded.model, &options).map_err(|error| ConfigError::stage("sim", error))
 }

@@ -5,6 +5,9 @@
 //! jerk after the last one (or the next point of the stored plan), and that its plan comes to rest inside the limits. It
 //! judges by plain distances that the command and the plan's rest posture are clear of self-collision. What lies between
 //! the two is the certificate of whole-body control.
+//!
+//! Of a recovery it admits more in place and less in speed: a joint outside its limits may be anywhere between where it
+//! was and the limit, and the least clearance may be what it was at the last command, at the recovery's speed at most.
 
 #[cfg(test)]
 mod ceilings;
@@ -28,12 +31,21 @@ use stored::{Phases, Stored, quantised_phases, write_phases};
 /// Granted to the distance routine, m: it errs by less than 1e-12 m at the size of a robot (`clearance` tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
 
+/// Rounding of a clearance that a recovery leaves as it is, m: positions are rounded to 1e-12 rad between two ticks.
+const RECOVERY_SLACK_M: f64 = 1e-10;
+
+/// Largest speed of a recovery, rad/s and m/s. Assumption, see `wbc`; this is the bound that holds.
+const RECOVERY_RAD_PER_S: f64 = 0.1;
+const RECOVERY_M_PER_S: f64 = 0.01;
+
 /// Limits and geometry, validated.
 #[derive(Clone, Debug)]
 pub struct Config {
     limits: [Limits; JOINTS],
     geometry: Geometry,
     d_min_m: f64,
+    /// Largest speed of each joint in a recovery, in units.
+    recovery_v: [i64; JOINTS],
 }
 
 impl Config {
@@ -46,6 +58,10 @@ impl Config {
             limits: all_limits(&model.joint_names, &model.limits)?,
             geometry: Geometry::new(model),
             d_min_m: model.d_min_m,
+            recovery_v: model.prismatic.map(|slides| {
+                let speed = if slides { RECOVERY_M_PER_S } else { RECOVERY_RAD_PER_S };
+                (speed * UNITS) as i64
+            }),
         })
     }
 }
@@ -258,12 +274,16 @@ fn judge(
         // A denial would send the same, so there is nothing to judge, and the gate's own figures are sent.
         return Ok(Passed { verdict: Verdict::OnPlan, stored: *on_plan, clearance_m: f64::NAN });
     }
-    let Permit::Follow { speed_scale } = proposed.permit else {
-        return Err(Denial::Permit);
+    let speed_scale = match proposed.permit {
+        Permit::Follow { speed_scale } => speed_scale,
+        Permit::Recover => 1.0,
+        Permit::Stop => return Err(Denial::Permit),
     };
+    let recovers = proposed.permit == Permit::Recover;
     let mut rest = [0.0; JOINTS];
     for j in 0..JOINTS {
         let limits = &config.limits[j];
+        let limits = if recovers { &limits.recovering(last[j], config.recovery_v[j]) } else { limits };
         let plan_point = on_plan.joint(j).0;
         let judged = limits
             .step(last[j], next[j], plan_point)
@@ -271,7 +291,12 @@ fn judge(
             .and_then(|()| limits.stop(next[j], &phases[j]));
         rest[j] = judged.map_err(|check| Denial::Joint { joint: j, check })? as f64 / UNITS;
     }
-    let least = config.d_min_m - CLEARANCE_SLACK_M;
+    let mut least = config.d_min_m - CLEARANCE_SLACK_M;
+    if recovers {
+        let at_last = config.geometry.clearance(&last.map(|point| point.q as f64 / UNITS));
+        // NaN leaves d_min.
+        least = least.min(at_last.distance_m - RECOVERY_SLACK_M);
+    }
     let at_command = config.geometry.clearance(&proposed.q);
     if !at_command.is_at_least(least) {
         return Err(Denial::ClearanceAtCommand { pair: at_command.pair });

@@ -11,6 +11,9 @@
 //! ```
 //!
 //! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
+//!
+//! A robot that may start outside its limits or too close to itself (`Options::initial_outside`) violates nothing by
+//! being there; to go further out, or closer, is a violation.
 
 use crate::clearance::Workspace;
 use crate::config::Config;
@@ -44,12 +47,16 @@ pub(crate) struct Checker {
     /// Index at which Engaging last began from rest.
     engaged_k: Option<u64>,
     room: Workspace,
+    /// Clearance of `last`, m.
+    clearance_m: f64,
 }
 
 impl Checker {
     /// Begins with what is held at the start.
     pub(crate) fn new(config: &Config, held: Setpoint) -> Self {
-        Self { last: held, mode: Mode::Disengaged as u32, engaged_k: None, room: config.body.workspace() }
+        let mut room = config.body.workspace();
+        let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut room);
+        Self { last: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
     }
 
     /// Checks the step to `to`, executed in `mode`.
@@ -61,10 +68,12 @@ impl Checker {
         }
         let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
-        let clear = clearance_m >= config.body.d_min_m - TOLERANCE_CLEARANCE_M;
+        let least_m = if config.initial_outside { self.clearance_m.min(config.body.d_min_m) } else { config.body.d_min_m };
+        let clear = clearance_m >= least_m - TOLERANCE_CLEARANCE_M;
         if !clear {
-            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, config.body.d_min_m);
+            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, least_m);
         }
+        self.clearance_m = clearance_m;
         self.engage(config, report, to, mode);
         (self.last, self.mode) = (*to, mode);
     }
@@ -102,9 +111,13 @@ fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f
 fn check_joint(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
     let limits = &config.limits[j];
     let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
-    let inside = q >= limits.q_min - TOLERANCE_Q && q <= limits.q_max + TOLERANCE_Q;
+    let (mut q_min, mut q_max) = (limits.q_min, limits.q_max);
+    if config.initial_outside {
+        (q_min, q_max) = (q_min.min(from.q[j]), q_max.max(from.q[j]));
+    }
+    let inside = q >= q_min - TOLERANCE_Q && q <= q_max + TOLERANCE_Q;
     if !inside {
-        let limit = if q < limits.q_min { limits.q_min } else { limits.q_max };
+        let limit = if q < q_min { q_min } else { q_max };
         note(report, ViolationKind::Position, to.k, j, q, limit);
     }
     let peak = peak_velocity(from, to, j);

@@ -31,6 +31,9 @@ pub struct Options {
     pub silence_ticks: u64,
     /// Posture at the start, rad or m; the robot's home if none is given.
     pub initial: Option<[f64; JOINTS]>,
+    /// The posture at the start may lie anywhere between the mechanical stops (the URDF's limits), and too close to
+    /// itself: a robot to be recovered. Then it is a violation to go further out or closer, not to be there.
+    pub initial_outside: bool,
 }
 
 impl Default for Options {
@@ -44,6 +47,7 @@ impl Default for Options {
             encoder_step_rad: step_rad,
             silence_ticks: driver::SILENCE_TICKS,
             initial: None,
+            initial_outside: false,
         }
     }
 }
@@ -90,6 +94,7 @@ pub struct Config {
     pub(crate) limits: [JointLimits; JOINTS],
     pub(crate) body: Body,
     pub(crate) initial: [f64; JOINTS],
+    pub(crate) initial_outside: bool,
     /// Natural frequency, rad/s.
     pub(crate) omega: f64,
     pub(crate) damping_ratio: f64,
@@ -120,7 +125,8 @@ impl Config {
         let initial = options.initial.unwrap_or(model.home);
         let margin = NOISE_SIGMAS * noise + step;
         for j in 0..JOINTS {
-            let (min, max) = (limits[j].q_min, limits[j].q_max);
+            let allowed = if options.initial_outside { &model.urdf_limits[j] } else { &limits[j] };
+            let (min, max) = (allowed.q_min, allowed.q_max);
             if !(initial[j] >= min + margin && initial[j] <= max - margin) {
                 let joint = model.joint_names[j].clone();
                 return Err(SimError::InitialOutsideLimits { joint, value: initial[j], min, max, margin });
@@ -135,6 +141,7 @@ impl Config {
             limits,
             body: Body::new(model),
             initial,
+            initial_outside: options.initial_outside,
             omega: std::f64::consts::TAU * natural_hz,
             damping_ratio,
             delay_ticks: delay as usize,

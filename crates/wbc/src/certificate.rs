@@ -172,9 +172,35 @@ pub(crate) fn certify(
     anchor: &Anchor,
     scratch: &mut Scratch,
 ) -> Verdict {
-    let mut proof = Proof { geometry, motion, s: scratch };
+    let mut proof = Proof { geometry, motion, floors, s: scratch };
     let safe = proof.whole(fresh, anchor);
     Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
+}
+
+/// As [`certify`], for a robot that is being brought back: a pair that is closer than d_min keeps the distance that it
+/// has, but for [`RECOVERY_SAG_M`] on the way.
+pub(crate) fn certify_recovery(
+    geometry: &Geometry,
+    motion: &Motion,
+    fresh: JointSet,
+    anchor: &Anchor,
+    scratch: &mut Scratch,
+) -> Verdict {
+    let mut proof = Proof { geometry, motion, floors: recovery_floors, s: scratch };
+    let safe = proof.whole(fresh, anchor);
+    Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
+}
+
+/// What the chord of a recovery may sag, m: a motion from rest begins at its own bound, and B dt^2 / 8 of the shortest
+/// segment is 3 um at the accelerations of a recovery. At the ticks themselves nothing may come closer, see `recover`.
+const RECOVERY_SAG_M: f64 = 2e-5;
+
+/// The floors of a recovery: those of any decision, and below d_min what there is.
+fn recovery_floors(d_min: f64, separation: f64) -> (f64, f64) {
+    if separation >= d_min + SLACK_M {
+        return floors(d_min, separation);
+    }
+    (separation.min(d_min + 0.5 * SLACK_M) - RECOVERY_SAG_M, separation - REST_ROUNDING_M)
 }
 
 /// What a new decision keeps on its way and where it comes to rest, m, for a pair that is now `separation` apart: see
@@ -195,6 +221,7 @@ fn lowest(from: f64, to: f64, sag: f64) -> f64 {
 struct Proof<'a> {
     geometry: &'a Geometry,
     motion: &'a Motion,
+    floors: fn(f64, f64) -> (f64, f64),
     s: &'a mut Scratch,
 }
 
@@ -213,7 +240,7 @@ impl Proof<'_> {
                 continue;
             }
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;
-            let (floor, rest_floor) = floors(self.geometry.d_min_m, anchor.separation[i]);
+            let (floor, rest_floor) = (self.floors)(self.geometry.d_min_m, anchor.separation[i]);
             if anchor.separation[i] - path >= rest_floor + CULL_MARGIN_M {
                 continue;
             }

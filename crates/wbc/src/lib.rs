@@ -11,6 +11,7 @@
 //! - [`track`]: the jerk it would like to take.
 //! - `barrier`: what it would like instead where a pair is near; [`qp`]: the program that this takes.
 //! - `choose`: the decision, from wish to proof.
+//! - `recover`: the way back from outside the limits, or from too close.
 //! - [`chain`], [`geometry`]: kinematics and the collision model as the proof needs them.
 //! - [`motion`]: the motion that is to be proved.
 //! - [`certificate`]: the proof, with its derivation.
@@ -32,6 +33,7 @@ mod model;
 pub mod motion;
 pub mod plan;
 pub mod qp;
+mod recover;
 mod solid;
 mod tick;
 pub mod track;

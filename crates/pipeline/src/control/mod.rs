@@ -249,7 +249,7 @@ fn command(
 ) -> JointCommand {
     let permit = match decided.permit {
         engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
-        engage::Permit::Recover => wbc::Permit::Stop,
+        engage::Permit::Recover => wbc::Permit::Recover,
         engage::Permit::Stop => wbc::Permit::Stop,
     };
     let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });

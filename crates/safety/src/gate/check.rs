@@ -100,6 +100,13 @@ impl Limits {
         Ok(Self { q: [q_min, q_max], v, a, jerk, stop: stop.saturating_add(TICK) })
     }
 
+    /// The limits of a tick of recovery: outside, the range reaches to where the joint was, without slack, so that it
+    /// cannot creep; and the speed is `v`.
+    pub(super) fn recovering(&self, last: Point, v: i64) -> Self {
+        let q = [self.q[0].min(last.q + SLACK), self.q[1].max(last.q - SLACK)];
+        Self { q, v: self.v.min(v), ..*self }
+    }
+
     fn holds_position(&self, q: [i64; 2]) -> bool {
         q[0] >= self.q[0] - SLACK && q[1] <= self.q[1] + SLACK
     }

@@ -1,0 +1,161 @@
+//! Control and a simulated robot in virtual time, with targets that a test chooses.
+#![allow(dead_code, unreachable_pub)]
+
+use messages::{
+    ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, TICK_HZ, Transition, deadline,
+    target_flag,
+};
+use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, Overrides, control_tick};
+use robot::{Frames, Model};
+use safety::engage::OperatorView;
+use std::path::Path;
+
+/// Tick at which virtual time begins: a stamp of zero means "never".
+const FIRST_K: u64 = 1500;
+
+/// The settings of the repository.
+pub fn loaded() -> Loaded {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    pipeline::load(&path, Overrides::default()).expect("the settings of the repository")
+}
+
+/// Control, the robot, and an operator's hand.
+pub struct Bench {
+    pub config: ControlConfig,
+    control: ControlState,
+    sim_config: sim::Config,
+    pub robot: sim::State,
+    hash: u64,
+    k: u64,
+    echo: Option<RobotState>,
+    pub target: Option<[f64; JOINTS]>,
+    pub hand: OperatorView,
+    pub status: Status,
+}
+
+impl Bench {
+    /// A robot at rest at `initial`, wherever that is.
+    pub fn new(loaded: &Loaded, initial: [f64; JOINTS], seed: u64) -> Self {
+        let config = ControlConfig::new(loaded, true).expect("control");
+        let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
+        let sim_config = sim::Config::new(&loaded.model, &options).expect("the simulated robot");
+        Self {
+            control: ControlState::new(&config, 1),
+            robot: sim::State::new(&sim_config, FIRST_K, seed),
+            sim_config,
+            config,
+            hash: loaded.hash,
+            k: FIRST_K,
+            echo: None,
+            target: None,
+            hand: OperatorView { connected: true, ..OperatorView::default() },
+            status: Status::ZERO,
+        }
+    }
+
+    pub fn model(&self) -> &Model {
+        &self.config.model
+    }
+
+    pub fn mode(&self) -> Mode {
+        Mode::from_u32(self.status.mode).expect("a mode")
+    }
+
+    pub fn commanded(&self) -> driver::Motion {
+        self.robot.follower().motion
+    }
+
+    /// Why the last transition was made.
+    pub fn last_why(&self) -> u32 {
+        let kept = messages::TRANSITIONS_KEPT;
+        let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
+        newest.why
+    }
+
+    /// One tick of everything; edges are gone after it.
+    pub fn step(&mut self) {
+        self.k += 1;
+        let now = deadline(self.k);
+        let target = self.target.map(|q| JointTarget {
+            header: self.header(now, 7),
+            k: self.k,
+            q,
+            input_received: now,
+            valid_mask: ALL_JOINTS,
+            flags: target_flag::INPUT_FRESH,
+            session_nonce: 70,
+            ..JointTarget::ZERO
+        });
+        self.hand.heartbeat_received = now;
+        let input = ControlInput {
+            k: self.k,
+            target: target.as_ref(),
+            robot: self.echo.as_ref(),
+            operator: self.hand,
+            realtime_ok: true,
+        };
+        let out = control_tick(&self.config, &mut self.control, now, input);
+        self.status = out.status;
+        let hand = &mut self.hand;
+        (hand.enable_edge, hand.recover_edge, hand.release_edge, hand.estop_edge) = (false, false, false, false);
+        let input = sim::Input { due_k: self.k, command: out.command.as_ref() };
+        let mut state = sim::tick(&self.sim_config, &mut self.robot, now, input).state;
+        state.header = self.header(now, 9);
+        self.echo = Some(state);
+    }
+
+    fn header(&self, now: Stamp, incarnation: u32) -> Header {
+        Header { sequence: self.k, stamp: now, origin: now, config_hash: self.hash, incarnation, reserved: 0 }
+    }
+
+    /// Lets the enable be seen released, and commands be taken up.
+    pub fn settle(&mut self) {
+        for _ in 0..TICK_HZ / 2 {
+            self.step();
+        }
+        assert_eq!(self.mode(), Mode::Disengaged);
+    }
+
+    pub fn press_enable(&mut self) {
+        (self.hand.enable_edge, self.hand.enable_level, self.hand.recover_level) = (true, true, false);
+    }
+
+    pub fn press_recovery(&mut self) {
+        (self.hand.recover_edge, self.hand.recover_level, self.hand.enable_level) = (true, true, false);
+    }
+
+    pub fn let_go(&mut self) {
+        (self.hand.release_edge, self.hand.enable_level, self.hand.recover_level) = (true, false, false);
+    }
+
+    /// No step that the robot executed broke a limit, by the robot's own judgement.
+    pub fn assert_no_violations(&self, context: &str) {
+        let report = self.robot.report();
+        assert_eq!(report.violations_total(), 0, "{context}: {:?}", report.first_violation());
+    }
+}
+
+/// Distances of all checked pairs at a posture, m, by the arithmetic of `robot`.
+pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f64> {
+    model.forward(q, frames);
+    let axes: Vec<_> = model
+        .capsules
+        .iter()
+        .map(|c| {
+            let pose = &frames.base_from_body[c.body];
+            (pose.r * c.a + pose.t, pose.r * c.b + pose.t)
+        })
+        .collect();
+    let between = |pair: &robot::Pair| {
+        let (a, b) = (&axes[pair.a], &axes[pair.b]);
+        let radii = model.capsules[pair.a].radius_m + model.capsules[pair.b].radius_m;
+        robot::segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - radii
+    };
+    model.pairs.iter().map(between).collect()
+}
+
+/// The least of [`distances`].
+pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> f64 {
+    model.forward(q, frames);
+    model.clearance(frames).0
+}

@@ -1,0 +1,271 @@
+//! The way back for a robot that stands outside its limits or too close to itself: slow, inward and apart only.
+//!
+//! Joints beyond their range turn inward at the recovery's speed; every other joint may move if that takes near pairs
+//! apart. With u the joint velocities in shares of that speed, n the pairs with least left and g their gradients,
+//!
+//! ```text
+//! minimise  |u - u_ref|^2        u_ref: +-1 inward for a joint outside, else 0
+//! such that g . v(u) >= -rate (d - goal)         [near: opens; else: comes no closer than the goal]
+//!           0 <= u inward                        [a joint outside never turns outward]
+//!           |u| <= 1, and less towards a limit
+//! ```
+//!
+//! All joints approach their velocities by the same linear law, a critically damped second order with jerk = w^2 (v_u -
+//! v) - 2 w a, and stop in proportion (jerk of a stop ~ its speed), so that from rest the whole motion keeps the
+//! direction u, in which every near pair's distance grows; a joint that braked sooner than the others would not. Nothing
+//! of that is trusted: a motion counts only if, at every tick from now to rest, no joint outside goes further out, no
+//! near pair comes closer, and the certificate holds with each near pair's present distance in place of d_min.
+
+use crate::certificate::{Scratch, certify_recovery};
+use crate::choose::Choice;
+use crate::clearance::Anchor;
+use crate::config::{Config, ENGAGE_MARGIN_M, PLANNED_SHARE};
+use crate::geometry::Geometry;
+use crate::motion::{JointMotion, Motion};
+use crate::plan::{JointState, JointStop, Planned};
+use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
+use crate::tick::Candidate;
+use messages::{ALL_JOINTS, JOINTS, TICK_S};
+
+/// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s, below the 250 mm/s that
+/// ISO 10218-1 asks of manual motion at reduced speed even if three joints add up.
+const SPEED_RAD_PER_S: f64 = 0.1;
+const SPEED_M_PER_S: f64 = 0.01;
+/// Share of it that is aimed for: the rest is for changes of direction.
+const AIMED_SHARE: f64 = 0.9;
+/// w of the law, 1/s: a change of speed takes 0.15 s, and w^2 times twice the speed stays below every jerk limit.
+const BANDWIDTH_PER_S: f64 = 30.0;
+/// How long a stop from steady motion takes, s: 4 v / D^2 is its jerk, 60 rad/s^3 at the largest speed.
+const STOP_S: f64 = 0.08;
+/// Least share of the jerk limit that a stop is made with, so that one from almost no speed ends.
+const STOP_JERK_SHARE: f64 = 1e-3;
+/// Ticks that a stop may take: two and a half times [`STOP_S`].
+const STOP_TICKS_MAX: usize = 300;
+/// What pairs are opened to beyond d_min: what engaging asks for, and some for another kinematics' rounding, m.
+const GOAL_M: f64 = ENGAGE_MARGIN_M + 1e-4;
+/// How far beyond the goal the opening aims, so that it does not creep into it, m.
+const BEYOND_M: f64 = 5e-4;
+/// Opening and approach per distance, 1/s.
+const RATE_PER_S: f64 = 10.0;
+/// Share of what the joints could do for a pair that its opening asks for.
+const OPENING_SHARE: f64 = 0.5;
+/// Pairs farther from the goal than this have no row, m: a second at 0.1 m/s.
+const NEAR_M: f64 = 0.1;
+/// Approach to a position limit, 1/s: from 18 mrad on the speed falls.
+const LIMIT_RATE_PER_S: f64 = 5.0;
+/// Rounding of a distance that stays, m.
+const ROUNDING_M: f64 = 1e-12;
+/// Shares of the velocities that are tried.
+const SHARES: [f64; 3] = [1.0, 0.4, 0.1];
+/// Shares of the opening that are asked for, where all of it is too much; at the last one nothing comes closer.
+const OPENINGS: [f64; 3] = [1.0, 0.2, 0.0];
+
+/// Working memory.
+#[derive(Clone, Debug)]
+pub(crate) struct Recovery {
+    problem: Problem,
+    /// The pair of each row.
+    pairs: [usize; ROWS_MAX],
+    /// What the pair has beyond the goal, m.
+    left: [f64; ROWS_MAX],
+    probe: Anchor,
+}
+
+/// A joint as it is to be moved.
+#[derive(Clone, Copy, Debug)]
+struct Reach {
+    x: JointState,
+    /// Range of this tick: where the joint is outside, not beyond where it is.
+    q: [f64; 2],
+    /// Speed of the recovery.
+    speed: f64,
+}
+
+impl Recovery {
+    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
+        Self {
+            problem: Problem::default(),
+            pairs: [0; ROWS_MAX],
+            left: [0.0; ROWS_MAX],
+            probe: Anchor::new(geometry, q),
+        }
+    }
+
+    /// The next step of the way back; the plan if there is nothing to do, or no step that is proved.
+    pub(crate) fn choose(
+        &mut self,
+        config: &Config,
+        scratch: &mut Scratch,
+        anchor: &Anchor,
+        before: &Planned,
+        on_plan: &Planned,
+    ) -> Choice {
+        let mut choice = Choice::plan(*on_plan);
+        let reach = reach(config, before);
+        let Some(wanted) = self.velocities(config, anchor, &reach) else { return choice };
+        for share in SHARES {
+            let Some(attempt) = Attempt::new(config, &reach, before, on_plan, &wanted.map(|v| share * v)) else {
+                continue;
+            };
+            if attempt.fresh == 0 || !self.only_opens(&config.geometry, anchor, &attempt.motion) {
+                choice.fallbacks += 1;
+                continue;
+            }
+            let verdict = certify_recovery(&config.geometry, &attempt.motion, attempt.fresh, anchor, scratch);
+            choice.evaluations += verdict.evaluations;
+            if verdict.blamed.is_none() {
+                return Choice { next: attempt.next, candidate: Candidate::All, fresh: attempt.fresh, ..choice };
+            }
+            choice.fallbacks += 1;
+        }
+        choice
+    }
+
+    /// The velocities that lead back, rad/s or m/s; none if nothing is outside or near.
+    fn velocities(&mut self, config: &Config, anchor: &Anchor, reach: &[Reach; JOINTS]) -> Option<[f64; JOINTS]> {
+        let mut needed = false;
+        for j in 0..JOINTS {
+            let (x, bounds) = (reach[j].x, &config.bounds[j]);
+            let towards = |room: f64| (LIMIT_RATE_PER_S * room / reach[j].speed).clamp(0.0, 1.0);
+            let (below, above) = (x.q < bounds.q_min, x.q > bounds.q_max);
+            needed |= below || above;
+            self.problem.lower[j] = if below { 0.0 } else { -towards(x.q - bounds.q_min) };
+            self.problem.upper[j] = if above { 0.0 } else { towards(bounds.q_max - x.q) };
+            self.problem.reference[j] = f64::from(u8::from(below)) - f64::from(u8::from(above));
+        }
+        self.find_near(&config.geometry, anchor);
+        needed |= self.problem.row_count > 0 && self.left[0] < 0.0;
+        if !needed {
+            return None;
+        }
+        for k in 0..self.problem.row_count {
+            let gradient = anchor.gradient(&config.geometry, self.pairs[k]);
+            self.problem.rows[k] = std::array::from_fn(|j| gradient[j] * reach[j].speed);
+        }
+        OPENINGS
+            .into_iter()
+            .find_map(|opening| self.solve(opening))
+            .map(|u| std::array::from_fn(|j| AIMED_SHARE * reach[j].speed * u[j].clamp(-1.0, 1.0)))
+    }
+
+    /// Lists the pairs with least left beyond the goal, in that order.
+    fn find_near(&mut self, geometry: &Geometry, anchor: &Anchor) {
+        self.problem.row_count = 0;
+        for (pair, separation) in anchor.separation.iter().enumerate() {
+            let left = separation - geometry.d_min_m - GOAL_M;
+            let mut at = self.problem.row_count;
+            if left > NEAR_M || (at == ROWS_MAX && left >= self.left[at - 1]) {
+                continue;
+            }
+            if at == ROWS_MAX {
+                at -= 1;
+            } else {
+                self.problem.row_count += 1;
+            }
+            while at > 0 && self.left[at - 1] > left {
+                (self.left[at], self.pairs[at]) = (self.left[at - 1], self.pairs[at - 1]);
+                at -= 1;
+            }
+            (self.left[at], self.pairs[at]) = (left, pair);
+        }
+    }
+
+    /// The program with a share of the opening; none if it has no solution.
+    fn solve(&mut self, opening: f64) -> Option<[f64; JOINTS]> {
+        let p = &mut self.problem;
+        for k in 0..p.row_count {
+            let most: f64 = (0..JOINTS).map(|j| (p.rows[k][j] * p.lower[j]).max(p.rows[k][j] * p.upper[j])).sum();
+            let left = self.left[k];
+            p.least[k] = if left < 0.0 {
+                opening * (RATE_PER_S * (BEYOND_M - left)).min(OPENING_SHARE * most)
+            } else {
+                -RATE_PER_S * left
+            };
+        }
+        let solution = qp::solve(p, &mut ActiveSet::default());
+        (solution.status == Status::Optimal).then_some(solution.z)
+    }
+
+    /// Whether, tick by tick to rest, no pair nearer than the goal comes closer.
+    fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Motion) -> bool {
+        let near = (0..self.problem.row_count).take_while(|&k| self.left[k] < 0.0).count();
+        if near == 0 {
+            return true;
+        }
+        let goal = geometry.d_min_m + GOAL_M;
+        let mut last = [0.0; ROWS_MAX];
+        for (last, &pair) in last.iter_mut().zip(&self.pairs[..near]) {
+            *last = anchor.measure(geometry, pair);
+        }
+        let ticks = (motion.end_s() / TICK_S).ceil() as usize;
+        if ticks > STOP_TICKS_MAX {
+            return false;
+        }
+        for tick in 1..=ticks {
+            self.probe.pose(geometry, motion.posture(tick as f64 * TICK_S));
+            for (last, &pair) in last.iter_mut().zip(&self.pairs[..near]) {
+                // What is beyond the goal may come back to it.
+                let distance = self.probe.measure(geometry, pair).min(goal);
+                if distance < *last - ROUNDING_M {
+                    return false;
+                }
+                *last = distance;
+            }
+        }
+        true
+    }
+}
+
+fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS] {
+    std::array::from_fn(|j| {
+        let (x, bounds) = (before.joint(j), &config.bounds[j]);
+        let speed = if config.geometry.chain.links()[j].prismatic { SPEED_M_PER_S } else { SPEED_RAD_PER_S };
+        let q = [bounds.q_min.min(x.q), bounds.q_max.max(x.q)];
+        Reach { x, q, speed: PLANNED_SHARE * speed.min(bounds.v_max) }
+    })
+}
+
+/// One attempt.
+struct Attempt {
+    next: Planned,
+    motion: Motion,
+    fresh: u32,
+}
+
+impl Attempt {
+    /// A tick towards the velocities; none if a joint would leave its range or its speed on the way to rest.
+    fn new(
+        config: &Config,
+        reach: &[Reach; JOINTS],
+        before: &Planned,
+        on_plan: &Planned,
+        wanted: &[f64; JOINTS],
+    ) -> Option<Self> {
+        let mut attempt = Self { next: *on_plan, motion: Motion::stops(before), fresh: 0 };
+        for j in 0..JOINTS {
+            let (Reach { x, q, speed }, bounds) = (reach[j], &config.bounds[j]);
+            if wanted[j] == 0.0 && x.is_at_rest() {
+                continue;
+            }
+            let w = BANDWIDTH_PER_S;
+            let jerk = (w * w * (wanted[j] - x.v) - 2.0 * w * x.a).clamp(-bounds.j_max, bounds.j_max);
+            let after = x.after(jerk, TICK_S);
+            // Of the first degree in (v, a), so that proportional motions stop in proportion.
+            let j_stop = 4.0 * after.v.abs() / (STOP_S * STOP_S) + 4.0 * after.a.abs() / STOP_S;
+            let j_stop = j_stop.clamp(STOP_JERK_SHARE * bounds.j_max, bounds.j_max);
+            let stop = JointStop::new(after.v, after.a, bounds.a_max, j_stop);
+            let (low, high) = stop.extremes(after);
+            let (tick_low, tick_high) = (x.q.min(after.q), x.q.max(after.q));
+            let inside = low.min(tick_low) >= q[0] && high.max(tick_high) <= q[1];
+            let slow = after.v.abs().max(after.coasting_velocity(j_stop).abs()) <= speed;
+            if !inside || !slow || after.a.abs() > bounds.a_max {
+                return None;
+            }
+            attempt.next.set_joint(j, after, stop);
+            attempt.motion.joints[j] = JointMotion::tick_then_stop(x, jerk, &stop);
+            attempt.fresh |= 1 << j;
+        }
+        debug_assert!(attempt.fresh & !ALL_JOINTS == 0);
+        Some(attempt)
+    }
+}
