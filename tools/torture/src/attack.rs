@@ -1,0 +1,289 @@
+//! Targets and permits that try to make the robot break a promise.
+
+use crate::nearest::{RANKS, nearest, nearest_obstacle};
+use messages::{ALL_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use robot::{Frames, Model};
+use safety::engage::Permit;
+
+/// What the attacker does for a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Attack {
+    /// A random posture, most of them in collision, some joints far beyond their limits.
+    Jump = 0,
+    /// Joints at their limits to within rounding, or far beyond, with velocities that point out.
+    Limits = 1,
+    /// Both arms into each other: mirrored postures that meet.
+    Mirrored = 2,
+    /// White noise about a posture, velocities too.
+    Noise = 3,
+    /// A new posture in every tick.
+    Teleport = 4,
+    /// Downhill in the distance of a near pair.
+    Gradient = 5,
+    /// Along the collision boundary, with velocities that claim to go straight through it.
+    Hug = 6,
+    /// Sines that ask for more than the limits allow, with velocities that lie.
+    Wave = 7,
+    /// Not numbers, and numbers without sense.
+    Nonsense = 8,
+}
+
+impl Attack {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Jump,
+        Self::Limits,
+        Self::Mirrored,
+        Self::Noise,
+        Self::Teleport,
+        Self::Gradient,
+        Self::Hug,
+        Self::Wave,
+        Self::Nonsense,
+    ];
+
+    /// Name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Jump => "jump",
+            Self::Limits => "limits",
+            Self::Mirrored => "mirrored",
+            Self::Noise => "noise",
+            Self::Teleport => "teleport",
+            Self::Gradient => "gradient",
+            Self::Hug => "hug",
+            Self::Wave => "wave",
+            Self::Nonsense => "nonsense",
+        }
+    }
+}
+
+/// Ticks between two looks at the nearest pair: 3 ms, in which no joint moves more than 10 mrad.
+const LOOK_EVERY: u64 = 5;
+
+/// A source of targets and permits.
+pub struct Attacker<'a> {
+    model: &'a Model,
+    frames: Frames,
+    rng: Pcg64,
+    /// What is being done.
+    pub attack: Attack,
+    until: u64,
+    permit_until: u64,
+    base: [f64; JOINTS],
+    phase: f64,
+    rank: usize,
+    /// Target positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Target velocities, rad/s or m/s.
+    pub dq: [f64; JOINTS],
+    /// Joints that are meant; none: there is no target at all.
+    pub valid_mask: Option<u32>,
+    /// What the attacker has engagement permit.
+    pub permit: Permit,
+}
+
+impl<'a> Attacker<'a> {
+    /// An attacker of `model` whose every choice is decided by `rng`.
+    pub fn new(model: &'a Model, rng: Pcg64) -> Self {
+        Self {
+            model,
+            frames: Frames::default(),
+            rng,
+            attack: Attack::Jump,
+            until: 0,
+            permit_until: 0,
+            base: model.home,
+            phase: 0.0,
+            rank: 0,
+            q: model.home,
+            dq: [0.0; JOINTS],
+            valid_mask: Some(ALL_JOINTS),
+            permit: Permit::Follow { speed_scale: 1.0 },
+        }
+    }
+
+    /// The target as whole-body control takes it.
+    pub fn target(&self) -> Option<wbc::Target<'_>> {
+        self.valid_mask.map(|valid_mask| wbc::Target { q: &self.q, dq: &self.dq, valid_mask })
+    }
+
+    /// Decides target and permit of tick `k`, knowing the last command `seen`.
+    pub fn next(&mut self, k: u64, seen: &[f64; JOINTS]) {
+        if k >= self.until {
+            self.begin(k);
+        }
+        if k >= self.permit_until {
+            self.change_permit(k);
+        }
+        match self.attack {
+            Attack::Jump | Attack::Limits | Attack::Mirrored => {}
+            Attack::Noise => self.noise(),
+            Attack::Teleport => self.q = self.posture(),
+            Attack::Gradient if k.is_multiple_of(LOOK_EVERY) => self.downhill(seen),
+            Attack::Hug if k.is_multiple_of(LOOK_EVERY) => self.hug(seen),
+            Attack::Gradient | Attack::Hug => {}
+            Attack::Wave => self.wave(k),
+            Attack::Nonsense => self.nonsense(),
+        }
+    }
+
+    fn posture(&mut self) -> [f64; JOINTS] {
+        std::array::from_fn(|j| self.rng.random_range(self.model.limits[j].q_min..=self.model.limits[j].q_max))
+    }
+
+    fn begin(&mut self, k: u64) {
+        self.until = k + self.rng.random_range(20..1500);
+        self.dq = [0.0; JOINTS];
+        self.valid_mask = match self.rng.random_range(0..40) {
+            0 => None,
+            1..6 => Some(self.rng.random_range(0..=ALL_JOINTS)),
+            _ => Some(ALL_JOINTS),
+        };
+        self.base = self.posture();
+        self.phase = self.rng.random_range(0.0..std::f64::consts::TAU);
+        self.rank = self.rng.random_range(0..RANKS);
+        self.q = self.base;
+        self.attack = match self.rng.random_range(0..20) {
+            0..5 => Attack::Jump,
+            5..7 => Attack::Limits,
+            7..10 => Attack::Mirrored,
+            10 => Attack::Noise,
+            11 => Attack::Teleport,
+            12..15 => Attack::Gradient,
+            15..17 => Attack::Hug,
+            17..19 => Attack::Wave,
+            _ => Attack::Nonsense,
+        };
+        match self.attack {
+            Attack::Jump => self.beyond_some_limits(),
+            Attack::Limits => self.limits(),
+            Attack::Mirrored => self.mirrored(),
+            _ => {}
+        }
+    }
+
+    /// Mostly full speed; some stops, some slow permits, and some that change in every tick.
+    fn change_permit(&mut self, k: u64) {
+        let flutter = self.rng.random_range(0..12) == 0;
+        let ticks = if flutter { 1..3 } else { 10..1500 };
+        self.permit_until = k + self.rng.random_range(ticks);
+        self.permit = match self.rng.random_range(0..20) {
+            0..2 => Permit::Stop,
+            2..7 => Permit::Follow { speed_scale: self.rng.random_range(0.01..1.0) },
+            7 => Permit::Follow { speed_scale: [0.0, -1.0, f64::NAN, 1e9][self.rng.random_range(0..4)] },
+            _ => Permit::Follow { speed_scale: 1.0 },
+        };
+        if flutter {
+            // Again soon, and something else.
+            self.permit_until = self.permit_until.min(k + 2);
+        }
+    }
+
+    /// One in five joints is sent far beyond a limit.
+    fn beyond_some_limits(&mut self) {
+        for j in 0..JOINTS {
+            let limits = &self.model.limits[j];
+            match self.rng.random_range(0..10) {
+                0 => self.q[j] = limits.q_min - 1.0,
+                1 => self.q[j] = limits.q_max + 1.0,
+                _ => {}
+            }
+        }
+    }
+
+    fn limits(&mut self) {
+        for j in 0..JOINTS {
+            let limits = &self.model.limits[j];
+            let outwards = [0.0, 1e-12, 1e-6, -1e-6, -1e-3, 5.0][self.rng.random_range(0..6)];
+            let up = self.rng.random_bool(0.5);
+            self.q[j] = if up { limits.q_max + outwards } else { limits.q_min - outwards };
+            let speed = [0.0, 1.0, 10.0, 1e6][self.rng.random_range(0..4)] * limits.v_max;
+            self.dq[j] = if up { speed } else { -speed };
+        }
+    }
+
+    /// Mirror images of one another, forward and inward, where the hands meet.
+    fn mirrored(&mut self) {
+        let (left, right) = (LEFT_ARM.start, RIGHT_ARM.start);
+        for i in 0..LEFT_ARM.len() {
+            self.q[right + i] = self.q[left + i];
+        }
+        let inwards = self.rng.random_range(0.0..0.6);
+        for j in [left, right] {
+            self.q[j] = self.model.limits[j].q_max - inwards;
+        }
+    }
+
+    fn noise(&mut self) {
+        for j in 0..JOINTS {
+            self.q[j] = self.base[j] + self.rng.random_range(-0.1..0.1);
+            self.dq[j] = self.rng.random_range(-3.0..3.0);
+        }
+    }
+
+    fn wave(&mut self, k: u64) {
+        let t = k as f64 * messages::TICK_S;
+        // Every other wave lies about its velocity.
+        let honest = if self.rank.is_multiple_of(2) { 1.0 } else { -4.0 };
+        for j in 0..JOINTS {
+            let w = 2.0 + j as f64;
+            let (sin, cos) = (w * t + self.phase).sin_cos();
+            self.q[j] = self.base[j] + 0.6 * sin;
+            self.dq[j] = honest * 0.6 * w * cos;
+        }
+    }
+
+    fn nonsense(&mut self) {
+        const VALUES: [f64; 8] =
+            [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -f64::MAX, f64::MAX, 1e300, -0.0, f64::MIN_POSITIVE];
+        for j in 0..JOINTS {
+            self.q[j] = VALUES[self.rng.random_range(0..VALUES.len())];
+            self.dq[j] = VALUES[self.rng.random_range(0..VALUES.len())];
+            // Some joints with sense, so that what is moving is not simply held.
+            if self.rng.random_bool(0.3) {
+                (self.q[j], self.dq[j]) = (self.base[j], 0.0);
+            }
+        }
+    }
+
+    /// The direction in which a near pair's distance falls, as shares of each joint's largest speed.
+    fn downward(&mut self, seen: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
+        // Every so often not itself, but what stands about it.
+        let outside = (self.rank == RANKS - 1).then(|| nearest_obstacle(self.model, &mut self.frames, seen)).flatten();
+        let found = outside.or_else(|| nearest(self.model, &mut self.frames, seen, self.rank))?;
+        let weighted: [f64; JOINTS] = std::array::from_fn(|j| -found.gradient[j] * self.model.limits[j].v_max);
+        let largest = weighted.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        (largest > 0.0).then(|| weighted.map(|x| x / largest))
+    }
+
+    fn downhill(&mut self, seen: &[f64; JOINTS]) {
+        let Some(down) = self.downward(seen) else { return };
+        let ahead_s = [0.02, 0.1, 0.5][self.rng.random_range(0..3)];
+        for j in 0..JOINTS {
+            let speed = down[j] * self.model.limits[j].v_max;
+            self.q[j] = seen[j] + ahead_s * speed;
+            self.dq[j] = speed;
+        }
+    }
+
+    fn hug(&mut self, seen: &[f64; JOINTS]) {
+        let Some(down) = self.downward(seen) else { return };
+        let lie = [1.0, 3.0, 100.0][self.rng.random_range(0..3)];
+        let length: f64 = down.iter().map(|x| x * x).sum();
+        // Some way along the boundary, from where the base is drawn to, and a little into it.
+        let mut along: [f64; JOINTS] = std::array::from_fn(|j| self.base[j] - seen[j]);
+        for j in HEAD {
+            along[j] = 0.0;
+        }
+        let into: f64 = (0..JOINTS).map(|j| along[j] * down[j]).sum::<f64>() / length;
+        for j in 0..JOINTS {
+            let tangent = along[j] - into * down[j];
+            self.q[j] = seen[j] + tangent.clamp(-0.3, 0.3) + 0.02 * down[j];
+            self.dq[j] = lie * down[j] * self.model.limits[j].v_max;
+        }
+    }
+}

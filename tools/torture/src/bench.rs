@@ -1,0 +1,60 @@
+//! The duration of the control tick (whole-body control and the gate) under two kinds of targets.
+
+use crate::figures::Durations;
+use crate::stages::{Stages, Subject};
+use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S, deadline};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use safety::engage::Permit;
+
+/// Size of the smooth motion, rad; the lift moves a hundredth of it, m.
+const WAVE_RAD: f64 = 0.2;
+/// Ticks between two random postures.
+const JUMP_EVERY: u64 = TICK_HZ;
+/// Ticks that are not counted: caches and branch predictors learn.
+const WARM: u64 = 2000;
+
+/// Durations of the control tick.
+#[derive(Clone, Debug)]
+pub struct Bench {
+    /// Sines about the home posture, in the open: what most of a session is.
+    pub smooth: Durations,
+    /// A random posture every second, most of them in collision.
+    pub jumps: Durations,
+}
+
+/// Measures `ticks` ticks of each kind.
+pub fn run(subject: &Subject, ticks: u64, seed: u64) -> Bench {
+    let (model, mut rng) = (&subject.model, Pcg64::seed_from_u64(seed));
+    let smooth = measure(subject, ticks, |k| wave(&model.home, k as f64 * TICK_S));
+    let mut goal = model.home;
+    let jumps = measure(subject, ticks, |k| {
+        if k.is_multiple_of(JUMP_EVERY) {
+            goal = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..=model.limits[j].q_max));
+        }
+        (goal, [0.0; JOINTS])
+    });
+    Bench { smooth, jumps }
+}
+
+/// q = home + s sin(w t) and its derivative, w = 1 + j / 10 rad/s; slow enough for the lift.
+fn wave(home: &[f64; JOINTS], t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
+    let w = |j: usize| 1.0 + 0.1 * j as f64;
+    let size = |j: usize| if j == 0 { 0.01 * WAVE_RAD } else { WAVE_RAD };
+    let q = std::array::from_fn(|j| home[j] + size(j) * (w(j) * t).sin());
+    (q, std::array::from_fn(|j| size(j) * w(j) * (w(j) * t).cos()))
+}
+
+fn measure(subject: &Subject, ticks: u64, mut target: impl FnMut(u64) -> ([f64; JOINTS], [f64; JOINTS])) -> Durations {
+    let mut stages = Stages::at_rest(subject, subject.model.home);
+    let mut durations = Durations::default();
+    for k in 1..=ticks + WARM {
+        let (q, dq) = target(k);
+        let target = wbc::Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+        let out = stages.tick(k, deadline(k), Some(target), Permit::Follow { speed_scale: 1.0 });
+        if k > WARM {
+            durations.record_ns(out.ns);
+        }
+    }
+    durations
+}

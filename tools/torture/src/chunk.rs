@@ -1,0 +1,272 @@
+//! One part of an attack: the stages, the driver's follower and the checker of the simulated robot over some ticks.
+
+use crate::attack::Attacker;
+use crate::figures::{Figures, KINDS, Place};
+use crate::parallel::derived_seed;
+use crate::rollout::Judge;
+use crate::stages::{Stages, Subject};
+use crate::stop_times;
+use crate::stream::{Continue, Stream};
+use driver::{Motion, Refusal};
+use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use safety::engage::Permit;
+use safety::gate::Denial;
+use sim::ViolationKind;
+
+/// Ticks of one part. Parts are independent, so the figures do not depend on how many threads run them.
+pub const PART_TICKS: u64 = 100_000;
+
+/// The first tick: not zero, because a stamp of zero means "never".
+const FIRST_K: u64 = 1500;
+
+/// One tick in so many begins a disturbance.
+const DISTURBED_EVERY: u32 = 400;
+/// One disturbance in so many is a silence that latches the driver's fault.
+const LATCHED_EVERY: u32 = 100;
+/// One command in so many has its plan rolled out to rest.
+const ROLLED_EVERY: u32 = 1000;
+/// A command is near the boundary within this of d_min, m.
+const NEAR_M: f64 = 1e-3;
+
+/// A denial without the joint or the pair.
+fn reason(denial: &Denial) -> String {
+    match denial {
+        Denial::Joint { check, .. } => format!("{check:?}"),
+        Denial::ClearanceAtCommand { .. } => "ClearanceAtCommand".into(),
+        Denial::ClearanceAtRest { .. } => "ClearanceAtRest".into(),
+        other => format!("{other:?}"),
+    }
+}
+
+/// What does not run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Disturbance {
+    /// Ticks in which control does not run.
+    control_ticks: u64,
+    /// Ticks in which the driver does not run; it catches up with all of them at once.
+    driver_ticks: u64,
+    /// The command of this tick never arrives.
+    lost: bool,
+}
+
+impl Disturbance {
+    fn draw(rng: &mut Pcg64) -> Self {
+        if rng.random_range(0..DISTURBED_EVERY) != 0 {
+            return Self::default();
+        }
+        if rng.random_range(0..LATCHED_EVERY) == 0 {
+            return Self { control_ticks: rng.random_range(16..400), ..Self::default() };
+        }
+        let ticks = rng.random_range(1..driver::SILENCE_TICKS);
+        match rng.random_range(0..4) {
+            0 => Self { control_ticks: ticks, driver_ticks: ticks, ..Self::default() },
+            1 => Self { lost: true, ..Self::default() },
+            _ => Self { control_ticks: ticks, ..Self::default() },
+        }
+    }
+}
+
+/// A stop being watched from the tick in which the permit ended.
+#[derive(Clone, Copy, Debug)]
+struct Watched {
+    began_k: u64,
+    bound_s: f64,
+    /// At rest: nothing is timed until the next permit.
+    done: bool,
+}
+
+struct Part<'a> {
+    subject: &'a Subject,
+    stages: Stages<'a>,
+    robot: sim::State,
+    judge: Judge<'a>,
+    attacker: Attacker<'a>,
+    rng: Pcg64,
+    stream: Option<Stream>,
+    echo: RobotState,
+    sequence: u64,
+    reset_count: u32,
+    disturbance: Disturbance,
+    watched: Option<Watched>,
+    last_q: [f64; JOINTS],
+    figures: Figures,
+}
+
+/// Runs part `part` of an attack with seed `seed` over `ticks` ticks, from rest in the home posture.
+pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
+    let seed = derived_seed(seed, part);
+    let mut run = Part::new(subject, seed);
+    for k in FIRST_K + 1..=FIRST_K + ticks {
+        run.tick(k);
+    }
+    let mut figures = run.figures;
+    let report = run.robot.report();
+    for kind in ViolationKind::ALL {
+        figures.violations[kind as usize] = report.violations_of(kind) + figures.rollout_violations[kind as usize];
+    }
+    figures.min_clearance_m = figures.min_clearance_m.min(report.min_clearance_m());
+    figures.first = report.first_violation().map(|violation| Place { violation: *violation, part, seed });
+    figures
+}
+
+impl<'a> Part<'a> {
+    fn new(subject: &'a Subject, seed: u64) -> Self {
+        let mut robot = sim::State::new(&subject.sim, FIRST_K, seed);
+        let input = sim::Input { due_k: FIRST_K, command: None };
+        let echo = sim::tick(&subject.sim, &mut robot, deadline(FIRST_K), input).state;
+        let q = robot.follower().motion.q;
+        Self {
+            subject,
+            stages: Stages::at_rest(subject, q),
+            robot,
+            judge: Judge::new(&subject.model),
+            attacker: Attacker::new(&subject.model, Pcg64::seed_from_u64(derived_seed(seed, 1))),
+            rng: Pcg64::seed_from_u64(derived_seed(seed, 2)),
+            stream: None,
+            echo,
+            sequence: 0,
+            reset_count: 0,
+            disturbance: Disturbance::default(),
+            watched: None,
+            last_q: q,
+            figures: Figures::default(),
+        }
+    }
+
+    fn tick(&mut self, k: u64) {
+        let before = self.robot.report().violations_total() + self.figures.rollout_violations.iter().sum::<u64>();
+        let v_before = self.robot.follower().motion.v;
+        self.attacker.next(k, &self.last_q);
+        if self.disturbance == Disturbance::default() {
+            self.disturbance = Disturbance::draw(&mut self.rng);
+        }
+        let runs = self.disturbance.control_ticks == 0;
+        let command = if runs { self.control(k) } else { None };
+        self.figures.missed += u64::from(!runs);
+        let asleep = self.disturbance.driver_ticks > 0;
+        let lost = std::mem::take(&mut self.disturbance.lost);
+        self.figures.lost += u64::from(lost && command.is_some());
+        if asleep {
+            self.figures.overslept += 1;
+        } else {
+            self.drive(k, command.filter(|_| !lost).as_ref());
+        }
+        self.disturbance.control_ticks = self.disturbance.control_ticks.saturating_sub(1);
+        self.disturbance.driver_ticks = self.disturbance.driver_ticks.saturating_sub(1);
+        self.watch(k, asleep, &v_before);
+        let after = self.robot.report().violations_total() + self.figures.rollout_violations.iter().sum::<u64>();
+        let of_attack = &mut self.figures.attacks[self.attacker.attack as usize];
+        of_attack.ticks += 1;
+        of_attack.violations += after - before;
+        self.figures.ticks += 1;
+    }
+
+    fn latched(&self) -> bool {
+        self.echo.flags & state_flag::DRIVER_FAULT != 0
+    }
+
+    /// What engagement permits: nothing while the driver's fault is latched.
+    fn permit(&self) -> Permit {
+        if self.latched() { Permit::Stop } else { self.attacker.permit }
+    }
+
+    /// The control tick, as the daemon composes it.
+    fn control(&mut self, k: u64) -> Option<JointCommand> {
+        let from = Stream::prepare(&mut self.stream, &self.echo, k, 1);
+        match from {
+            Continue::Nothing => return None,
+            Continue::Own => {}
+            Continue::From(motion) => {
+                self.stages.reseed(&motion);
+                self.figures.reseeds += 1;
+            }
+        }
+        let resting = self.echo.v.iter().chain(&self.echo.a).all(|x| *x == 0.0);
+        if self.latched() && resting && self.echo.reset_count == self.reset_count {
+            self.reset_count += 1;
+        }
+        let now = deadline(k);
+        let out = self.stages.tick(k, now, self.attacker.target(), self.permit());
+        let figures = &mut self.figures;
+        let of_attack = &mut figures.attacks[self.attacker.attack as usize];
+        figures.tick.record_ns(out.ns);
+        of_attack.tick.record_ns(out.ns);
+        figures.fallbacks += u64::from(out.proposed.fallbacks);
+        of_attack.fallbacks += u64::from(out.proposed.fallbacks);
+        of_attack.near += u64::from(out.proposed.clearance_m < self.subject.model.d_min_m + NEAR_M);
+        if let Some(denial) = out.denied {
+            figures.denials += 1;
+            of_attack.denials += 1;
+            *figures.denied_for.entry(reason(&denial)).or_default() += 1;
+            figures.first_denial.get_or_insert_with(|| format!("tick {k}: {denial:?}"));
+        }
+        let Motion { q, v, a, plan } = out.motion;
+        let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
+        figures.worst_stop_s = figures.worst_stop_s.max(longest);
+        if self.rng.random_range(0..ROLLED_EVERY) == 0 {
+            self.roll(&out.motion);
+        }
+        let stream = self.stream.as_mut()?;
+        stream.sent(k, out.motion);
+        let chain = stream.chain();
+        self.sequence += 1;
+        Some(JointCommand {
+            header: Header { sequence: self.sequence, stamp: now, incarnation: chain.incarnation, ..Header::ZERO },
+            k,
+            seed_k: chain.seed_k,
+            seed_played: chain.seed_played,
+            q,
+            v,
+            a,
+            plan,
+            mode: Mode::Engaged as u32,
+            reset_count: self.reset_count,
+            ..JointCommand::ZERO
+        })
+    }
+
+    fn roll(&mut self, motion: &Motion) {
+        let offset = self.rng.random_range(0.0..1.0);
+        let rolled = self.judge.roll(motion, offset);
+        self.figures.rollouts += 1;
+        self.figures.min_clearance_m = self.figures.min_clearance_m.min(rolled.min_clearance_m);
+        for i in 0..KINDS {
+            self.figures.rollout_violations[i] += rolled.violations[i];
+        }
+    }
+
+    /// The driver executes what is due, and the simulated robot's checker judges every step of it.
+    fn drive(&mut self, k: u64, command: Option<&JointCommand>) {
+        let was_latched = self.latched();
+        let input = sim::Input { due_k: k, command };
+        let out = sim::tick(&self.subject.sim, &mut self.robot, deadline(k), input);
+        self.echo = out.state;
+        self.figures.latches += u64::from(!was_latched && self.latched());
+        self.figures.refusals += u64::from(out.refused.is_some_and(|refusal| refusal != Refusal::Latched));
+        for j in (0..JOINTS).filter(|&j| !self.subject.model.prismatic[j]) {
+            self.figures.travelled_rad += (out.state.q[j] - self.last_q[j]).abs();
+        }
+        self.last_q = out.state.q;
+    }
+
+    /// Times the stop that begins with the end of a permit, from the last executed state before it to exact rest. A driver
+    /// that does not run shows no rest: what it sleeps through is not timed.
+    fn watch(&mut self, k: u64, asleep: bool, v_before: &[f64; JOINTS]) {
+        if asleep || !matches!(self.permit(), Permit::Stop) {
+            self.watched = None;
+            return;
+        }
+        let at_rest = self.robot.follower().motion.at_rest();
+        let bound_s = stop_times::stop_bound_s(self.subject.wbc.bounds(), v_before);
+        let watched = *self.watched.get_or_insert(Watched { began_k: k - 1, bound_s, done: at_rest });
+        if at_rest && !watched.done {
+            let took_s = (k - watched.began_k) as f64 * TICK_S;
+            self.figures.stops += 1;
+            self.figures.worst_watched_stop_s = self.figures.worst_watched_stop_s.max(took_s);
+            self.figures.late_stops += u64::from(took_s > watched.bound_s);
+            self.watched = Some(Watched { done: true, ..watched });
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! What runs amount to, and how several are merged.
+
+use crate::attack::Attack;
+use hdrhistogram::Histogram;
+use sim::{Violation, ViolationKind};
+use std::collections::BTreeMap;
+
+/// Longest duration that keeps its place, ns: 1 s; longer ones count there, and the maximum stays exact.
+const LONGEST_NS: u64 = 1_000_000_000;
+/// Significant digits of durations over all.
+const DIGITS: u8 = 3;
+/// Significant digits of the durations of one kind of attack, of which there are many.
+const DIGITS_OF_ATTACK: u8 = 2;
+
+/// Kinds of violations.
+pub const KINDS: usize = ViolationKind::ALL.len();
+
+/// Durations.
+#[derive(Clone, Debug)]
+pub struct Durations {
+    buckets: Histogram<u64>,
+    max_ns: u64,
+}
+
+impl Default for Durations {
+    fn default() -> Self {
+        Self::new(DIGITS)
+    }
+}
+
+impl Durations {
+    fn new(digits: u8) -> Self {
+        let buckets = Histogram::new_with_bounds(1, LONGEST_NS, digits).expect("the constant bounds are valid");
+        Self { buckets, max_ns: 0 }
+    }
+
+    /// Counts one.
+    pub fn record_ns(&mut self, ns: u64) {
+        self.max_ns = self.max_ns.max(ns);
+        self.buckets.saturating_record(ns);
+    }
+
+    /// Counts all of `other` too.
+    pub fn merge(&mut self, other: &Self) {
+        self.max_ns = self.max_ns.max(other.max_ns);
+        // The same bounds everywhere: nothing can be out of range.
+        let _ = self.buckets.add(&other.buckets);
+    }
+
+    /// The duration that this share of all does not exceed, us.
+    pub fn quantile_us(&self, share: f64) -> f64 {
+        self.buckets.value_at_quantile(share).min(self.max_ns) as f64 * 1e-3
+    }
+
+    /// The longest, us, exact.
+    pub fn max_us(&self) -> f64 {
+        self.max_ns as f64 * 1e-3
+    }
+}
+
+/// Figures of one kind of attack.
+#[derive(Clone, Debug)]
+pub struct AttackFigures {
+    /// Ticks under this attack.
+    pub ticks: u64,
+    /// Violations in executed steps and rolled-out plans.
+    pub violations: u64,
+    /// Motions that were wanted but not certified.
+    pub fallbacks: u64,
+    /// Commands denied by the gate.
+    pub denials: u64,
+    /// Ticks in which the command was within a millimetre of d_min, as whole-body control tells it.
+    pub near: u64,
+    /// Durations of both stages.
+    pub tick: Durations,
+}
+
+impl Default for AttackFigures {
+    fn default() -> Self {
+        let tick = Durations::new(DIGITS_OF_ATTACK);
+        Self { ticks: 0, violations: 0, fallbacks: 0, denials: 0, near: 0, tick }
+    }
+}
+
+/// Where a violation was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// What was violated; `k` is the tick within the part.
+    pub violation: Violation,
+    /// The part of the run.
+    pub part: u64,
+    /// The seed of that part.
+    pub seed: u64,
+}
+
+/// Figures of a run.
+#[derive(Clone, Debug)]
+pub struct Figures {
+    /// Ticks of the grid.
+    pub ticks: u64,
+    /// Violations by kind: executed steps and rolled-out plans.
+    pub violations: [u64; KINDS],
+    /// Those of them that were found in rolled-out plans.
+    pub rollout_violations: [u64; KINDS],
+    /// The first violation of an executed step.
+    pub first: Option<Place>,
+    /// Least clearance over executed steps and rolled-out plans, m.
+    pub min_clearance_m: f64,
+    /// Durations of both stages.
+    pub tick: Durations,
+    /// Motions that were wanted but not certified.
+    pub fallbacks: u64,
+    /// Commands denied by the gate.
+    pub denials: u64,
+    /// Those by reason.
+    pub denied_for: BTreeMap<String, u64>,
+    /// The first denial in words.
+    pub first_denial: Option<String>,
+    /// Commands that the driver refused though its fault was not latched.
+    pub refusals: u64,
+    /// Ticks in which control did not run.
+    pub missed: u64,
+    /// Commands that never arrived.
+    pub lost: u64,
+    /// Ticks in which the driver did not run.
+    pub overslept: u64,
+    /// Times the driver latched its fault.
+    pub latches: u64,
+    /// Times control continued from the driver's state instead of its own last command.
+    pub reseeds: u64,
+    /// Plans rolled out to rest.
+    pub rollouts: u64,
+    /// Longest plan of any command, s.
+    pub worst_stop_s: f64,
+    /// Stops that were watched from the permit's end to rest.
+    pub stops: u64,
+    /// Longest of them, s.
+    pub worst_watched_stop_s: f64,
+    /// Those that took longer than their bound.
+    pub late_stops: u64,
+    /// Sum of all revolute joints' ways, rad.
+    pub travelled_rad: f64,
+    /// By kind of attack.
+    pub attacks: [AttackFigures; Attack::ALL.len()],
+}
+
+impl Default for Figures {
+    fn default() -> Self {
+        Self {
+            ticks: 0,
+            violations: [0; KINDS],
+            rollout_violations: [0; KINDS],
+            first: None,
+            min_clearance_m: f64::INFINITY,
+            tick: Durations::default(),
+            fallbacks: 0,
+            denials: 0,
+            denied_for: BTreeMap::new(),
+            first_denial: None,
+            refusals: 0,
+            missed: 0,
+            lost: 0,
+            overslept: 0,
+            latches: 0,
+            reseeds: 0,
+            rollouts: 0,
+            worst_stop_s: 0.0,
+            stops: 0,
+            worst_watched_stop_s: 0.0,
+            late_stops: 0,
+            travelled_rad: 0.0,
+            attacks: std::array::from_fn(|_| AttackFigures::default()),
+        }
+    }
+}
+
+impl Figures {
+    /// Violations of all kinds.
+    pub fn violations_total(&self) -> u64 {
+        self.violations.iter().sum()
+    }
+
+    /// How many violations there were of one kind.
+    pub fn violations_of(&self, kind: ViolationKind) -> u64 {
+        self.violations[kind as usize]
+    }
+
+    /// Whether every promise was kept: no violation, no stop beyond its bound, and no command that the driver could not
+    /// take.
+    pub fn kept(&self) -> bool {
+        self.violations_total() == 0 && self.late_stops == 0 && self.refusals == 0
+    }
+
+    /// Adds the figures of a later part.
+    pub fn merge(&mut self, other: Self) {
+        for i in 0..KINDS {
+            self.violations[i] += other.violations[i];
+            self.rollout_violations[i] += other.rollout_violations[i];
+        }
+        self.ticks += other.ticks;
+        self.first = self.first.or(other.first);
+        self.min_clearance_m = self.min_clearance_m.min(other.min_clearance_m);
+        self.tick.merge(&other.tick);
+        self.fallbacks += other.fallbacks;
+        self.denials += other.denials;
+        for (reason, count) in other.denied_for {
+            *self.denied_for.entry(reason).or_default() += count;
+        }
+        self.first_denial = self.first_denial.take().or(other.first_denial);
+        self.refusals += other.refusals;
+        self.missed += other.missed;
+        self.lost += other.lost;
+        self.overslept += other.overslept;
+        self.latches += other.latches;
+        self.reseeds += other.reseeds;
+        self.rollouts += other.rollouts;
+        self.worst_stop_s = self.worst_stop_s.max(other.worst_stop_s);
+        self.stops += other.stops;
+        self.worst_watched_stop_s = self.worst_watched_stop_s.max(other.worst_watched_stop_s);
+        self.late_stops += other.late_stops;
+        self.travelled_rad += other.travelled_rad;
+        for (mine, theirs) in self.attacks.iter_mut().zip(other.attacks) {
+            mine.ticks += theirs.ticks;
+            mine.violations += theirs.violations;
+            mine.fallbacks += theirs.fallbacks;
+            mine.denials += theirs.denials;
+            mine.near += theirs.near;
+            mine.tick.merge(&theirs.tick);
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! Attacks whole-body control and the gate for many ticks and judges what the driver executes by arithmetic that is
+//! neither of theirs: the simulated robot's checker on every executed step, and parry's distances on stop plans that are
+//! rolled out to rest.
+//!
+//! - [`stages`]: the two stages as the daemon runs them, timed.
+//! - [`attack`], [`nearest`]: what they are attacked with.
+//! - [`chunk`]: one run of an attack, with missed ticks, lost commands and a driver that oversleeps.
+//! - [`rollout`]: a command's stop plan, played to rest and judged densely.
+//! - [`goals`]: how many random safe postures are reached.
+//! - [`stop_times`]: the longest stop of any state, against its bound.
+//! - [`motions`]: recorded motions through every stage, offline.
+//! - [`bench`](mod@bench): the duration of the control tick.
+
+#![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
+
+pub mod attack;
+pub mod bench;
+pub mod chunk;
+pub mod cli;
+pub mod error;
+pub mod figures;
+pub mod goals;
+pub mod machine;
+pub mod motions;
+pub mod nearest;
+pub mod parallel;
+pub mod report;
+pub mod rollout;
+pub mod stages;
+pub mod stop_times;
+pub mod stream;

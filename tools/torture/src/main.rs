@@ -1,0 +1,134 @@
+//! See the library.
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use messages::TICK_HZ;
+use pipeline::Overrides;
+use sim::ViolationKind;
+use std::process::ExitCode;
+use torture::cli::{AttackArgs, BenchArgs, Cli, Command, MotionsArgs, StopTimesArgs, check_counts};
+use torture::error::TortureError;
+use torture::figures::Figures;
+use torture::goals::Goals;
+use torture::machine::Machine;
+use torture::parallel::{derived_seed, in_parallel};
+use torture::report;
+use torture::stages::Subject;
+use torture::{bench, chunk, goals, motions, stop_times};
+
+/// Exit codes of sysexits(3).
+const EX_USAGE: u8 = 64;
+const EX_NOINPUT: u8 = 66;
+const EX_CANTCREAT: u8 = 73;
+const EX_CONFIG: u8 = 78;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        None => attack(&cli.attack),
+        Some(Command::StopTimes(args)) => measure_stops(args),
+        Some(Command::Motions(args)) => play(args),
+        Some(Command::Bench(args)) => measure_ticks(args),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("torture: {error}");
+            ExitCode::from(match error {
+                TortureError::Option { .. } => EX_USAGE,
+                TortureError::Config(_) | TortureError::Stage { .. } => EX_CONFIG,
+                TortureError::Motion(_) | TortureError::NoMotions(_) => EX_NOINPUT,
+                TortureError::Write { .. } => EX_CANTCREAT,
+            })
+        }
+    }
+}
+
+fn progress(length: u64, unit: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}}, {{eta}} left");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// A part of the run: so many ticks, or so many goals.
+enum Outcome {
+    Attacked(Box<Figures>),
+    Visited(Goals),
+}
+
+fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
+    args.check()?;
+    let machine = Machine::now();
+    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
+    let goals = if args.no_certificate { 0 } else { args.goals };
+    let parts = args.ticks.div_ceil(chunk::PART_TICKS);
+    let jobs = parts + goals.div_ceil(goals::PART_GOALS);
+    let bar = progress(args.ticks, "ticks");
+    let outcomes = in_parallel(args.threads, jobs as usize, |job| {
+        let job = job as u64;
+        if job < parts {
+            let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
+            let figures = chunk::run(&subject, args.seed, job, ticks);
+            bar.inc(ticks);
+            return Outcome::Attacked(Box::new(figures));
+        }
+        let part = job - parts;
+        let count = goals::PART_GOALS.min(goals - part * goals::PART_GOALS);
+        Outcome::Visited(goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count))
+    });
+    bar.finish_and_clear();
+    let (mut figures, mut visited) = (Figures::default(), Goals::default());
+    for outcome in outcomes {
+        match outcome {
+            Outcome::Attacked(of_part) => figures.merge(*of_part),
+            Outcome::Visited(of_part) => visited.merge(of_part),
+        }
+    }
+    let value = report::attack_json(args, &figures, &visited, &subject.model, &machine);
+    let words = report::attack_words(args, &figures, &visited, &subject.model, &machine);
+    report::put(&words, &value, args.common.json.as_deref())?;
+    if args.no_certificate {
+        let collisions = figures.violations_of(ViolationKind::Clearance);
+        if collisions == 0 {
+            eprintln!("torture: no collision without the certificate: the attacks show nothing");
+        }
+        return Ok(collisions > 0);
+    }
+    Ok(figures.kept())
+}
+
+fn measure_stops(args: &StopTimesArgs) -> Result<bool, TortureError> {
+    check_counts(&[("--states", args.states)], args.threads)?;
+    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), true)?;
+    let bounds = subject.wbc.bounds();
+    let times = stop_times::run(bounds, args.states, args.seed, args.threads);
+    let value = report::stop_times_json(&times, bounds, &subject.model, args.seed);
+    report::put(&report::stop_times_words(&times, bounds, &subject.model), &value, args.common.json.as_deref())?;
+    Ok(times.exceeded() == 0)
+}
+
+fn play(args: &MotionsArgs) -> Result<bool, TortureError> {
+    check_counts(&[], args.threads)?;
+    let machine = Machine::now();
+    let loaded = pipeline::load(&args.config, Overrides::default())?;
+    let bar = progress(motion::motion_files(&args.folder)?.len() as u64, "files");
+    let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.inc(1))?;
+    bar.finish_and_clear();
+    report::put(&report::motions_words(&played), &report::motions_json(&played, &machine), args.json.as_deref())?;
+    Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
+}
+
+fn measure_ticks(args: &BenchArgs) -> Result<bool, TortureError> {
+    check_counts(&[("--ticks", args.ticks)], 1)?;
+    let machine = Machine::now();
+    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), true)?;
+    let bench = bench::run(&subject, args.ticks.max(TICK_HZ), args.seed);
+    let value = report::bench_json(&bench, args.ticks, &subject.model, &machine);
+    let words = report::bench_words(&bench, args.ticks, &subject.model, &machine);
+    report::put(&words, &value, args.common.json.as_deref())?;
+    Ok(true)
+}

@@ -1,0 +1,90 @@
+//! Recorded motions through every stage, from the first frame to rest, in virtual time.
+
+use crate::error::TortureError;
+use crate::parallel::in_parallel;
+use messages::{Mode, TICK_HZ};
+use motion::CalibrationMode;
+use pipeline::{Loaded, Offline, OfflineEnd, PlayOptions};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What became of a file.
+#[derive(Clone, Debug, Default)]
+pub struct Played {
+    /// The file.
+    pub file: PathBuf,
+    /// Virtual time from the enable to rest, s.
+    pub duration_s: f64,
+    /// Violations by kind, as the simulated robot counted them.
+    pub violations: BTreeMap<String, u64>,
+    /// Least clearance of all executed commands, mm.
+    pub min_clearance_mm: f64,
+    /// Mean limb error of the target while engaged, deg.
+    pub limb_error_deg: f64,
+    /// Times the robot stopped following before the end.
+    pub holds: u64,
+    /// Why the run did not end at rest after the last frame.
+    pub failed: Option<String>,
+}
+
+impl Played {
+    /// Violations of all kinds.
+    pub fn violations_total(&self) -> u64 {
+        self.violations.values().sum()
+    }
+}
+
+/// The motion files of `folder`, and what became of each; `progress` is told of every file that is done.
+///
+/// # Errors
+/// If the folder cannot be listed or holds no motion.
+pub fn run(
+    loaded: &Loaded,
+    folder: &Path,
+    threads: usize,
+    progress: impl Fn(&Played) + Sync,
+) -> Result<Vec<Played>, TortureError> {
+    let files = motion::motion_files(folder)?;
+    if files.is_empty() {
+        return Err(TortureError::NoMotions(folder.to_path_buf()));
+    }
+    Ok(in_parallel(threads, files.len(), |i| {
+        let played = play(loaded, &files[i]);
+        progress(&played);
+        played
+    }))
+}
+
+/// Plays one file to rest.
+pub fn play(loaded: &Loaded, file: &Path) -> Played {
+    let played = Played { file: file.to_path_buf(), ..Played::default() };
+    let motion = match motion::load(file) {
+        Ok(motion) => motion,
+        Err(error) => return Played { failed: Some(error.to_string()), ..played },
+    };
+    let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
+    let mut offline = match Offline::new(loaded, &motion, options) {
+        Ok(offline) => offline,
+        Err(error) => return Played { failed: Some(error.to_string()), ..played },
+    };
+    let end = loop {
+        if let Err(end) = offline.step() {
+            break end;
+        }
+    };
+    let report = offline.report();
+    // Engaged ends once, with the last frame; every other time is a hold.
+    let engaged = report.modes.iter().filter(|(_, mode)| *mode == Mode::Engaged).count() as u64;
+    Played {
+        duration_s: report.rows as f64 / TICK_HZ as f64,
+        violations: report.violations.clone(),
+        min_clearance_mm: report.min_clearance_mm,
+        limb_error_deg: report.limb_error_deg_mean,
+        holds: engaged.saturating_sub(1),
+        failed: match end {
+            OfflineEnd::AtRest => None,
+            OfflineEnd::Stopped(why) => Some(why),
+        },
+        ..played
+    }
+}

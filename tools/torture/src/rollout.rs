@@ -1,0 +1,209 @@
+//! A command's stop plan, played to rest and judged at many instants by formulas and distances that neither
+//! whole-body control nor the gate uses: closed-form polynomials per phase, and parry's segment distance.
+
+use driver::Motion;
+use messages::JOINTS;
+use nalgebra::Vector3;
+use robot::{Frames, Model, segment_distance_oracle};
+use sim::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V, ViolationKind};
+
+/// Time between two judged instants, s: in a millisecond no point of the robot moves more than a few millimetres, and
+/// the first instant is drawn anew for every plan.
+const STEP_S: f64 = 1e-3;
+
+/// What a plan amounts to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rolled {
+    /// Joints or instants that violate, by kind.
+    pub violations: [u64; ViolationKind::ALL.len()],
+    /// Least clearance of the checked pairs and from the obstacles, m.
+    pub min_clearance_m: f64,
+}
+
+/// Judges plans of one robot.
+#[derive(Clone, Debug)]
+pub struct Judge<'a> {
+    model: &'a Model,
+    frames: Frames,
+    axes: Vec<[Vector3<f64>; 2]>,
+    half_lengths_m: Vec<f64>,
+}
+
+/// One joint on its plan: state and jerk at the beginning of each phase, and when that is.
+#[derive(Clone, Copy, Debug)]
+struct Joint {
+    /// Begin (s), q, v, a, jerk of the three phases and of the rest after them.
+    phases: [[f64; 5]; 4],
+}
+
+impl Joint {
+    fn new(motion: &Motion, j: usize) -> Self {
+        let mut at = [0.0, motion.q[j], motion.v[j], motion.a[j], 0.0];
+        let mut phases = [at; 4];
+        for i in 0..3 {
+            let (t, jerk) = (motion.plan.duration_s[j][i], motion.plan.jerk[j][i]);
+            at[4] = jerk;
+            phases[i] = at;
+            let [q, v, a] = polynomial(&at, t);
+            at = [at[0] + t, q, v, a, 0.0];
+        }
+        phases[3] = at;
+        Self { phases }
+    }
+
+    /// Position, velocity and acceleration at `t`; after the last phase, where it ended.
+    fn at(&self, t: f64) -> [f64; 3] {
+        let i = (0..4).rev().find(|&i| t >= self.phases[i][0]).unwrap_or(0);
+        let phase = &self.phases[i];
+        if i == 3 { [phase[1], phase[2], phase[3]] } else { polynomial(phase, t - phase[0]) }
+    }
+
+    fn end_s(&self) -> f64 {
+        self.phases[3][0]
+    }
+}
+
+/// q + v t + a t^2 / 2 + j t^3 / 6 and its derivatives.
+fn polynomial(&[_, q, v, a, jerk]: &[f64; 5], t: f64) -> [f64; 3] {
+    [q + v * t + a * t * t / 2.0 + jerk * t * t * t / 6.0, v + a * t + jerk * t * t / 2.0, a + jerk * t]
+}
+
+impl<'a> Judge<'a> {
+    /// A judge for `model`.
+    pub fn new(model: &'a Model) -> Self {
+        Self {
+            model,
+            frames: Frames::default(),
+            axes: vec![[Vector3::zeros(); 2]; model.capsules.len()],
+            half_lengths_m: model.capsules.iter().map(|capsule| (capsule.b - capsule.a).norm() / 2.0).collect(),
+        }
+    }
+
+    /// Judges the plan of `motion` from now to rest; the first instant after now is `offset` (0 to 1) of a step later.
+    pub fn roll(&mut self, motion: &Motion, offset: f64) -> Rolled {
+        let joints: [Joint; JOINTS] = std::array::from_fn(|j| Joint::new(motion, j));
+        let mut rolled = Rolled { violations: [0; ViolationKind::ALL.len()], min_clearance_m: f64::INFINITY };
+        for j in 0..JOINTS {
+            self.judge_joint(motion, &joints[j], j, offset, &mut rolled);
+        }
+        let end_s = joints.iter().map(Joint::end_s).fold(0.0, f64::max);
+        let mut t = 0.0;
+        let mut next = offset * STEP_S;
+        loop {
+            let q = joints.map(|joint| joint.at(t)[0]);
+            let clearance_m = self.clearance(&q);
+            rolled.min_clearance_m = rolled.min_clearance_m.min(clearance_m);
+            let clear = clearance_m >= self.model.d_min_m - TOLERANCE_CLEARANCE_M;
+            rolled.violations[ViolationKind::Clearance as usize] += u64::from(!clear);
+            if t >= end_s {
+                return rolled;
+            }
+            (t, next) = (next.min(end_s), next + STEP_S);
+        }
+    }
+
+    fn judge_joint(&self, motion: &Motion, joint: &Joint, j: usize, offset: f64, rolled: &mut Rolled) {
+        let limits = &self.model.limits[j];
+        let (mut inside, mut slow, mut gentle) = (true, true, true);
+        let end_s = joint.end_s();
+        let mut t = 0.0;
+        let mut next = offset * STEP_S;
+        while t <= end_s {
+            let [q, v, a] = joint.at(t);
+            inside &= q >= limits.q_min - TOLERANCE_Q && q <= limits.q_max + TOLERANCE_Q;
+            slow &= v.abs() <= limits.v_max + TOLERANCE_V;
+            gentle &= a.abs() <= limits.a_max + TOLERANCE_A;
+            (t, next) = (next, next + STEP_S);
+        }
+        let [q, v, a] = joint.at(end_s);
+        inside &= q >= limits.q_min - TOLERANCE_Q && q <= limits.q_max + TOLERANCE_Q;
+        // A plan that does not end at rest breaks the promise of its end, whatever its jerks are.
+        let rests = v.abs() <= driver::REST_TOLERANCE && a.abs() <= driver::REST_TOLERANCE;
+        let (jerks, durations) = (&motion.plan.jerk[j], &motion.plan.duration_s[j]);
+        let smooth = (0..3).all(|i| durations[i] >= 0.0 && jerks[i].abs() <= limits.j_max + TOLERANCE_J);
+        for (kind, good) in [
+            (ViolationKind::Position, inside),
+            (ViolationKind::Velocity, slow),
+            (ViolationKind::Acceleration, gentle),
+            (ViolationKind::Jerk, smooth && rests),
+        ] {
+            rolled.violations[kind as usize] += u64::from(!good);
+        }
+    }
+
+    /// Least clearance at `q`, m: of the checked pairs by parry's distance of the capsules' axes, and from the obstacles by
+    /// the robot model's own.
+    pub fn clearance(&mut self, q: &[f64; JOINTS]) -> f64 {
+        self.model.forward(q, &mut self.frames);
+        for (axis, capsule) in self.axes.iter_mut().zip(&self.model.capsules) {
+            let pose = &self.frames.base_from_body[capsule.body];
+            *axis = [pose.transform_point(&capsule.a), pose.transform_point(&capsule.b)];
+        }
+        let mut least = f64::INFINITY;
+        for pair in &self.model.pairs {
+            let ([a0, a1], [b0, b1]) = (&self.axes[pair.a], &self.axes[pair.b]);
+            let radii = self.model.capsules[pair.a].radius_m + self.model.capsules[pair.b].radius_m;
+            // Balls around both: no nearer than their centres less what is around them.
+            let around = self.half_lengths_m[pair.a] + self.half_lengths_m[pair.b] + radii;
+            let apart = ((a0 + a1) - (b0 + b1)).norm() / 2.0 - around;
+            if apart < least {
+                least = least.min(segment_distance_oracle(a0, a1, b0, b1) - radii);
+            }
+        }
+        least.min(self.model.obstacle_clearance(&self.frames).0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn model() -> Model {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
+        pipeline::load_model(&file).unwrap().0
+    }
+
+    /// A stop of joint `j` from `v` by `jerk`, `-jerk`: each phase sqrt(v / jerk) long.
+    fn stop(model: &Model, j: usize, v: f64, jerk: f64) -> Motion {
+        let mut motion = Motion::rest(model.home);
+        let t = (v / jerk).sqrt();
+        motion.v[j] = v;
+        motion.plan.jerk[j] = [-jerk, jerk, 0.0];
+        motion.plan.duration_s[j] = [t, t, 0.0];
+        motion
+    }
+
+    #[test]
+    fn rest_at_home_is_good_and_its_clearance_the_models() {
+        let model = model();
+        let rolled = Judge::new(&model).roll(&Motion::rest(model.home), 0.5);
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        assert_eq!(rolled.violations, [0; 5]);
+        assert!((rolled.min_clearance_m - model.clearance(&frames).0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_kind_of_bad_plan_is_noticed() {
+        let model = model();
+        let mut judge = Judge::new(&model);
+        let mut kinds = |motion: &Motion| judge.roll(motion, 0.3).violations.map(|n| n > 0);
+        let gentle = 0.9 * model.limits[4].j_max;
+        assert_eq!(kinds(&stop(&model, 4, 0.1, gentle)), [false; 5]);
+        assert!(kinds(&stop(&model, 4, 0.1, 1.1 * model.limits[4].j_max))[ViolationKind::Jerk as usize]);
+        assert!(kinds(&stop(&model, 4, 1.0, gentle))[ViolationKind::Acceleration as usize]);
+        assert!(kinds(&stop(&model, 4, 1.1 * model.limits[4].v_max, gentle))[ViolationKind::Velocity as usize]);
+        let mut short = stop(&model, 4, 0.1, gentle);
+        short.plan.duration_s[4][1] *= 0.9;
+        assert!(kinds(&short)[ViolationKind::Jerk as usize], "a plan that does not end at rest");
+        let mut outside = stop(&model, 4, 0.1, gentle);
+        outside.q[4] = model.limits[4].q_max;
+        assert!(kinds(&outside)[ViolationKind::Position as usize]);
+        // A slow way from home with the left arm across the body meets something.
+        let mut through = Motion::rest(model.home);
+        (through.v[3], through.plan.duration_s[3]) = (1.5, [3.0, 0.0, 0.0]);
+        (through.v[10], through.plan.duration_s[10]) = (1.5, [3.0, 0.0, 0.0]);
+        assert!(kinds(&through)[ViolationKind::Clearance as usize]);
+    }
+}

@@ -1,0 +1,119 @@
+//! The shipped robot under a million ticks of attack; and that the attacks are attacks.
+
+use messages::JOINTS;
+use robot::{BoxEntry, Environment, PlaneEntry};
+use sim::ViolationKind;
+use std::path::Path;
+use torture::attack::Attack;
+use torture::chunk::{self, PART_TICKS};
+use torture::figures::Figures;
+use torture::goals::{self, Goals};
+use torture::machine::cores;
+use torture::parallel::in_parallel;
+use torture::stages::Subject;
+
+const TICKS: u64 = 1_000_000;
+
+/// The shipped robot, on a floor and with a table before it that its hands reach.
+fn subject(certified: bool) -> Subject {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
+    let (model, _) = pipeline::load_model(&file).unwrap();
+    let plane = PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 };
+    let (center_m, size_m) = ([0.9, 0.0, 0.73], [0.8, 1.6, 0.04]);
+    let table = BoxEntry { name: "table".into(), center_m, size_m, rpy_deg: [0.0; 3] };
+    let model = model.with_environment("test", &Environment { planes: vec![plane], boxes: vec![table] }).unwrap();
+    Subject::of(model, &file, certified).unwrap()
+}
+
+fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
+    let parts = ticks.div_ceil(PART_TICKS);
+    let mut figures = Figures::default();
+    for part in in_parallel(threads, parts as usize, |part| {
+        chunk::run(subject, seed, part as u64, PART_TICKS.min(ticks - part as u64 * PART_TICKS))
+    }) {
+        figures.merge(part);
+    }
+    figures
+}
+
+#[test]
+fn a_million_hostile_ticks_break_nothing() {
+    let subject = subject(true);
+    let figures = run(&subject, 7, TICKS, cores());
+    println!(
+        "least clearance {:.4} mm, {} denials {:?}, {:.0} rad travelled",
+        figures.min_clearance_m * 1e3,
+        figures.denials,
+        figures.denied_for,
+        figures.travelled_rad
+    );
+    assert_eq!(figures.ticks, TICKS);
+    assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
+    // The attack was one: every kind had its turn, the boundary was reached, everything that can fail did.
+    assert!(
+        figures.attacks.iter().all(|of| of.ticks > TICKS / 100),
+        "{:?}",
+        figures.attacks.each_ref().map(|a| a.ticks)
+    );
+    assert!(figures.attacks[Attack::Gradient as usize].near > 1000, "the gradient attack came near nothing");
+    assert!(figures.min_clearance_m < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m);
+    assert!(figures.travelled_rad > 1000.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
+    assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
+    // No plan of a command lasts longer than the robot file promises of its limits.
+    assert!(figures.worst_stop_s < 0.5 && figures.worst_stop_s > 0.1, "{}", figures.worst_stop_s);
+}
+
+#[test]
+fn without_certificate_and_gate_the_same_attack_collides() {
+    let subject = subject(false);
+    let figures = run(&subject, 7, 20_000, 1);
+    assert!(figures.violations_of(ViolationKind::Clearance) > 0);
+    assert!(figures.min_clearance_m < subject.model.d_min_m - 5e-3);
+    // The limits of the joints do not rest on the certificate.
+    let others = figures.violations_total() - figures.violations_of(ViolationKind::Clearance);
+    assert_eq!(others, 0, "{:?}", figures.violations);
+}
+
+#[test]
+fn figures_do_not_depend_on_the_number_of_threads() {
+    let subject = subject(true);
+    let figures = [1, 3].map(|threads| {
+        let parts = in_parallel(threads, 3, |part| chunk::run(&subject, 11, part as u64, 3000));
+        let mut all = Figures::default();
+        parts.into_iter().for_each(|part| all.merge(part));
+        all
+    });
+    let told = figures.each_ref().map(|f| {
+        let counts = [f.ticks, f.fallbacks, f.denials, f.missed, f.lost, f.reseeds, f.rollouts, f.stops];
+        (f.violations, counts, f.min_clearance_m, f.travelled_rad, f.worst_stop_s, f.attacks.each_ref().map(|a| a.near))
+    });
+    assert_eq!(told[0], told[1]);
+    let other = chunk::run(&subject, 12, 0, 3000);
+    assert_ne!(other.travelled_rad, chunk::run(&subject, 11, 0, 3000).travelled_rad, "another seed, another run");
+}
+
+#[test]
+fn most_goals_are_reached() {
+    let subject = subject(true);
+    let parts = in_parallel(cores(), 4, |part| goals::run(&subject, 1, part as u64, 6));
+    let mut all = Goals::default();
+    parts.into_iter().for_each(|part| all.merge(part));
+    println!("{} of {} goals, {} times back home", all.reached, all.goals, all.returned);
+    // Far below what is measured over 168: this is whether goals are reached at all.
+    assert!(all.goals == 24 && all.share() > 0.7, "{all:?}");
+}
+
+#[test]
+fn a_joint_that_breaks_a_limit_is_counted() {
+    // The checker that judges the attack, fed with a command that no stage would send.
+    let subject = subject(true);
+    let mut robot = sim::State::new(&subject.sim, 1500, 1);
+    let q = robot.follower().motion.q;
+    let mut command = messages::JointCommand { k: 1501, seed_k: 1500, q, ..messages::Layout::ZERO };
+    command.header.incarnation = 1;
+    command.header.sequence = 1;
+    command.q[JOINTS - 1] += 1e-3;
+    let input = sim::Input { due_k: 1501, command: Some(&command) };
+    sim::tick(&subject.sim, &mut robot, messages::deadline(1501), input);
+    assert!(robot.report().violations_of(ViolationKind::Jerk) > 0, "{:?}", robot.report().violations());
+}

@@ -1,0 +1,81 @@
+//! The command as a user runs it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn torture(arguments: &[&str]) -> Output {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    Command::new(env!("CARGO_BIN_EXE_torture")).args(arguments).current_dir(root).output().expect("torture runs")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(path: &PathBuf) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_run_prints_and_writes_its_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.json");
+    let output = torture(&["--ticks", "4000", "--goals", "1", "--seed", "5", "--json", &path.display().to_string()]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("least clearance"));
+    let figures = json(&path);
+    assert_eq!((&figures["ticks"], &figures["seed"], &figures["goals"]), (&4000.into(), &5.into(), &1.into()));
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+        assert_eq!(figures["violations"][kind], 0);
+    }
+    for key in ["p50", "p99", "p99_99", "max"] {
+        assert!(figures["tick_us"][key].as_f64().unwrap() > 0.0, "{key}");
+    }
+    assert!(figures["min_clearance_mm"].as_f64().unwrap() >= 10.0 - 1e-6);
+    for key in ["fallbacks", "goals_reached", "worst_stop_ms", "denials", "rollouts", "travelled_rad"] {
+        assert!(figures[key].is_number(), "{key}");
+    }
+}
+
+#[test]
+fn without_the_certificate_collisions_are_what_is_wanted() {
+    let output = torture(&["--ticks", "20000", "--no-certificate"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    // Too few ticks to collide in: the command says that it showed nothing.
+    let output = torture(&["--ticks", "2", "--no-certificate"]);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("no collision"), "{}", said(&output));
+}
+
+#[test]
+fn what_cannot_be_done_is_refused_with_its_bound() {
+    for (arguments, code, words) in [
+        (vec!["--rate", "1000"], 64, vec!["--rate = 1000", "1500"]),
+        (vec!["--ticks", "0"], 64, vec!["--ticks = 0", "at least 1"]),
+        (vec!["--threads", "0"], 64, vec!["--threads = 0", "1 to"]),
+        (vec!["--robot", "no/such.toml"], 78, vec!["no/such.toml"]),
+        (vec!["motions", "no/such"], 66, vec!["no/such"]),
+        (vec!["motions", "crates"], 66, vec!["crates", "no motion files"]),
+        (vec!["--ticks", "10", "--goals", "0", "--json", "no/such/folder.json"], 73, vec!["no/such/folder.json"]),
+    ] {
+        let output = torture(&arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
+        assert!(words.iter().all(|word| said(&output).contains(word)), "{arguments:?}: {}", said(&output));
+    }
+}
+
+#[test]
+fn stop_times_and_bench_write_their_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.json");
+    let json_path = path.display().to_string();
+    let output = torture(&["stop-times", "--states", "1000", "--json", &json_path]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let figures = json(&path);
+    assert_eq!(figures["exceeded"], 0);
+    assert!(figures["worst_stop_ms"].as_f64().unwrap() <= figures["bound_ms"].as_f64().unwrap() + 1e-6);
+    let output = torture(&["bench", "--ticks", "2000", "--json", "-"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON alone on standard output");
+    assert!(figures["smooth_us"]["p50"].as_f64().unwrap() > 0.0);
+}

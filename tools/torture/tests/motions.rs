@@ -1,0 +1,28 @@
+//! Recorded motions through every stage, where they are there.
+
+use pipeline::Overrides;
+use std::path::Path;
+use torture::machine::cores;
+use torture::motions::play;
+use torture::parallel::in_parallel;
+
+/// Of every so many files one is played here; the command plays all.
+const EVERY: usize = 12;
+
+#[test]
+fn recorded_motions_break_nothing() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let folder = root.join("../shared/motions/cmu");
+    if !folder.exists() {
+        eprintln!("skipped: {} is not there", folder.display());
+        return;
+    }
+    let loaded = pipeline::load(&root.join("config/teleop.toml"), Overrides::default()).unwrap();
+    let files: Vec<_> = motion::motion_files(&folder).unwrap().into_iter().step_by(EVERY).collect();
+    assert!(!files.is_empty());
+    for played in in_parallel(cores(), files.len(), |i| play(&loaded, &files[i])) {
+        assert_eq!(played.violations_total(), 0, "{played:?}");
+        assert_eq!(played.failed, None, "{played:?}");
+        assert!(played.duration_s > 3.0 && played.min_clearance_mm >= loaded.model.d_min_m * 1e3 - 1e-6, "{played:?}");
+    }
+}
