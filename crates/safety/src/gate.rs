@@ -10,6 +10,8 @@
 //! was and the limit, and the least clearance may be what it was at the last command, at the recovery's speed at most.
 
 #[cfg(test)]
+mod boundaries;
+#[cfg(test)]
 mod ceilings;
 mod check;
 mod fixed;

@@ -74,7 +74,7 @@ fn checks_at_the_ceilings_fit_their_types() {
         .into_iter()
         .flat_map(|q| around(MOTION, true).into_iter().map(move |v| (q, v)))
         .flat_map(|(q, v)| around(ACCELERATION, true).into_iter().map(move |a| Point { q, v, a }))
-        .step_by(7)
+        .step_by(13)
         .collect();
     for limits in [widest, least] {
         for last in &points {

@@ -16,10 +16,10 @@ pub(super) const SLACK: i64 = 64;
 
 /// What may be left of velocity and acceleration when a plan ends, in units: 9.5e-7 rad/s and rad/s^2, a hundred
 /// thousandth of the change of one tick at 10 rad/s^2 or 320 rad/s^3. The joint is then at rest by definition.
-pub(super) const REST_SLACK: i64 = 1 << 20;
+const REST_SLACK: i64 = 1 << 20;
 
 /// Jerk is judged by the change of acceleration over a tick; rounding of its two ends, in units of jerk.
-pub(super) const JERK_SLACK: i64 = 1500 * SLACK;
+const JERK_SLACK: i64 = 1500 * SLACK;
 
 /// What a joint's command fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -153,8 +153,8 @@ impl Limits {
         if speed_scale >= 1.0 {
             return Ok(());
         }
-        // NaN becomes zero: nothing may get faster.
-        let share = if speed_scale > 0.0 { (speed_scale * self.v as f64) as i64 } else { 0 };
+        // NaN becomes zero, too: nothing may get faster.
+        let share = (speed_scale.max(0.0) * self.v as f64) as i64;
         let slower = next.v.abs() <= share + SLACK || next.v.abs() <= last.v.abs() + SLACK;
         if slower { Ok(()) } else { Err(Check::SpeedScale) }
     }

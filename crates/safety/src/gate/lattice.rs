@@ -7,31 +7,87 @@
 //! does so by far more than the rounding that is granted, or by a turning point; whatever lies within 8 units of the
 //! slack is counted as undecided, and there must be next to none of it.
 
-use super::check::{Check, JERK_SLACK, Limits, REST_SLACK, SLACK};
+use super::check::{Check, Limits};
 use super::fixed::{Phase, Point, TICK};
 
 /// Units a step of the lattice has: halves and sixths of it are whole, and half a step of velocity is no rest.
 const STEP: i128 = 6144;
 /// Ticks per second.
 const HZ: i128 = 1500;
+/// What the gate grants, units: `check::SLACK`, and a tick of jerk of it, written out a second time.
+const SLACK: i64 = 64;
+const JERK_SLACK: i128 = 96_000;
 /// What the gate's arithmetic may be off by, units.
 const ROUNDING: i128 = 8;
 
 /// Limits in steps of the lattice: few enough that everything binds within a tick or two.
-const Q: i128 = 4;
-const V: i128 = 3;
-const A: i128 = 3;
-const J: i128 = 2;
-/// Longest stop, ticks.
-const STOP: i128 = 5;
+struct Bounds {
+    q: i128,
+    v: i128,
+    a: i128,
+    j: i128,
+    /// Longest stop, ticks.
+    stop: i128,
+}
 
-fn limits() -> Limits {
-    Limits {
-        q: [gate(-Q * STEP), gate(Q * STEP)],
-        v: gate(V * STEP * HZ),
-        a: gate(A * STEP * HZ * HZ),
-        jerk: gate(J * STEP * HZ * HZ * HZ),
-        stop: TICK * gate(STOP),
+/// Jerk and velocity bind before acceleration does.
+const STRONG: Bounds = Bounds { q: 4, v: 3, a: 3, j: 2, stop: 5 };
+/// Acceleration binds.
+const WEAK: Bounds = Bounds { q: 4, v: 3, a: 1, j: 2, stop: 5 };
+
+impl Bounds {
+    fn limits(&self) -> Limits {
+        Limits {
+            q: [gate(-self.q * STEP), gate(self.q * STEP)],
+            v: gate(self.v * STEP * HZ),
+            a: gate(self.a * STEP * HZ * HZ),
+            jerk: gate(self.j * STEP * HZ * HZ * HZ),
+            stop: TICK * gate(self.stop),
+        }
+    }
+
+    /// Which limits of position, velocity and acceleration a stretch breaks when `grant` units are granted to each.
+    fn broken(&self, x: State, j: i128, end: i128, grant: i128) -> [bool; 3] {
+        let both = |holds: fn(State, i128, i128, i128) -> bool, most: i128| {
+            holds(x, j, end, most + grant) && holds(x.mirrored(), -j, end, most + grant)
+        };
+        let a_most = self.a * STEP * HZ * HZ + grant;
+        let a_holds = [x.a, x.a + j * end].iter().all(|a| (a * HZ * HZ).abs() <= a_most);
+        [!both(position_stays_below, self.q * STEP), !both(velocity_stays_below, self.v * STEP * HZ), !a_holds]
+    }
+
+    /// What the step from `last` to `next` fails, when `grant` units are granted, and next is not the plan's point.
+    fn step_fails(&self, last: State, next: Point, grant: i128) -> [(Check, bool); 5] {
+        let (q, v, a) = (i128::from(next.q), i128::from(next.v), i128::from(next.a));
+        let change = (a - last.a * HZ * HZ) * HZ;
+        // The acceleration of `next` may be off the lattice by less than a hundred units: 0.03 units of velocity.
+        let j = (change as f64 / (STEP * HZ * HZ * HZ) as f64).round() as i128 * STEP;
+        let exact = last.after(j, 1);
+        let slack = i128::from(SLACK);
+        let is_step = (q - exact.q).abs() <= slack && (v - exact.v * HZ).abs() <= slack;
+        let [q_on_the_way, v_on_the_way, _] = self.broken(last, j, 1, grant);
+        [
+            (Check::Position, q.abs() > self.q * STEP + slack || is_step && q_on_the_way),
+            (Check::Velocity, v.abs() > self.v * STEP * HZ + slack || is_step && v_on_the_way),
+            (Check::Acceleration, a.abs() > self.a * STEP * HZ * HZ + slack),
+            (Check::Jerk, change.abs() > self.j * STEP * HZ * HZ * HZ + JERK_SLACK),
+            (Check::Step, !is_step),
+        ]
+    }
+
+    /// What a stop fails when `grant` units are granted, and where it rests.
+    fn stop_fails(&self, start: State, phases: &[(i128, i128); 3], grant: i128) -> ([(Check, bool); 2], State) {
+        let mut x = start;
+        let mut leaves = false;
+        for (j, ticks) in phases.iter().filter(|(_, ticks)| *ticks > 0) {
+            let [q, v, _] = self.broken(x, j * STEP, *ticks, grant);
+            // The acceleration that the stop begins with is the command's, and judged as such.
+            x = x.after(j * STEP, *ticks);
+            leaves |= j.abs() > self.j || q || v || x.a.abs() > self.a * STEP;
+        }
+        let late = phases.iter().map(|(_, ticks)| ticks).sum::<i128>() > self.stop;
+        let rests = x.v == 0 && x.a == 0;
+        ([(Check::PlanLimits, leaves), (Check::Braking, late || !rests)], x)
     }
 }
 
@@ -105,16 +161,6 @@ fn velocity_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
     ends_hold && (!peaks || HZ * (2 * -j * x.v + x.a * x.a) <= 2 * -j * most)
 }
 
-/// Which checks a stretch fails when `grant` units are granted to each limit.
-fn broken(x: State, j: i128, end: i128, grant: i128) -> [bool; 3] {
-    let both = |holds: fn(State, i128, i128, i128) -> bool, most: i128| {
-        holds(x, j, end, most + grant) && holds(x.mirrored(), -j, end, most + grant)
-    };
-    let a_most = A * STEP * HZ * HZ + grant;
-    let a_holds = [x.a, x.a + j * end].iter().all(|a| (a * HZ * HZ).abs() <= a_most);
-    [!both(position_stays_below, Q * STEP), !both(velocity_stays_below, V * STEP * HZ), !a_holds]
-}
-
 /// Agreement of a verdict with what is broken for certain and what may be broken; counts what is undecided.
 #[derive(Debug, Default)]
 struct Tally {
@@ -141,40 +187,21 @@ impl Tally {
     }
 }
 
-/// What the step from `last` to `next` fails, when `grant` units are granted, and next is not the plan's point.
-fn step_fails(last: State, next: Point, grant: i128) -> [(Check, bool); 5] {
-    let (q, v, a) = (i128::from(next.q), i128::from(next.v), i128::from(next.a));
-    let a_before = last.a * HZ * HZ;
-    let jerk_is_broken = ((a - a_before) * HZ).abs() > J * STEP * HZ * HZ * HZ + i128::from(JERK_SLACK);
-    // The acceleration of `next` may be off the lattice by less than a hundred units, which is 0.03 units of velocity.
-    let j = ((a - a_before) as f64 / (STEP * HZ * HZ) as f64).round() as i128 * STEP;
-    let exact = last.after(j, 1);
-    let is_step = (q - exact.q).abs() <= i128::from(SLACK) && (v - exact.v * HZ).abs() <= i128::from(SLACK);
-    let [within_q, within_v, _] = broken(last, j, 1, grant);
-    let slack = i128::from(SLACK);
-    [
-        (Check::Position, q.abs() > Q * STEP + slack || is_step && within_q),
-        (Check::Velocity, v.abs() > V * STEP * HZ + slack || is_step && within_v),
-        (Check::Acceleration, a.abs() > A * STEP * HZ * HZ + slack),
-        (Check::Jerk, jerk_is_broken),
-        (Check::Step, !is_step),
-    ]
-}
-
-/// Every state, and every next one: halves of velocity and sixths of position included.
+/// Every state, and every next one that a tick could lead to: halves of velocity and sixths of position included.
 #[test]
 fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
-    let limits = limits();
+    let limits = STRONG.limits();
     // A plan that leads elsewhere, so that nothing passes for being on it.
     let elsewhere = State::steps(50, 0, 0).point();
     let mut tally = Tally::default();
     for (q, v, a, a_next) in states().flat_map(|(q, v, a)| (-5..=5).map(move |a_next| (q, v, a, a_next))) {
         let last = State::steps(q, v, a);
-        for (halves, sixths) in (-8..=8).flat_map(|h| (-30..=30).map(move |s| (h, s))) {
-            let next = State { q: sixths * STEP / 6, v: halves * STEP / 2, a: a_next * STEP }.point();
+        for (halves, sixths) in (-7..=7).flat_map(|h| (-12..=12).map(move |s| (h, s))) {
+            // Around where the last velocity alone leads: from where nothing is beyond the limits to where all is.
+            let next = State { q: (6 * (q + v) + sixths) * STEP / 6, v: halves * STEP / 2, a: a_next * STEP }.point();
             let got = limits.step(last.point(), next, elsewhere);
-            let surely = step_fails(last, next, i128::from(SLACK) + ROUNDING);
-            let maybe = step_fails(last, next, i128::from(SLACK) - ROUNDING);
+            let surely = STRONG.step_fails(last, next, i128::from(SLACK) + ROUNDING);
+            let maybe = STRONG.step_fails(last, next, i128::from(SLACK) - ROUNDING);
             tally.note(got, &surely, &maybe, "a step");
         }
     }
@@ -190,7 +217,7 @@ fn states() -> impl Iterator<Item = (i128, i128, i128)> {
 /// The slack of every comparison, to the unit: the steps of the lattice moved by up to 65 units.
 #[test]
 fn every_comparison_grants_the_slack_and_not_a_unit_more() {
-    let limits = limits();
+    let limits = STRONG.limits();
     let elsewhere = State::steps(50, 0, 0).point();
     let mut tally = Tally::default();
     let moves = [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1];
@@ -201,8 +228,8 @@ fn every_comparison_grants_the_slack_and_not_a_unit_more() {
             let [dq, dv, da] = [n % 5, n / 5 % 5, n / 25].map(|n| moves[n]);
             let next = Point { q: exact.q + dq, v: exact.v + dv, a: exact.a + da };
             let got = limits.step(last.point(), next, elsewhere);
-            let surely = step_fails(last, next, i128::from(SLACK) + ROUNDING);
-            let maybe = step_fails(last, next, i128::from(SLACK) - ROUNDING);
+            let surely = STRONG.step_fails(last, next, i128::from(SLACK) + ROUNDING);
+            let maybe = STRONG.step_fails(last, next, i128::from(SLACK) - ROUNDING);
             tally.note(got, &surely, &maybe, "a moved step");
         }
     }
@@ -213,7 +240,7 @@ fn every_comparison_grants_the_slack_and_not_a_unit_more() {
 /// A point of the plan needs no admissible jerk, but to be within the limits and near the plan.
 #[test]
 fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
-    let limits = limits();
+    let limits = STRONG.limits();
     let last = State::steps(0, 0, 0).point();
     let moves = [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1];
     for (q, v, a) in states() {
@@ -225,100 +252,43 @@ fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
             let within = next.q.abs() <= limits.q[1] + SLACK
                 && next.v.abs() <= limits.v + SLACK
                 && next.a.abs() <= limits.a + SLACK;
-            let rest_of_the_lattice_is_a_step = step_fails(State::steps(0, 0, 0), next, 0).iter().all(|(_, bad)| !bad);
+            let rest_of_the_lattice_is_a_step =
+                STRONG.step_fails(State::steps(0, 0, 0), next, 0).iter().all(|(_, bad)| !bad);
             let got = limits.step(last, next, on_plan);
             assert_eq!(got.is_ok(), within && (near || rest_of_the_lattice_is_a_step), "{next:?} {on_plan:?} {got:?}");
         }
     }
 }
 
-/// What the stop fails when `grant` units are granted, and where it rests.
-fn stop_fails(start: State, phases: &[(i128, i128); 3], grant: i128) -> ([(Check, bool); 2], State) {
-    let mut x = start;
-    let mut leaves = false;
-    for (j, ticks) in phases.iter().filter(|(_, ticks)| *ticks > 0) {
-        // The acceleration that the stop begins with is the command's, and judged as such.
-        let from = State { a: x.a.clamp(-A * STEP, A * STEP), ..x };
-        let [q, v, _] = broken(x, j * STEP, *ticks, grant);
-        let end = x.after(j * STEP, *ticks);
-        leaves |= j.abs() > J || q || v || end.a.abs() > A * STEP || (from != x && x != start);
-        x = end;
-    }
-    let late = phases.iter().map(|(_, ticks)| ticks).sum::<i128>() > STOP;
-    let rests = x.v == 0 && x.a == 0;
-    ([(Check::PlanLimits, leaves), (Check::Braking, late || !rests)], x)
-}
-
 /// Every stop of three phases from every state.
 #[test]
 fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
-    let limits = limits();
-    let mut tally = Tally::default();
-    let phases: Vec<(i128, i128)> = (-3..=3).flat_map(|j| (0..=2).map(move |ticks| (j, ticks))).collect();
-    for (q, v, a) in states() {
-        let start = State::steps(q, v, a);
-        let point = start.point();
-        for n in 0..phases.len().pow(3) {
-            let stop = [n % phases.len(), n / phases.len() % phases.len(), n / phases.len().pow(2)].map(|n| phases[n]);
-            let quantised =
-                stop.map(|(j, ticks)| Phase { jerk: gate(j * STEP * HZ * HZ * HZ), duration: TICK * gate(ticks) });
-            let got = limits.stop(point, &quantised);
-            let (surely, rest) = stop_fails(start, &stop, i128::from(SLACK) + ROUNDING);
-            let (maybe, _) = stop_fails(start, &stop, i128::from(SLACK) - ROUNDING);
-            tally.note(got.map(|_| ()), &surely, &maybe, "a stop");
-            assert!(got.is_err() || (i128::from(got.unwrap_or(0)) - rest.q).abs() <= ROUNDING, "{got:?} {rest:?}");
-        }
-    }
-    println!("{tally:?}");
-    assert!(tally.admitted > 1000 && tally.denied.len() == 2 && tally.undecided == 0, "{tally:?}");
-}
-
-/// Rest, the length of a stop and the limits on its way, to the unit.
-#[test]
-fn what_a_stop_is_granted_is_exact() {
-    let limits = limits();
-    let none = [Phase::default(); 3];
-    for sign in [-1, 1] {
-        for (left, rests) in [(0, true), (REST_SLACK, true), (REST_SLACK + 1, false)] {
-            for point in [Point { q: 5, v: sign * left, a: 0 }, Point { q: 5, v: 0, a: sign * left }] {
-                assert_eq!(limits.stop(point, &none), rests.then_some(5).ok_or(Check::Braking), "{point:?}");
+    for (bounds, longest) in [(STRONG, 2), (WEAK, 1)] {
+        let limits = bounds.limits();
+        let mut tally = Tally::default();
+        // Up to the highest jerk for one or two ticks, more than that for one, and far more for none.
+        let phases: Vec<(i128, i128)> = (-bounds.j..=bounds.j)
+            .flat_map(|j| (1..=longest).map(move |ticks| (j, ticks)))
+            .chain([(bounds.j + 1, 1), (-bounds.j - 1, 1), (9, 0)])
+            .collect();
+        let count = phases.len();
+        for (q, v, a) in states() {
+            let start = State::steps(q, v, a);
+            let point = start.point();
+            for n in 0..count.pow(3) {
+                let stop = [n % count, n / count % count, n / count.pow(2)].map(|n| phases[n]);
+                let quantised =
+                    stop.map(|(j, ticks)| Phase { jerk: gate(j * STEP * HZ * HZ * HZ), duration: TICK * gate(ticks) });
+                let got = limits.stop(point, &quantised);
+                let (surely, rest) = bounds.stop_fails(start, &stop, i128::from(SLACK) + ROUNDING);
+                let (maybe, _) = bounds.stop_fails(start, &stop, i128::from(SLACK) - ROUNDING);
+                tally.note(got.map(|_| ()), &surely, &maybe, "a stop");
+                assert!(got.is_err() || (i128::from(got.unwrap_or(0)) - rest.q).abs() <= ROUNDING, "{got:?} {rest:?}");
             }
         }
-        let still = Point { q: limits.q[1] * sign + sign * SLACK, v: 0, a: 0 };
-        let waiting = |duration: i64, jerk: i64| [Phase { jerk, duration }, Phase::default(), Phase::default()];
-        assert_eq!(limits.stop(still, &waiting(limits.stop, 0)), Ok(still.q));
-        assert_eq!(limits.stop(still, &waiting(limits.stop + 1, 0)), Err(Check::Braking));
-        let beyond = Point { q: still.q + sign, ..still };
-        assert_eq!(limits.stop(beyond, &waiting(limits.stop, 0)), Err(Check::PlanLimits));
-        // A nanosecond of it leaves too little to see; the jerk is judged all the same.
-        let centre = Point::default();
-        let most = sign * (limits.jerk + SLACK);
-        assert_eq!(limits.stop(centre, &waiting(1, most)), Ok(0));
-        assert_eq!(limits.stop(centre, &waiting(1, most + sign)), Err(Check::PlanLimits));
-        assert_eq!(limits.stop(centre, &waiting(0, most + sign)), Ok(0), "no time, no jerk");
+        println!("{tally:?}");
+        assert!(tally.admitted > 100 && tally.denied.len() == 2 && tally.undecided == 0, "{tally:?}");
     }
-}
-
-/// Share of the velocity limit, every pair of velocities, both signs, to the unit.
-#[test]
-fn the_permitted_share_of_speed_is_exact() {
-    let limits = limits();
-    let point = |v: i64| Point { q: 0, v, a: 0 };
-    for eighths in 0..=8 {
-        let share = limits.v * eighths / 8;
-        for last in (-8..=8).map(|n| limits.v * n / 8) {
-            for next in (-8..=8).flat_map(|n| [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1].map(|d| limits.v * n / 8 + d)) {
-                let got = limits.slow(point(last), point(next), eighths as f64 / 8.0);
-                let may = eighths == 8 || next.abs() <= share + SLACK || next.abs() <= last.abs() + SLACK;
-                assert_eq!(got, if may { Ok(()) } else { Err(Check::SpeedScale) }, "{eighths} {last} {next}");
-            }
-        }
-    }
-    for scale in [f64::NAN, -1.0, f64::NEG_INFINITY, 0.0, f64::MIN_POSITIVE] {
-        assert_eq!(limits.slow(point(100), point(-100 - SLACK), scale), Ok(()));
-        assert_eq!(limits.slow(point(100), point(101 + SLACK), scale), Err(Check::SpeedScale));
-    }
-    assert_eq!(limits.slow(point(0), point(i64::MAX / 4), f64::INFINITY), Ok(()));
 }
 
 /// The judge itself, against a dense walk.

@@ -7,7 +7,7 @@ use robot::{Frames, Model, Pose};
 use safety::engage::Permit;
 use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
 
-use super::motion::{GRANTED, Joint, T, joint, play, set_joint, stop_from, stop_of, store, wrong};
+use super::motion::{GRANTED, Joint, Stop, T, joint, play, set_joint, stop_from, stop_of, store, wrong};
 
 /// What came of it.
 #[derive(Clone, Debug, Default)]
@@ -23,6 +23,24 @@ pub struct Report {
     /// Denials, other than for clearance, of proposals that nobody damaged: there must be none.
     pub honest_denied: u64,
     pub violations: Vec<String>,
+}
+
+impl Report {
+    /// Adds what another attack came to.
+    pub fn add(&mut self, other: &Self) {
+        for (sum, count) in [
+            (&mut self.ticks, other.ticks),
+            (&mut self.accepted, other.accepted),
+            (&mut self.on_plan, other.on_plan),
+            (&mut self.denied, other.denied),
+            (&mut self.damaged, other.damaged),
+            (&mut self.clearance, other.clearance),
+            (&mut self.honest_denied, other.honest_denied),
+        ] {
+            *sum += count;
+        }
+        self.violations.extend_from_slice(&other.violations);
+    }
 }
 
 pub struct Adversary {
@@ -62,7 +80,7 @@ impl Adversary {
             if self.rng.random_bool(0.005) {
                 self.push[j] = [-1.0, 1.0, -0.3, 0.3, 0.0][self.rng.random_range(0..5)];
             }
-            let (on_plan, rest) = (play(x, &before, T), rest_of(&before));
+            let (on_plan, rest) = (play(x, &before, T), after(&before, T));
             let (mut chosen, mut stop) = (on_plan, rest);
             let wish = self.push[j] * l.j_max;
             // The wish, then what brings the acceleration to it slower, then none, then against it.
@@ -118,6 +136,7 @@ impl Adversary {
         }
         let decision = tick(&self.config, &mut self.state, Stamp(0), proposed);
         let index_ok = proposed.k == self.k + 1;
+        self.judge_as_a_whole(&last, &proposed, &decision);
         self.k = self.k.max(proposed.k);
         self.report.ticks += 1;
         match decision.verdict {
@@ -144,6 +163,30 @@ impl Adversary {
         })
     }
 
+    /// All joints do the same: they follow the proposal, or all of them play what was left of the stored plan, for as
+    /// many ticks as have passed.
+    fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
+        let passed = proposed.k.saturating_sub(self.k) as f64 * T;
+        for j in 0..JOINTS {
+            let got = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
+            let (expected, plan) = if sent.accepted() {
+                // A joint without any stop left is at rest by definition.
+                let stop = stop_of(&proposed.plan, j);
+                (play(joint(proposed, j), &stop, 0.0), stop)
+            } else {
+                let stop = stop_of(&last.plan, j);
+                (play(joint(last, j), &stop, passed), after(&stop, passed))
+            };
+            let rest = play(got, &stop_of(&sent.plan, j), 1e3).q - play(expected, &plan, 1e3).q;
+            // NaN is not near.
+            let near = [got.q - expected.q, got.v - expected.v, got.a - expected.a, rest];
+            if !near.iter().all(|difference| difference.abs() <= GRANTED) {
+                let at = self.report.ticks;
+                self.report.violations.push(format!("tick {at} joint {j} goes its own way: {last:?} {sent:?}"));
+            }
+        }
+    }
+
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
         let mut rest = [0.0; JOINTS];
         for (j, rest) in rest.iter_mut().enumerate() {
@@ -168,9 +211,9 @@ impl Adversary {
     }
 }
 
-/// What is left of a stop after a tick.
-fn rest_of(stop: &super::motion::Stop) -> super::motion::Stop {
-    let mut left = T;
+/// What is left of a stop after `t`.
+fn after(stop: &Stop, t: f64) -> Stop {
+    let mut left = t;
     stop.map(|(jerk, duration)| {
         let t = left.min(duration);
         left -= t;

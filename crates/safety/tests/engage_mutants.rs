@@ -1,0 +1,123 @@
+//! Figures of the state machine at their edges: what a slip of one sign or one comparison would change.
+
+mod support;
+
+use messages::{Fault, Mode, Stamp, deadline};
+use safety::engage::{Config, Output, Permit};
+use support::{Alive, Bench, settings, ticks};
+
+/// Ticks until the mode is `mode` with all real-time patience multiplied by `factor`.
+fn patience(factor: f64, mode: Mode, fail: impl Fn(&mut Bench)) -> u64 {
+    let mut bench = Bench::engaged();
+    bench.config = Config::relaxed(&settings(), factor).expect("allowed");
+    fail(&mut bench);
+    bench.until(mode, 10_000)
+}
+
+#[test]
+fn patience_grows_with_the_factor_where_it_may() {
+    type Fail = fn(&mut Bench);
+    let relaxed: [(f64, Mode, Fail); 3] = [
+        (settings().target_stale_ms, Mode::Holding, |bench| bench.alive.target = false),
+        (settings().state_late_ms, Mode::Holding, |bench| bench.alive.state = false),
+        (settings().state_stale_ms, Mode::Faulted, |bench| bench.alive.state = false),
+    ];
+    for (ms, mode, fail) in relaxed {
+        for factor in [1.0, 10.0] {
+            let (took, most) = (patience(factor, mode, fail), ticks((ms * factor) as u64));
+            assert!(took >= most - 2 && took <= most + 5, "{ms} ms times {factor}: {took} ticks, expected {most}");
+        }
+    }
+    let never_relaxed: Fail = |bench| bench.input.robot.tracking_error_rad = 0.1;
+    assert_eq!(patience(1.0, Mode::Faulted, never_relaxed), patience(10.0, Mode::Faulted, never_relaxed));
+}
+
+#[test]
+fn missed_deadlines_are_counted_with_the_factor() {
+    for (factor, missed, stops) in [(1.0, 9, false), (1.0, 10, true), (10.0, 99, false), (10.0, 100, true)] {
+        let mut bench = Bench::engaged();
+        bench.config = Config::relaxed(&settings(), factor).expect("allowed");
+        bench.input.deadlines_missed = missed;
+        assert_eq!(bench.step().active.has(Fault::DeadlineMissed), stops, "{missed} with {factor}");
+    }
+}
+
+#[test]
+fn a_permit_tells_its_share_of_speed() {
+    assert_eq!(Permit::Follow { speed_scale: 0.25 }.speed_scale(), 0.25);
+    assert_eq!(Permit::Stop.speed_scale(), 0.0);
+}
+
+#[test]
+fn who_was_never_seen_is_not_late_and_tells_nothing() {
+    let mut bench = Bench::new();
+    (bench.alive.target, bench.alive.input, bench.alive.state) = (false, false, false);
+    (bench.input.target.config_matches, bench.input.robot.config_matches) = (false, false);
+    (bench.input.target.input_fresh, bench.input.target.implausible) = (false, true);
+    (bench.input.robot.outside_limits, bench.input.robot.in_collision) = (true, true);
+    (bench.input.robot.collision_near, bench.input.robot.driver_fault) = (true, true);
+    bench.input.robot.tracking_error_rad = f64::NAN;
+    for _ in 0..ticks(1000) {
+        let active = bench.step().active;
+        let named: Vec<Fault> = active.iter().collect();
+        assert_eq!(named, [Fault::NoRobotState, Fault::NoTarget]);
+    }
+}
+
+/// Steps in which stream `n` (target, input, state, heartbeat) is always `age_ns` old when it is judged.
+fn always_as_old(bench: &mut Bench, n: usize, age_ns: u64, count: u64) -> Output {
+    let [target, input, state, heartbeat] = std::array::from_fn(|stream| stream != n);
+    bench.alive = Alive { target, input, state, heartbeat };
+    let mut out = None;
+    for _ in 0..count {
+        let at = Stamp(deadline(bench.input.k + 1).0 - age_ns);
+        let (target, robot, operator) = (&mut bench.input.target, &mut bench.input.robot, &mut bench.input.operator);
+        match n {
+            0 => target.received = at,
+            1 => target.input_received = at,
+            2 => robot.received = at,
+            _ => operator.heartbeat_received = at,
+        }
+        out = Some(bench.step());
+    }
+    out.expect("at least a step")
+}
+
+/// Ages are exact: a message that is as old as allowed when it comes in is not stale, one nanosecond more is.
+#[test]
+fn every_age_is_allowed_to_the_nanosecond() {
+    let ns = |ms: f64| (ms * 1e6) as u64;
+    let streams = [
+        (0, ns(settings().target_stale_ms), Fault::TargetStale),
+        (1, ns(settings().input_stale_ms), Fault::InputStale),
+        (2, ns(settings().state_late_ms), Fault::StateLate),
+        (2, ns(settings().state_stale_ms), Fault::StateStale),
+    ];
+    for (n, most_ns, fault) in streams {
+        for (age_ns, stale) in [(most_ns, false), (most_ns + 1, true)] {
+            let active = always_as_old(&mut Bench::new(), n, age_ns, 20).active;
+            assert_eq!(active.has(fault), stale, "{fault:?} at {age_ns} ns");
+        }
+    }
+    let most_ns = ns(settings().operator_silent_ms);
+    for (age_ns, mode) in [(most_ns, Mode::Engaging), (most_ns + 1, Mode::Disengaged)] {
+        let mut bench = Bench::new();
+        always_as_old(&mut bench, 3, age_ns, ticks(200) + 1);
+        bench.press();
+        assert_eq!(always_as_old(&mut bench, 3, age_ns, 1).mode, mode, "a heartbeat {age_ns} ns ago");
+    }
+}
+
+/// A tick that comes late by its whole length is charged in full, a longer sleep is not.
+#[test]
+fn two_ticks_are_charged_and_no_more() {
+    for (gap_ns, most) in [(666_667, 16), (1_333_333, 9), (50_000_000, 9)] {
+        let mut bench = Bench::engaged();
+        bench.alive.target = false;
+        let took = (1..100).find(|_| {
+            bench.input.own_gap_ns = gap_ns;
+            bench.step().mode == Mode::Holding
+        });
+        assert!(took.is_some_and(|took| took >= most - 2 && took <= most + 1), "{gap_ns}: {took:?}");
+    }
+}
