@@ -155,8 +155,12 @@ fn an_override_may_only_tighten() {
     let model = load(&with("velocity_max_m_per_s = 0.05\nposition_max_m = 0.345"), URDF).unwrap();
     assert_eq!((model.limits[0].v_max, model.limits[0].q_max), (0.05, 0.345));
     assert_eq!(model.urdf_limits[0].v_max, 0.07);
-    let slow =
-        edit(TOML, "[limits.arm_1_to_4]", "acceleration_max_rad_per_s2 = 8.0", "acceleration_max_rad_per_s2 = 4.0");
-    // 2.35 / 4 + 4 / 320 = 0.6 s for joint 3.
-    refused(&slow, URDF, &["arm_left_3_joint", "stop time", "600", "500"]);
+    let joint = |old: &str, new: &str| edit(TOML, "[tighten.arm_left_3_joint]", old, new);
+    let slow = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_rad_per_s2 = 1.0 #");
+    // 0.82 / 1 + 1 / 320 = 0.8 s for joint 3.
+    refused(&slow, URDF, &["arm_left_3_joint", "stop time", "823", "500"]);
+    let strong = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_rad_per_s2 = 8.5 #");
+    refused(&strong, URDF, &["arm_left_3_joint", "acceleration_max_rad_per_s2", "8.5", "at most 8"]);
+    let metres = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_m_per_s2 = 1.0 #");
+    refused(&metres, URDF, &["arm_left_3_joint", "wrong unit"]);
 }

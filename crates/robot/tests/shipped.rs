@@ -96,8 +96,9 @@ fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
         assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
         assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());
     }
-    assert_eq!(model.limits[3].a_max, 8.0);
-    assert_eq!(model.limits[9].j_max, 400.0);
+    // The group's ceiling, tightened for the joint by what its motor can give.
+    assert_eq!((model.limits[1].a_max, model.limits[3].a_max), (10.0, 2.63));
+    assert_eq!((model.limits[3].v_max, model.limits[3].j_max, model.limits[9].j_max), (0.68, 320.0, 400.0));
     assert!((model.limits[3].q_max - (FRAC_PI_2 - 0.02)).abs() < 1e-15);
 }
 

@@ -1,5 +1,13 @@
-//! `collision fit` writes the capsules of a robot file; `collision check` verifies them.
+//! Makes and checks what a robot file says beyond its URDF. For the shipped robots, where the manufacturer's meshes are:
+//!
+//! ```text
+//! collision fit --urdf tiago_dual.urdf --meshes meshes --out config/robots/tiago_dual.toml
+//! collision check --urdf tiago_dual.urdf --meshes meshes
+//! collision limits config/robots/tiago_dual.toml
+//! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
+//! ```
 
+mod command_draw;
 mod command_limits;
 
 use clap::{Parser, Subcommand};
@@ -7,12 +15,12 @@ use collision::check::{capsules_in_frame, collision_share, reasons, sticks_out_m
 use collision::error::{CollisionError, read_text};
 use collision::plan::{Plan, SIDE};
 use collision::scene::Scene;
-use collision::write::{Judge, fit_all, robot_file};
+use collision::write::{Judge, Named, fit_all, robot_file};
 use robot::{AllowedReason, Frames, Model};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Fits and checks the capsules of a robot file.
+/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, draws it.
 #[derive(Parser)]
 #[command(version, about)]
 struct Arguments {
@@ -37,22 +45,25 @@ enum Command {
     },
     /// Torques by inverse dynamics at the limits in force, or the accelerations that the motors can give everywhere.
     Limits(command_limits::Limits),
+    /// Draws front and side view, capsules over the points of meshes or primitives, as PNG or SVG.
+    Draw(command_draw::Draw),
 }
 
 #[derive(clap::Args)]
 struct Source {
-    /// URDF whose links have the meshes or primitives; may be the manufacturer's, if links and joints agree.
-    #[arg(long)]
-    urdf: PathBuf,
+    /// URDF whose links have the meshes or primitives; may be the manufacturer's, if links and joints agree. Another one
+    /// adds the links that those before it do not have.
+    #[arg(long, required = true)]
+    urdf: Vec<PathBuf>,
     /// Folder of the meshes: what follows `/meshes/` in the URDF's file names is looked up in it.
     #[arg(long)]
     meshes: Option<PathBuf>,
     /// Robot file; names the URDF whose limits and kinematics count.
     #[arg(long, default_value = "config/robots/tiago_dual.toml")]
     robot: PathBuf,
-    /// Which links share capsules, and how many.
-    #[arg(long, default_value = "tools/collision/plans/tiago_dual.toml")]
-    plan: PathBuf,
+    /// Which links share capsules, and how many; without it each link with shapes gets one capsule, whatever the side.
+    #[arg(long)]
+    plan: Option<PathBuf>,
 }
 
 /// sysexits: the input's data is wrong; and the exit code of a check that failed.
@@ -64,6 +75,7 @@ fn main() -> ExitCode {
         Command::Fit { source, out } => fit(&source, out.as_deref()),
         Command::Check { source } => check(&source),
         Command::Limits(options) => command_limits::limits(&options),
+        Command::Draw(options) => command_draw::draw(&options),
     };
     match done {
         Ok(true) => ExitCode::SUCCESS,
@@ -85,11 +97,34 @@ struct Texts {
 
 fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let name = |path: &Path| path.display().to_string();
-    let plan = Plan::parse(&name(&source.plan), &read_text(&source.plan)?)?;
-    let shapes = urdf_rs::read_from_string(&read_text(&source.urdf)?)
-        .map_err(|error| CollisionError::content(name(&source.urdf), error.to_string()))?;
+    let shapes = parse_all(&source.urdf)?;
+    let plan = match &source.plan {
+        Some(path) => Plan::parse(&name(path), &read_text(path)?)?,
+        None => Plan::of_links(&shapes),
+    };
     let (toml, urdf) = robot_texts(&source.robot)?;
     Ok(Texts { plan, shapes, toml, urdf })
+}
+
+/// The first URDF, with the links and joints of the others that it lacks.
+fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
+    let mut merged: Option<urdf_rs::Robot> = None;
+    for path in paths {
+        let robot = urdf_rs::read_from_string(&read_text(path)?)
+            .map_err(|error| CollisionError::content(path.display().to_string(), error.to_string()))?;
+        merged = Some(match merged {
+            None => robot,
+            Some(mut first) => {
+                let new = |child: &str| !first.links.iter().any(|link| link.name == child);
+                let joints: Vec<_> = robot.joints.into_iter().filter(|joint| new(&joint.child.link)).collect();
+                let links: Vec<_> = robot.links.into_iter().filter(|link| new(&link.name)).collect();
+                first.joints.extend(joints);
+                first.links.extend(links);
+                first
+            }
+        });
+    }
+    merged.ok_or_else(|| CollisionError::content("arguments", "--urdf is missing"))
 }
 
 /// Name and text of a robot file and of the URDF that it asks for.
@@ -115,6 +150,15 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
             capsule.volume_ratio
         );
     }
+    for link in links(&capsules) {
+        let of = |capsule: &&Named| link.is_none_or(|link| capsule.link == link);
+        let (mut capsule_m3, mut hull_m3) = (0.0, 0.0);
+        for capsule in capsules.iter().filter(of).filter(|capsule| capsule.volume_ratio.is_finite()) {
+            capsule_m3 += capsule.volume_m3;
+            hull_m3 += capsule.volume_m3 / capsule.volume_ratio;
+        }
+        eprintln!("{:24} volume ratio {:.2}", link.unwrap_or("total"), capsule_m3 / hull_m3);
+    }
     let mut ratios: Vec<f64> = capsules.iter().map(|capsule| capsule.volume_ratio).collect();
     ratios.sort_by(f64::total_cmp);
     eprintln!("{} capsules, median volume ratio {:.2}", ratios.len(), ratios[ratios.len() / 2]);
@@ -132,6 +176,14 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     // Last, so that a refused file can be looked at.
     summary(&Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?);
     Ok(true)
+}
+
+/// The links that carry capsules, then `None` for all of them.
+fn links(capsules: &[Named]) -> Vec<Option<&str>> {
+    let mut links: Vec<Option<&str>> = capsules.iter().map(|capsule| Some(capsule.link.as_str())).collect();
+    links.dedup();
+    links.push(None);
+    links
 }
 
 fn check(source: &Source) -> Result<bool, CollisionError> {

@@ -1,4 +1,4 @@
-//! Reads what is needed of collision meshes: triangles of binary STL and of COLLADA.
+//! Reads what is needed of collision meshes: triangles of STL (binary and text), of Wavefront OBJ and of COLLADA.
 
 use crate::error::{CollisionError, read};
 use nalgebra::Vector3;
@@ -18,13 +18,74 @@ pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
     let name = path.display().to_string();
     let bytes = read(path)?;
     match path.extension().and_then(|extension| extension.to_str()) {
+        Some("stl" | "STL") if is_text_stl(&bytes) => text_stl(&name, &text(&name, &bytes)?),
         Some("stl" | "STL") => stl(&name, &bytes),
-        Some("dae" | "DAE") => {
-            let text = std::str::from_utf8(&bytes).map_err(|_| CollisionError::content(&name, "is not UTF-8 text"))?;
-            dae(&name, text)
-        }
-        _ => Err(CollisionError::content(name, "only .stl (binary) and .dae are read")),
+        Some("obj" | "OBJ") => obj(&name, &text(&name, &bytes)?),
+        Some("dae" | "DAE") => dae(&name, &text(&name, &bytes)?),
+        _ => Err(CollisionError::content(name, "only .stl, .obj and .dae are read")),
     }
+}
+
+fn text(name: &str, bytes: &[u8]) -> Result<String, CollisionError> {
+    String::from_utf8(bytes.to_vec()).map_err(|_| CollisionError::content(name, "is not UTF-8 text"))
+}
+
+/// Both kinds of STL may start with `solid`; only text has facets, and its length fits no count.
+fn is_text_stl(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(1_000)];
+    head.starts_with(b"solid") && head.windows(5).any(|word| word == b"facet")
+}
+
+/// Text STL: three lines `vertex x y z` for each facet.
+fn text_stl(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
+    let mut corners = Points::new();
+    for line in text.lines() {
+        if let Some(rest) = line.trim().strip_prefix("vertex ") {
+            corners.push(triple(rest).map_err(|cause| CollisionError::content(name, cause))?);
+        }
+    }
+    if corners.is_empty() || corners.len() % 3 != 0 {
+        return Err(CollisionError::content(
+            name,
+            format!("has {} vertices, must be three for each facet", corners.len()),
+        ));
+    }
+    finite(name, corners.chunks(3).map(<[_]>::to_vec).collect())
+}
+
+fn triple(text: &str) -> Result<Vector3<f64>, String> {
+    match numbers::<f64>(text)?.as_slice() {
+        [x, y, z, ..] => Ok(Vector3::new(*x, *y, *z)),
+        _ => Err(format!("`{text}` must be three numbers")),
+    }
+}
+
+/// Wavefront OBJ: `v x y z`, and `f` with indices of corners from 1, or from the end if negative; whatever follows a `/`
+/// is texture and normal. Faces are cut into fans; lines and points are left out.
+fn obj(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
+    let wrong = |cause: String| CollisionError::content(name, cause);
+    let (mut vertices, mut triangles) = (Points::new(), Vec::new());
+    for line in text.lines() {
+        match line.trim().split_once(char::is_whitespace) {
+            Some(("v", rest)) => vertices.push(triple(rest).map_err(wrong)?),
+            Some(("f", rest)) => {
+                let corner = |word: &str| {
+                    let index: i64 = word.split('/').next()?.parse().ok()?;
+                    let at = if index < 0 { vertices.len() as i64 + index } else { index - 1 };
+                    vertices.get(usize::try_from(at).ok()?).copied()
+                };
+                let face: Option<Points> = rest.split_ascii_whitespace().map(corner).collect();
+                let face = face.ok_or_else(|| wrong(format!("face `{rest}` points nowhere")))?;
+                let fan = face.windows(2).skip(1).map(|edge| vec![face[0], edge[0], edge[1]]);
+                triangles.extend(fan);
+            }
+            _ => {}
+        }
+    }
+    if triangles.is_empty() {
+        return Err(wrong("holds no faces".into()));
+    }
+    finite(name, triangles)
 }
 
 /// Binary STL: 80 bytes, a count, then 50 bytes per triangle (normal, three corners as f32, two bytes).

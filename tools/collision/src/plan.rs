@@ -88,6 +88,28 @@ pub struct Finger {
 }
 
 impl Plan {
+    /// One capsule for each link that has shapes, with the margins of the shipped plans.
+    pub fn of_links(urdf: &urdf_rs::Robot) -> Self {
+        let group = |link: &urdf_rs::Link| Group {
+            name: link.name.clone(),
+            frame: link.name.clone(),
+            parts: vec![Part { link: link.name.clone(), elements: None, below: false }],
+            capsules: 1,
+            slimness: 0.0,
+            cuts: Vec::new(),
+        };
+        let groups = urdf.links.iter().filter(|link| !link.collision.is_empty()).map(group).collect();
+        Self {
+            margin_mm: 2.0,
+            clear_mm: 12.0,
+            clear_hull_mm: 10.0,
+            clear_close_mm: 0.5,
+            close: Vec::new(),
+            groups,
+            fingers: Vec::new(),
+        }
+    }
+
     /// How far apart the hulls of two capsules' contents must be proved to stay, mm.
     pub fn hull_bound_mm(&self, a: &str, b: &str) -> f64 {
         let named = |[x, y]: &[String; 2], side: &str| {

@@ -182,6 +182,11 @@ impl<'a> Scene<'a> {
         }))
     }
 
+    /// All corners of a link's shapes in the link's frame.
+    pub fn points(&self, link: &str) -> Result<Points, CollisionError> {
+        Ok(self.shapes(link, None)?.into_iter().flatten().collect())
+    }
+
     /// Polygons of a link's collision elements in the link's frame.
     fn shapes(&self, link: &str, elements: Option<&[usize]>) -> Result<Vec<Points>, CollisionError> {
         let found = self.robot.links.iter().find(|known| known.name == link);

@@ -27,6 +27,8 @@ pub struct Named {
     pub shape: Shape,
     /// Volume of the capsule without margin over the volume of the convex hull inside.
     pub volume_ratio: f64,
+    /// Volume of the capsule without margin, m^3.
+    pub volume_m3: f64,
     /// What it contains, in the frame of the link.
     pub matter: Matter,
 }
@@ -50,7 +52,8 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
                 let shape = Shape { a, b, radius_m };
                 let volume_ratio = ratio(&cell.matter.points(), &cell.shape);
                 let matter = cell.matter.map(|point| place(*point));
-                capsules.push(Named { name, link: group.frame.replace(SIDE, side), shape, volume_ratio, matter });
+                let (link, volume_m3) = (group.frame.replace(SIDE, side), cell.shape.volume_m3());
+                capsules.push(Named { name, link, shape, volume_ratio, volume_m3, matter });
             }
         }
     }

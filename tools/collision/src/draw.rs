@@ -1,0 +1,107 @@
+//! Front and side view of a robot: capsules over the corners of what they contain.
+
+use crate::error::CollisionError;
+use crate::fit::Shape;
+use crate::mesh::Points;
+use nalgebra::Vector3;
+use plotters::prelude::*;
+use robot::{Frames, Model, Pose};
+use std::path::Path;
+
+/// Size of the picture, pixels.
+const SIZE: (u32, u32) = (1_600, 900);
+/// What is left free around the robot, m.
+const FREE_M: f64 = 0.1;
+/// Corners of a half circle.
+const CORNERS: usize = 16;
+/// More points than this are thinned out.
+const POINTS_MAX: usize = 40_000;
+
+/// Points of a link, in the frame of the link.
+pub struct Cloud {
+    /// The link.
+    pub link: String,
+    /// Its points.
+    pub points: Points,
+}
+
+/// The outline of a capsule, seen along an axis: a stadium, or a circle where it is seen from its end.
+fn outline(ends: [(f64, f64); 2], radius: f64) -> Vec<(f64, f64)> {
+    let [(ax, ay), (bx, by)] = ends;
+    let heading = if ax == bx && ay == by { 0.0 } else { (by - ay).atan2(bx - ax) };
+    let half = |(x, y): (f64, f64), from: f64| {
+        (0..=CORNERS).map(move |i| {
+            let (sin, cos) = (from + std::f64::consts::PI * i as f64 / CORNERS as f64).sin_cos();
+            (x + radius * cos, y + radius * sin)
+        })
+    };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    half((bx, by), heading - quarter).chain(half((ax, ay), heading + quarter)).collect()
+}
+
+/// The two views: from the front (y to the left of the robot, which is the right of the picture's viewer, and z) and from
+/// its right side (x and z).
+const VIEWS: [fn(&Vector3<f64>) -> (f64, f64); 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
+
+/// Draws the robot in the posture `q` into a file, by its ending a PNG or an SVG.
+pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
+    let mut frames = Frames::default();
+    model.forward(q, &mut frames);
+    let place = |body: usize, point: &Vector3<f64>| frames.base_from_body[body].transform_point(point);
+    let capsules: Vec<Shape> = model
+        .capsules
+        .iter()
+        .map(|c| Shape { a: place(c.body, &c.a), b: place(c.body, &c.b), radius_m: c.radius_m })
+        .collect();
+    let mut points = Points::new();
+    for cloud in clouds {
+        let pose: Option<Pose> = model.link_pose(&frames, &cloud.link);
+        points.extend(pose.iter().flat_map(|pose| cloud.points.iter().map(|point| pose.transform_point(point))));
+    }
+    let points: Points = points.iter().step_by(points.len() / POINTS_MAX + 1).copied().collect();
+    let failed = |cause: String| CollisionError::content(out.display().to_string(), cause);
+    match out.extension().and_then(|extension| extension.to_str()) {
+        Some("svg") => views(&SVGBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),
+        Some("png") => views(&BitMapBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),
+        _ => Err(failed("must end in .png or .svg".into())),
+    }
+}
+
+fn views<B: DrawingBackend>(
+    area: &DrawingArea<B, plotters::coord::Shift>,
+    capsules: &[Shape],
+    points: &[Vector3<f64>],
+) -> Result<(), String> {
+    let failed = |error: DrawingAreaErrorKind<B::ErrorType>| error.to_string();
+    area.fill(&WHITE).map_err(failed)?;
+    let (left, right) = area.split_horizontally(SIZE.0 / 2);
+    for (panel, view) in [left, right].iter().zip(VIEWS) {
+        let outlines: Vec<Vec<(f64, f64)>> =
+            capsules.iter().map(|c| outline([view(&c.a), view(&c.b)], c.radius_m)).collect();
+        let all = outlines.iter().flatten();
+        let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
+        for (x, y) in all {
+            (low, high) = ((low.0.min(*x), low.1.min(*y)), (high.0.max(*x), high.1.max(*y)));
+        }
+        // One scale for both directions, and the robot in the middle.
+        let (w, h) = panel.dim_in_pixel();
+        let scale =
+            ((high.0 - low.0 + 2.0 * FREE_M) / f64::from(w)).max((high.1 - low.1 + 2.0 * FREE_M) / f64::from(h));
+        let middle = (0.5 * (low.0 + high.0), 0.5 * (low.1 + high.1));
+        let pixel = |(x, y): (f64, f64)| {
+            let across = (x - middle.0) / scale + 0.5 * f64::from(w);
+            let down = 0.5 * f64::from(h) - (y - middle.1) / scale;
+            (across.round() as i32, down.round() as i32)
+        };
+        for point in points {
+            panel.draw(&Circle::new(pixel(view(point)), 1, BLACK.mix(0.35).filled())).map_err(failed)?;
+        }
+        for line in &outlines {
+            let corners: Vec<(i32, i32)> = line.iter().map(|corner| pixel(*corner)).collect();
+            panel.draw(&Polygon::new(corners.clone(), BLUE.mix(0.08))).map_err(failed)?;
+            let closed: Vec<(i32, i32)> = corners.iter().chain(corners.first()).copied().collect();
+            panel.draw(&PathElement::new(closed, BLUE.mix(0.6).stroke_width(1))).map_err(failed)?;
+        }
+    }
+    area.present().map_err(failed)
+}
