@@ -31,7 +31,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 20] = [
     ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
-    ("collision", &["robot"]),
+    ("collision", &["messages", "robot"]),
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
