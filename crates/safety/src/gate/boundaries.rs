@@ -215,3 +215,20 @@ fn limits_are_taken_to_the_unit_or_refused() {
         assert!(matches!(refused, Err(ConfigError::Limit { limit, .. }) if limit == name), "{name}: {refused:?}");
     }
 }
+
+/// A recovery widens the range to where the joint was, and no further; it never widens the speed.
+#[test]
+fn a_recovery_reaches_from_where_the_joint_was() {
+    let slow = LIMITS.v / 10;
+    for sign in [-1, 1] {
+        let edge = LIMITS.q[1];
+        for beyond in [-10, 0, SLACK - 1, SLACK, SLACK + 1, 1 << 38] {
+            let last = Point { q: sign * (edge + beyond), v: 0, a: 0 };
+            let limits = LIMITS.recovering(last, slow);
+            let far = (edge + beyond - SLACK).max(edge);
+            assert_eq!(limits.q, if sign > 0 { [-edge, far] } else { [-far, edge] }, "{beyond}");
+            assert_eq!((limits.v, limits.a, limits.jerk, limits.stop), (slow, LIMITS.a, LIMITS.jerk, LIMITS.stop));
+            assert_eq!(LIMITS.recovering(last, 2 * LIMITS.v).v, LIMITS.v);
+        }
+    }
+}

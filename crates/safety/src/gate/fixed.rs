@@ -30,7 +30,7 @@
 //! | slope = 6 v + (2 a + a') t / 2^48 | `reaching` | 2^58 | `i64` |
 //! | slope t | `reaching` | 2^110 | `i128` |
 //! | x - y of two points | `is_near` | 2^53 + 2 | `i64` |
-//! | a 2^48 | `crossing` | 2^100 + 2^48; the quotient is clamped to the duration | `i128` |
+//! | a 2^48 | `turn` | 2^100 + 2^48; the quotient is clamped to the duration | `i128` |
 //! | low + (high - low) / 2 | `note_turn` | T | `i64` |
 //! | limit + slack | `check` | 2^60 + 96,000 | `i64` |
 //! | (a' - a) 1500 | `Limits::step` | (2^53 + 2) 1500 < 2^64, as `i64` once within the jerk limit | `i128` |
@@ -140,27 +140,22 @@ impl Point {
 }
 
 impl Phase {
-    /// When, within the phase, a quantity that starts at `value` and changes at the jerk crosses zero.
-    fn crossing(self, a: i64, end: i64) -> Option<i64> {
-        let crosses = (a < 0 && end > 0) || (a > 0 && end < 0);
-        (crosses && self.jerk != 0)
-            .then(|| ((-i128::from(a) << TIME_BITS) / i128::from(self.jerk)).clamp(0, i128::from(self.duration)) as i64)
+    /// When, within the phase, the acceleration that begins at `a` is zero, or nearest to it.
+    fn turn(self, a: i64) -> i64 {
+        let turn = (-i128::from(a) << TIME_BITS).checked_div(i128::from(self.jerk)).unwrap_or(0);
+        turn.clamp(0, i128::from(self.duration)) as i64
     }
 
     /// Where the phase leads from `start`, and how far it reaches on the way: velocity is extreme at the ends and where
     /// the acceleration is zero, position at the ends and where the velocity is.
     pub(super) fn play(self, start: Point) -> (Point, Extremes) {
         let end = start.after(self.jerk, self.duration);
-        let mut extremes = Extremes { q: sorted(start.q, end.q), v: sorted(start.v, end.v) };
-        match self.crossing(start.a, end.a) {
-            None => extremes.note_turn(start, self.jerk, [0, self.duration], [start.v, end.v]),
-            Some(turn) => {
-                let v = start.after(self.jerk, turn).v;
-                extremes.v = [extremes.v[0].min(v), extremes.v[1].max(v)];
-                extremes.note_turn(start, self.jerk, [0, turn], [start.v, v]);
-                extremes.note_turn(start, self.jerk, [turn, self.duration], [v, end.v]);
-            }
-        }
+        let turn = self.turn(start.a);
+        let v = start.after(self.jerk, turn).v;
+        let [least, most] = sorted(start.v, end.v);
+        let mut extremes = Extremes { q: sorted(start.q, end.q), v: [least.min(v), most.max(v)] };
+        extremes.note_turn(start, self.jerk, [0, turn], [start.v, v]);
+        extremes.note_turn(start, self.jerk, [turn, self.duration], [v, end.v]);
         (end, extremes)
     }
 }

@@ -77,7 +77,8 @@ impl Adversary {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
             let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.model.limits[j]);
-            if self.rng.random_bool(0.005) {
+            // Every second or so: long enough to get anywhere in the range, and to the edge of it.
+            if self.rng.random_bool(0.001) {
                 self.push[j] = [-1.0, 1.0, -0.3, 0.3, 0.0][self.rng.random_range(0..5)];
             }
             let (on_plan, rest) = (play(x, &before, T), after(&before, T));

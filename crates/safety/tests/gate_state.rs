@@ -1,0 +1,182 @@
+//! What the gate says of itself: the state last sent, the figures of a decision, and the unit of every denial.
+
+mod support;
+
+use messages::{JOINTS, Stamp};
+use safety::clearance::clearance;
+use safety::engage::Permit;
+use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
+use support::model;
+use support::motion::{Joint, NO_PLAN, T, joint, play, resting, set_joint, stop_from, stop_of, store};
+
+/// All joints in motion, each in its own way, with the stops from there.
+fn moving(model: &robot::Model, k: u64) -> Proposed {
+    let mut p = resting(k, model.home);
+    for j in 0..JOINTS {
+        let l = &model.limits[j];
+        let share = 0.02 + 0.01 * j as f64;
+        let x = Joint { q: model.home[j], v: -share * l.v_max, a: share * l.a_max };
+        set_joint(&mut p, j, x);
+        store(&mut p.plan, j, &stop_from(x, l.a_max, l.j_max));
+    }
+    p
+}
+
+fn seeded(p: &Proposed) -> State {
+    let mut state = State::at_rest([0.0; JOINTS]);
+    state.reseed(&p.q, &p.v, &p.a, &p.plan);
+    state
+}
+
+/// As `p` a tick later: every joint goes on with zero jerk.
+fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
+    let mut next = Proposed { k: p.k + 1, ..*p };
+    for j in 0..JOINTS {
+        let l = &model.limits[j];
+        let to = joint(p, j).after(0.0, T);
+        set_joint(&mut next, j, to);
+        store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+    }
+    next
+}
+
+#[test]
+fn the_state_is_what_was_sent_last() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let seed = moving(&model, 5);
+    let mut state = seeded(&seed);
+    let is_at = |state: &State, p: &Proposed| {
+        let (q, v, a, plan) = (state.q(), state.v(), state.a(), state.plan());
+        for j in 0..JOINTS {
+            assert!((q[j] - p.q[j]).abs() < 1e-11 && (v[j] - p.v[j]).abs() < 1e-11 && (a[j] - p.a[j]).abs() < 1e-11);
+            for (got, expected) in stop_of(&plan, j).into_iter().zip(stop_of(&p.plan, j)) {
+                assert!((got.0 - expected.0).abs() < 1e-11 && (got.1 - expected.1).abs() < 1e-13);
+            }
+        }
+    };
+    is_at(&state, &seed);
+    let next = going_on(&model, &seed);
+    let decision = tick(&config, &mut state, Stamp(0), next);
+    assert_eq!((decision.verdict, state.denials()), (Verdict::Accept, 0));
+    is_at(&state, &next);
+    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+    let expected = clearance(&model, &mut frames, &next.q).distance_m;
+    assert!((decision.clearance_m - expected).abs() < 1e-12, "of the command, not of where it rests");
+
+    // Three denials: three ticks of the stored plan, and no clearance is taken.
+    for n in 1..=3 {
+        let bad = Proposed { k: next.k + n, q: [f64::NAN; JOINTS], ..next };
+        let decision = tick(&config, &mut state, Stamp(0), bad);
+        assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
+        assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
+        for j in 0..JOINTS {
+            let expected = play(joint(&next, j), &stop_of(&next.plan, j), n as f64 * T);
+            assert!((state.q()[j] - expected.q).abs() < 1e-10 && (state.v()[j] - expected.v).abs() < 1e-10);
+            assert_eq!((decision.q[j], decision.v[j], decision.a[j]), (state.q()[j], state.v()[j], state.a()[j]));
+        }
+    }
+}
+
+/// The plan is played for all ticks that have passed since the last one.
+#[test]
+fn what_comes_late_finds_the_plan_played_on() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let first = moving(&model, 5);
+    for late in [2, 3, 40, 400] {
+        let mut state = seeded(&first);
+        let next = going_on(&model, &first);
+        assert!(tick(&config, &mut state, Stamp(0), next).accepted());
+        let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
+        assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
+        for j in 0..JOINTS {
+            let expected = play(joint(&next, j), &stop_of(&next.plan, j), late as f64 * T);
+            assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
+        }
+        // An index that has passed does not play the plan any further, or back.
+        let before = state.q();
+        let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k, ..next });
+        assert_eq!((decision.verdict, decision.q), (Verdict::Deny(Denial::Index), before));
+    }
+}
+
+/// All seventeen joints count: one of them off its plan is a new motion, and one wrong joint denies all.
+#[test]
+fn every_joint_counts() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let seed = moving(&model, 5);
+    for j in 0..JOINTS {
+        let mut on_plan = Proposed { k: seed.k + 1, permit: Permit::Stop, ..seed };
+        let mut state = seeded(&seed);
+        // What the gate itself would send is the plan's next point.
+        let plan = tick(&config, &mut state.clone(), Stamp(0), Proposed { q: [f64::NAN; JOINTS], ..on_plan });
+        (on_plan.q, on_plan.v, on_plan.a, on_plan.plan) = (plan.q, plan.v, plan.a, plan.plan);
+        assert_eq!(tick(&config, &mut state.clone(), Stamp(0), on_plan).verdict, Verdict::OnPlan);
+        let mut off = on_plan;
+        off.v[j] += 1e-9;
+        assert_eq!(tick(&config, &mut state.clone(), Stamp(0), off).verdict, Verdict::Deny(Denial::Permit), "{j}");
+        let mut longer = on_plan;
+        longer.plan.duration_s[j] = [0.1; 3];
+        assert_eq!(tick(&config, &mut state.clone(), Stamp(0), longer).verdict, Verdict::Deny(Denial::Permit), "{j}");
+        let mut wrong = going_on(&model, &seed);
+        wrong.v[j] += 1e-9;
+        let decision = tick(&config, &mut state, Stamp(0), wrong);
+        assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: j, check: Check::Step }));
+        assert_eq!((decision.q, decision.v), (plan.q, plan.v), "joint {j} denies all");
+    }
+}
+
+/// A seed that does not come to rest is refused as a whole, whichever joint it is; a place to rest need not be home.
+#[test]
+fn a_seed_is_taken_or_refused_as_a_whole() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let seed = moving(&model, 5);
+    for j in 0..JOINTS {
+        let mut state = seeded(&seed);
+        let mut endless = seed;
+        endless.plan.duration_s[j] = [0.0; 3];
+        state.reseed(&endless.q, &endless.v, &endless.a, &endless.plan);
+        let next = going_on(&model, &seed);
+        assert_eq!(tick(&config, &mut state, Stamp(0), next).verdict, Verdict::Deny(Denial::Seed), "{j}");
+    }
+    let mut nowhere = model.home;
+    nowhere[7] = f64::NAN;
+    let mut state = State::at_rest(nowhere);
+    assert_eq!((state.q()[7], state.q()[0], state.plan()), (0.0, State::at_rest(model.home).q()[0], NO_PLAN));
+    let resting = resting(1, state.q());
+    let verdict = tick(&config, &mut state, Stamp(0), resting).verdict;
+    assert_eq!(verdict, Verdict::Deny(Denial::Seed), "nothing passes before a position that is one");
+}
+
+/// A recovery from too close may leave the least clearance as it is: a joint that has no part in it may move.
+#[test]
+fn a_recovery_may_leave_the_least_clearance_as_it_is() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+    let mut found = 0;
+    for j in 3..JOINTS {
+        for step in -100..100 {
+            let mut q = model.home;
+            q[j] += f64::from(step) * 0.02;
+            let (l, least) = (&model.limits[j], clearance(&model, &mut frames, &q));
+            let inside = q[j] > l.q_min && q[j] < l.q_max;
+            if !inside || !(0.001..model.d_min_m - 0.001).contains(&least.distance_m) {
+                continue;
+            }
+            let (head, limits) = (2, &model.limits[2]);
+            let to = Joint { q: q[head], v: 0.0, a: 0.0 }.after(10.0, T);
+            let mut next = Proposed { permit: Permit::Recover, ..resting(1, q) };
+            set_joint(&mut next, head, to);
+            store(&mut next.plan, head, &stop_from(to, limits.a_max, limits.j_max));
+            if clearance(&model, &mut frames, &next.q).distance_m == least.distance_m {
+                assert_eq!(tick(&config, &mut State::at_rest(q), Stamp(0), next).verdict, Verdict::Accept);
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 0, "some posture is too close, and not by the head");
+}
