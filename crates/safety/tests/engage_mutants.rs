@@ -121,3 +121,34 @@ fn two_ticks_are_charged_and_no_more() {
         assert!(took.is_some_and(|took| took >= most - 2 && took <= most + 1), "{gap_ns}: {took:?}");
     }
 }
+
+/// A lesser tracking error is borne for as long as it says, and not a tick longer.
+#[test]
+fn a_tracking_error_is_borne_to_the_nanosecond() {
+    let mut bench = Bench::engaged();
+    bench.input.robot.tracking_error_rad = 0.1;
+    let most = settings().tracking_error_ms as u64;
+    for n in 1..=most + 1 {
+        bench.input.own_gap_ns = 1_000_000;
+        assert_eq!(bench.step().active.has(Fault::TrackingError), n > most, "after {n} ms");
+    }
+}
+
+/// Each writer is known by itself; a client that is gone is no stranger.
+#[test]
+fn every_writer_is_known_by_itself() {
+    type Change = fn(&mut Bench);
+    let changes: [(Change, bool); 5] = [
+        (|_| (), false),
+        (|bench| bench.input.target.incarnation += 1, true),
+        (|bench| bench.input.robot.incarnation += 1, true),
+        (|bench| bench.input.target.session_nonce += 1, true),
+        (|bench| bench.input.target.session_nonce = 0, false),
+    ];
+    for (n, (change, strange)) in changes.into_iter().enumerate() {
+        let mut bench = Bench::engaged();
+        change(&mut bench);
+        assert_eq!(bench.step().active.has(Fault::WriterRestarted), strange, "change {n}");
+        assert!(!bench.step().active.has(Fault::WriterRestarted), "known from the next tick on");
+    }
+}
