@@ -149,7 +149,8 @@ fn the_gate_denies_what_leads_into_the_table() {
         model.forward(&q, &mut frames);
         least_m = least_m.min(model.obstacle_clearance(&frames).0);
     }
-    assert!(gate_state.denials() > 0 && least_m < model.d_min_m + 0.02, "{} denials", gate_state.denials());
+    assert!(gate_state.denials() > 0, "never denied anything, {least_m} m");
+    assert!(least_m >= model.d_min_m, "{least_m} m");
 }
 
 #[test]

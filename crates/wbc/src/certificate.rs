@@ -1,10 +1,16 @@
-//! Proof that a planned motion keeps every checked pair apart at every instant, not only at samples.
+//! Proof that a planned motion keeps every checked pair, and capsules and obstacles, apart at every instant, not only at
+//! samples.
 //!
 //! # Derivation
 //!
 //! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the
 //! distance of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the
-//! joints that move both alike drop out.
+//! joints that move both alike drop out. Both axes are segments, so min and max are at their ends.
+//!
+//! *Obstacles.* Planes and boxes are fixed to the base (body 0), and each is paired with every capsule that any joint
+//! moves; the common body is then the base. For a box with centre c, rotation R and half lengths h, max over B of n.x =
+//! n.c + sum_i |(R^T n)_i| h_i. For a half-space n.x <= o only its own normal has a separation, min over A of n.x - o -
+//! r_A, which is the distance itself. An obstacle does not move: B_B = 0 and L_B = 0 below.
 //!
 //! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s)
 //! / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at
@@ -16,7 +22,9 @@
 //!          (S0 + S1) / 2 - c - (S1 - S0)^2 / (16 c)      else, with c = B dt^2 / 8
 //! ```
 //!
-//! which is at least min(S0, S1) - B dt^2 / 8, and lets a motion begin at d_min if it leads away.
+//! which is at least min(S0, S1) - B dt^2 / 8, and lets a motion begin at d_min if it leads away. Two n are tried, those
+//! between the closest points at t0 and at t1. Any n is sound, so it does not matter that near parallel axes these
+//! points are ill-conditioned: their distance is never used, only the separation along n.
 //!
 //! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
 //! distance of the point from the joint's axis over all configurations, see
@@ -30,16 +38,39 @@
 //! B   = sum_k R_k a_k + sum_k R_k v_k (w_k + 2 sum_{i<k} w_i)
 //! ```
 //!
-//! A prismatic joint after revolute ones thus adds 2 v_p times the sum of their speeds. Over the part of the chain that
-//! begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s, and
+//! A prismatic joint after revolute ones thus adds 2 v_p times the sum of their speeds; one before them adds a_p alone.
+//! Over the part of the chain that begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s, and
 //! B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an axis, and points between them are
-//! convex combinations, so R_k is the larger of the two ends'.
+//! convex combinations, so R_k is the larger of the two ends'. Each side takes the s that follows the common body.
+//!
+//! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in between;
+//! |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8 (its chord), the lesser
+//! of which is added. See [`JointMotion::swing`](crate::motion::JointMotion::swing).
 //!
 //! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k (of both
-//! sides); a pair with more to spare than that needs no further proof.
+//! sides); a pair with more to spare than that needs no further proof. L_k is v_k dt on a segment. For the whole motion
+//! it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, in which that is exact; pieces are split
+//! where the acceleration vanishes, and a piece in which the velocity changes its sign counts max |v| dt, which is more
+//! than its path. (The difference of the positions at the ends of a tick alone could fall short of the path by what a
+//! reversal inside it hides, up to J h^3 / 8; no such difference is taken.) What is culled by starts from the anchor's
+//! separation, which is one along an n or the distance of bounding spheres, never more than the distance.
 //!
-//! Segments are halved until they are safe, and the motion is rejected once they are shorter than 1.5 ms or after 80
-//! evaluations of the kinematics. A pair that no new joint moves keeps the proof of the plan it continues.
+//! *Interface.* A robot that executes the command with skewed delays and through splines may come closer than the
+//! command. Where it is told so, the certificate adds the [`deviation`](crate::interface) to d_min: in each segment with
+//! v_k and a_k from above, at its ends with speed and acceleration there. It is a function of the command at that instant
+//! alone, so it changes nothing in what follows. A recovery, which is slow and starts below d_min, leaves it out.
+//!
+//! *Rounding.* Separations are sums of products of numbers below 4 m, off by less than 1e-14 m; positions of the plan
+//! are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour: what is proved is proved anew from the
+//! present state whenever a joint takes a decision. Commands keep 1 um more than the model's d_min, which holds all of
+//! that and the rounding of the gate, whose clearance is computed by other code.
+//!
+//! *Induction.* At rest with clearance the constant plan is certified. A motion is accepted if it is proved from now to
+//! rest, and then its remainder is proved too, tick by tick, because the proof covers every instant; if it is not, the
+//! remainder of the last accepted one is played. A pair that no fresh joint moves keeps the proof of that one.
+//!
+//! Segments are halved until they are safe, and the motion is rejected once they would be shorter than 1.5 ms or after
+//! 80 evaluations of the kinematics: fewer proofs, never false ones.
 
 use crate::chain::{JointSet, Placement, Placements};
 use crate::clearance::Anchor;
@@ -135,6 +166,8 @@ pub(crate) struct Scratch {
     segment: u64,
     evaluations: u32,
     blamed: usize,
+    /// Whether the deviation of the robot's interface counts.
+    deviates: bool,
 }
 
 impl Scratch {
@@ -150,6 +183,7 @@ impl Scratch {
             segment: 0,
             evaluations: 0,
             blamed: 0,
+            deviates: false,
         }
     }
 }
@@ -172,8 +206,10 @@ pub(crate) fn certify(
     anchor: &Anchor,
     scratch: &mut Scratch,
 ) -> Verdict {
+    scratch.deviates = true;
     let mut proof = Proof { geometry, motion, floors, s: scratch };
     let safe = proof.whole(fresh, anchor);
+    scratch.deviates = false;
     Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
 }
 
@@ -218,6 +254,11 @@ fn lowest(from: f64, to: f64, sag: f64) -> f64 {
     if rise.abs() >= 4.0 * sag { from.min(to) } else { 0.5 * (from + to) - sag - rise * rise / (16.0 * sag) }
 }
 
+#[inline]
+fn speed(x: &JointState) -> [f64; 2] {
+    [x.v.abs(), x.a.abs()]
+}
+
 struct Proof<'a> {
     geometry: &'a Geometry,
     motion: &'a Motion,
@@ -240,8 +281,9 @@ impl Proof<'_> {
                 continue;
             }
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;
-            let (floor, rest_floor) = (self.floors)(self.geometry.d_min_m, anchor.separation[i]);
-            if anchor.separation[i] - path >= rest_floor + CULL_MARGIN_M {
+            let left = anchor.separation[i] - self.deviation(i, |j| speed(&self.motion.joints[j].at(0.0)));
+            let (floor, rest_floor) = (self.floors)(self.geometry.d_min_m, left);
+            if anchor.separation[i] - path - self.largest_deviation(i) >= rest_floor + CULL_MARGIN_M {
                 continue;
             }
             if self.s.top == ENTRIES {
@@ -260,7 +302,7 @@ impl Proof<'_> {
             for side in [1, 0] {
                 let Entry { pair, floor, rest_floor, .. } = self.s.entries[e];
                 let (n, sep) = self.direction(side, pair);
-                if sep < if side == 1 { rest_floor } else { floor } {
+                if sep - self.deviation_at(side, pair) < if side == 1 { rest_floor } else { floor } {
                     return self.blame(pair);
                 }
                 self.s.entries[e].n[side] = n;
@@ -287,7 +329,7 @@ impl Proof<'_> {
         for e in first..kept {
             let entry = self.s.entries[e];
             let (n, sep) = self.direction(middle, entry.pair);
-            if sep < entry.floor {
+            if sep - self.deviation_at(middle, entry.pair) < entry.floor {
                 return self.blame(entry.pair);
             }
             // The right half waits in place while the left half is proved on top of it.
@@ -336,16 +378,38 @@ impl Proof<'_> {
         let pair = &self.geometry.pairs[entry.pair];
         let (curve_a, path_a) = self.reach(pair.a);
         let (curve_b, path_b) = self.reach(pair.b);
-        if entry.sep[0].max(entry.sep[1]) - (path_a + path_b) >= entry.floor + CULL_MARGIN_M {
+        let floor = entry.floor + self.deviation(entry.pair, |j| [self.s.swings[j].v, self.s.swings[j].a]);
+        if entry.sep[0].max(entry.sep[1]) - (path_a + path_b) >= floor + CULL_MARGIN_M {
             return true;
         }
         let sag = (curve_a + curve_b) * dt * dt / 8.0;
         let other = self.separation_along(to, entry.pair, &entry.n[0]);
-        if lowest(entry.sep[0], other, sag) >= entry.floor {
+        if lowest(entry.sep[0], other, sag) >= floor {
             return true;
         }
         let other = self.separation_along(from, entry.pair, &entry.n[1]);
-        lowest(other, entry.sep[1], sag) >= entry.floor
+        lowest(other, entry.sep[1], sag) >= floor
+    }
+
+    /// What the robot's interface may take from a pair while `speed` bounds the joints, m.
+    #[inline]
+    fn deviation(&self, pair: usize, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
+        match &self.geometry.deviation {
+            Some(deviation) if self.s.deviates => deviation.of(self.geometry, &self.geometry.pairs[pair], speed),
+            _ => 0.0,
+        }
+    }
+
+    #[inline]
+    fn deviation_at(&self, node: usize, pair: usize) -> f64 {
+        self.deviation(pair, |j| speed(&self.s.nodes[node].x[j]))
+    }
+
+    fn largest_deviation(&self, pair: usize) -> f64 {
+        match &self.geometry.deviation {
+            Some(deviation) if self.s.deviates => deviation.largest(self.geometry, &self.geometry.pairs[pair]),
+            _ => 0.0,
+        }
     }
 
     fn begin_segment(&mut self) {

@@ -2,6 +2,7 @@
 
 use crate::chain::Chain;
 use crate::geometry::{BodyCapsule, Geometry};
+use crate::interface::Interface;
 use crate::interval::Bounds;
 use messages::JOINTS;
 use robot::Solid;
@@ -70,27 +71,43 @@ pub enum WbcError {
         /// The bound.
         bound: usize,
     },
+    /// An interface that no robot has, or whose deviation is too large.
+    #[error("interface: {key} = {value}, must be 0 to {bound}")]
+    Interface {
+        /// Which figure.
+        key: &'static str,
+        /// Its value, SI.
+        value: f64,
+        /// The bound.
+        bound: f64,
+    },
     /// The distance to keep is not a positive length.
     #[error("d_min_m = {0}, must be finite and above zero")]
     Clearance(f64),
 }
 
 /// Switches. The default is what a robot runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     certificate: bool,
+    interface: Interface,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { certificate: true }
+        Self { certificate: true, interface: Interface::default() }
     }
 }
 
 impl Options {
     /// Without the certificate, so that a test can show that it is what prevents collisions.
     pub fn without_certificate_for_tests() -> Self {
-        Self { certificate: false }
+        Self { certificate: false, ..Self::default() }
+    }
+
+    /// For a robot that executes the commands through `interface`.
+    pub fn interface(self, interface: Interface) -> Self {
+        Self { interface, ..self }
     }
 }
 
@@ -166,7 +183,8 @@ impl Config {
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
             home: parts.home,
             geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
-                .with_obstacles(&parts.obstacles)?,
+                .with_obstacles(&parts.obstacles)?
+                .with_interface(&options.interface, &parts.limits)?,
             tasks: parts.tasks,
             certificate: options.certificate,
         })

@@ -3,6 +3,8 @@
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::config::WbcError;
+use crate::interface::{Deviation, Interface};
+use crate::interval::Bounds;
 use crate::motion::Swing;
 use crate::solid;
 use messages::JOINTS;
@@ -104,6 +106,8 @@ pub struct Geometry {
     pub(crate) shapes: Vec<Shape>,
     pub(crate) pairs: Vec<CheckedPair>,
     obstacles: Vec<Solid>,
+    /// What the robot's interface may take from a pair; none if it executes what is commanded.
+    pub(crate) deviation: Option<Deviation>,
     /// Distance that every pair keeps, m.
     pub(crate) d_min_m: f64,
 }
@@ -130,7 +134,7 @@ impl Geometry {
                 checked.push(checked_pair(&chain, &shapes, a, b));
             }
         }
-        Ok(Self { chain, shapes, pairs: checked, obstacles: Vec::new(), d_min_m })
+        Ok(Self { chain, shapes, pairs: checked, obstacles: Vec::new(), deviation: None, d_min_m })
     }
 
     /// The same model among solids that stand on the base. Every capsule that moves must stay apart from each.
@@ -149,6 +153,12 @@ impl Geometry {
             }
         }
         self.obstacles = obstacles.to_vec();
+        Ok(self)
+    }
+
+    /// The same model for a robot that executes commands within `limits` through `interface`; obstacles come first.
+    pub fn with_interface(mut self, interface: &Interface, limits: &[Bounds; JOINTS]) -> Result<Self, WbcError> {
+        self.deviation = Deviation::new(interface, limits, &self)?;
         Ok(self)
     }
 

@@ -14,7 +14,7 @@
 //! - `recover`: the way back from outside the limits, or from too close.
 //! - [`chain`], [`geometry`]: kinematics and the collision model as the proof needs them.
 //! - [`motion`]: the motion that is to be proved.
-//! - [`certificate`]: the proof, with its derivation.
+//! - [`certificate`]: the proof, with its derivation; [`interface`]: what a robot's own controllers take from it.
 //!
 //! Words: a *stop* brings a joint to rest; a *plan* is the stops of all joints, started together; *fresh* is a joint
 //! that took a new decision in this tick; an *anchor* is the posture with the distances that a proof starts from.
@@ -28,6 +28,7 @@ mod choose;
 mod clearance;
 pub mod config;
 pub mod geometry;
+pub mod interface;
 pub mod interval;
 mod model;
 pub mod motion;
@@ -40,5 +41,6 @@ pub mod track;
 
 pub use barrier::Program;
 pub use config::{Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, Parts, Tasks, WbcError};
+pub use interface::{Interface, Interpolation};
 pub use plan::{JointState, JointStop, Planned};
 pub use tick::{Candidate, Input, Output, Permit, State, Target, certify_plan, certify_rest, tick};

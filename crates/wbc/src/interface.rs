@@ -1,0 +1,176 @@
+//! What a robot's own interface makes of the commands, and the distance that it may cost.
+//!
+//! A robot with several controllers that are not synchronised and sample at a period h of their own does not execute the
+//! commanded q(t). Joint k of the controller g (torso, head, left arm, right arm) is at time t at
+//!
+//! ```text
+//! y_k(t) = q_k(t - d_g) + u_k,   |u_k| <= e_k,   0 <= d_g - D <= s
+//! ```
+//!
+//! with a delay D that all have in common, an unknown *skew* of each controller that may change from one instant to the
+//! next, and the error u_k of the spline that the controller lays through its samples.
+//!
+//! *Skew.* Let t' be the commanded time of the controller that is least delayed. Joints of the others are where the
+//! command was at most s earlier. With |q'''| <= J, and speed v_k and acceleration a_k at t', Taylor's formula gives
+//!
+//! ```text
+//! |q_k(t') - q_k(t' - d)| <= |v_k| s + |a_k| s^2 / 2 + J_k s^3 / 6      for 0 <= d <= s
+//! ```
+//!
+//! and a point of a capsule's axis is moved by at most R_k (see [`certificate`](crate::certificate)) times that. Which
+//! controller is least delayed is not known, so of the sums over the joints of each controller between a pair's capsules
+//! all but the least count. A pair between whose capsules all joints have one controller loses nothing by skew.
+//!
+//! *Spline.* For |q''| <= A, a chord leaves q by at most A h^2 / 8. For |q'''| <= J, the cubic through positions and
+//! velocities of the samples leaves it by at most J h^3 / 96: the integral of the magnitude of its Peano kernel, largest
+//! in the middle of the period. All joints count.
+//!
+//! The certificate asks at every instant t' for the clearance and the sum of these, the *deviation*. It is a function of
+//! the command at t' alone, not of decisions that come after or that came before, so what is left of a certified plan is
+//! certified, as without it. It takes the past's jerk limit from the limits, which every command keeps. At rest what
+//! remains is the constant part, sum of R_k (J_k s^3 / 6 + e_k), for which [`REST_MAX_M`] is the bound.
+
+use crate::chain::JointSet;
+use crate::config::WbcError;
+use crate::geometry::{CheckedPair, Geometry};
+use crate::interval::Bounds;
+use messages::JOINTS;
+
+/// Most that a deviation at rest may be, m: less than what engaging asks for beyond d_min, or a robot that engaged could
+/// not move.
+pub const REST_MAX_M: f64 = 2e-3;
+/// Longest skew and period, s: more than one period of the slowest interface.
+const LONGEST_S: f64 = 0.05;
+
+/// Number of controllers.
+const CONTROLLERS: usize = 4;
+/// Joints of torso, head, left arm and right arm.
+const JOINTS_OF: [JointSet; CONTROLLERS] = [1, 0b110, 0x7f << 3, 0x7f << 10];
+
+/// What a controller lays through its samples of the command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The command itself.
+    #[default]
+    Exact,
+    /// A chord through the positions.
+    Linear,
+    /// A cubic through positions and velocities.
+    CubicHermite,
+}
+
+/// The interface between the commands and the robot. The default executes every command at its time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Interface {
+    /// Largest difference between the delays of two controllers (torso, head, left arm, right arm), s.
+    pub skew_s: f64,
+    /// Time between two samples of the command, s; not used where interpolation is exact.
+    pub period_s: f64,
+    /// What is laid through the samples.
+    pub interpolation: Interpolation,
+}
+
+impl Interface {
+    /// Four joint trajectory controllers at 100 Hz, each with its own phase: a skew of a period, cubic splines.
+    pub const JTC_100_HZ: Self = Self { skew_s: 0.01, period_s: 0.01, interpolation: Interpolation::CubicHermite };
+
+    fn check(&self) -> Result<(), WbcError> {
+        for (key, value) in [("skew_s", self.skew_s), ("period_s", self.period_s)] {
+            if !(0.0..=LONGEST_S).contains(&value) {
+                return Err(WbcError::Interface { key, value, bound: LONGEST_S });
+            }
+        }
+        Ok(())
+    }
+
+    /// e of one joint, rad or m.
+    fn spline_error(&self, limits: &Bounds) -> f64 {
+        let h = self.period_s;
+        match self.interpolation {
+            Interpolation::Exact => 0.0,
+            Interpolation::Linear => limits.a_max * h * h / 8.0,
+            Interpolation::CubicHermite => limits.j_max * h * h * h / 96.0,
+        }
+    }
+}
+
+/// The deviation's figures per joint.
+#[derive(Clone, Debug)]
+pub(crate) struct Deviation {
+    skew_s: f64,
+    joints: [JointDeviation; JOINTS],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct JointDeviation {
+    /// J s^3 / 6.
+    still: f64,
+    /// e.
+    spline: f64,
+    /// Largest speed and acceleration.
+    fastest: [f64; 2],
+}
+
+impl Deviation {
+    /// Of the model `geometry` with these limits; none where the interface executes what is commanded.
+    pub(crate) fn new(
+        interface: &Interface,
+        limits: &[Bounds; JOINTS],
+        geometry: &Geometry,
+    ) -> Result<Option<Self>, WbcError> {
+        interface.check()?;
+        let s = interface.skew_s;
+        if s == 0.0 && interface.interpolation == Interpolation::Exact {
+            return Ok(None);
+        }
+        let joints = limits.each_ref().map(|l| JointDeviation {
+            still: l.j_max * s * s * s / 6.0,
+            spline: interface.spline_error(l),
+            fastest: [l.v_max, l.a_max],
+        });
+        let deviation = Self { skew_s: s, joints };
+        let at_rest = |pair| deviation.of(geometry, pair, |_| [0.0; 2]);
+        let value = geometry.pairs.iter().map(at_rest).fold(0.0, f64::max);
+        if value > REST_MAX_M {
+            return Err(WbcError::Interface { key: "deviation at rest in m", value, bound: REST_MAX_M });
+        }
+        Ok(Some(deviation))
+    }
+
+    /// What a pair may lose, m, while `speed` bounds |velocity| and |acceleration| of each joint.
+    #[inline]
+    pub(crate) fn of(&self, geometry: &Geometry, pair: &CheckedPair, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
+        let s = self.skew_s;
+        let (mut lags, mut spline) = ([0.0; CONTROLLERS], 0.0);
+        for side in [pair.a, pair.b] {
+            let shape = &geometry.shapes[side.capsule];
+            for (&j, &reach) in shape.chain[side.from..].iter().zip(&shape.reach[side.from..]) {
+                let ([v, a], joint) = (speed(j), &self.joints[j]);
+                lags[controller(j)] += reach * (s * (v + a * s / 2.0) + joint.still);
+                spline += reach * joint.spline;
+            }
+        }
+        let (mut total, mut least) = (0.0, f64::INFINITY);
+        for (lag, joints) in lags.into_iter().zip(JOINTS_OF) {
+            if pair.between & joints != 0 {
+                total += lag;
+                least = least.min(lag);
+            }
+        }
+        spline + if total > 0.0 { total - least } else { 0.0 }
+    }
+
+    /// What a pair may lose at most, m.
+    pub(crate) fn largest(&self, geometry: &Geometry, pair: &CheckedPair) -> f64 {
+        self.of(geometry, pair, |j| self.joints[j].fastest)
+    }
+}
+
+const fn controller(joint: usize) -> usize {
+    match joint {
+        0 => 0,
+        1..3 => 1,
+        3..10 => 2,
+        _ => 3,
+    }
+}
