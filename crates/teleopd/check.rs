@@ -44,6 +44,8 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
         model.pairs.len(),
         model.d_min_m * 1e3
     );
+    let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| obstacle.name.as_str()).collect();
+    println!("obstacles {}", if obstacles.is_empty() { "none".to_owned() } else { obstacles.join(", ") });
     println!("hash {:016x}", loaded.hash);
     Ok(Exit::Ok)
 }

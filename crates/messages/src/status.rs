@@ -95,9 +95,10 @@ message! {
         pub outside_by: f64,
         /// What the torso has yet to rise (or, negative, to sink) to its target while Engaging, m; zero otherwise.
         pub torso_to_go_m: f64,
-        /// Capsules of the nearest pair at the command, as indices of the robot file.
+        /// Capsules of the nearest pair at the command, as indices of the robot file; the second is the number of capsules
+        /// plus the index of an obstacle where that is nearest (planes first, then boxes, in the order of the settings).
         pub nearest_pair: [u32; 2],
-        /// Capsules of the nearest pair at the measured posture, as indices of the robot file.
+        /// The nearest pair at the measured posture, as above.
         pub nearest_pair_measured: [u32; 2],
         /// One more than the index of the joint that is measured farthest outside its limits; zero if none is.
         pub joint_outside: u32,

@@ -80,9 +80,9 @@ pub struct Output {
     pub candidate: Candidate,
     /// Bit j: joint j is the next point of the plan before it, not a new decision.
     pub on_plan: u32,
-    /// Smallest distance of the checked pairs at this command, m.
+    /// Smallest distance of the checked pairs and from obstacles at this command, m.
     pub clearance_m: f64,
-    /// Indices of the capsules of that pair.
+    /// Indices of the capsules of that pair; for an obstacle the number of capsules and its index.
     pub nearest_pair: [u32; 2],
     /// Every joint stands still.
     pub at_rest: bool,
