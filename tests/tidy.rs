@@ -261,6 +261,18 @@ fn every_fault_has_a_row_in_the_safety_document() {
 }
 
 #[test]
+fn every_test_that_the_safety_document_names_exists() {
+    let text = std::fs::read_to_string(root().join("SAFETY.md")).expect("SAFETY.md");
+    for row in &messages::FAULTS {
+        let named = text.lines().find(|line| line.starts_with('|') && line.contains(&format!("`{}`", row.name)));
+        let test = named.and_then(|line| line.trim_end_matches(['|', ' ']).rsplit('|').next()).unwrap_or("");
+        let (file, function) = test.trim().trim_start_matches('`').split_once("` ").unwrap_or((test, ""));
+        let source = std::fs::read_to_string(root().join(file)).unwrap_or_default();
+        assert!(source.contains(&format!("fn {function}()")), "{}: no test {function:?} in {file:?}", row.name);
+    }
+}
+
+#[test]
 fn readme_gives_the_test_command() {
     let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
     assert!(text.contains("cargo test --release --workspace"));

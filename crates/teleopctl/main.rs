@@ -265,3 +265,29 @@ fn until(client: &mut Client, word: &str, done: impl Fn(&Status) -> bool) -> Res
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    #[test]
+    fn a_refusal_names_the_joint_or_the_pair() {
+        let status = Status {
+            joint_outside: 6,
+            outside_by: -0.0123,
+            clearance_measured_m: 0.0042,
+            nearest_pair_measured: [3, 30],
+            ..Status::ZERO
+        };
+        let said = |fault| meaning(fault, &status, &Names::default());
+        let outside = said(Fault::StartOutsideLimits);
+        assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
+        let close = said(Fault::StartInCollision);
+        assert!(
+            close.contains("part 3 and part 30 are 4.2 mm apart") && close.contains("teleopctl recover"),
+            "{close}"
+        );
+        assert_eq!(said(Fault::NoTarget), Fault::NoTarget.row().meaning);
+    }
+}

@@ -23,7 +23,12 @@ impl Names {
     /// Those of `model`.
     pub fn of(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| capsule.name.clone());
-        Self { joints: model.joint_names.to_vec(), prismatic: model.prismatic.to_vec(), parts: capsules.collect() }
+        let obstacles = model.obstacles.iter().map(|obstacle| obstacle.name.clone());
+        Self {
+            joints: model.joint_names.to_vec(),
+            prismatic: model.prismatic.to_vec(),
+            parts: capsules.chain(obstacles).collect(),
+        }
     }
 
     /// Leaves them in the folder of an instance.

@@ -31,7 +31,8 @@ fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS
     loop {
         let q = posture(model, rng);
         let clear = clearance(model, &mut frames, &q);
-        if clear > -depth_m && clear < model.d_measured_min_m - 5e-4 {
+        let of_itself = distances(model, &mut frames, &q)[..model.pairs.len()].contains(&clear);
+        if of_itself && clear > -depth_m && clear < model.d_measured_min_m - 5e-4 {
             return q;
         }
     }
@@ -142,7 +143,7 @@ fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, conte
 fn joints_outside_their_limits_are_brought_inside() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
-    for n in 0..12 {
+    for n in 0..6 {
         let start = outside_limits(&loaded.model, &mut rng);
         assert!(recover(&loaded, start, Fault::StartOutsideLimits, &format!("start {n}")), "start {n}: no way");
     }
@@ -153,13 +154,13 @@ fn postures_too_close_to_themselves_are_opened() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(2);
     let mut back = 0;
-    for n in 0..40 {
+    for n in 0..16 {
         let start = in_collision(&loaded.model, &mut rng, 0.04);
         back += u32::from(recover(&loaded, start, Fault::StartInCollision, &format!("start {n}")));
     }
-    println!("{back} of 40 came back");
+    println!("{back} of 16 came back");
     // Where two pairs can only be opened by closing the other, it stays where it is and says so.
-    assert!(back >= 32, "only {back} of 40 came back");
+    assert!(back >= 13, "only {back} of 16 came back");
 }
 
 #[test]

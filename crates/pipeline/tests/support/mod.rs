@@ -110,7 +110,7 @@ impl Bench {
 
     /// Lets the enable be seen released, and commands be taken up.
     pub fn settle(&mut self) {
-        for _ in 0..TICK_HZ / 2 {
+        for _ in 0..TICK_HZ / 4 {
             self.step();
         }
         assert_eq!(self.mode(), Mode::Disengaged);
@@ -135,7 +135,7 @@ impl Bench {
     }
 }
 
-/// Distances of all checked pairs at a posture, m, by the arithmetic of `robot`.
+/// Distances of all checked pairs, and of what moves from all obstacles, at a posture, m, by the arithmetic of `robot`.
 pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f64> {
     model.forward(q, frames);
     let axes: Vec<_> = model
@@ -151,11 +151,15 @@ pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f
         let radii = model.capsules[pair.a].radius_m + model.capsules[pair.b].radius_m;
         robot::segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - radii
     };
-    model.pairs.iter().map(between).collect()
+    let mut out: Vec<f64> = model.pairs.iter().map(between).collect();
+    for (axis, capsule) in axes.iter().zip(&model.capsules).filter(|(_, capsule)| capsule.body != 0) {
+        let from = |obstacle: &robot::Obstacle| obstacle.solid.segment_distance(&axis.0, &axis.1) - capsule.radius_m;
+        out.extend(model.obstacles.iter().map(from));
+    }
+    out
 }
 
 /// The least of [`distances`].
 pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> f64 {
-    model.forward(q, frames);
-    model.clearance(frames).0
+    distances(model, frames, q).into_iter().fold(f64::INFINITY, f64::min)
 }

@@ -1,0 +1,161 @@
+//! From any clear posture, towards any target, engaging begins without a jump; a hold re-aligns as slowly.
+
+mod support;
+
+use messages::{Faults, JOINTS, Mode, TICK_HZ, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use robot::{Frames, Model};
+use support::{Bench, clearance, loaded};
+
+/// Postures that are tried.
+const POSTURES: u32 = 24;
+/// Share of the velocity limits in the first second.
+const SLOW: f64 = 0.05;
+
+fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+    let mut frames = Frames::default();
+    loop {
+        let q = std::array::from_fn(|j| {
+            let (low, high) = (model.limits[j].q_min, model.limits[j].q_max);
+            // Some joints stand at their very limit, as far as the encoder's noise leaves them inside.
+            match rng.random_range(0..8) {
+                0 => low + 1e-3,
+                1 => high - 1e-3,
+                _ => rng.random_range(low + 1e-3..high - 1e-3),
+            }
+        });
+        if clearance(model, &mut frames, &q) >= model.d_min_m + 3e-3 {
+            return q;
+        }
+    }
+}
+
+/// Anything: another posture, one in collision, far beyond every limit, or a jump every tick.
+fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS] {
+    std::array::from_fn(|j| {
+        let limits = &model.limits[j];
+        let q = rng.random_range(limits.q_min..limits.q_max);
+        if wild && rng.random_bool(0.3) { 8.0 * q } else { q }
+    })
+}
+
+/// A second of engaging in which no joint is faster than 5 % of its limit or jumps; returns how far it went.
+fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64; JOINTS]) -> f64 {
+    let mut travelled = 0.0;
+    let mut last = bench.commanded();
+    for n in 0..TICK_HZ - 2 {
+        bench.target = Some(next());
+        bench.step();
+        assert_eq!(bench.mode(), Mode::Engaging, "{context}, tick {n}: {:?}", Faults(bench.status.faults));
+        let now = bench.commanded();
+        for j in 0..JOINTS {
+            let v_max = bench.model().limits[j].v_max;
+            let (speed, step) = (now.v[j].abs() / v_max, (now.q[j] - last.q[j]).abs() / (v_max * TICK_S));
+            assert!(speed <= SLOW + 1e-9, "{context}, tick {n}: joint {j} at {speed} of its limit");
+            assert!(step <= SLOW + 1e-6, "{context}, tick {n}: joint {j} made a step of {step}");
+            travelled += (now.q[j] - last.q[j]).abs();
+        }
+        last = now;
+    }
+    travelled
+}
+
+#[test]
+fn from_any_clear_posture_engaging_begins_without_a_jump() {
+    let loaded = loaded();
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    let mut travelled = 0.0;
+    for n in 0..POSTURES {
+        let context = format!("posture {n}");
+        let start = clear_posture(&loaded.model, &mut rng);
+        let mut bench = Bench::new(&loaded, start, u64::from(n));
+        let far = target(&loaded.model, &mut rng, n % 2 == 0);
+        bench.target = Some(far);
+        bench.settle();
+        // What is commanded was measured, not assumed.
+        for j in 0..JOINTS {
+            assert!((bench.commanded().q[j] - start[j]).abs() < 1e-3, "{context}: joint {j}");
+        }
+        let held = bench.commanded().q;
+        bench.press_enable();
+        bench.step();
+        assert_eq!(bench.mode(), Mode::Engaging, "{context}: {:?}", Faults(bench.status.faults));
+        let first: f64 = (0..JOINTS).map(|j| (bench.commanded().q[j] - held[j]).abs()).fold(0.0, f64::max);
+        // A tick of the highest jerk, 400 rad/s^3 T^3 / 6, and nothing more.
+        assert!(first <= 400.0 * TICK_S.powi(3) / 6.0 + 1e-12, "{context}: {first}");
+        let noisy = n % 3 == 0;
+        travelled +=
+            first_second(&mut bench, &context, || if noisy { target(&loaded.model, &mut rng, true) } else { far });
+        bench.assert_no_violations(&context);
+    }
+    assert!(travelled > 0.5 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
+}
+
+#[test]
+fn a_hold_re_aligns_as_slowly_as_it_began() {
+    let loaded = loaded();
+    let mut rng = Pcg64Mcg::seed_from_u64(2);
+    for n in 0..6 {
+        let context = format!("run {n}");
+        let mut bench = Bench::new(&loaded, loaded.model.home, n);
+        // A little way from home, so that it is reached.
+        let near = std::array::from_fn(|j| loaded.model.home[j] + if j > 2 { 0.05 } else { 0.0 });
+        bench.target = Some(near);
+        bench.settle();
+        bench.press_enable();
+        let mut ticks = 0;
+        while bench.mode() != Mode::Engaged {
+            bench.step();
+            ticks += 1;
+            assert!(ticks < 5 * TICK_HZ, "{context}: {:?}", bench.mode());
+        }
+        // The person is not seen for a moment, at full motion, and comes back far away.
+        let far = target(&loaded.model, &mut rng, n % 2 == 0);
+        bench.target = Some(far);
+        for _ in 0..rng.random_range(50..400) {
+            bench.step();
+        }
+        bench.target = None;
+        while bench.mode() != Mode::Holding {
+            bench.step();
+            ticks += 1;
+            assert!(ticks < 6 * TICK_HZ, "{context}: {:?}", bench.mode());
+        }
+        bench.target = Some(target(&loaded.model, &mut rng, false));
+        while bench.mode() == Mode::Holding {
+            bench.step();
+            ticks += 1;
+            assert!(ticks < 7 * TICK_HZ, "{context}: {:?}", Faults(bench.status.faults));
+        }
+        let again = bench.target.expect("is set");
+        assert!(bench.status.speed_scale <= SLOW);
+        first_second(&mut bench, &context, || again);
+        bench.assert_no_violations(&context);
+    }
+}
+
+#[test]
+fn a_torso_that_is_far_from_its_target_is_said_while_engaging() {
+    let loaded = loaded();
+    let mut start = loaded.model.home;
+    start[messages::TORSO] -= 0.05;
+    let mut bench = Bench::new(&loaded, start, 1);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    assert_eq!(pipeline::status_note(&bench.status), None, "nothing moves yet");
+    bench.press_enable();
+    bench.step();
+    bench.step();
+    assert_eq!(pipeline::status_note(&bench.status), Some("raising torso"));
+    assert!((bench.status.torso_to_go_m - 0.05).abs() < 1e-3, "{}", bench.status.torso_to_go_m);
+    let mut ticks = 0;
+    while pipeline::status_note(&bench.status).is_some() {
+        bench.step();
+        ticks += 1;
+        assert!(ticks < 10 * TICK_HZ, "{} m to go", bench.status.torso_to_go_m);
+    }
+    // It takes its time, 0.7 s at full speed, and no longer than the blend and that.
+    assert!(ticks > TICK_HZ, "{ticks}");
+    bench.assert_no_violations("torso");
+}

@@ -1,0 +1,60 @@
+//! The way back: from random postures outside the limits and in collision, judged by the tests' own kinematics.
+
+mod support;
+
+use messages::{JOINTS, Stamp, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use support::Subject;
+use support::checker::Checker;
+use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, Planned, State, tick};
+
+const POSTURES: usize = 60;
+/// Ticks of a recovery, and of the stop after it.
+const TICKS: u64 = 900;
+const STOP_TICKS: u64 = 375;
+
+#[test]
+fn nothing_goes_further_out_or_closer_and_most_come_back() {
+    let subject = Subject::made_up();
+    let config = subject.config(Options::default());
+    let bounds = *config.bounds();
+    let mut rng = Pcg64::seed_from_u64(5);
+    let (mut tried, mut moved, mut clear) = (0, 0.0, 0);
+    while tried < POSTURES {
+        let start: [f64; JOINTS] = std::array::from_fn(|j| {
+            let by = if rng.random_bool(0.1) { rng.random_range(0.0..0.02) } else { 0.0 };
+            let q = rng.random_range(bounds[j].q_min..bounds[j].q_max);
+            if rng.random_bool(0.1) { bounds[j].q_max + by } else { q }
+        });
+        let planned = Planned::at_rest(start);
+        let checker = Checker::new(&subject, &planned);
+        let goal = subject.d_min_m + ENGAGE_MARGIN_M;
+        let mut least = checker.clearance(&start);
+        // Deeper than any start that a robot could be found in.
+        if least < -0.05 {
+            continue;
+        }
+        tried += 1;
+        let mut state = State::at_rest(&config, start);
+        let mut last = start;
+        for k in 0..TICKS + STOP_TICKS {
+            let permit = if k < TICKS { Permit::Recover } else { Permit::Stop };
+            let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: None, permit });
+            for j in 0..JOINTS {
+                let (low, high) = (bounds[j].q_min.min(last[j]), bounds[j].q_max.max(last[j]));
+                assert!(out.q[j] >= low && out.q[j] <= high, "tick {k}: joint {j} at {}", out.q[j]);
+                assert!(out.v[j].abs() <= 0.1, "tick {k}: joint {j} at {}", out.v[j]);
+                moved += (out.q[j] - last[j]).abs();
+            }
+            let now = checker.clearance(&out.q);
+            assert!(now >= least.min(goal) - 1e-9, "tick {k}: from {least} to {now}");
+            (least, last) = (now, out.q);
+        }
+        let motion = state.planned();
+        assert!(motion.is_at_rest(), "{} s after the stop", STOP_TICKS as f64 * TICK_S);
+        clear += u32::from(least >= goal - 1e-6 && (0..JOINTS).all(|j| last[j] <= bounds[j].q_max + 1e-6));
+    }
+    println!("{clear} of {tried} clear after {:.1} s, {moved:.1} rad", TICKS as f64 * TICK_S);
+    assert!(clear as usize * 10 >= tried * 8, "only {clear} of {tried} came back");
+}
