@@ -3,7 +3,7 @@
 use crate::fit::Shape;
 use crate::mesh::Points;
 use crate::split::Matter;
-use crate::write::Judge;
+use crate::write::{Judge, Named};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{AllowedReason, Frames, Model};
@@ -67,6 +67,25 @@ pub fn capsules_in_frame(model: &Model, link: &str, names: impl Fn(&str) -> bool
         radius_m: capsule.radius_m,
     })
     .collect()
+}
+
+/// How far each fitted capsule lies from the model's of the same name, m: the larger of the distances of its ends and of
+/// the difference of the radii; infinite where the model has none, or on another body.
+pub fn deviations_m(model: &Model, fitted: &[Named]) -> Vec<(String, f64)> {
+    let of = |named: &Named| {
+        let same = |capsule: &&robot::Capsule| capsule.name == named.name;
+        let (Some(capsule), Some((body, pose))) = (model.capsules.iter().find(same), model.link_body(&named.link))
+        else {
+            return f64::INFINITY;
+        };
+        if capsule.body != body {
+            return f64::INFINITY;
+        }
+        let end = |fitted: &Vector3<f64>, known: &Vector3<f64>| (pose.transform_point(fitted) - known).norm();
+        let ends = end(&named.shape.a, &capsule.a).max(end(&named.shape.b, &capsule.b));
+        ends.max((named.shape.radius_m - capsule.radius_m).abs())
+    };
+    fitted.iter().map(|named| (named.name.clone(), of(named))).collect()
 }
 
 /// One allowed pair, with what holds it up.

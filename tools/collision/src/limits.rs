@@ -111,11 +111,11 @@ impl Survey<'_> {
         (0..chunks).into_par_iter().fold(empty, |found, chunk| self.chunk(motion, chunk, found)).reduce(
             empty,
             |mut a, b| {
-                for (j, (a, b)) in a.iter_mut().zip(b).enumerate() {
+                for (a, b) in a.iter_mut().zip(b) {
                     a.exceeding += b.exceeding;
                     a.exceeding_coasting += b.exceeding_coasting;
                     a.worst.extend(b.worst);
-                    self.keep(j, motion, &mut a.worst);
+                    keep(motion, &mut a.worst);
                 }
                 a
             },
@@ -145,20 +145,15 @@ impl Survey<'_> {
                 if torque > least {
                     found.worst.push(state);
                     if found.worst.len() > 2 * KEPT {
-                        self.keep(j, motion, &mut found.worst);
+                        keep(motion, &mut found.worst);
                     }
                 }
             }
         }
-        for (j, found) in found.iter_mut().enumerate() {
-            self.keep(j, motion, &mut found.worst);
+        for found in &mut found {
+            keep(motion, &mut found.worst);
         }
         found
-    }
-
-    fn keep(&self, _joint: usize, motion: &Motion, worst: &mut Vec<State>) {
-        worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
-        worst.truncate(KEPT);
     }
 
     /// Climbs from a state to a local maximum of the torque of joint `j`: steps of positions and of speeds, each tried in
@@ -246,6 +241,12 @@ impl Survey<'_> {
         }
         Solution { climbed: self.climb_all(&found, &motion), motion, found, complete: false }
     }
+}
+
+/// Leaves the worst states, the worst first.
+fn keep(motion: &Motion, worst: &mut Vec<State>) {
+    worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
+    worst.truncate(KEPT);
 }
 
 /// Accelerations, with their evidence.

@@ -1,8 +1,9 @@
 //! Makes and checks what a robot file says beyond its URDF. For the shipped robots, where the manufacturer's meshes are:
 //!
 //! ```text
-//! collision fit --urdf tiago_dual.urdf --meshes meshes --out config/robots/tiago_dual.toml
-//! collision check --urdf tiago_dual.urdf --meshes meshes
+//! collision fit --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml \
+//!     --out config/robots/tiago_dual.toml
+//! collision check --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml
 //! collision limits config/robots/tiago_dual.toml
 //! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
 //! ```
@@ -11,7 +12,7 @@ mod command_draw;
 mod command_limits;
 
 use clap::{Parser, Subcommand};
-use collision::check::{capsules_in_frame, collision_share, reasons, sticks_out_m};
+use collision::check::{capsules_in_frame, collision_share, deviations_m, reasons, sticks_out_m};
 use collision::error::{CollisionError, read_text};
 use collision::plan::{Plan, SIDE};
 use collision::scene::Scene;
@@ -38,7 +39,7 @@ enum Command {
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Verifies containment and the reason of every pair that is not checked.
+    /// Verifies containment and the reason of every pair that is not checked, and that a fit gives the same again.
     Check {
         #[command(flatten)]
         source: Source,
@@ -69,6 +70,8 @@ struct Source {
 /// sysexits: the input's data is wrong; and the exit code of a check that failed.
 const EX_DATAERR: u8 = 65;
 const FAILED: u8 = 1;
+/// A fit on another machine may differ by what rounding does to a search, m.
+const SAME_FIT_M: f64 = 5e-4;
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
@@ -202,6 +205,12 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
     }
     // The fit is deterministic: it tells again what each capsule was made to contain.
     let capsules = fit_all(&texts.plan, &scene)?;
+    let deviations = deviations_m(&model, &capsules);
+    let worst = deviations.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((name, deviation_m)) = worst {
+        println!("fitted again: at most {:.3} mm from the file, at {name}", deviation_m * 1e3);
+        good &= *deviation_m <= SAME_FIT_M && capsules.len() == model.capsules.len();
+    }
     let names: Vec<String> = capsules.iter().map(|capsule| capsule.name.clone()).collect();
     for reason in reasons(&model, &mut Judge::new(&model, &texts.plan, &capsules), &names) {
         let why = match (reason.reason, reason.proof) {

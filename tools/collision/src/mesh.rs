@@ -10,7 +10,7 @@ use std::path::Path;
 /// A triangle, or any small set of points whose convex hull is meant.
 pub type Points = Vec<Vector3<f64>>;
 
-/// Triangles of a mesh file, in the file's frame and unit (m).
+/// Triangles of a mesh file, in the file's frame and unit (a URDF's `scale` makes metres of them).
 ///
 /// COLLADA: geometries are taken as they stand, as the ROS tools do, without the document's up axis; node transforms and
 /// units other than the metre are refused rather than guessed.
@@ -43,6 +43,9 @@ fn text_stl(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
         if let Some(rest) = line.trim().strip_prefix("vertex ") {
             corners.push(triple(rest).map_err(|cause| CollisionError::content(name, cause))?);
         }
+    }
+    if !text.contains("endsolid") {
+        return Err(CollisionError::content(name, "ends before `endsolid`"));
     }
     if corners.is_empty() || corners.len() % 3 != 0 {
         return Err(CollisionError::content(
@@ -105,9 +108,8 @@ fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
 }
 
 fn finite(name: &str, triangles: Vec<Points>) -> Result<Vec<Points>, CollisionError> {
-    // 10 m from its link is no part of a robot.
-    if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
-        return Err(CollisionError::content(name, "a coordinate is not finite or above 10 m"));
+    if triangles.iter().flatten().flatten().any(|x| !x.is_finite()) {
+        return Err(CollisionError::content(name, "a coordinate is not finite"));
     }
     Ok(triangles)
 }

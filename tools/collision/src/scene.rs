@@ -215,6 +215,10 @@ impl<'a> Scene<'a> {
                 let scale = scale.map_or(Vector3::repeat(1.0), |scale| Vector3::from(*scale));
                 let mut triangles = read_mesh(&folder.join(below))?;
                 triangles.iter_mut().flatten().for_each(|point| point.component_mul_assign(&scale));
+                // 10 m from its link is no part of a robot, but a mesh in millimetres.
+                if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
+                    return Err(CollisionError::content(filename, "reaches farther than 10 m: is a scale missing?"));
+                }
                 Ok(triangles)
             }
         }

@@ -1,6 +1,6 @@
 //! Fitted capsules contain what they were fitted to; the check notices when they do not; proofs are right.
 
-use collision::check::{capsules_in_frame, sticks_out_m};
+use collision::check::{capsules_in_frame, deviations_m, sticks_out_m};
 use collision::fit::{Shape, smallest_capsule};
 use collision::plan::{Cut, Plan, SIDE};
 use collision::prove::{Verdict, clearance, prove};
@@ -174,5 +174,11 @@ fn shipped_capsules_contain_the_manufacturers_meshes() {
         assert_eq!(shapes.len(), group.capsules, "{stem}");
         let out = sticks_out_m(&scene.matter(group).unwrap(), &shapes);
         assert!(out <= 0.0, "{stem} sticks out by {out} m");
+    }
+    // What is shipped is what the tool makes of the meshes, margin included.
+    let fitted = fit_all(&plan, &scene).unwrap();
+    assert_eq!(fitted.len(), model.capsules.len());
+    for (name, deviation_m) in deviations_m(&model, &fitted) {
+        assert!(deviation_m < 5e-4, "{name} is {deviation_m} m from its fit");
     }
 }

@@ -143,10 +143,14 @@ fn a_mesh_is_scaled_before_it_is_fitted() {
     let mut text = String::new();
     CORNERS.iter().for_each(|[x, y, z]| text += &format!("v {} {} {}\n", x * 1e3, y * 1e3, z * 1e3));
     FACES.iter().for_each(|[a, b, c]| text += &format!("f {} {} {}\n", a + 1, b + 1, c + 1));
-    folder.write("millimetres.obj", text.replace("300", "3").as_bytes());
-    // 300 mm read as metres is no part of a robot.
-    folder.write("large.obj", text.as_bytes());
-    assert!(read_mesh(&folder.0.join("large.obj")).unwrap_err().to_string().contains("10 m"));
+    folder.write("millimetres.obj", text.as_bytes());
+    let mesh = MESH.replace("NAME", "millimetres.obj");
+    assert_contained(&folder, &mesh.replace("/>", " scale=\"0.001 0.001 0.001\"/>"), WEDGE_M3);
+    let urdf =
+        format!("<robot name=\"r\"><link name=\"l\"><collision><geometry>{mesh}</geometry></collision></link></robot>");
+    let robot = urdf_rs::read_from_string(&urdf).unwrap();
+    let error = Scene::new(&robot, Some(&folder.0), &[]).points("l").unwrap_err().to_string();
+    assert!(error.contains("millimetres.obj") && error.contains("10 m"), "{error}");
 }
 
 #[test]
