@@ -56,6 +56,8 @@ pub struct OfflineReport {
     pub min_clearance_mm: f64,
     /// Mean limb error of the target while engaged, deg.
     pub limb_error_deg_mean: f64,
+    /// Mean limb error of what the robot did while engaged, deg.
+    pub limb_error_measured_deg_mean: f64,
 }
 
 /// A run in progress.
@@ -69,6 +71,7 @@ pub struct Offline {
     released_at: Option<u64>,
     report: OfflineReport,
     limb_sum_rad: f64,
+    limb_measured_sum_rad: f64,
     limb_count: u64,
 }
 
@@ -85,6 +88,7 @@ impl Offline {
             released_at: None,
             report: OfflineReport::default(),
             limb_sum_rad: 0.0,
+            limb_measured_sum_rad: 0.0,
             limb_count: 0,
         };
         for _ in 0..SETTLE {
@@ -104,7 +108,9 @@ impl Offline {
         let simulated = self.world.report();
         self.report.violations = simulated.violations().iter().map(|&(kind, count)| (kind.to_owned(), count)).collect();
         self.report.min_clearance_mm = simulated.min_clearance_m() * 1e3;
-        self.report.limb_error_deg_mean = (self.limb_sum_rad / self.limb_count.max(1) as f64).to_degrees();
+        let mean_deg = |sum_rad: f64| (sum_rad / self.limb_count.max(1) as f64).to_degrees();
+        self.report.limb_error_deg_mean = mean_deg(self.limb_sum_rad);
+        self.report.limb_error_measured_deg_mean = mean_deg(self.limb_measured_sum_rad);
         &self.report
     }
 
@@ -168,6 +174,7 @@ impl Offline {
             }
             if mode == Mode::Engaged {
                 self.limb_sum_rad += control.status.limb_error_target_rad;
+                self.limb_measured_sum_rad += control.status.limb_error_measured_rad;
                 self.limb_count += 1;
             }
         }

@@ -26,7 +26,20 @@ pub(crate) struct RobotFile {
     pub(crate) home_m: BTreeMap<String, f64>,
     pub(crate) home_rad: BTreeMap<String, f64>,
     pub(crate) reference_rad: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(crate) tasks: Tasks,
     pub(crate) collision: Collision,
+}
+
+/// What a deviation from the target costs where the robot is blocked. Never loosens a limit.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Tasks {
+    #[serde(default)]
+    pub(crate) limb_orientation_weight: f64,
+    /// By joint name; 1 where a joint is not named.
+    #[serde(default)]
+    pub(crate) joint_weight: BTreeMap<String, f64>,
 }
 
 #[derive(Deserialize)]

@@ -12,7 +12,11 @@ use crate::urdf::Tree;
 use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use urdf_rs::JointType;
+
+/// Largest weight of a task, and the inverse of a joint's smallest: the program stays far from its rounding.
+const WEIGHT_MAX: f64 = 1e3;
 
 /// Everything about one robot that does not change while it moves.
 #[derive(Clone, Debug)]
@@ -43,6 +47,10 @@ pub struct Model {
     pub allowed: Vec<AllowedPair>,
     /// What stands about the robot, see [`Model::with_environment`]; every capsule that moves is checked against each.
     pub obstacles: Vec<Obstacle>,
+    /// What a deviation of a joint from its target costs where the robot is blocked, for one as large as its largest speed.
+    pub joint_weight: [f64; JOINTS],
+    /// What a deviation of a limb's angular velocity by 1 rad/s costs there; 0 leaves the limbs' rotations out.
+    pub limb_weight: f64,
     /// Commands keep every checked pair at least this far apart, m.
     pub d_min_m: f64,
     /// Measured postures below this clearance are a fault, m.
@@ -114,6 +122,8 @@ impl Source<'_> {
         self.check_limb("left", &file.limbs.left, LEFT_ARM.start, &links, &joint_names)?;
         self.check_limb("right", &file.limbs.right, RIGHT_ARM.start, &links, &joint_names)?;
 
+        let joint_weight = self.joint_weights(&file.tasks.joint_weight, &joint_names)?;
+
         let mut model = Model {
             name: file.name,
             hash,
@@ -128,6 +138,12 @@ impl Source<'_> {
             pairs,
             allowed,
             obstacles: Vec::new(),
+            limb_weight: self.weight(
+                "tasks.limb_orientation_weight",
+                file.tasks.limb_orientation_weight,
+                0.0..=WEIGHT_MAX,
+            )?,
+            joint_weight,
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
             d_measured_min_m: self
                 .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,
@@ -137,6 +153,29 @@ impl Source<'_> {
         self.derive_arms(&file.reference_rad, &mut model)?;
         self.check_home(&model)?;
         Ok(model)
+    }
+
+    fn joint_weights(
+        &self,
+        given: &BTreeMap<String, f64>,
+        names: &[String; JOINTS],
+    ) -> Result<[f64; JOINTS], RobotError> {
+        self.check_names("tasks.joint_weight", given.keys(), names)?;
+        let mut weights = [1.0; JOINTS];
+        for (weight, name) in weights.iter_mut().zip(names) {
+            if let Some(&value) = given.get(name) {
+                *weight = self.weight(&format!("tasks.joint_weight.{name}"), value, 1.0 / WEIGHT_MAX..=WEIGHT_MAX)?;
+            }
+        }
+        Ok(weights)
+    }
+
+    fn weight(&self, key: &str, value: f64, bound: RangeInclusive<f64>) -> Result<f64, RobotError> {
+        if bound.contains(&value) {
+            return Ok(value);
+        }
+        let bound = format!("must lie in [{}, {}]", bound.start(), bound.end());
+        Err(RobotError::Value { file: self.toml.into(), key: key.into(), value: value.to_string(), bound })
     }
 
     fn derive_arms(&self, reference_rad: &BTreeMap<String, f64>, model: &mut Model) -> Result<(), RobotError> {

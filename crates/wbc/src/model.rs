@@ -4,7 +4,7 @@ use crate::chain::{Chain, Link, Placement};
 use crate::config::{Config, Options, Parts, Tasks, WbcError};
 use crate::geometry::BodyCapsule;
 use crate::interval::Bounds;
-use messages::JOINTS;
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use robot::{Frames, Model};
 
 /// Largest disagreement of this crate's kinematics with the model's, m and entries of rotations: rounding of a chain of
@@ -49,7 +49,7 @@ impl Parts {
             pairs: model.pairs.iter().map(|p| [p.a, p.b]).collect(),
             obstacles: model.obstacles.iter().map(|obstacle| obstacle.solid).collect(),
             d_min_m: model.d_min_m,
-            tasks: Tasks::JOINTS_ALIKE,
+            tasks: Tasks::of(model),
         })
     }
 }
@@ -70,4 +70,17 @@ fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
         }
     }
     Ok(())
+}
+
+impl Tasks {
+    /// What the robot file says.
+    fn of(model: &Model) -> Self {
+        // An upper arm moves with the arm's third joint, a forearm with its fifth.
+        let limbs = |start: usize| [start + 3, start + 5];
+        Self {
+            joint_weight: model.joint_weight,
+            limb_weight: model.limb_weight,
+            limb_bodies: [limbs(LEFT_ARM.start), limbs(RIGHT_ARM.start)],
+        }
+    }
 }

@@ -74,13 +74,15 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         "violations": report.violations,
         "min_clearance_mm": report.min_clearance_mm,
         "limb_error_deg": { "mean": report.limb_error_deg_mean },
+        "limb_error_measured_deg": { "mean": report.limb_error_measured_deg_mean },
     });
     std::fs::write(&beside, format!("{summary:#}\n"))
         .map_err(|error| Failure::cannot_create(format!("{}: {error}", beside.display())))?;
     println!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     println!(
-        "limb error of the target {:.2} deg, smallest clearance {:.1} mm, violations {}",
+        "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, violations {}",
         report.limb_error_deg_mean,
+        report.limb_error_measured_deg_mean,
         report.min_clearance_mm,
         json!(report.violations)
     );
