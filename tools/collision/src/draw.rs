@@ -41,7 +41,9 @@ fn outline(ends: [(f64, f64); 2], radius: f64) -> Vec<(f64, f64)> {
 
 /// The two views: from the front (y to the left of the robot, which is the right of the picture's viewer, and z) and from
 /// its right side (x and z).
-const VIEWS: [fn(&Vector3<f64>) -> (f64, f64); 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
+type View = fn(&Vector3<f64>) -> (f64, f64);
+
+const VIEWS: [View; 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
 
 /// Draws the robot in the posture `q` into a file, by its ending a PNG or an SVG.
 pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {

@@ -136,7 +136,7 @@ impl<'a> Dynamics<'a> {
             let (inertial, i) = (&link.inertial, &link.inertial.inertia);
             let mass_kg = inertial.mass.value;
             let own = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-            if !(mass_kg >= 0.0 && mass_kg <= MASS_MAX_KG) || !own.iter().all(|x| x.is_finite()) {
+            if !(0.0..=MASS_MAX_KG).contains(&mass_kg) || !own.iter().all(|x| x.is_finite()) {
                 let cause = format!("link `{}`: mass {mass_kg} kg, must be 0 to {MASS_MAX_KG}", link.name);
                 return Err(wrong(cause));
             }

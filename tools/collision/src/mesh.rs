@@ -47,7 +47,7 @@ fn text_stl(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
     if !text.contains("endsolid") {
         return Err(CollisionError::content(name, "ends before `endsolid`"));
     }
-    if corners.is_empty() || corners.len() % 3 != 0 {
+    if corners.is_empty() || !corners.len().is_multiple_of(3) {
         return Err(CollisionError::content(
             name,
             format!("has {} vertices, must be three for each facet", corners.len()),
