@@ -78,6 +78,7 @@ struct Watched {
 }
 
 struct Part<'a> {
+    part: u64,
     subject: &'a Subject,
     stages: Stages<'a>,
     robot: sim::State,
@@ -97,7 +98,7 @@ struct Part<'a> {
 /// Runs part `part` of an attack with seed `seed` over `ticks` ticks, from rest in the home posture.
 pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
     let seed = derived_seed(seed, part);
-    let mut run = Part::new(subject, seed);
+    let mut run = Part::new(subject, part, seed);
     for k in FIRST_K + 1..=FIRST_K + ticks {
         run.tick(k);
     }
@@ -112,12 +113,13 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
 }
 
 impl<'a> Part<'a> {
-    fn new(subject: &'a Subject, seed: u64) -> Self {
+    fn new(subject: &'a Subject, part: u64, seed: u64) -> Self {
         let mut robot = sim::State::new(&subject.sim, FIRST_K, seed);
         let input = sim::Input { due_k: FIRST_K, command: None };
         let echo = sim::tick(&subject.sim, &mut robot, deadline(FIRST_K), input).state;
         let q = robot.follower().motion.q;
         Self {
+            part,
             subject,
             stages: Stages::at_rest(subject, q),
             robot,
@@ -199,8 +201,8 @@ impl<'a> Part<'a> {
         if let Some(denial) = out.denied {
             figures.denials += 1;
             of_attack.denials += 1;
-            *figures.denied_for.entry(reason(&denial)).or_default() += 1;
-            figures.first_denial.get_or_insert_with(|| format!("tick {k}: {denial:?}"));
+            let words = || (0, format!("part {}, tick {k}: {denial:?}", self.part));
+            figures.denied_for.entry(reason(&denial)).or_insert_with(words).0 += 1;
         }
         let Motion { q, v, a, plan } = out.motion;
         let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);

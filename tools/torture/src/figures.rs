@@ -112,10 +112,8 @@ pub struct Figures {
     pub fallbacks: u64,
     /// Commands denied by the gate.
     pub denials: u64,
-    /// Those by reason.
-    pub denied_for: BTreeMap<String, u64>,
-    /// The first denial in words.
-    pub first_denial: Option<String>,
+    /// Those by reason, each with the first one in words.
+    pub denied_for: BTreeMap<String, (u64, String)>,
     /// Commands that the driver refused though its fault was not latched.
     pub refusals: u64,
     /// Ticks in which control did not run.
@@ -156,7 +154,6 @@ impl Default for Figures {
             fallbacks: 0,
             denials: 0,
             denied_for: BTreeMap::new(),
-            first_denial: None,
             refusals: 0,
             missed: 0,
             lost: 0,
@@ -203,10 +200,9 @@ impl Figures {
         self.tick.merge(&other.tick);
         self.fallbacks += other.fallbacks;
         self.denials += other.denials;
-        for (reason, count) in other.denied_for {
-            *self.denied_for.entry(reason).or_default() += count;
+        for (reason, (count, first)) in other.denied_for {
+            self.denied_for.entry(reason).or_insert((0, first)).0 += count;
         }
-        self.first_denial = self.first_denial.take().or(other.first_denial);
         self.refusals += other.refusals;
         self.missed += other.missed;
         self.lost += other.lost;

@@ -54,6 +54,11 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         json!({ "kind": v.kind.name(), "k": v.k, "which": v.which, "value": v.value, "limit": v.limit,
                 "part": place.part, "seed_of_part": place.seed })
     });
+    let denied_for: Map<String, Value> = figures
+        .denied_for
+        .iter()
+        .map(|(reason, (count, first))| (reason.clone(), json!({ "count": count, "first": first })))
+        .collect();
     json!({
         "robot": model.name,
         "seed": args.seed,
@@ -69,8 +74,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "tick_us": durations(&figures.tick),
         "fallbacks": figures.fallbacks,
         "denials": figures.denials,
-        "denied_for": figures.denied_for,
-        "first_denial": figures.first_denial,
+        "denied_for": denied_for,
         "goals": goals.goals,
         "goals_reached": goals.share(),
         "returned_home": if goals.goals == 0 { 1.0 } else { goals.returned as f64 / goals.goals as f64 },
@@ -127,9 +131,8 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
     );
     let _ = writeln!(out, "control tick      {}", in_words(&f.tick));
     let _ = writeln!(out, "fallbacks         {}, denied by the gate {}", f.fallbacks, f.denials);
-    if let Some(denial) = &f.first_denial {
-        let reasons: Vec<String> = f.denied_for.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
-        let _ = writeln!(out, "  denied for {}; first: {denial}", reasons.join(", "));
+    for (reason, (count, first)) in &f.denied_for {
+        let _ = writeln!(out, "  denied for {reason}: {count}, first {first}");
     }
     let _ = writeln!(
         out,
@@ -147,6 +150,17 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
         f.missed, f.lost, f.overslept, f.latches, f.reseeds, f.refusals
     );
     let _ = writeln!(out, "travelled         {:.0} rad", f.travelled_rad);
+    out += &by_attack(f);
+    if goals.goals > 0 {
+        let Goals { goals, reached, returned } = goals;
+        let _ = writeln!(out, "goals             {reached} of {goals} reached within 8 s, {returned} times back home");
+    }
+    let _ = writeln!(out, "machine           {machine}, {} threads", args.threads);
+    out
+}
+
+fn by_attack(f: &Figures) -> String {
+    let mut out = String::new();
     for attack in Attack::ALL {
         let of = &f.attacks[attack as usize];
         let near = 100.0 * of.near as f64 / of.ticks.max(1) as f64;
@@ -162,11 +176,6 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
             of.tick.quantile_us(0.99)
         );
     }
-    if goals.goals > 0 {
-        let Goals { goals, reached, returned } = goals;
-        let _ = writeln!(out, "goals             {reached} of {goals} reached within 8 s, {returned} times back home");
-    }
-    let _ = writeln!(out, "machine           {machine}, {} threads", args.threads);
     out
 }
 

@@ -189,16 +189,18 @@ mod tests {
         let model = model();
         let mut judge = Judge::new(&model);
         let mut kinds = |motion: &Motion| judge.roll(motion, 0.3).violations.map(|n| n > 0);
-        let gentle = 0.9 * model.limits[4].j_max;
-        assert_eq!(kinds(&stop(&model, 4, 0.1, gentle)), [false; 5]);
-        assert!(kinds(&stop(&model, 4, 0.1, 1.1 * model.limits[4].j_max))[ViolationKind::Jerk as usize]);
-        assert!(kinds(&stop(&model, 4, 1.0, gentle))[ViolationKind::Acceleration as usize]);
-        assert!(kinds(&stop(&model, 4, 1.1 * model.limits[4].v_max, gentle))[ViolationKind::Velocity as usize]);
-        let mut short = stop(&model, 4, 0.1, gentle);
+        let limits = &model.limits[4];
+        // The peak of the acceleration is sqrt(v jerk): A where v is A^2 / jerk.
+        let (gentle, full) = (0.9 * limits.j_max, limits.a_max * limits.a_max / limits.j_max);
+        assert_eq!(kinds(&stop(&model, 4, 0.5 * full, gentle)), [false; 5]);
+        assert!(kinds(&stop(&model, 4, 0.5 * full, 1.1 * limits.j_max))[ViolationKind::Jerk as usize]);
+        assert!(kinds(&stop(&model, 4, 1.5 * full, gentle))[ViolationKind::Acceleration as usize]);
+        assert!(kinds(&stop(&model, 4, 1.1 * limits.v_max, gentle))[ViolationKind::Velocity as usize]);
+        let mut short = stop(&model, 4, 0.5 * full, gentle);
         short.plan.duration_s[4][1] *= 0.9;
         assert!(kinds(&short)[ViolationKind::Jerk as usize], "a plan that does not end at rest");
-        let mut outside = stop(&model, 4, 0.1, gentle);
-        outside.q[4] = model.limits[4].q_max;
+        let mut outside = stop(&model, 4, 0.5 * full, gentle);
+        outside.q[4] = limits.q_max;
         assert!(kinds(&outside)[ViolationKind::Position as usize]);
         // A slow way from home with the left arm across the body meets something.
         let mut through = Motion::rest(model.home);

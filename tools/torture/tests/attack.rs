@@ -1,9 +1,9 @@
 //! The shipped robot under a million ticks of attack; and that the attacks are attacks.
 
 use messages::JOINTS;
-use robot::{BoxEntry, Environment, PlaneEntry};
+use robot::{BoxEntry, Environment};
 use sim::ViolationKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use torture::attack::Attack;
 use torture::chunk::{self, PART_TICKS};
 use torture::figures::Figures;
@@ -14,15 +14,23 @@ use torture::stages::Subject;
 
 const TICKS: u64 = 1_000_000;
 
-/// The shipped robot, on a floor and with a table before it that its hands reach.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// The shipped robot among the obstacles of the shipped settings.
 fn subject(certified: bool) -> Subject {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
+    Subject::load(&root().join("config/teleop.toml"), None, certified).unwrap()
+}
+
+/// The shipped robot with a shelf just above its hands.
+fn below_a_shelf() -> Subject {
+    let file = root().join("config/robots/tiago_dual.toml");
     let (model, _) = pipeline::load_model(&file).unwrap();
-    let plane = PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 };
-    let (center_m, size_m) = ([0.9, 0.0, 0.73], [0.8, 1.6, 0.04]);
-    let table = BoxEntry { name: "table".into(), center_m, size_m, rpy_deg: [0.0; 3] };
-    let model = model.with_environment("test", &Environment { planes: vec![plane], boxes: vec![table] }).unwrap();
-    Subject::of(model, &file, certified).unwrap()
+    let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
+    let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
+    let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();
+    Subject::of(model, &file, true).unwrap()
 }
 
 fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
@@ -61,6 +69,14 @@ fn a_million_hostile_ticks_break_nothing() {
     assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
     // No plan of a command lasts longer than the robot file promises of its limits.
     assert!(figures.worst_stop_s < 0.5 && figures.worst_stop_s > 0.1, "{}", figures.worst_stop_s);
+}
+
+#[test]
+fn a_shelf_above_the_hands_is_not_touched() {
+    let subject = below_a_shelf();
+    let figures = run(&subject, 5, 30_000, 1);
+    assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
+    assert!(figures.travelled_rad > 10.0, "{} rad", figures.travelled_rad);
 }
 
 #[test]
@@ -112,7 +128,7 @@ fn a_joint_that_breaks_a_limit_is_counted() {
     let mut command = messages::JointCommand { k: 1501, seed_k: 1500, q, ..messages::Layout::ZERO };
     command.header.incarnation = 1;
     command.header.sequence = 1;
-    command.q[JOINTS - 1] += 1e-3;
+    command.q[JOINTS - 1] += 1e-4;
     let input = sim::Input { due_k: 1501, command: Some(&command) };
     sim::tick(&subject.sim, &mut robot, messages::deadline(1501), input);
     assert!(robot.report().violations_of(ViolationKind::Jerk) > 0, "{:?}", robot.report().violations());
