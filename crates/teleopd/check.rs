@@ -3,12 +3,10 @@
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use messages::JOINTS;
-use pipeline::Overrides;
 
 /// Reads everything an instance would read, refuses what it would refuse, and prints the rest.
 pub fn run(place: &Place) -> Result<Exit, Failure> {
-    let overrides = Overrides { engage_without_realtime: place.engage_without_realtime };
-    let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
@@ -18,11 +16,12 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
     println!();
     let source = place.config.display();
     for (key, value) in loaded.effective() {
-        let from = if key == "control.engage_without_realtime" && place.engage_without_realtime {
-            "command line".to_owned()
-        } else {
-            source.to_string()
+        let overridden = match key.as_str() {
+            "control.engage_without_realtime" => place.engage_without_realtime,
+            "sim.interface" => place.interface.is_some(),
+            _ => false,
         };
+        let from = if overridden { "command line".to_owned() } else { source.to_string() };
         println!("{key:<44} {value:<28} {from}");
     }
     println!(

@@ -63,6 +63,9 @@ impl Children {
         if place.engage_without_realtime {
             command.arg("--engage-without-realtime");
         }
+        if let Some(interface) = place.interface {
+            command.arg("--interface").arg(interface.name());
+        }
         let _ = std::fs::remove_file(instance.report(name));
         let log_path = instance.run_dir().join(format!("{name}.log"));
         if quiet {

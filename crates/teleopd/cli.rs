@@ -1,6 +1,8 @@
 //! The command line.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
+use pipeline::{Overrides, RobotInterface};
 use std::path::PathBuf;
 
 /// Real-time teleoperation: move a robot's arms by moving your own.
@@ -23,6 +25,23 @@ pub struct Place {
     /// Engage although the kernel grants no real-time scheduling; simulated driver only.
     #[arg(long)]
     pub engage_without_realtime: bool,
+    /// How the simulated robot takes commands, in place of sim.interface: direct, or jtc100, four controllers that are not
+    /// synchronised and take points at 100 Hz.
+    #[arg(long, value_name = "NAME", value_parser = interface_parser())]
+    pub interface: Option<RobotInterface>,
+}
+
+fn interface_parser() -> impl TypedValueParser<Value = RobotInterface> {
+    let find = |name: String| RobotInterface::ALL.into_iter().find(|interface| interface.name() == name);
+    PossibleValuesParser::new(RobotInterface::ALL.map(RobotInterface::name))
+        .try_map(move |name| find(name).ok_or("no such interface"))
+}
+
+impl Place {
+    /// What the command line changes of the settings.
+    pub fn overrides(&self) -> Overrides {
+        Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -60,6 +79,10 @@ pub struct Demo {
     /// Keep the run's folder (socket, registry, process reports) here instead of a temporary one.
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
+    /// How the simulated robot takes commands, in place of sim.interface: direct, or jtc100, four controllers that are not
+    /// synchronised and take points at 100 Hz.
+    #[arg(long, value_name = "NAME", value_parser = interface_parser())]
+    pub interface: Option<RobotInterface>,
     /// No live line and no figures.
     #[arg(long)]
     pub quiet: bool,

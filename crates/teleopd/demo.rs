@@ -45,8 +45,12 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = Instance::new(&folder.path)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", folder.path.display())))?;
-    let place =
-        cli::Place { config: options.config.clone(), run_dir: folder.path.clone(), engage_without_realtime: true };
+    let place = cli::Place {
+        config: options.config.clone(),
+        run_dir: folder.path.clone(),
+        engage_without_realtime: true,
+        interface: options.interface,
+    };
     println!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
         println!("          {warning}");
@@ -198,8 +202,8 @@ struct Show {
 
 impl Show {
     fn new(instance: &Instance, place: &cli::Place, quiet: bool) -> Result<Self, Failure> {
-        let overrides = pipeline::Overrides { engage_without_realtime: true };
-        let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+        let loaded =
+            pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
         let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
         Ok(Self {
             skeletons: domain.reader(Service::Skeleton).map_err(bus_failure)?,

@@ -27,7 +27,7 @@ pub use player::{PlayOptions, Player};
 pub use publisher::Publisher;
 pub use settings::{
     ControlSettings, DriverKind, DriverSettings, FileKey, IngestSettings, Method, Policy, RealtimeSettings, Resampling,
-    RetargetSettings, SafetySettings, Settings, SimSettings,
+    RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
 pub use world::{Links, Moment, Running, World, WorldConfig};

@@ -1,6 +1,6 @@
 //! Reads an instance's files: settings, robot, weights; and makes of them one hash that travels in every header.
 
-use crate::settings::{Method, Settings};
+use crate::settings::{Method, RobotInterface, Settings};
 use crate::{ConfigError, fnv_continue};
 use robot::Model;
 use std::path::{Path, PathBuf};
@@ -44,6 +44,8 @@ impl Loaded {
 pub struct Overrides {
     /// `control.engage_without_realtime = true`.
     pub engage_without_realtime: bool,
+    /// `sim.interface`, in place of the one in the file.
+    pub interface: Option<RobotInterface>,
 }
 
 /// Reads and checks the settings file and every file it names.
@@ -56,6 +58,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     })?;
     let mut settings = Settings::parse(&config.display().to_string(), &text)?;
     settings.control.engage_without_realtime |= overrides.engage_without_realtime;
+    settings.sim.interface = overrides.interface.unwrap_or(settings.sim.interface);
     let folder = config.parent().unwrap_or(Path::new("."));
 
     let robot_path = folder.join(&settings.robot.file);
@@ -74,6 +77,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     // The obstacles are part of the text.
     let mut hash = crate::fnv(text.as_bytes());
     hash = fnv_continue(hash, &[u8::from(settings.control.engage_without_realtime)]);
+    hash = fnv_continue(hash, settings.sim.interface.name().as_bytes());
     hash = fnv_continue(hash, &model.hash.to_le_bytes());
     let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
     if weights.is_some() {

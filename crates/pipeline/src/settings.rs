@@ -144,10 +144,50 @@ pub struct RealtimeSettings {
     pub core: i64,
 }
 
+/// How the simulated robot takes what its driver executes.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum RobotInterface {
+    /// Every command at its index.
+    Direct,
+    /// Four joint trajectory controllers, not synchronised, that take points at 100 Hz.
+    Jtc100,
+}
+
+impl RobotInterface {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Direct, Self::Jtc100];
+
+    /// Its name in settings and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Direct => "direct",
+            Self::Jtc100 => "jtc100",
+        }
+    }
+
+    /// As the simulated robot calls it.
+    pub(crate) const fn simulated(self) -> sim::Interface {
+        match self {
+            Self::Direct => sim::Interface::Direct,
+            Self::Jtc100 => sim::Interface::Jtc100,
+        }
+    }
+
+    /// As the certificate knows it.
+    pub(crate) fn certified(self) -> wbc::Interface {
+        match self {
+            Self::Direct => wbc::Interface::default(),
+            Self::Jtc100 => wbc::Interface::JTC_100_HZ,
+        }
+    }
+}
+
 #[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimSettings {
+    pub interface: RobotInterface,
     pub seed: u64,
     pub natural_frequency_hz: f64,
     pub damping_ratio: f64,

@@ -32,6 +32,7 @@ pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, Config
     let (settings, driver) = (&loaded.settings.sim, &loaded.settings.driver);
     let factor = if realtime { 1.0 } else { loaded.settings.safety.stale_factor_without_realtime };
     let options = sim::Options {
+        interface: settings.interface.simulated(),
         natural_frequency_hz: settings.natural_frequency_hz,
         damping_ratio: settings.damping_ratio,
         delay_ticks: settings.delay_ticks,

@@ -12,11 +12,16 @@
 //!
 //! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
 //!
+//! With trajectory controllers in between ([`Interface::Jtc100`]) what is executed is their splines, whose acceleration jumps
+//! from piece to piece: of them position, velocity and clearance are checked at every index, the first two with what a
+//! spline may add to a motion within the jerk limit, and of what the driver hands to them acceleration and jerk.
+//!
 //! A robot that may start outside its limits or too close to itself (`Options::initial_outside`) violates nothing by
 //! being there; to go further out, or closer, is a violation.
 
 use crate::clearance::Workspace;
 use crate::config::Config;
+use crate::interface::{Interface, spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
@@ -42,12 +47,15 @@ const STANDING: f64 = 1e-9;
 /// State of the checker.
 #[derive(Clone, Debug)]
 pub(crate) struct Checker {
+    /// What the driver executed last.
     last: Setpoint,
+    /// What the controllers executed last.
+    splined: Setpoint,
     mode: u32,
     /// Index at which Engaging last began from rest.
     engaged_k: Option<u64>,
     room: Workspace,
-    /// Clearance of `last`, m.
+    /// Clearance of the last posture, m.
     clearance_m: f64,
 }
 
@@ -56,26 +64,48 @@ impl Checker {
     pub(crate) fn new(config: &Config, held: Setpoint) -> Self {
         let mut room = config.body.workspace();
         let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut room);
-        Self { last: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
+        Self { last: held, splined: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
     }
 
-    /// Checks the step to `to`, executed in `mode`.
+    /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
     pub(crate) fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;
         report.steps += 1;
-        for j in 0..JOINTS {
-            check_joint(config, report, &from, to, j);
+        if config.interface == Interface::Direct {
+            for j in 0..JOINTS {
+                check_place(config, report, &from, to, j);
+            }
         }
+        for j in 0..JOINTS {
+            check_change(config, report, &from, to, j);
+        }
+        if config.interface == Interface::Direct {
+            self.keep_clear(config, report, to);
+        }
+        self.engage(config, report, to, mode);
+        (self.last, self.mode) = (*to, mode);
+    }
+
+    /// Checks what controllers make of the driver's steps, index by index.
+    pub(crate) fn spline(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
+        let from = self.splined;
+        for j in 0..JOINTS {
+            check_place(config, report, &from, to, j);
+        }
+        self.keep_clear(config, report, to);
+        self.splined = *to;
+    }
+
+    fn keep_clear(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
-        let least_m = if config.initial_outside { self.clearance_m.min(config.body.d_min_m) } else { config.body.d_min_m };
+        let least_m =
+            if config.initial_outside { self.clearance_m.min(config.body.d_min_m) } else { config.body.d_min_m };
         let clear = clearance_m >= least_m - TOLERANCE_CLEARANCE_M;
         if !clear {
             note(report, ViolationKind::Clearance, to.k, pair, clearance_m, least_m);
         }
         self.clearance_m = clearance_m;
-        self.engage(config, report, to, mode);
-        (self.last, self.mode) = (*to, mode);
     }
 
     /// Watches the first second of every engagement that began at rest.
@@ -107,24 +137,34 @@ fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f
     report.first.get_or_insert(Violation { kind, k, which, value, limit });
 }
 
-/// One joint of one step. What holds is computed, and its absence counted, so that NaN is a violation.
-fn check_joint(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
-    let limits = &config.limits[j];
-    let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
+/// Position and velocity of one joint. What holds is computed, and its absence counted, so that NaN is a violation.
+fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
+    let (limits, q) = (&config.limits[j], to.q[j]);
+    let (mut slack_q, mut slack_v) = (TOLERANCE_Q, TOLERANCE_V);
+    if config.interface == Interface::Jtc100 {
+        slack_q += spline_error(limits.j_max);
+        slack_v += spline_speed_error(limits.j_max);
+    }
     let (mut q_min, mut q_max) = (limits.q_min, limits.q_max);
     if config.initial_outside {
         (q_min, q_max) = (q_min.min(from.q[j]), q_max.max(from.q[j]));
     }
-    let inside = q >= q_min - TOLERANCE_Q && q <= q_max + TOLERANCE_Q;
+    let inside = q >= q_min - slack_q && q <= q_max + slack_q;
     if !inside {
         let limit = if q < q_min { q_min } else { q_max };
         note(report, ViolationKind::Position, to.k, j, q, limit);
     }
     let peak = peak_velocity(from, to, j);
-    let slow = peak <= limits.v_max + TOLERANCE_V;
+    let slow = peak <= limits.v_max + slack_v;
     if !slow {
         note(report, ViolationKind::Velocity, to.k, j, peak, limits.v_max);
     }
+}
+
+/// Acceleration and jerk of one joint over one step.
+fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
+    let limits = &config.limits[j];
+    let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
     let gentle = a.abs() <= limits.a_max + TOLERANCE_A;
     if !gentle {
         note(report, ViolationKind::Acceleration, to.k, j, a, limits.a_max);

@@ -1,6 +1,7 @@
 //! What the simulated robot is made of.
 
 use crate::clearance::Body;
+use crate::interface::Interface;
 use messages::{JOINTS, TICK_HZ};
 use robot::{JointLimits, Model};
 
@@ -17,6 +18,8 @@ const ACCELERATION_RESERVE: f64 = 1.5;
 /// What can be chosen. The manufacturer publishes none of the figures of the joint servos; the defaults are assumptions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
+    /// How the robot takes what the driver executes.
+    pub interface: Interface,
     /// Natural frequency of every joint servo, Hz. Assumption: 15, an industrial position loop.
     pub natural_frequency_hz: f64,
     /// Damping ratio of every joint servo. Assumption: 1, no overshoot.
@@ -40,6 +43,7 @@ impl Default for Options {
     fn default() -> Self {
         let step_rad = std::f64::consts::TAU / f64::from(1 << 17);
         Self {
+            interface: Interface::Direct,
             natural_frequency_hz: 15.0,
             damping_ratio: 1.0,
             delay_ticks: 2,
@@ -89,6 +93,7 @@ pub enum SimError {
 #[derive(Clone, Debug)]
 pub struct Config {
     pub(crate) model: Model,
+    pub(crate) interface: Interface,
     pub(crate) follower: driver::Config,
     /// The stricter of URDF and robot file, joint by joint and limit by limit.
     pub(crate) limits: [JointLimits; JOINTS],
@@ -134,6 +139,7 @@ impl Config {
         }
         Ok(Self {
             model: model.clone(),
+            interface: options.interface,
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
                 ..driver::Config::new(limits.map(|limits| limits.v_max))

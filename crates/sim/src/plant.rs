@@ -1,6 +1,7 @@
 //! The joints: second-order servos behind a transport delay, with saturation, and their encoders.
 
 use crate::config::{Config, DELAY_MAX_TICKS};
+use crate::cubic::cubic;
 use driver::{Driver, Measured, Setpoint};
 use messages::{JOINTS, Stamp, TICK_S};
 use rand::{Rng, SeedableRng};
@@ -82,6 +83,11 @@ impl Plant {
     /// Where the joints are in truth, rad or m.
     pub fn q(&self) -> &[f64; JOINTS] {
         &self.q
+    }
+
+    /// The last setpoint.
+    pub(crate) fn told(&self) -> &Setpoint {
+        &self.last
     }
 
     /// Switches a fault on.
@@ -171,13 +177,7 @@ impl Plant {
 /// the velocity between them interpolated linearly.
 fn between(from: &Setpoint, to: &Setpoint, tick: u64, gap: u64) -> Setpoint {
     let (s, t) = (tick as f64 / gap as f64, gap as f64 * TICK_S);
-    let (s2, s3) = (s * s, s * s * s);
-    let q = |j: usize| {
-        (2.0 * s3 - 3.0 * s2 + 1.0) * from.q[j]
-            + (s3 - 2.0 * s2 + s) * t * from.v[j]
-            + (3.0 * s2 - 2.0 * s3) * to.q[j]
-            + (s3 - s2) * t * to.v[j]
-    };
+    let q = |j: usize| cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], t, s)[0];
     let mix = |a: f64, b: f64| a + s * (b - a);
     Setpoint {
         k: from.k + tick,

@@ -2,15 +2,18 @@
 
 use crate::checker::Checker;
 use crate::config::Config;
+use crate::interface::{CONTROLLERS, Controllers, Interface};
 use crate::plant::{Injection, Plant, Port};
 use crate::report::Report;
-use driver::{Accepted, Driver, Refusal, StepKind};
+use driver::{Accepted, Driver, Refusal, Setpoint, StepKind};
 use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp};
 
 /// Everything remembered.
 #[derive(Clone, Debug)]
 pub struct State {
     follower: driver::State,
+    /// Absent where the robot takes every setpoint.
+    controllers: Option<Controllers>,
     plant: Plant,
     checker: Checker,
     report: Report,
@@ -25,9 +28,11 @@ impl State {
         let measured = Port { config, plant: &mut plant }.read(Stamp::NONE);
         let follower =
             driver::State::hold(k, &measured.q).expect("the initial posture was checked, and the noise is finite");
-        let checker = Checker::new(config, follower.setpoint());
+        let held = follower.setpoint();
+        let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
+        let checker = Checker::new(config, held);
         let report = Report::new(config.model.prismatic);
-        Self { follower, plant, checker, report, sequence: 0, port_fault: false }
+        Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false }
     }
 
     /// What the run amounts to so far.
@@ -43,6 +48,21 @@ impl State {
     /// Where the joints are in truth, rad or m.
     pub fn q(&self) -> &[f64; JOINTS] {
         self.plant.q()
+    }
+
+    /// What the joints were told last: the driver's setpoint, or what controllers made of it.
+    pub fn told(&self) -> &Setpoint {
+        self.plant.told()
+    }
+
+    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
+        self.controllers.as_ref().map(Controllers::delays_s)
+    }
+
+    /// Whether the driver and all controllers are at rest.
+    pub fn at_rest(&self) -> bool {
+        self.follower.motion.at_rest() && self.controllers.as_ref().is_none_or(Controllers::at_rest)
     }
 
     /// Switches a fault of the robot on.
@@ -82,24 +102,34 @@ pub struct Output {
 
 /// Executes up to the index that is due, moves the joints, measures, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    let State { follower, plant, checker, report, port_fault, .. } = state;
+    let State { follower, controllers, plant, checker, report, port_fault, .. } = state;
     let mut port = Port { config, plant };
     let mut mode = follower.mode;
-    let mut rejected = false;
+    let (mut rejected, mut told) = (false, follower.setpoint());
     let follow = driver::Input { due_k: input.due_k, command: input.command, port_fault: *port_fault };
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
         }
         checker.step(config, report, &step.setpoint, mode);
-        rejected |= !port.write(now, &step.setpoint);
+        let mut write = |executed: &Setpoint| {
+            rejected |= !port.write(now, executed);
+            told = *executed;
+        };
+        match controllers {
+            None => write(&step.setpoint),
+            Some(controllers) => controllers.advance(&step.setpoint, |executed| {
+                checker.spline(config, report, executed);
+                write(executed);
+            }),
+        }
     });
     let measured = port.read(now);
     if out.advanced > 0 {
         *port_fault = rejected;
         report.tracking_samples += 1;
         for j in 0..JOINTS {
-            let error = (out.executed.q[j] - measured.q[j]).abs();
+            let error = (told.q[j] - measured.q[j]).abs();
             report.tracking_max[j] = report.tracking_max[j].max(error);
             report.tracking_squares[j] += error * error;
         }

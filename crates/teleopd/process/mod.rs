@@ -8,7 +8,7 @@ pub mod sim;
 
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
-use pipeline::{Instance, Loaded, Overrides};
+use pipeline::{Instance, Loaded};
 use rt::{Realtime, RealtimeConfig, RealtimeReport, ServiceManager, Shutdown};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,8 +38,8 @@ impl Process {
         priority: impl Fn(&Loaded) -> Option<u32>,
     ) -> Result<Self, Failure> {
         rt::die_with_parent();
-        let overrides = Overrides { engage_without_realtime: place.engage_without_realtime };
-        let loaded = pipeline::load(&place.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+        let loaded =
+            pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
         let instance = Instance::new(&place.run_dir)
             .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;

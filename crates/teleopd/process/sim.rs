@@ -39,7 +39,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         if process.shutdown.requested() {
             // A driver that is told to end takes no command any more: it plays its plan, and ends at rest.
             let since = *ending.get_or_insert(now);
-            if state.follower().motion.at_rest() || now.since(since) > END_WITHIN_NS {
+            if state.at_rest() || now.since(since) > END_WITHIN_NS {
                 break;
             }
         }
@@ -69,7 +69,11 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     }
     let mut report = figures.to_json(state.report());
     report["commands_accepted"] = json!(state.follower().accepted);
-    report["ended_at_rest"] = json!(state.follower().motion.at_rest());
+    report["ended_at_rest"] = json!(state.at_rest());
+    report["interface"] = json!(process.loaded.settings.sim.interface.name());
+    if let Some(delays_s) = state.delays_s() {
+        report["controller_delays_ms"] = json!(delays_s.map(|delay_s| delay_s * 1e3));
+    }
     report["publish_failures"] = json!(publish_failures);
     report["realtime"] = json!(process.realtime.is_realtime());
     process.leave(&report)

@@ -50,15 +50,16 @@ impl ControlConfig {
     pub fn new(loaded: &Loaded, realtime: bool) -> Result<Self, ConfigError> {
         let model = loaded.model.clone();
         let safety = &loaded.settings.safety;
+        let sim = &loaded.settings.sim;
+        let options = wbc::Options::default().interface(sim.interface.certified());
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         Ok(Self {
             engage: engage::Config::relaxed(&safety.thresholds(), factor)
                 .map_err(|error| ConfigError::stage("safety", error))?,
-            wbc: wbc::Config::new(&model, wbc::Options::default())
-                .map_err(|error| ConfigError::stage("whole-body control", error))?,
+            wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
             arm: ArmModel::of(&model),
-            servo_lag_s: f64::from(loaded.settings.sim.delay_ticks) * messages::TICK_S,
+            servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
             config_hash: loaded.hash,
             realtime,
             model,

@@ -1,0 +1,55 @@
+//! The built-in motion through every stage on other robots than the shipped settings name: one that takes trajectory
+//! points, and one with other hands.
+
+use pipeline::{Loaded, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions, RobotInterface};
+use std::path::{Path, PathBuf};
+
+fn shipped(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
+}
+
+fn load(config: &Path, interface: Option<RobotInterface>) -> Loaded {
+    pipeline::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The whole motion, from the enable to rest.
+fn replay(loaded: &Loaded) -> OfflineReport {
+    let options = PlayOptions { speed: 1.0, looped: false, calibration: motion::CalibrationMode::First10s };
+    let mut run = Offline::new(loaded, &motion::builtin(), options).expect("every stage takes the robot");
+    let end = loop {
+        if let Err(end) = run.step() {
+            break end;
+        }
+    };
+    assert_eq!(end, OfflineEnd::AtRest);
+    run.report().clone()
+}
+
+fn assert_clean(report: &OfflineReport) {
+    println!(
+        "{} rows, least clearance {:.1} mm, limb error {:.2} deg, of the robot {:.2} deg",
+        report.rows, report.min_clearance_mm, report.limb_error_deg_mean, report.limb_error_measured_deg_mean
+    );
+    assert_eq!(report.violations.values().sum::<u64>(), 0, "{:?}", report.violations);
+    assert!(report.rows > 10_000);
+}
+
+#[test]
+fn trajectory_controllers_follow_the_builtin_motion_without_a_fault() {
+    let config = shipped("teleop.toml");
+    let [direct, points] = [None, Some(RobotInterface::Jtc100)].map(|interface| load(&config, interface));
+    assert_ne!(direct.hash, points.hash, "processes started for different interfaces cannot engage");
+    assert_clean(&replay(&points));
+}
+
+#[test]
+fn the_robot_with_grippers_follows_the_builtin_motion() {
+    let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
+    let absolute = |name: &str| shipped(name).display().to_string();
+    let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual_pal_gripper.toml"));
+    let text = text.replace("../weights/tiago_dual", &absolute("../weights/tiago_dual"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("teleop.toml");
+    std::fs::write(&path, text).expect("is written");
+    assert_clean(&replay(&load(&path, None)));
+}

@@ -1,0 +1,158 @@
+//! What lies between the driver and the joints.
+//!
+//! A TIAGo++ takes no setpoints: it has four joint trajectory controllers (torso, head, left arm, right arm) that take
+//! trajectory points. [`Interface::Jtc100`] is a driver for them: every h = 10 ms of the index it hands position and
+//! velocity of what it executes, command or plan, to all four. Each of them lays a cubic through the points (Hermite) and
+//! follows it at a delay of its own,
+//!
+//! ```text
+//! y_k(t) = spline_k(t - D - d_g),   D = h,   0 <= d_g <= h
+//! ```
+//!
+//! where D is what the newest point must be ahead by, and d_g is drawn once per run from the seed: the controllers are
+//! not synchronised, and the network and their cycles add what they add.
+//!
+//! *Bounds.* For |q'''| <= J the spline leaves q by at most J h^3 / 96 and its derivative leaves q' by at most J h^2 / 30:
+//! the largest integrals over a period of the magnitude of the Peano kernel, 1/96 in the middle, and of its derivative,
+//! 0.0323 at 0.23 h from either end. So limits of position and velocity may be exceeded by so much
+//! ([`spline_error`], [`spline_speed_error`]); the jerk of a spline jumps from point to point.
+
+use crate::cubic::cubic;
+use driver::Setpoint;
+use messages::{JOINTS, TICK_HZ, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Ticks between two trajectory points: 10 ms.
+pub const POINT_TICKS: u64 = TICK_HZ / 100;
+/// The same in seconds.
+const POINT_S: f64 = POINT_TICKS as f64 * TICK_S;
+/// Number of controllers.
+pub const CONTROLLERS: usize = 4;
+
+/// Ticks of a gap between two setpoints that are executed one by one; later every controller is at its end.
+const GAP_MAX_TICKS: u64 = 1500;
+/// Distinguishes the draw of the delays from that of the noise.
+const DELAY_STREAM: u64 = 0x4a54_4331_3030_687a;
+
+/// How the robot takes what the driver executes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Interface {
+    /// Every setpoint at its index.
+    #[default]
+    Direct,
+    /// Four trajectory controllers, not synchronised, that take points at 100 Hz.
+    Jtc100,
+}
+
+impl Interface {
+    /// Delay that it adds on average, s.
+    pub const fn delay_s(self) -> f64 {
+        match self {
+            Self::Direct => 0.0,
+            Self::Jtc100 => 1.5 * POINT_S,
+        }
+    }
+}
+
+/// Largest distance of the spline from a motion of this jerk, rad or m.
+pub fn spline_error(j_max: f64) -> f64 {
+    j_max * POINT_S.powi(3) / 96.0
+}
+
+/// Largest difference of their velocities, rad/s or m/s.
+pub fn spline_speed_error(j_max: f64) -> f64 {
+    j_max * POINT_S.powi(2) / 30.0
+}
+
+/// A trajectory point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Point {
+    q: [f64; JOINTS],
+    v: [f64; JOINTS],
+}
+
+/// The controllers.
+#[derive(Clone, Debug)]
+pub(crate) struct Controllers {
+    /// d_g, ticks.
+    delay_ticks: [f64; CONTROLLERS],
+    /// The last three points; the newest is that of the last multiple of a period.
+    points: [Point; 3],
+    /// What the driver executes.
+    last: Setpoint,
+}
+
+impl Controllers {
+    /// At rest at `held`.
+    pub(crate) fn new(held: &Setpoint, seed: u64) -> Self {
+        let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
+        Self {
+            delay_ticks: std::array::from_fn(|_| rng.random_range(0.0..=POINT_TICKS as f64)),
+            points: [Point { q: held.q, v: held.v }; 3],
+            last: *held,
+        }
+    }
+
+    /// D + d_g of torso, head, left arm and right arm, s.
+    pub(crate) fn delays_s(&self) -> [f64; CONTROLLERS] {
+        self.delay_ticks.map(|ticks| (POINT_TICKS as f64 + ticks) * TICK_S)
+    }
+
+    /// Whether every controller rests at the same place.
+    pub(crate) fn at_rest(&self) -> bool {
+        self.points.iter().all(|point| {
+            let moved = point.q.iter().zip(&self.last.q).map(|(q, last)| q - last);
+            moved.chain(point.v).all(|x| x.abs() <= driver::REST_TOLERANCE)
+        })
+    }
+
+    /// The driver moves on to `to`; `each` gets what the joints are to do at every index up to it. Where setpoints are
+    /// missing in between, the driver takes its points from the cubic through both ends.
+    pub(crate) fn advance(&mut self, to: &Setpoint, mut each: impl FnMut(&Setpoint)) {
+        let from = self.last;
+        let gap = to.k.saturating_sub(from.k);
+        for k in to.k - gap.min(GAP_MAX_TICKS)..to.k {
+            let (k, share) = (k + 1, (k + 1 - from.k) as f64 / gap as f64);
+            if k.is_multiple_of(POINT_TICKS) {
+                let point = if k == to.k { Point { q: to.q, v: to.v } } else { between(&from, to, share) };
+                self.points = [self.points[1], self.points[2], point];
+            }
+            each(&self.executed(k));
+        }
+        if gap > 0 {
+            self.last = *to;
+        }
+    }
+
+    /// What the joints are to do at index `k`, whose newest point is the last of `points`.
+    fn executed(&self, k: u64) -> Setpoint {
+        let mut out = Setpoint { k, q: [0.0; JOINTS], v: [0.0; JOINTS], a: [0.0; JOINTS] };
+        for j in 0..JOINTS {
+            // Ticks since the oldest point: 0 to 29, so that both ends of the piece are known.
+            let since = (k % POINT_TICKS + POINT_TICKS) as f64 - self.delay_ticks[controller(j)];
+            let piece = usize::from(since >= POINT_TICKS as f64);
+            let share = since / POINT_TICKS as f64 - piece as f64;
+            let end = |point: &Point| [point.q[j], point.v[j]];
+            let (from, to) = (end(&self.points[piece]), end(&self.points[piece + 1]));
+            [out.q[j], out.v[j], out.a[j]] = cubic(from, to, POINT_S, share);
+        }
+        out
+    }
+}
+
+fn between(from: &Setpoint, to: &Setpoint, share: f64) -> Point {
+    let duration_s = (to.k - from.k) as f64 * TICK_S;
+    let at = |j: usize| cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], duration_s, share);
+    Point { q: std::array::from_fn(|j| at(j)[0]), v: std::array::from_fn(|j| at(j)[1]) }
+}
+
+/// The controller of a joint.
+pub const fn controller(joint: usize) -> usize {
+    match joint {
+        0 => 0,
+        1..3 => 1,
+        3..10 => 2,
+        _ => 3,
+    }
+}

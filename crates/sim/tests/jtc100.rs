@@ -1,0 +1,216 @@
+//! What four controllers that are not synchronised make of commands under attack.
+
+mod support;
+
+use driver::Setpoint;
+use messages::{ALL_JOINTS, Header, JOINTS, JointCommand, Layout, Mode, TICK_S, deadline};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::Frames;
+use safety::{engage, gate};
+use sim::interface::{controller, spline_error, spline_speed_error};
+use sim::{Config, Input, Interface, Options, Report, State, ViolationKind};
+use support::{Bench, ELBOW, K, MODEL};
+
+const TICKS: u64 = 40_000;
+
+fn exact() -> Options {
+    let interface = Interface::Jtc100;
+    Options { interface, encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }
+}
+
+/// First joint of either arm: its axis is upright.
+const SHOULDERS: [usize; 2] = [3, 10];
+/// How far both arms swing to and fro together, rad, and how fast, rad/s.
+const SWING_RAD: f64 = 0.4;
+const SWING_OMEGA: f64 = 2.0;
+
+/// A posture in which the arms reach forward side by side, closer than they may, wherever they swing: one is in the way of
+/// the other.
+fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS] {
+    let mut frames = Frames::default();
+    loop {
+        let mut q = MODEL.home;
+        for j in 0..7 {
+            let limits = &MODEL.limits[3 + j];
+            let middle = rng.random_range(limits.q_min + 0.1..limits.q_max - 0.1);
+            (q[3 + j], q[10 + j]) = (middle, middle);
+        }
+        let beside = |swing: f64| {
+            let q = swung(&q, swing);
+            MODEL.forward(&q, &mut frames);
+            let (clearance_m, pair) = MODEL.clearance(&frames);
+            let pair = &MODEL.pairs[pair];
+            let arms = [pair.a, pair.b].map(|c| controller_of_body(MODEL.capsules[c].body));
+            (-0.03..0.012).contains(&clearance_m) && (arms == [2, 3] || arms == [3, 2])
+        };
+        if [-SWING_RAD, -SWING_RAD / 2.0, 0.0, SWING_RAD / 2.0, SWING_RAD].into_iter().all(beside) {
+            return q;
+        }
+    }
+}
+
+/// Both arms turned to the same side.
+fn swung(q: &[f64; JOINTS], by: f64) -> [f64; JOINTS] {
+    let mut q = *q;
+    q[SHOULDERS[0]] += by;
+    q[SHOULDERS[1]] -= by;
+    q
+}
+
+/// A body is moved by the joint before it.
+fn controller_of_body(body: usize) -> usize {
+    if body == 0 { 0 } else { controller(body - 1) }
+}
+
+/// What happened in a tick.
+struct Seen {
+    commanded: Setpoint,
+    told: Setpoint,
+}
+
+struct Run {
+    report: Report,
+    denials: u64,
+    delays_s: [f64; 4],
+    seen: Vec<Seen>,
+}
+
+/// A robot whose arms have delays that are at least 9 ms apart: about one in a hundred.
+fn far_apart(config: &Config) -> State {
+    let apart = |robot: &State| robot.delays_s().is_some_and(|delays| (delays[2] - delays[3]).abs() > 9e-3);
+    (0..).map(|seed| State::new(config, K, seed)).find(apart).expect("there are many")
+}
+
+/// Whole-body control and the gate follow arms that swing side by side, and now and then no command arrives for some ticks:
+/// the driver plays the plan.
+fn attack(certified_for: wbc::Interface, seed: u64) -> Run {
+    let wbc_options = wbc::Options::default().interface(certified_for);
+    let wbc_config = wbc::Config::new(&MODEL, wbc_options).expect("whole-body control");
+    let gate_config = gate::Config::new(&MODEL).expect("the gate");
+    let sim_config = Config::new(&MODEL, &exact()).expect("the simulated robot");
+    let mut robot = far_apart(&sim_config);
+    let start = robot.follower().motion.q;
+    let (mut wbc_state, mut gate_state) = (wbc::State::at_rest(&wbc_config, start), gate::State::at_rest(start));
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let centre = side_by_side(&mut rng);
+    let (mut silent, mut seed_at) = (0, (K, 0));
+    let mut seen = Vec::new();
+    for k in K + 1..=K + TICKS {
+        let now = deadline(k);
+        let phase = SWING_OMEGA * (k - K) as f64 * TICK_S;
+        let (q, mut dq) = (swung(&centre, SWING_RAD * phase.sin()), [0.0; JOINTS]);
+        let speed = SWING_RAD * SWING_OMEGA * phase.cos();
+        (dq[SHOULDERS[0]], dq[SHOULDERS[1]]) = (speed, -speed);
+        if silent == 0 && rng.random_range(0..2000) == 0 {
+            silent = rng.random_range(1..10);
+        }
+        let command = (silent == 0).then(|| {
+            let target = wbc::Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+            let permit = wbc::Permit::Follow { speed_scale: 1.0 };
+            let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
+            let wbc::Output { q, v, a, plan, .. } = proposed;
+            let permit = engage::Permit::Follow { speed_scale: 1.0 };
+            let made = gate::tick(&gate_config, &mut gate_state, now, gate::Proposed { k, permit, q, v, a, plan });
+            if !made.accepted() {
+                wbc_state.reseed(&wbc::Planned { q: made.q, v: made.v, a: made.a, plan: made.plan });
+            }
+            JointCommand {
+                header: Header { sequence: k, stamp: now, incarnation: 1, ..Header::ZERO },
+                k,
+                seed_k: seed_at.0,
+                seed_played: seed_at.1,
+                q: made.q,
+                v: made.v,
+                a: made.a,
+                plan: made.plan,
+                mode: Mode::Engaged as u32,
+                ..JointCommand::ZERO
+            }
+        });
+        let out = sim::tick(&sim_config, &mut robot, now, Input { due_k: k, command: command.as_ref() });
+        assert_eq!(out.accepted.is_some(), command.is_some(), "tick {k}: {:?}", out.refused);
+        if silent > 0 {
+            silent -= 1;
+            let driver = robot.follower();
+            let (motion, planned) = (driver.motion, driver.motion.plan);
+            wbc_state.reseed(&wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: planned });
+            gate_state.reseed(&motion.q, &motion.v, &motion.a, &planned);
+            seed_at = (driver.executed_k, driver.plan_ticks_played);
+        }
+        seen.push(Seen { commanded: robot.follower().setpoint(), told: *robot.told() });
+    }
+    let delays_s = robot.delays_s().expect("four controllers");
+    Run { report: robot.report().clone(), denials: gate_state.denials(), delays_s, seen }
+}
+
+#[test]
+fn certified_for_it_nothing_comes_too_close() {
+    for seed in [2, 4] {
+        let Run { report, denials, delays_s, .. } = attack(wbc::Interface::JTC_100_HZ, seed);
+        let least_mm = report.min_clearance_m() * 1e3;
+        println!("seed {seed}: least {least_mm:.2} mm, {denials} denials, delays {delays_s:?} s");
+        assert_eq!(report.violations_total(), 0, "{:?}", report.first_violation());
+        assert!(report.min_clearance_m() < MODEL.d_min_m + 4e-3, "never close: {least_mm} mm");
+    }
+}
+
+#[test]
+fn certified_for_direct_commands_it_comes_closer() {
+    for seed in [2, 4] {
+        let report = attack(wbc::Interface::default(), seed).report;
+        let below = report.violations_of(ViolationKind::Clearance);
+        println!("seed {seed}: least {:.2} mm, {below} ticks below", report.min_clearance_m() * 1e3);
+        assert!(below > 0, "the test cannot fail");
+    }
+}
+
+#[test]
+fn the_splines_stay_within_their_bound_of_the_delayed_command() {
+    let run = attack(wbc::Interface::JTC_100_HZ, 2);
+    let skewed = run.delays_s.iter().fold(0.0, |most: f64, delay| most.max((delay - run.delays_s[0]).abs()));
+    assert!(skewed > 1e-3 && run.delays_s.iter().all(|delay| (0.01..=0.02).contains(delay)), "{:?}", run.delays_s);
+    let (mut off, mut off_speed) = (0.0_f64, 0.0_f64);
+    // The commands are known every tick; the cubic between them leaves them by (T / h)^3 of the bound.
+    let tick_share = 1.0 / 15.0;
+    for (n, seen) in run.seen.iter().enumerate().skip(40) {
+        for j in 0..JOINTS {
+            let since = n as f64 - run.delays_s[controller(j)] / TICK_S;
+            let (from, share) = (since.floor() as usize, since - since.floor());
+            let (from, to) = (&run.seen[from].commanded, &run.seen[from + 1].commanded);
+            let [q, v] = cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], share);
+            let (bound, speed_bound) = (spline_error(MODEL.limits[j].j_max), spline_speed_error(MODEL.limits[j].j_max));
+            off = off.max((seen.told.q[j] - q).abs() / bound - f64::powi(tick_share, 3));
+            off_speed = off_speed.max((seen.told.v[j] - v).abs() / speed_bound - f64::powi(tick_share, 2));
+        }
+    }
+    println!("positions reach {off:.3}, velocities {off_speed:.3} of their bounds");
+    assert!(off <= 1.0 && off_speed <= 1.0, "{off} {off_speed}");
+    assert!(off > 0.3 && off_speed > 0.3, "a bound that nothing comes near: {off} {off_speed}");
+}
+
+fn cubic(from: [f64; 2], to: [f64; 2], s: f64) -> [f64; 2] {
+    let (d, a, b) = (to[0] - from[0], TICK_S * from[1], TICK_S * to[1]);
+    let (c2, c3) = (3.0 * d - 2.0 * a - b, a + b - 2.0 * d);
+    [from[0] + s * (a + s * (c2 + s * c3)), (a + s * (2.0 * c2 + s * 3.0 * c3)) / TICK_S]
+}
+
+#[test]
+fn when_commands_end_the_plan_is_followed_to_rest() {
+    let mut bench = Bench::new(&exact(), 3);
+    bench.drive(ELBOW, 50.0, 40);
+    let last = bench.command.k;
+    assert!(!bench.state.at_rest());
+    let mut rests = [None; 2];
+    for k in last + 1..last + 1500 {
+        bench.tick(k, None);
+        for (rest, now) in rests.iter_mut().zip([bench.state.follower().motion.at_rest(), bench.state.at_rest()]) {
+            *rest = rest.or(now.then_some(k));
+        }
+    }
+    let [driver, all] = rests.map(|k| k.expect("comes to rest"));
+    assert!((1..=45).contains(&(all - driver)), "driver {driver}, controllers {all}");
+    let off = (bench.state.told().q[ELBOW] - bench.state.follower().motion.q[ELBOW]).abs();
+    assert!(off < 1e-6, "{off}");
+    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
+}
