@@ -289,7 +289,7 @@ fn judge(
         let plan_point = on_plan.joint(j).0;
         let judged = limits
             .step(last[j], next[j], plan_point)
-            .and_then(|()| limits.slow(last[j], next[j], speed_scale))
+            .and_then(|()| limits.slow(last[j], next[j], plan_point, speed_scale))
             .and_then(|()| limits.stop(next[j], &phases[j]));
         rest[j] = judged.map_err(|check| Denial::Joint { joint: j, check })? as f64 / UNITS;
     }

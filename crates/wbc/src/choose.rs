@@ -16,6 +16,9 @@ use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 /// itself, which needs no proof.
 const STEPS: [f64; 2] = [1.0, 0.4];
 
+/// What a speed may exceed the scale's by without counting as faster: rounding, of which a tick adds 1e-15.
+const SCALE_ROUNDING: f64 = 1e-9;
+
 const LEFT: JointSet = bits(LEFT_ARM.start, LEFT_ARM.end);
 const RIGHT: JointSet = bits(RIGHT_ARM.start, RIGHT_ARM.end);
 
@@ -68,6 +71,11 @@ fn wishes(config: &Config, before: &Planned, aims: &Aims, scale: f64) -> [Option
         let bounds = relaxed(&config.bounds[j], config.hard_range[j], scale, x, &stop);
         // The speed asked for is what the scale allows, not what the state makes unavoidable.
         let asked = Bounds { v_max: scale * config.bounds[j].v_max, ..config.bounds[j] };
+        let fastest = x.v.abs().max(x.coasting_velocity(asked.j_max).abs());
+        if fastest > asked.v_max * (1.0 + SCALE_ROUNDING) && x.v * x.a > 0.0 {
+            // Too fast for a scale that fell, and still gaining: nothing brakes sooner than the plan.
+            return None;
+        }
         let velocity = wanted_velocity(x, aims[j]?, &asked)?;
         let wanted = wanted_jerk(x, velocity, &asked);
         let jerk = bounds.nearest_admissible(x, wanted)?;

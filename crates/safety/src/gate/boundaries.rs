@@ -50,21 +50,25 @@ fn what_a_stop_is_granted_is_exact() {
 fn the_permitted_share_of_speed_is_exact() {
     let limits = LIMITS;
     let point = |v: i64| Point { q: 0, v, a: 0 };
+    let elsewhere = Point { q: 1000 + SLACK, v: 0, a: 0 };
     for eighths in 0..=8 {
         let share = limits.v * eighths / 8;
         for last in (-8..=8).map(|n| limits.v * n / 8) {
             for next in (-8..=8).flat_map(|n| [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1].map(|d| limits.v * n / 8 + d)) {
-                let got = limits.slow(point(last), point(next), eighths as f64 / 8.0);
+                let got = limits.slow(point(last), point(next), elsewhere, eighths as f64 / 8.0);
                 let may = eighths == 8 || next.abs() <= share + SLACK || next.abs() <= last.abs() + SLACK;
                 assert_eq!(got, if may { Ok(()) } else { Err(Check::SpeedScale) }, "{eighths} {last} {next}");
             }
         }
     }
     for scale in [f64::NAN, -1.0, f64::NEG_INFINITY, 0.0, f64::MIN_POSITIVE] {
-        assert_eq!(limits.slow(point(100), point(-100 - SLACK), scale), Ok(()));
-        assert_eq!(limits.slow(point(100), point(101 + SLACK), scale), Err(Check::SpeedScale));
+        assert_eq!(limits.slow(point(100), point(-100 - SLACK), elsewhere, scale), Ok(()));
+        assert_eq!(limits.slow(point(100), point(101 + SLACK), elsewhere, scale), Err(Check::SpeedScale));
+        // A joint may gain speed as its plan does: its acceleration cannot vanish at once.
+        assert_eq!(limits.slow(point(100), point(101 + SLACK), point(101), scale), Ok(()));
+        assert_eq!(limits.slow(point(100), point(102 + SLACK), point(101), scale), Err(Check::SpeedScale));
     }
-    assert_eq!(limits.slow(point(0), point(i64::MAX / 4), f64::INFINITY), Ok(()));
+    assert_eq!(limits.slow(point(0), point(i64::MAX / 4), elsewhere, f64::INFINITY), Ok(()));
 }
 
 /// The acceleration that a phase ends with.

@@ -83,7 +83,7 @@ fn checks_at_the_ceilings_fit_their_types() {
                 let outside = next.q > limits.q[1] + 64 || next.q < limits.q[0] - 64;
                 assert!(!outside || got.is_err(), "{last:?} {next:?}");
                 for scale in [0.0, 1e-300, 0.5, 1.0 - f64::EPSILON] {
-                    let _ = limits.slow(*last, *next, scale);
+                    let _ = limits.slow(*last, *next, *last, scale);
                 }
             }
             for jerk in around(JERK, false) {

@@ -148,14 +148,15 @@ impl Limits {
         self.within(&extremes)
     }
 
-    /// Speed in a tick with only part of the velocity limit: no faster than that part, or than before.
-    pub(super) fn slow(&self, last: Point, next: Point, speed_scale: f64) -> Result<(), Check> {
+    /// Speed in a tick with only part of the velocity limit: no faster than that part, or than before, or than the stored
+    /// plan, which brakes as soon as the joint can.
+    pub(super) fn slow(&self, last: Point, next: Point, on_plan: Point, speed_scale: f64) -> Result<(), Check> {
         if speed_scale >= 1.0 {
             return Ok(());
         }
         // NaN becomes zero, too: nothing may get faster.
         let share = (speed_scale.max(0.0) * self.v as f64) as i64;
-        let slower = next.v.abs() <= share + SLACK || next.v.abs() <= last.v.abs() + SLACK;
+        let slower = next.v.abs() <= share.max(last.v.abs()) + SLACK || next.is_near(on_plan, SLACK);
         if slower { Ok(()) } else { Err(Check::SpeedScale) }
     }
 
