@@ -74,8 +74,8 @@ fn from_any_clear_posture_engaging_begins_without_a_jump() {
         bench.target = Some(far);
         bench.settle();
         // What is commanded was measured, not assumed.
-        for j in 0..JOINTS {
-            assert!((bench.commanded().q[j] - start[j]).abs() < 1e-3, "{context}: joint {j}");
+        for (j, (held, start)) in bench.commanded().q.iter().zip(&start).enumerate() {
+            assert!((held - start).abs() < 1e-3, "{context}: joint {j}");
         }
         let held = bench.commanded().q;
         bench.press_enable();

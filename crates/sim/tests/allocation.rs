@@ -3,7 +3,7 @@
 
 mod support;
 
-use sim::Options;
+use sim::{Interface, Options};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use support::{Bench, ELBOW};
@@ -33,7 +33,13 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn ten_thousand_ticks_allocate_nothing() {
-    let mut bench = Bench::new(&Options::default(), 1);
+    for interface in [Interface::Direct, Interface::Jtc100] {
+        allocates_nothing(&Options { interface, ..Options::default() });
+    }
+}
+
+fn allocates_nothing(options: &Options) {
+    let mut bench = Bench::new(options, 1);
     let before = COUNT.with(Cell::get);
     for n in 0..10_000_u64 {
         // To and fro, with a silence now and then.

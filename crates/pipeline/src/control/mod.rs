@@ -255,14 +255,8 @@ fn command(
     };
     let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
     let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted, permit });
-    let offer = gate::Proposed {
-        k: input.k,
-        permit: decided.permit,
-        q: proposed.q,
-        v: proposed.v,
-        a: proposed.a,
-        plan: proposed.plan,
-    };
+    let wbc::Output { q, v, a, plan, .. } = proposed;
+    let offer = gate::Proposed { k: input.k, permit: decided.permit, q, v, a, plan };
     let decision = gate::tick(&config.gate, &mut state.gate, now, offer);
     let denied = !decision.accepted();
     let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
