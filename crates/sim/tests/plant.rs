@@ -8,8 +8,8 @@ use support::{Bench, ELBOW, K, others};
 
 /// Accelerates the elbow to 0.12 rad/s and keeps that for 0.2 s.
 fn cruise(bench: &mut Bench) {
-    bench.drive(ELBOW, 200.0, 37);
-    bench.drive(ELBOW, -200.0, 37);
+    bench.drive(ELBOW, 200.0, 18);
+    bench.drive(ELBOW, -200.0, 18);
     bench.drive(ELBOW, 0.0, 300);
 }
 
@@ -86,8 +86,8 @@ fn a_driver_that_overslept_simulates_the_same_motion() {
     let mut steady = Bench::ideal();
     let mut sleepy = Bench::ideal();
     cruise(&mut steady);
-    sleepy.drive(ELBOW, 200.0, 37);
-    sleepy.drive(ELBOW, -200.0, 37);
+    sleepy.drive(ELBOW, 200.0, 18);
+    sleepy.drive(ELBOW, -200.0, 18);
     for n in 1..=300 {
         let command = sleepy.next(ELBOW, 0.0);
         if n % 20 == 0 {
