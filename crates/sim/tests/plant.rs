@@ -6,10 +6,16 @@ use messages::{Fault, JOINTS, TICK_S};
 use sim::{Injection, Options};
 use support::{Bench, ELBOW, K, others};
 
-/// Accelerates the elbow to 0.12 rad/s and keeps that for 0.2 s.
-fn cruise(bench: &mut Bench) {
+/// Accelerates the elbow to 0.12 rad/s, by 2.4 rad/s^2.
+fn accelerate(bench: &mut Bench) {
     bench.drive(ELBOW, 200.0, 18);
+    bench.drive(ELBOW, 0.0, 57);
     bench.drive(ELBOW, -200.0, 18);
+}
+
+/// Accelerates the elbow and keeps its speed for 0.2 s.
+fn cruise(bench: &mut Bench) {
+    accelerate(bench);
     bench.drive(ELBOW, 0.0, 300);
 }
 
@@ -86,8 +92,7 @@ fn a_driver_that_overslept_simulates_the_same_motion() {
     let mut steady = Bench::ideal();
     let mut sleepy = Bench::ideal();
     cruise(&mut steady);
-    sleepy.drive(ELBOW, 200.0, 18);
-    sleepy.drive(ELBOW, -200.0, 18);
+    accelerate(&mut sleepy);
     for n in 1..=300 {
         let command = sleepy.next(ELBOW, 0.0);
         if n % 20 == 0 {
