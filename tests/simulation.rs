@@ -68,14 +68,14 @@ fn run(config: &WorldConfig, seed: u64, badness: f64) -> Outcome {
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
             world.publish(&raw);
         }
-        // The hand of an operator who lets go for 0.4 s, presses reset meanwhile, and enables again.
+        // The hand of an operator who lets go for 0.7 s, presses reset once the robot rests, and enables again.
         let beat = (k > FAULTS_FROM && badness > 0.0).then_some(k % (4 * TICK_HZ));
         let operator = OperatorView {
             connected: true,
-            enable_level: k > TICK_HZ && beat.is_none_or(|beat| beat >= 600),
-            enable_edge: k == TICK_HZ + 1 || beat == Some(600),
+            enable_level: k > TICK_HZ && beat.is_none_or(|beat| beat >= 1000),
+            enable_edge: k == TICK_HZ + 1 || beat == Some(1000),
             release_edge: beat == Some(0),
-            reset_edge: beat == Some(500),
+            reset_edge: beat == Some(900),
             heartbeat_received: now,
             ..OperatorView::default()
         };

@@ -2,7 +2,7 @@
 
 use messages::JOINTS;
 use nalgebra::Vector3;
-use robot::{CAPSULES_MAX, Frames, Model, Pose, Solid};
+use robot::{CAPSULES_MAX, Frames, Model, Pair, Pose, Solid};
 
 /// The least distance of the checked pairs, and of the capsules that move from the obstacles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +71,7 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
         *axis = Axis::new(pose.r * capsule.a + pose.t, pose.r * capsule.b + pose.t, capsule.radius_m);
     }
     let mut least = Clearance { distance_m: f64::INFINITY, pair: [0; 2] };
-    for pair in &model.pairs {
+    for pair in nearest_balls(model, &axes).into_iter().chain(&model.pairs) {
         let (first, second) = (&axes[pair.a], &axes[pair.b]);
         if first.around(second) >= least.distance_m {
             continue;
@@ -83,6 +83,18 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
         }
     }
     from_obstacles(model, &axes, least)
+}
+
+/// The pair whose balls are nearest: judged first, it leaves few others to be judged.
+fn nearest_balls<'a>(model: &'a Model, axes: &[Axis; CAPSULES_MAX]) -> Option<&'a Pair> {
+    let (mut nearest, mut least_m) = (None, f64::INFINITY);
+    for pair in &model.pairs {
+        let around_m = axes[pair.a].around(&axes[pair.b]);
+        if around_m < least_m {
+            (nearest, least_m) = (Some(pair), around_m);
+        }
+    }
+    nearest
 }
 
 /// The lesser of `least` and the least distance of a capsule that moves from an obstacle.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// Pairs farther apart than this by their bounding spheres keep the spheres' distance: no stop reaches that far often,
 /// and where one does, the certificate looks closer.
-const FAR_M: f64 = 0.3;
+const FAR_M: f64 = 0.15;
 
 /// A posture with its placements and separations.
 #[derive(Clone, Debug)]

@@ -205,7 +205,6 @@ fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
             tally.note(got, &surely, &maybe, "a step");
         }
     }
-    println!("{tally:?}");
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
 }
 
@@ -233,7 +232,6 @@ fn every_comparison_grants_the_slack_and_not_a_unit_more() {
             tally.note(got, &surely, &maybe, "a moved step");
         }
     }
-    println!("{tally:?}");
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
 }
 
