@@ -29,8 +29,10 @@ const CONSTRAINTS: usize = 2 * UNKNOWNS + ROWS_MAX;
 /// Steps after which a program is given up. Each constraint enters or leaves in one step, so all of them could do so
 /// more than once; random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below the limit).
 pub const STEPS_MAX: u32 = 160;
-/// Violation that counts as rounding, relative to the terms of the constraint.
-const ROUNDING: f64 = 1e-13;
+/// Violation that counts as rounding, relative to the largest bound or reference times the normal, which is what z is
+/// computed from: far above 1e-16 times the condition of a program of limbs (1e3), so that constraints which say the same,
+/// like the two bounds of an unknown that is fixed, do not contradict each other.
+const ROUNDING: f64 = 1e-12;
 /// A normal counts as a combination of the active ones if what is left of it, squared, is below this share of it: an
 /// angle of 1e-10, far above rounding (1e-16 times the condition of H).
 const DEPENDENT: f64 = 1e-20;
@@ -137,6 +139,8 @@ pub fn solve(problem: &Problem, warm: &mut ActiveSet) -> Solution {
 struct Work<'a> {
     problem: &'a Problem,
     z: Vector,
+    /// The largest bound or reference.
+    scale: f64,
     /// Column c of J.
     basis: [Vector; UNKNOWNS],
     /// R, upper triangular: `r[row][column]`.
@@ -152,9 +156,11 @@ struct Work<'a> {
 
 impl<'a> Work<'a> {
     fn new(problem: &'a Problem) -> Self {
+        let largest = |of: &Vector| of.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         Self {
             problem,
             z: problem.reference,
+            scale: largest(&problem.reference).max(largest(&problem.lower)).max(largest(&problem.upper)),
             basis: [[0.0; UNKNOWNS]; UNKNOWNS],
             r: [[0.0; UNKNOWNS]; UNKNOWNS],
             active: [0; UNKNOWNS],
@@ -195,21 +201,20 @@ impl<'a> Work<'a> {
     /// n . z - b of a constraint, and the size of what rounding may do to it.
     fn slack(&self, constraint: usize) -> (f64, f64) {
         let p = self.problem;
-        let (value, bound, size) = if constraint < UNKNOWNS {
-            (self.z[constraint], p.lower[constraint], self.z[constraint].abs())
+        let (value, bound, normal) = if constraint < UNKNOWNS {
+            (self.z[constraint], p.lower[constraint], 1.0)
         } else if constraint < 2 * UNKNOWNS {
             let i = constraint - UNKNOWNS;
-            (-self.z[i], -p.upper[i], self.z[i].abs())
+            (-self.z[i], -p.upper[i], 1.0)
         } else {
             let row = &p.rows[constraint - 2 * UNKNOWNS];
             let mut sums = (0.0, 0.0);
             for i in 0..UNKNOWNS {
-                let term = row[i] * self.z[i];
-                sums = (sums.0 + term, sums.1 + term.abs());
+                sums = (sums.0 + row[i] * self.z[i], sums.1 + row[i].abs());
             }
             (sums.0, p.least[constraint - 2 * UNKNOWNS], sums.1)
         };
-        (value - bound, ROUNDING * (size + bound.abs()))
+        (value - bound, ROUNDING * (normal * self.scale + bound.abs()))
     }
 
     /// d = J^T n.

@@ -1,0 +1,108 @@
+//! What an arm does where it is blocked: it slides, and gives up what the robot file says is worth least.
+
+use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS, LEFT_ARM, Stamp};
+use nalgebra::{Matrix3, Rotation3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::Model;
+use wbc::{Config, Input, Options, Parts, Permit, Program, State, Target, Tasks, certify_rest, tick};
+
+fn model() -> Model {
+    Model::from_text(
+        "tiago_dual.toml",
+        include_str!("../../../config/robots/tiago_dual.toml"),
+        "tiago_dual.urdf",
+        include_str!("../../../config/robots/tiago_dual.urdf"),
+    )
+    .expect("the robot of the repository loads")
+}
+
+fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
+    let mut parts = Parts::of(model).expect("the parts of the robot");
+    change(&mut parts.tasks);
+    Config::from_parts(parts, Options::default()).expect("whole-body control")
+}
+
+/// Follows `q` for `ticks`; calls `see` with every output.
+fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut see: impl FnMut(&wbc::Output)) {
+    for k in 0..ticks {
+        let target = Target { q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let permit = Permit::Follow { speed_scale: 1.0 };
+        see(&tick(config, state, Stamp::NONE, Input { k, target: Some(target), permit }));
+    }
+}
+
+/// Postures of the left arm that are in collision, the right arm at home: what a person asks for who has other hips.
+fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
+    loop {
+        let mut q = model.home;
+        for j in LEFT_ARM.into_iter().take(5) {
+            q[j] = rng.random_range(model.limits[j].q_min..model.limits[j].q_max);
+        }
+        let (_, clearance_m, _) = certify_rest(config, &q);
+        if (-0.05..0.0).contains(&clearance_m) {
+            return q;
+        }
+    }
+}
+
+/// The angles by which the left arm's limbs are off, summed, rad.
+fn limb_error(model: &Model, q: &[f64; JOINTS], wanted: &[f64; JOINTS]) -> f64 {
+    let limbs = |q: &[f64; JOINTS]| {
+        let arm: [f64; ARM_JOINTS] = std::array::from_fn(|i| q[LEFT_ARM.start + i]);
+        model.arms[0].limb_rotations(&std::array::from_fn(|i| arm[i]))
+    };
+    let angle = |a: Matrix3<f64>, b: Matrix3<f64>| Rotation3::from_matrix_unchecked(a.transpose() * b).angle();
+    let (own, theirs) = (limbs(q), limbs(wanted));
+    angle(own.0, theirs.0) + angle(own.1, theirs.1)
+}
+
+/// What became of blocked targets.
+#[derive(Debug, Default)]
+struct Outcome {
+    /// Mean limb error when the program first changed a wish, and 5 s after the target was set, rad.
+    first_rad: f64,
+    last_rad: f64,
+    /// Ticks whose wishes the program changed, and those for which it had no solution.
+    solved: u64,
+    infeasible: u64,
+}
+
+fn slide(model: &Model, config: &Config) -> Outcome {
+    const COUNT: usize = 12;
+    let mut rng = Pcg64::seed_from_u64(5);
+    let mut outcome = Outcome::default();
+    for _ in 0..COUNT {
+        let wanted = blocked(config, model, &mut rng);
+        let mut state = State::at_rest(config, model.home);
+        let (mut first, mut last) = (None, model.home);
+        follow(config, &mut state, &wanted, 7500, |out| {
+            assert!(out.clearance_m >= model.d_min_m, "{}", out.clearance_m);
+            last = out.q;
+            outcome.infeasible += u64::from(out.program == Program::Infeasible);
+            if out.program == Program::Solved {
+                outcome.solved += 1;
+                first.get_or_insert(out.q);
+            }
+        });
+        outcome.first_rad += limb_error(model, &first.expect("the target is blocked"), &wanted) / COUNT as f64;
+        outcome.last_rad += limb_error(model, &last, &wanted) / COUNT as f64;
+    }
+    outcome
+}
+
+#[test]
+fn a_blocked_arm_slides_on_whatever_deviations_cost() {
+    let model = model();
+    let alike = slide(&model, &config(&model, |tasks| tasks.limb_weight = 0.0));
+    let limbs = slide(&model, &config(&model, |tasks| tasks.limb_weight = 1.0));
+    println!("joints alike {alike:?}\nlimbs weighed {limbs:?}");
+    for outcome in [&alike, &limbs] {
+        // What the rows ask for is always possible: at worst to come no closer.
+        assert_eq!(outcome.infeasible, 0, "{outcome:?}");
+        assert!(outcome.solved > 7500, "{outcome:?}");
+        assert!(outcome.last_rad < 0.6 * outcome.first_rad, "the arms stopped instead of sliding: {outcome:?}");
+    }
+    assert!(limbs.last_rad < 1.02 * alike.last_rad, "limbs that count are not further off: {limbs:?} {alike:?}");
+    assert_ne!(alike.last_rad, limbs.last_rad, "the weight decides nothing");
+}
