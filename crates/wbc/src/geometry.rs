@@ -105,7 +105,7 @@ pub struct Geometry {
     pub(crate) chain: Chain,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) pairs: Vec<CheckedPair>,
-    obstacles: Vec<Solid>,
+    pub(crate) obstacles: Vec<Solid>,
     /// What the robot's interface may take from a pair; none if it executes what is commanded.
     pub(crate) deviation: Option<Deviation>,
     /// Distance that every pair keeps, m.

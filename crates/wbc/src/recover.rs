@@ -26,6 +26,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
 use crate::tick::Candidate;
 use messages::{ALL_JOINTS, JOINTS, TICK_S};
+use robot::Solid;
 
 /// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s, below the 250 mm/s that
 /// ISO 10218-1 asks of manual motion at reduced speed even if three joints add up.
@@ -33,7 +34,8 @@ const SPEED_RAD_PER_S: f64 = 0.1;
 const SPEED_M_PER_S: f64 = 0.01;
 /// Share of it that is aimed for: the rest is for changes of direction.
 const AIMED_SHARE: f64 = 0.9;
-/// w of the law, 1/s: a change of speed takes 0.15 s, and w^2 times twice the speed stays below every jerk limit.
+/// w of the law, 1/s: a change of speed takes 0.15 s, and w^2 times twice the speed stays below an arm's jerk limit (180 of
+/// 320 rad/s^3). The lift's is lower: where it binds, the motion is not in proportion, and is dropped if a pair closes.
 const BANDWIDTH_PER_S: f64 = 30.0;
 /// How long a stop from steady motion takes, s: 4 v / D^2 is its jerk, 60 rad/s^3 at the largest speed.
 const STOP_S: f64 = 0.08;
@@ -68,6 +70,9 @@ pub(crate) struct Recovery {
     pairs: [usize; ROWS_MAX],
     /// What the pair has beyond the goal, m.
     left: [f64; ROWS_MAX],
+    /// Every pair nearer than the goal, with its distance at the tick before; the first `near_count` count.
+    near: Vec<(usize, f64)>,
+    near_count: usize,
     probe: Anchor,
 }
 
@@ -87,6 +92,8 @@ impl Recovery {
             problem: Problem::default(),
             pairs: [0; ROWS_MAX],
             left: [0.0; ROWS_MAX],
+            near: vec![(0, 0.0); geometry.pair_count()],
+            near_count: 0,
             probe: Anchor::new(geometry, q),
         }
     }
@@ -134,8 +141,10 @@ impl Recovery {
             self.problem.reference[j] = f64::from(u8::from(below)) - f64::from(u8::from(above));
         }
         self.find_near(&config.geometry, anchor);
-        needed |= self.problem.row_count > 0 && self.left[0] < 0.0;
-        if !needed {
+        needed |= self.near_count > 0;
+        // Within a box every depth is the same distance, so nothing says which way leads out.
+        let lost = self.near[..self.near_count].iter().any(|&(pair, _)| is_within_box(&config.geometry, anchor, pair));
+        if !needed || lost {
             return None;
         }
         for k in 0..self.problem.row_count {
@@ -148,11 +157,15 @@ impl Recovery {
             .map(|u| std::array::from_fn(|j| AIMED_SHARE * reach[j].speed * u[j].clamp(-1.0, 1.0)))
     }
 
-    /// Lists the pairs with least left beyond the goal, in that order.
+    /// Lists all pairs that are nearer than the goal; and for the rows those with least left beyond it, in that order.
     fn find_near(&mut self, geometry: &Geometry, anchor: &Anchor) {
-        self.problem.row_count = 0;
+        (self.problem.row_count, self.near_count) = (0, 0);
         for (pair, separation) in anchor.separation.iter().enumerate() {
             let left = separation - geometry.d_min_m - GOAL_M;
+            if left < 0.0 {
+                self.near[self.near_count] = (pair, anchor.measure(geometry, pair));
+                self.near_count += 1;
+            }
             let mut at = self.problem.row_count;
             if left > NEAR_M || (at == ROWS_MAX && left >= self.left[at - 1]) {
                 continue;
@@ -188,14 +201,14 @@ impl Recovery {
 
     /// Whether, tick by tick to rest, no pair nearer than the goal comes closer.
     fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Motion) -> bool {
-        let near = (0..self.problem.row_count).take_while(|&k| self.left[k] < 0.0).count();
-        if near == 0 {
+        let goal = geometry.d_min_m + GOAL_M;
+        let near = &mut self.near[..self.near_count];
+        if near.is_empty() {
             return true;
         }
-        let goal = geometry.d_min_m + GOAL_M;
-        let mut last = [0.0; ROWS_MAX];
-        for (last, &pair) in last.iter_mut().zip(&self.pairs[..near]) {
-            *last = anchor.measure(geometry, pair);
+        // A smaller share of the velocities begins where the one before it began.
+        for (pair, last) in near.iter_mut() {
+            *last = anchor.measure(geometry, *pair);
         }
         let ticks = (motion.end_s() / TICK_S).ceil() as usize;
         if ticks > STOP_TICKS_MAX {
@@ -203,9 +216,9 @@ impl Recovery {
         }
         for tick in 1..=ticks {
             self.probe.pose(geometry, motion.posture(tick as f64 * TICK_S));
-            for (last, &pair) in last.iter_mut().zip(&self.pairs[..near]) {
+            for (pair, last) in near.iter_mut() {
                 // What is beyond the goal may come back to it.
-                let distance = self.probe.measure(geometry, pair).min(goal);
+                let distance = self.probe.measure(geometry, *pair).min(goal);
                 if distance < *last - ROUNDING_M {
                     return false;
                 }
@@ -214,6 +227,13 @@ impl Recovery {
         }
         true
     }
+}
+
+/// Whether the axis of a capsule meets a box of the surroundings.
+fn is_within_box(geometry: &Geometry, anchor: &Anchor, pair: usize) -> bool {
+    let checked = &geometry.pairs[pair];
+    let is_box = checked.obstacle.is_some_and(|k| matches!(geometry.obstacles[k], Solid::Box { .. }));
+    is_box && anchor.measure(geometry, pair) <= ROUNDING_M - checked.radii
 }
 
 fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS] {
