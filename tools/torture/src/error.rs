@@ -18,6 +18,14 @@ pub enum TortureError {
     /// Settings, robot or weights are refused.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
+    /// Settings with an interface that is not attacked.
+    #[error("{file}: sim.interface = \"{value}\", must be \"direct\": no other is attacked here")]
+    Interface {
+        /// The settings file.
+        file: PathBuf,
+        /// The interface.
+        value: &'static str,
+    },
     /// A stage refuses the robot.
     #[error("{file}: {stage}: {cause}")]
     Stage {

@@ -37,7 +37,7 @@ fn main() -> ExitCode {
             eprintln!("torture: {error}");
             ExitCode::from(match error {
                 TortureError::Option { .. } => EX_USAGE,
-                TortureError::Config(_) | TortureError::Stage { .. } => EX_CONFIG,
+                TortureError::Config(_) | TortureError::Interface { .. } | TortureError::Stage { .. } => EX_CONFIG,
                 TortureError::Motion(_) | TortureError::NoMotions(_) => EX_NOINPUT,
                 TortureError::Write { .. } => EX_CANTCREAT,
             })

@@ -3,7 +3,7 @@
 use crate::error::TortureError;
 use driver::Motion;
 use messages::{JOINTS, Stamp};
-use pipeline::Overrides;
+use pipeline::{Overrides, RobotInterface};
 use robot::Model;
 use safety::engage::Permit;
 use safety::gate;
@@ -25,14 +25,20 @@ pub struct Subject {
 
 impl Subject {
     /// The robot of a settings file among the obstacles that it names, or of a robot file without any; `certified`: see
-    /// [`Subject::of`].
+    /// [`Subject::of`]. What is attacked takes every command at its index: settings with another interface are refused.
     ///
     /// # Errors
     /// Names the file, the key, the value and the bound.
     pub fn load(config: &Path, robot: Option<&Path>, certified: bool) -> Result<Self, TortureError> {
         match robot {
             Some(file) => Self::of(pipeline::load_model(file)?.0, file, certified),
-            None => Self::of(pipeline::load(config, Overrides::default())?.model, config, certified),
+            None => {
+                let loaded = pipeline::load(config, Overrides::default())?;
+                match loaded.settings.sim.interface {
+                    RobotInterface::Direct => Self::of(loaded.model, config, certified),
+                    other => Err(TortureError::Interface { file: config.to_path_buf(), value: other.name() }),
+                }
+            }
         }
     }
 

@@ -64,6 +64,34 @@ fn what_cannot_be_done_is_refused_with_its_bound() {
     }
 }
 
+/// Whoever runs the robot behind trajectory controllers must not take the figures of another interface for theirs.
+#[test]
+fn an_interface_that_is_not_attacked_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").canonicalize().unwrap();
+    let direct = std::fs::read_to_string(config.join("teleop.toml")).unwrap();
+    let place = |name: &str, text: &str| {
+        let text = text.replace("\"robots/", &format!("\"{}/robots/", config.display()));
+        let text = text.replace("\"../weights/", &format!("\"{}/../weights/", config.display()));
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let short = ["--ticks", "100", "--goals", "0", "--config"];
+    let same = place("direct.toml", &direct);
+    let output = torture(&[&short[..], &[&same]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let other = direct.replace("interface = \"direct\"", "interface = \"jtc100\"");
+    assert_ne!(other, direct);
+    let other = place("jtc100.toml", &other);
+    for arguments in [&short[..], &["stop-times", "--states", "10", "--config"], &["bench", "--config"]] {
+        let output = torture(&[arguments, &[&other]].concat());
+        assert_eq!(output.status.code(), Some(78), "{}", said(&output));
+        let words = ["jtc100.toml", "sim.interface = \"jtc100\"", "must be \"direct\""];
+        assert!(words.iter().all(|word| said(&output).contains(word)), "{}", said(&output));
+    }
+}
+
 #[test]
 fn stop_times_and_bench_write_their_figures() {
     let folder = tempfile::tempdir().unwrap();
