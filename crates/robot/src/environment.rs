@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 pub const PLANES_MAX: usize = 8;
 /// Most boxes of an environment.
 pub const BOXES_MAX: usize = 8;
+/// Most characters of the name of a plane or box.
+pub const NAME_CHARACTERS_MAX: usize = 64;
 /// What stands farther away than this is out of any arm's reach, m.
 const FAR_M: f64 = 10.0;
 /// A normal may be so much longer or shorter than 1: a few digits in a file.
@@ -33,7 +35,7 @@ pub struct Environment {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneEntry {
-    /// Unique name.
+    /// Unique name of 1 to 64 characters, none of them a control character.
     pub name: String,
     /// Unit vector that leads out of what is solid.
     pub normal: [f64; 3],
@@ -45,7 +47,7 @@ pub struct PlaneEntry {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxEntry {
-    /// Unique name.
+    /// Unique name, as that of a plane.
     pub name: String,
     /// Its centre, m.
     pub center_m: [f64; 3],
@@ -172,21 +174,34 @@ fn read(file: &str, environment: &Environment) -> Result<Vec<Obstacle>, RobotErr
             return Err(RobotError::TooMany { file: file.into(), key: key.into(), count, bound });
         }
     }
+    let planes = environment.planes.iter().map(|entry| ("environment.planes: name", &entry.name));
+    let boxes = environment.boxes.iter().map(|entry| ("environment.boxes: name", &entry.name));
+    planes.chain(boxes).try_for_each(|(key, text)| name(file, key, text))?;
     let planes =
         environment.planes.iter().map(|entry| Ok(Obstacle { name: entry.name.clone(), solid: plane(file, entry)? }));
     let boxes =
         environment.boxes.iter().map(|entry| Ok(Obstacle { name: entry.name.clone(), solid: block(file, entry)? }));
     let obstacles = planes.chain(boxes).collect::<Result<Vec<_>, RobotError>>()?;
     for (k, obstacle) in obstacles.iter().enumerate() {
-        if obstacle.name.is_empty() {
-            return Err(value(file, "environment: name", "empty", "must not be empty"));
-        }
         if obstacles[..k].iter().any(|other| other.name == obstacle.name) {
             let (file, key, name) = (file.into(), "environment: name".into(), obstacle.name.clone());
             return Err(RobotError::Duplicate { file, key, name });
         }
     }
     Ok(obstacles)
+}
+
+/// Names are printed wherever a pair is named, on terminals too: neither long ones nor control characters.
+fn name(file: &str, key: &str, text: &str) -> Result<(), RobotError> {
+    let characters = text.chars().count();
+    if (1..=NAME_CHARACTERS_MAX).contains(&characters) && !text.chars().any(char::is_control) {
+        return Ok(());
+    }
+    // No longer in the error than what is accepted.
+    let shown = text.chars().take(NAME_CHARACTERS_MAX).collect::<String>().escape_debug().to_string();
+    let more = if characters > NAME_CHARACTERS_MAX { "..." } else { "" };
+    let bound = format!("must have 1 to {NAME_CHARACTERS_MAX} characters, no control characters, has {characters}");
+    Err(value(file, key, &format!("\"{shown}{more}\""), &bound))
 }
 
 fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {

@@ -39,7 +39,19 @@ fn what_is_out_of_bounds_is_refused_with_key_value_and_bound() {
     refused(&boxes(BoxEntry { size_m, ..table() }), &["environment.boxes `table`: size_m", "0.0", "0.001 to 20"]);
     refused(&boxes(BoxEntry { center_m: [11.0, 0.0, 0.0], ..table() }), &["center_m", "11.0", "-10 to 10"]);
     refused(&boxes(BoxEntry { rpy_deg: [f64::NAN; 3], ..table() }), &["rpy_deg", "NaN", "-360 to 360"]);
-    refused(&planes(PlaneEntry { name: String::new(), ..floor() }), &["name = empty"]);
+    for (name, value) in [
+        (String::new(), "name = \"\"".to_owned()),
+        ("x".repeat(65), format!("name = \"{}...\"", "x".repeat(64))),
+        ("a\nb".into(), r#"name = "a\nb""#.into()),
+        ("\u{1b}[2J\u{7f}\u{9b}".into(), r#"name = "\u{1b}[2J\u{7f}\u{9b}""#.into()),
+    ] {
+        let words = [&value, "1 to 64 characters, no control characters"];
+        refused(&planes(PlaneEntry { name: name.clone(), ..floor() }), &[&words[..], &["environment.planes"]].concat());
+        refused(&boxes(BoxEntry { name, ..table() }), &[&words[..], &["environment.boxes"]].concat());
+    }
+    // Characters are counted, not bytes.
+    let long = PlaneEntry { name: "\u{e9}".repeat(64), ..floor() };
+    assert!(shipped().with_environment("teleop.toml", &planes(long)).is_ok());
     let twice = Environment { planes: vec![floor()], boxes: vec![BoxEntry { name: "floor".into(), ..table() }] };
     refused(&twice, &["`floor` occurs twice"]);
     let capsule = shipped().capsules[0].name.clone();
