@@ -1,7 +1,7 @@
 //! The operator's client: unprivileged, talks to `control` over its socket and to nothing else.
 
 use clap::{Args, Parser, Subcommand};
-use messages::{FAULTS, Fault, Faults, Mode, Status, TRANSITIONS_KEPT, Transition};
+use messages::{FAULTS, Fault, Faults, Mode, Stamp, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::Names;
 use std::path::{Path, PathBuf};
@@ -95,7 +95,10 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
     println!("mode              {}{note}", mode(&status).name());
     println!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
-    println!("input age         {:.1} ms", status.input_age_ns as f64 * 1e-6);
+    match input_age_ms(&status) {
+        Some(age_ms) => println!("input age         {age_ms:.1} ms"),
+        None => println!("input             none yet"),
+    }
     println!(
         "clearance         {:.1} mm commanded ({}), {:.1} mm measured ({})",
         status.clearance_command_m * 1e3,
@@ -126,6 +129,26 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     Ok(true)
 }
 
+/// Age of the newest frame, ms; `None` before the first one. An age is counted from when the frame was received, and that
+/// of no frame from the clock's zero.
+fn input_age_ms(status: &Status) -> Option<f64> {
+    let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
+    (!none).then_some(status.input_age_ns as f64 * 1e-6)
+}
+
+/// Why nothing can be begun in this mode, with the faults that are latched and what clears them.
+fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
+    let mut text = format!("{}: only a disengaged robot can be {what}", mode(status).name());
+    let latched = Faults(status.latched);
+    for fault in latched.iter() {
+        text += &format!("\n{} (latched): {}", fault.row().name, meaning(fault, status, names));
+    }
+    if mode(status) == Mode::Faulted {
+        text += "\nteleopctl reset first: it clears what is latched, once its cause is gone and the robot is at rest";
+    }
+    text
+}
+
 /// What happened, with the joint or the pair that it happened to.
 fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
     let meaning = fault.row().meaning;
@@ -154,7 +177,7 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = Names::read(run_dir);
     if mode(&first) != Mode::Disengaged {
-        println!("{}: only a disengaged robot can be engaged", mode(&first).name());
+        println!("{}", only_disengaged(&first, "engaged", &names));
         return Ok(false);
     }
     let blocking = Faults(first.faults | first.latched);
@@ -173,7 +196,7 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = Names::read(run_dir);
     if mode(&first) != Mode::Disengaged {
-        println!("{}: only a disengaged robot can be brought back", mode(&first).name());
+        println!("{}", only_disengaged(&first, "brought back", &names));
         return Ok(false);
     }
     let faults = Faults(first.faults);
@@ -289,5 +312,29 @@ mod tests {
             "{close}"
         );
         assert_eq!(said(Fault::NoTarget), Fault::NoTarget.row().meaning);
+    }
+
+    #[test]
+    fn a_faulted_robot_is_refused_with_its_fault_and_the_way_out() {
+        let latched = Faults::NONE.with(Fault::EmergencyStop).0;
+        let status = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
+        let said = only_disengaged(&status, "engaged", &Names::default());
+        let row = Fault::EmergencyStop.row();
+        for words in ["Faulted: only a disengaged", row.name, row.meaning, "teleopctl reset first"] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        let engaged = Status { mode: Mode::Engaged as u32, ..Status::ZERO };
+        assert!(!only_disengaged(&engaged, "engaged", &Names::default()).contains("reset"));
+    }
+
+    #[test]
+    fn the_age_of_no_input_is_no_age() {
+        let mut status = Status::ZERO;
+        status.header.stamp = Stamp(5_000_000_000);
+        assert_eq!(input_age_ms(&status), None, "no target");
+        (status.target_stamp, status.input_age_ns) = (Stamp(4_999_000_000), 5_000_000_000);
+        assert_eq!(input_age_ms(&status), None, "a target of no frame");
+        status.input_age_ns = 7_500_000;
+        assert_eq!(input_age_ms(&status), Some(7.5));
     }
 }
