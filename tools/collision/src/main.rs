@@ -90,12 +90,15 @@ fn main() -> ExitCode {
     }
 }
 
+/// Name and text of a file.
+type NamedText = (String, String);
+
 /// All texts that both commands read.
 struct Texts {
     plan: Plan,
     shapes: urdf_rs::Robot,
-    toml: (String, String),
-    urdf: (String, String),
+    toml: NamedText,
+    urdf: NamedText,
 }
 
 fn read_all(source: &Source) -> Result<Texts, CollisionError> {
@@ -131,7 +134,7 @@ fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
 }
 
 /// Name and text of a robot file and of the URDF that it asks for.
-fn robot_texts(path: &Path) -> Result<((String, String), (String, String)), CollisionError> {
+fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     let name = |path: &Path| path.display().to_string();
     let toml = (name(path), read_text(path)?);
     let folder = path.parent().unwrap_or(Path::new("."));
