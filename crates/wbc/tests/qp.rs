@@ -82,8 +82,8 @@ fn cost(problem: &Problem, z: &[f64]) -> f64 {
 
 fn violation(problem: &Problem, z: &[f64]) -> f64 {
     let mut worst = 0.0_f64;
-    for i in 0..UNKNOWNS {
-        worst = worst.max(problem.lower[i] - z[i]).max(z[i] - problem.upper[i]);
+    for (z, (lower, upper)) in z.iter().zip(problem.lower.iter().zip(&problem.upper)) {
+        worst = worst.max(lower - z).max(z - upper);
     }
     for k in 0..problem.row_count {
         let value: f64 = (0..UNKNOWNS).map(|i| problem.rows[k][i] * z[i]).sum();
