@@ -125,8 +125,8 @@ fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed:
                 } else {
                     rng.random_range(0.0..1.0)
                 };
-                for j in controller[0]..controller[1] {
-                    q[j] = trace.executed(interface, j, t - share * interface.skew_s, phase);
+                for (j, q) in q.iter_mut().enumerate().take(controller[1]).skip(controller[0]) {
+                    *q = trace.executed(interface, j, t - share * interface.skew_s, phase);
                 }
             }
             least = least.min(checker.clearance(&q));

@@ -36,8 +36,8 @@ fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut
 fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
     loop {
         let mut q = model.home;
-        for j in LEFT_ARM.into_iter().take(5) {
-            q[j] = rng.random_range(model.limits[j].q_min..model.limits[j].q_max);
+        for (q, limits) in q.iter_mut().zip(&model.limits).skip(LEFT_ARM.start).take(5) {
+            *q = rng.random_range(limits.q_min..limits.q_max);
         }
         let (_, clearance_m, _) = certify_rest(config, &q);
         if (-0.05..0.0).contains(&clearance_m) {
