@@ -284,7 +284,6 @@ fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
                 assert!(got.is_err() || (i128::from(got.unwrap_or(0)) - rest.q).abs() <= ROUNDING, "{got:?} {rest:?}");
             }
         }
-        println!("{tally:?}");
         assert!(tally.admitted > 100 && tally.denied.len() == 2 && tally.undecided == 0, "{tally:?}");
     }
 }
