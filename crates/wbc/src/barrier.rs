@@ -28,7 +28,8 @@ use crate::config::Config;
 use crate::geometry::Geometry;
 use crate::interval::Bounds;
 use crate::motion::{JointMotion, Motion};
-use crate::plan::{JointState, JointStop, Planned};
+use crate::nearest::Nearest;
+use crate::plan::{JointState, JointStop};
 use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 
@@ -105,8 +106,8 @@ struct Key {
 pub(crate) struct Barrier {
     way: [Anchor; 3],
     end: Anchor,
-    keys: [Key; ROWS_MAX],
-    left: [f64; ROWS_MAX],
+    /// The pair and the sample of each row, and what is left there, m.
+    rows: Nearest<Key>,
     problem: Problem,
     spans: [Span; JOINTS],
     active: ActiveSet,
@@ -119,8 +120,7 @@ impl Barrier {
         Self {
             way: [anchor.clone(), anchor.clone(), anchor.clone()],
             end: anchor,
-            keys: [Key::default(); ROWS_MAX],
-            left: [0.0; ROWS_MAX],
+            rows: Nearest::new(),
             problem: Problem::default(),
             spans: [Span::default(); JOINTS],
             active: ActiveSet::default(),
@@ -128,23 +128,22 @@ impl Barrier {
         }
     }
 
-    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, `before` the plan
-    /// in force there.
+    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, `plan` the plan in
+    /// force there.
     pub(crate) fn apply(
         &mut self,
         config: &Config,
         now: &Anchor,
-        before: &Planned,
+        plan: &Motion,
         wishes: &mut [Option<Wish>; JOINTS],
     ) -> Program {
-        let plan = Motion::stops(before);
-        self.find_near(&config.geometry, now, &plan);
-        if self.problem.row_count == 0 {
+        self.find_near(&config.geometry, now, plan);
+        if self.rows.len == 0 {
             return Program::Idle;
         }
-        self.span(wishes, &plan);
+        self.span(wishes, plan);
         self.keep_reachable(&config.geometry);
-        self.make_rows(&config.geometry, &plan);
+        self.make_rows(&config.geometry, plan);
         if !self.wishes_break_a_row(wishes) {
             return Program::Idle;
         }
@@ -163,7 +162,7 @@ impl Barrier {
     /// Poses the samples and lists the pairs that are near, the ones with least left first.
     fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Motion) {
         let end_s = plan.end_s();
-        self.problem.row_count = 0;
+        self.rows.clear();
         let moving = end_s > 0.0;
         if moving {
             self.end.place(geometry, plan.posture(end_s));
@@ -175,7 +174,8 @@ impl Barrier {
             if self.end.separation[pair].min(now.separation[pair]) >= NEAR_M {
                 continue;
             }
-            self.insert(geometry, Key { pair, sample: ON_THE_WAY.len() }, self.end.separation[pair]);
+            let left = |separation: f64| separation - geometry.d_min_m - EPS_M;
+            self.rows.insert(left(self.end.separation[pair]), Key { pair, sample: ON_THE_WAY.len() });
             if !moving {
                 continue;
             }
@@ -186,29 +186,9 @@ impl Barrier {
                 }
             }
             for sample in 0..ON_THE_WAY.len() {
-                let separation = self.way[sample].measure(geometry, pair);
-                self.insert(geometry, Key { pair, sample }, separation);
+                self.rows.insert(left(self.way[sample].measure(geometry, pair)), Key { pair, sample });
             }
         }
-    }
-
-    /// Keeps the rows sorted by what is left; the farthest falls out where there is no room.
-    fn insert(&mut self, geometry: &Geometry, key: Key, separation: f64) {
-        let left = separation - geometry.d_min_m - EPS_M;
-        let mut at = self.problem.row_count;
-        if at == ROWS_MAX {
-            if left >= self.left[at - 1] {
-                return;
-            }
-            at -= 1;
-        } else {
-            self.problem.row_count += 1;
-        }
-        while at > 0 && self.left[at - 1] > left {
-            (self.left[at], self.keys[at]) = (self.left[at - 1], self.keys[at - 1]);
-            at -= 1;
-        }
-        (self.left[at], self.keys[at]) = (left, key);
     }
 
     /// What each joint may choose between; a joint without a wish stays on its plan.
@@ -226,25 +206,21 @@ impl Barrier {
     fn keep_reachable(&mut self, geometry: &Geometry) {
         let most: [f64; JOINTS] =
             std::array::from_fn(|j| self.spans[j].scale * self.spans[j].z[1].max(-self.spans[j].z[0]));
-        let mut kept = 0;
-        for k in 0..self.problem.row_count {
-            let pair = &geometry.pairs[self.keys[k].pair];
+        self.rows.retain(|left, key| {
+            let pair = &geometry.pairs[key.pair];
             let change = [pair.a, pair.b].map(|side| {
                 let shape = &geometry.shapes[side.capsule];
                 (side.from..shape.chain.len()).map(|i| shape.reach[i] * most[shape.chain[i]]).sum::<f64>()
             });
-            if GAMMA * self.left[k] <= change[0] + change[1] {
-                (self.keys[kept], self.left[kept]) = (self.keys[k], self.left[k]);
-                kept += 1;
-            }
-        }
-        self.problem.row_count = kept;
+            GAMMA * left <= change[0] + change[1]
+        });
     }
 
     fn make_rows(&mut self, geometry: &Geometry, plan: &Motion) {
         let end_s = plan.end_s();
-        for k in 0..self.problem.row_count {
-            let Key { pair, sample } = self.keys[k];
+        self.problem.row_count = self.rows.len;
+        for k in 0..self.rows.len {
+            let Key { pair, sample } = self.rows.keys[k];
             let (anchor, time) = match ON_THE_WAY.get(sample) {
                 Some(share) => (&self.way[sample], share * end_s),
                 None => (&self.end, f64::INFINITY),
@@ -257,7 +233,7 @@ impl Barrier {
                     reach += (row[j] * self.spans[j].z[0]).max(row[j] * self.spans[j].z[1]);
                 }
             }
-            let left = self.left[k];
+            let left = self.rows.left[k];
             self.problem.rows[k] = row;
             self.problem.least[k] = if left > 0.0 { -GAMMA * left } else { (-OPEN * left).min(OPEN_SHARE * reach) };
         }
@@ -300,7 +276,7 @@ impl Barrier {
     fn solve(&mut self) -> Option<[f64; JOINTS]> {
         let mut warm = self.active.bounds_only();
         for k in 0..self.problem.row_count {
-            let known = |i: usize| self.active.has_row(i) && self.active_keys[i] == self.keys[k];
+            let known = |i: usize| self.active.has_row(i) && self.active_keys[i] == self.rows.keys[k];
             if (0..ROWS_MAX).any(known) {
                 warm.add_row(k);
             }
@@ -316,16 +292,25 @@ impl Barrier {
             self.active = ActiveSet::default();
             return None;
         }
-        (self.active, self.active_keys) = (warm, self.keys);
+        (self.active, self.active_keys) = (warm, self.rows.keys);
         Some(solution.z)
     }
 }
 
-/// Where a joint stops after a tick of jerk `j`.
-#[inline]
-fn stop_after(wish: &Wish, j: f64) -> f64 {
-    let next = wish.x.after(j, TICK_S);
-    JointStop::new(next.v, next.a, wish.bounds.a_max, wish.bounds.j_max).stop_position(next)
+impl Wish {
+    /// The state after a tick of jerk `j`, and the stop from there.
+    #[inline]
+    pub(crate) fn tick(&self, j: f64) -> (JointState, JointStop) {
+        let next = self.x.after(j, TICK_S);
+        (next, JointStop::new(next.v, next.a, self.bounds.a_max, self.bounds.j_max))
+    }
+
+    /// Where the joint stops after a tick of jerk `j`.
+    #[inline]
+    fn stop_after(&self, j: f64) -> f64 {
+        let (next, stop) = self.tick(j);
+        stop.stop_position(next)
+    }
 }
 
 impl Span {
@@ -333,11 +318,7 @@ impl Span {
         let Some(jerk) = wish.bounds.interval(wish.x) else {
             return Self::default();
         };
-        let motion = jerk.map(|j| {
-            let next = wish.x.after(j, TICK_S);
-            let stop = JointStop::new(next.v, next.a, wish.bounds.a_max, wish.bounds.j_max);
-            JointMotion::tick_then_stop(wish.x, j, &stop)
-        });
+        let motion = jerk.map(|j| JointMotion::tick_then_stop(wish.x, j, &wish.tick(j).1));
         let stop = motion.map(|motion| motion.at(f64::INFINITY).q);
         // At least a billionth of the jerk limit, and a stop that moves at all: else there is nothing to choose.
         if jerk[1] - jerk[0] < 1e-9 * wish.bounds.j_max || stop[1] <= stop[0] {
@@ -358,7 +339,7 @@ impl Span {
     }
 
     fn z_at(&self, wish: &Wish, jerk: f64) -> f64 {
-        if self.scale == 0.0 { 0.0 } else { (stop_after(wish, jerk) - self.plan_stop) / self.scale }
+        if self.scale == 0.0 { 0.0 } else { (wish.stop_after(jerk) - self.plan_stop) / self.scale }
     }
 
     /// z of the wish; beyond what is admissible it goes on as jerk does, so that a wish that is far from possible weighs
@@ -384,7 +365,7 @@ impl Span {
         for step in 0..INVERSION_STEPS {
             let share = if step % 3 == 2 { 0.5 } else { -low.1 / (high.1 - low.1) };
             let jerk = low.0 + share * (high.0 - low.0);
-            let off = stop_after(wish, jerk) - goal;
+            let off = wish.stop_after(jerk) - goal;
             if off.abs() <= accuracy {
                 return jerk;
             }

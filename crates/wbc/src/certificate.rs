@@ -166,8 +166,6 @@ pub(crate) struct Scratch {
     segment: u64,
     evaluations: u32,
     blamed: usize,
-    /// Whether the deviation of the robot's interface counts.
-    deviates: bool,
 }
 
 impl Scratch {
@@ -183,7 +181,6 @@ impl Scratch {
             segment: 0,
             evaluations: 0,
             blamed: 0,
-            deviates: false,
         }
     }
 }
@@ -197,32 +194,27 @@ pub struct Verdict {
     pub evaluations: u32,
 }
 
+/// What a motion is certified for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// A decision like any other.
+    Decision,
+    /// Bringing a robot back: a pair that is closer than d_min keeps the distance that it has, but for
+    /// [`RECOVERY_SAG_M`] on the way, and the deviation of the robot's interface is left out.
+    Recovery,
+}
+
 /// Certifies `motion`, whose first posture is that of `anchor`. Pairs whose distance none of the joints `fresh` changes
 /// are not checked: they continue a certified plan.
 pub(crate) fn certify(
     geometry: &Geometry,
     motion: &Motion,
+    purpose: Purpose,
     fresh: JointSet,
     anchor: &Anchor,
     scratch: &mut Scratch,
 ) -> Verdict {
-    scratch.deviates = true;
-    let mut proof = Proof { geometry, motion, floors, s: scratch };
-    let safe = proof.whole(fresh, anchor);
-    scratch.deviates = false;
-    Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
-}
-
-/// As [`certify`], for a robot that is being brought back: a pair that is closer than d_min keeps the distance that it
-/// has, but for [`RECOVERY_SAG_M`] on the way.
-pub(crate) fn certify_recovery(
-    geometry: &Geometry,
-    motion: &Motion,
-    fresh: JointSet,
-    anchor: &Anchor,
-    scratch: &mut Scratch,
-) -> Verdict {
-    let mut proof = Proof { geometry, motion, floors: recovery_floors, s: scratch };
+    let mut proof = Proof { geometry, motion, purpose, s: scratch };
     let safe = proof.whole(fresh, anchor);
     Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
 }
@@ -262,7 +254,7 @@ fn speed(x: &JointState) -> [f64; 2] {
 struct Proof<'a> {
     geometry: &'a Geometry,
     motion: &'a Motion,
-    floors: fn(f64, f64) -> (f64, f64),
+    purpose: Purpose,
     s: &'a mut Scratch,
 }
 
@@ -282,7 +274,10 @@ impl Proof<'_> {
             }
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;
             let left = anchor.separation[i] - self.deviation(i, |j| speed(&self.motion.joints[j].at(0.0)));
-            let (floor, rest_floor) = (self.floors)(self.geometry.d_min_m, left);
+            let (floor, rest_floor) = match self.purpose {
+                Purpose::Decision => floors(self.geometry.d_min_m, left),
+                Purpose::Recovery => recovery_floors(self.geometry.d_min_m, left),
+            };
             if anchor.separation[i] - path - self.largest_deviation(i) >= rest_floor + CULL_MARGIN_M {
                 continue;
             }
@@ -395,7 +390,9 @@ impl Proof<'_> {
     #[inline]
     fn deviation(&self, pair: usize, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         match &self.geometry.deviation {
-            Some(deviation) if self.s.deviates => deviation.of(self.geometry, &self.geometry.pairs[pair], speed),
+            Some(deviation) if self.purpose == Purpose::Decision => {
+                deviation.of(self.geometry, &self.geometry.pairs[pair], speed)
+            }
             _ => 0.0,
         }
     }
@@ -407,7 +404,9 @@ impl Proof<'_> {
 
     fn largest_deviation(&self, pair: usize) -> f64 {
         match &self.geometry.deviation {
-            Some(deviation) if self.s.deviates => deviation.largest(self.geometry, &self.geometry.pairs[pair]),
+            Some(deviation) if self.purpose == Purpose::Decision => {
+                deviation.largest(self.geometry, &self.geometry.pairs[pair])
+            }
             _ => 0.0,
         }
     }

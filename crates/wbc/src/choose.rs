@@ -1,7 +1,7 @@
 //! The decision of one tick: what each joint would like, what it may, and the first candidate that is proved.
 
 use crate::barrier::{Barrier, Program, Wish};
-use crate::certificate::{Scratch, certify};
+use crate::certificate::{Purpose, Scratch, certify};
 use crate::chain::JointSet;
 use crate::clearance::Anchor;
 use crate::config::Config;
@@ -91,13 +91,12 @@ struct Attempt {
 }
 
 impl Attempt {
-    fn new(wishes: &[Option<Wish>; JOINTS], before: &Planned, on_plan: &Planned, group: JointSet, step: f64) -> Self {
-        let mut attempt = Self { next: *on_plan, motion: Motion::stops(before), fresh: 0 };
+    fn new(wishes: &[Option<Wish>; JOINTS], plan: &Motion, on_plan: &Planned, group: JointSet, step: f64) -> Self {
+        let mut attempt = Self { next: *on_plan, motion: plan.clone(), fresh: 0 };
         for j in (0..JOINTS).filter(|&j| group & 1 << j != 0) {
             let Some(wish) = &wishes[j] else { continue };
             let Some(jerk) = stepped(wish, on_plan.a[j], step) else { continue };
-            let after = wish.x.after(jerk, TICK_S);
-            let stop = JointStop::new(after.v, after.a, wish.bounds.a_max, wish.bounds.j_max);
+            let (after, stop) = wish.tick(jerk);
             attempt.next.set_joint(j, after, stop);
             attempt.motion.joints[j] = JointMotion::tick_then_stop(wish.x, jerk, &stop);
             attempt.fresh |= 1 << j;
@@ -120,15 +119,16 @@ impl Chooser<'_> {
     pub(crate) fn choose(&mut self, before: &Planned, on_plan: &Planned, aims: &Aims, scale: f64) -> Choice {
         let mut wishes = wishes(self.config, before, aims, scale);
         let mut choice = Choice::plan(*on_plan);
+        let plan = Motion::stops(before);
         if self.config.certificate {
-            choice.program = self.barrier.apply(self.config, self.anchor, before, &mut wishes);
+            choice.program = self.barrier.apply(self.config, self.anchor, &plan, &mut wishes);
             if choice.program == Program::Infeasible {
                 return choice;
             }
         }
         let mut first = None;
         for step in STEPS {
-            let attempt = Attempt::new(&wishes, before, on_plan, ALL_JOINTS, step);
+            let attempt = Attempt::new(&wishes, &plan, on_plan, ALL_JOINTS, step);
             let Some(pair) = self.blamed(&mut choice, &attempt) else {
                 return choice.taken(&attempt, Candidate::All);
             };
@@ -139,7 +139,7 @@ impl Chooser<'_> {
             if first.is_some_and(|pair| self.config.geometry.pairs[pair].between & !group == 0) {
                 continue;
             }
-            let attempt = Attempt::new(&wishes, before, on_plan, group, 1.0);
+            let attempt = Attempt::new(&wishes, &plan, on_plan, group, 1.0);
             if attempt.fresh != 0 && self.blamed(&mut choice, &attempt).is_none() {
                 return choice.taken(&attempt, candidate);
             }
@@ -152,7 +152,8 @@ impl Chooser<'_> {
         if !self.config.certificate {
             return None;
         }
-        let verdict = certify(&self.config.geometry, &attempt.motion, attempt.fresh, self.anchor, self.scratch);
+        let Attempt { motion, fresh, .. } = attempt;
+        let verdict = certify(&self.config.geometry, motion, Purpose::Decision, *fresh, self.anchor, self.scratch);
         choice.evaluations += verdict.evaluations;
         choice.fallbacks += u32::from(verdict.blamed.is_some());
         verdict.blamed

@@ -32,6 +32,7 @@ pub mod interface;
 pub mod interval;
 mod model;
 pub mod motion;
+mod nearest;
 pub mod plan;
 pub mod qp;
 mod recover;

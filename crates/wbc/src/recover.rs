@@ -16,14 +16,15 @@
 //! of that is trusted: a motion counts only if, at every tick from now to rest, no joint outside goes further out, no
 //! near pair comes closer, and the certificate holds with each near pair's present distance in place of d_min.
 
-use crate::certificate::{Scratch, certify_recovery};
+use crate::certificate::{Purpose, Scratch, certify};
 use crate::choose::Choice;
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M, PLANNED_SHARE};
 use crate::geometry::Geometry;
 use crate::motion::{JointMotion, Motion};
+use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop, Planned};
-use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
+use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use messages::{ALL_JOINTS, JOINTS, TICK_S};
 use robot::Solid;
@@ -66,10 +67,8 @@ const OPENINGS: [f64; 3] = [1.0, 0.2, 0.0];
 #[derive(Clone, Debug)]
 pub(crate) struct Recovery {
     problem: Problem,
-    /// The pair of each row.
-    pairs: [usize; ROWS_MAX],
-    /// What the pair has beyond the goal, m.
-    left: [f64; ROWS_MAX],
+    /// The pair of each row, and what it has beyond the goal, m.
+    rows: Nearest<usize>,
     /// Every pair nearer than the goal, with its distance at the tick before; the first `near_count` count.
     near: Vec<(usize, f64)>,
     near_count: usize,
@@ -90,8 +89,7 @@ impl Recovery {
     pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
         Self {
             problem: Problem::default(),
-            pairs: [0; ROWS_MAX],
-            left: [0.0; ROWS_MAX],
+            rows: Nearest::new(),
             near: vec![(0, 0.0); geometry.pair_count()],
             near_count: 0,
             probe: Anchor::new(geometry, q),
@@ -118,7 +116,7 @@ impl Recovery {
                 choice.fallbacks += 1;
                 continue;
             }
-            let verdict = certify_recovery(&config.geometry, &attempt.motion, attempt.fresh, anchor, scratch);
+            let verdict = certify(&config.geometry, &attempt.motion, Purpose::Recovery, attempt.fresh, anchor, scratch);
             choice.evaluations += verdict.evaluations;
             if verdict.blamed.is_none() {
                 return Choice { next: attempt.next, candidate: Candidate::All, fresh: attempt.fresh, ..choice };
@@ -148,7 +146,7 @@ impl Recovery {
             return None;
         }
         for k in 0..self.problem.row_count {
-            let gradient = anchor.gradient(&config.geometry, self.pairs[k]);
+            let gradient = anchor.gradient(&config.geometry, self.rows.keys[k]);
             self.problem.rows[k] = std::array::from_fn(|j| gradient[j] * reach[j].speed);
         }
         OPENINGS
@@ -159,28 +157,19 @@ impl Recovery {
 
     /// Lists all pairs that are nearer than the goal; and for the rows those with least left beyond it, in that order.
     fn find_near(&mut self, geometry: &Geometry, anchor: &Anchor) {
-        (self.problem.row_count, self.near_count) = (0, 0);
+        self.rows.clear();
+        self.near_count = 0;
         for (pair, separation) in anchor.separation.iter().enumerate() {
             let left = separation - geometry.d_min_m - GOAL_M;
             if left < 0.0 {
                 self.near[self.near_count] = (pair, anchor.measure(geometry, pair));
                 self.near_count += 1;
             }
-            let mut at = self.problem.row_count;
-            if left > NEAR_M || (at == ROWS_MAX && left >= self.left[at - 1]) {
-                continue;
+            if left <= NEAR_M {
+                self.rows.insert(left, pair);
             }
-            if at == ROWS_MAX {
-                at -= 1;
-            } else {
-                self.problem.row_count += 1;
-            }
-            while at > 0 && self.left[at - 1] > left {
-                (self.left[at], self.pairs[at]) = (self.left[at - 1], self.pairs[at - 1]);
-                at -= 1;
-            }
-            (self.left[at], self.pairs[at]) = (left, pair);
         }
+        self.problem.row_count = self.rows.len;
     }
 
     /// The program with a share of the opening; none if it has no solution.
@@ -188,7 +177,7 @@ impl Recovery {
         let p = &mut self.problem;
         for k in 0..p.row_count {
             let most: f64 = (0..JOINTS).map(|j| (p.rows[k][j] * p.lower[j]).max(p.rows[k][j] * p.upper[j])).sum();
-            let left = self.left[k];
+            let left = self.rows.left[k];
             p.least[k] = if left < 0.0 {
                 opening * (RATE_PER_S * (BEYOND_M - left)).min(OPENING_SHARE * most)
             } else {

@@ -2,7 +2,7 @@
 //! to survive.
 
 use crate::barrier::{Barrier, Program};
-use crate::certificate::{Scratch, Verdict, certify};
+use crate::certificate::{Purpose, Scratch, Verdict, certify};
 use crate::choose::{Aims, Choice, Chooser, aims};
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M};
@@ -168,7 +168,7 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2])
 pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
-    certify(&config.geometry, &Motion::stops(planned), ALL_JOINTS, &anchor, &mut scratch)
+    certify(&config.geometry, &Motion::stops(planned), Purpose::Decision, ALL_JOINTS, &anchor, &mut scratch)
 }
 
 fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {
