@@ -16,7 +16,8 @@ mod world;
 
 pub use authority::Authority;
 pub use control::{
-    ControlConfig, ControlInput, ControlOutput, ControlState, status_json, status_note, tick as control_tick,
+    Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, Stream, status_json,
+    status_note, tick as control_tick,
 };
 pub use edges::OperatorEdges;
 pub use instance::{DEFAULT_RUN_DIR, Instance};

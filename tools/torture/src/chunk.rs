@@ -6,9 +6,9 @@ use crate::parallel::derived_seed;
 use crate::rollout::Judge;
 use crate::stages::{Stages, Subject};
 use crate::stop_times;
-use crate::stream::{Continue, Stream};
 use driver::{Motion, Refusal};
 use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
+use pipeline::{Continue, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
@@ -176,7 +176,7 @@ impl<'a> Part<'a> {
 
     /// The control tick, as the daemon composes it.
     fn control(&mut self, k: u64) -> Option<JointCommand> {
-        let from = Stream::prepare(&mut self.stream, &self.echo, k, 1);
+        let from = Stream::prepare(&mut self.stream, Some(&self.echo), k, 1);
         match from {
             Continue::Nothing => return None,
             Continue::Own => {}
@@ -190,11 +190,11 @@ impl<'a> Part<'a> {
             self.reset_count += 1;
         }
         let now = deadline(k);
-        let out = self.stages.tick(k, now, self.attacker.target(), self.permit());
+        let (out, ns) = self.stages.tick(k, now, self.attacker.target(), self.permit());
         let figures = &mut self.figures;
         let of_attack = &mut figures.attacks[self.attacker.attack as usize];
-        figures.tick.record_ns(out.ns);
-        of_attack.tick.record_ns(out.ns);
+        figures.tick.record_ns(ns);
+        of_attack.tick.record_ns(ns);
         figures.fallbacks += u64::from(out.proposed.fallbacks);
         of_attack.fallbacks += u64::from(out.proposed.fallbacks);
         of_attack.near += u64::from(out.proposed.clearance_m < self.subject.model.d_min_m + NEAR_M);

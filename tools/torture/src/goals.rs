@@ -63,7 +63,7 @@ fn go(stages: &mut Stages<'_>, k: &mut u64, q: &[f64; JOINTS]) -> bool {
     let target = wbc::Target { q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     (0..PATIENCE).any(|_| {
         *k += 1;
-        let out = stages.tick(*k, deadline(*k), Some(target), Permit::Follow { speed_scale: 1.0 });
+        let (out, _) = stages.tick(*k, deadline(*k), Some(target), Permit::Follow { speed_scale: 1.0 });
         out.proposed.on_target && standing(&out.motion)
     })
 }

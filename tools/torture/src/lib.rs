@@ -28,4 +28,3 @@ pub mod report;
 pub mod rollout;
 pub mod stages;
 pub mod stop_times;
-pub mod stream;

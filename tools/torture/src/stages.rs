@@ -3,7 +3,7 @@
 use crate::error::TortureError;
 use driver::Motion;
 use messages::{JOINTS, Stamp};
-use pipeline::{Overrides, RobotInterface};
+use pipeline::{Commanded, Commander, Overrides, RobotInterface};
 use robot::Model;
 use safety::engage::Permit;
 use safety::gate;
@@ -62,70 +62,36 @@ impl Subject {
     }
 }
 
-/// Both stages with all that they remember.
+/// Both stages of one robot.
 #[derive(Clone, Debug)]
 pub struct Stages<'a> {
     subject: &'a Subject,
-    wbc: wbc::State,
-    gate: gate::State,
-}
-
-/// What a tick of both stages results in.
-#[derive(Clone, Copy, Debug)]
-pub struct Commanded {
-    /// What is sent.
-    pub motion: Motion,
-    /// Why the gate denied the proposal.
-    pub denied: Option<gate::Denial>,
-    /// What whole-body control proposed and says of it.
-    pub proposed: wbc::Output,
-    /// Duration of both ticks, ns.
-    pub ns: u64,
+    commander: Commander,
 }
 
 impl<'a> Stages<'a> {
     /// Both at rest at `q` (rad, m).
     pub fn at_rest(subject: &'a Subject, q: [f64; JOINTS]) -> Self {
-        Self { subject, wbc: wbc::State::at_rest(&subject.wbc, q), gate: gate::State::at_rest(q) }
+        Self { subject, commander: Commander::at_rest(&subject.wbc, q) }
     }
 
     /// Continues from what the driver executes.
     pub fn reseed(&mut self, motion: &Motion) {
-        self.wbc.reseed(&planned(motion));
-        self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+        self.commander.reseed(motion);
     }
 
-    /// One tick of both.
-    pub fn tick(&mut self, k: u64, now: Stamp, target: Option<wbc::Target<'_>>, permit: Permit) -> Commanded {
-        let Self { subject, wbc, gate } = self;
-        let allowed = match permit {
-            Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
-            _ => wbc::Permit::Stop,
-        };
+    /// One tick of both, and how long it took, ns. Without a gate the proposal is what is sent.
+    pub fn tick(&mut self, k: u64, now: Stamp, target: Option<wbc::Target<'_>>, permit: Permit) -> (Commanded, u64) {
+        let Self { subject, commander } = self;
         let begun = Instant::now();
-        let proposed = wbc::tick(&subject.wbc, wbc, now, wbc::Input { k, target, permit: allowed });
-        let wbc::Output { q, v, a, plan, .. } = proposed;
-        let Some(config) = &subject.gate else {
-            return Commanded { motion: Motion { q, v, a, plan }, denied: None, proposed, ns: elapsed_ns(begun) };
+        let out = match &subject.gate {
+            Some(gate) => commander.tick((&subject.wbc, gate), k, now, target, permit),
+            None => {
+                let proposed = commander.propose(&subject.wbc, k, now, target, permit);
+                let wbc::Output { q, v, a, plan, .. } = proposed;
+                Commanded { motion: Motion { q, v, a, plan }, denied: None, proposed }
+            }
         };
-        let decision = gate::tick(config, gate, now, gate::Proposed { k, permit, q, v, a, plan });
-        let ns = elapsed_ns(begun);
-        let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
-        let denied = match decision.verdict {
-            gate::Verdict::Deny(denial) => Some(denial),
-            gate::Verdict::Accept | gate::Verdict::OnPlan => None,
-        };
-        if denied.is_some() {
-            wbc.reseed(&planned(&motion));
-        }
-        Commanded { motion, denied, proposed, ns }
+        (out, u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX))
     }
-}
-
-fn elapsed_ns(begun: Instant) -> u64 {
-    u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX)
-}
-
-fn planned(motion: &Motion) -> wbc::Planned {
-    wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: motion.plan }
 }

@@ -142,7 +142,7 @@ fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, St
     let (mut q, mut least) = (model.home, (f64::INFINITY, String::new()));
     for k in 1..=ticks {
         attacker.next(k, &q);
-        let out = stages.tick(k, deadline(k), attacker.target(), attacker.permit);
+        let (out, _) = stages.tick(k, deadline(k), attacker.target(), attacker.permit);
         q = out.motion.q;
         if k.is_multiple_of(EVERY) {
             for posture in [q, rest(&out.motion)] {

@@ -3,9 +3,9 @@
 use driver::{Chain, ChainView, Motion, Seed};
 use messages::RobotState;
 
-/// What `control` knows of the stream it sends.
+/// What `control`, or whoever stands in for it, knows of the stream it sends.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stream {
+pub struct Stream {
     chain: Chain,
     last_k: u64,
     last: Motion,
@@ -14,7 +14,7 @@ pub(super) struct Stream {
 /// What to do before the command of this tick. A box for the large variant would allocate in the tick.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Continue {
+pub enum Continue {
     /// Continue from the own last command: the driver executes it, or still can.
     Own,
     /// Continue from this state instead: whole-body control and the gate must take it over.
@@ -28,7 +28,7 @@ const REST: f64 = driver::REST_TOLERANCE;
 
 impl Stream {
     /// Prepares the command of index `k`. `echo` is the newest robot state, of any age.
-    pub(super) fn prepare(stream: &mut Option<Self>, echo: Option<&RobotState>, k: u64, incarnation: u32) -> Continue {
+    pub fn prepare(stream: &mut Option<Self>, echo: Option<&RobotState>, k: u64, incarnation: u32) -> Continue {
         let Some(echo) = echo else { return Continue::Nothing };
         match *stream {
             // Nothing this process has sent: only a driver at rest may be taken over.
@@ -60,11 +60,12 @@ impl Stream {
     }
 
     /// Notes the command of index `k`.
-    pub(super) fn sent(&mut self, k: u64, motion: Motion) {
+    pub fn sent(&mut self, k: u64, motion: Motion) {
         (self.last_k, self.last) = (k, motion);
     }
 
-    pub(super) fn chain(&self) -> Chain {
+    /// The chain that is being sent.
+    pub fn chain(&self) -> Chain {
         self.chain
     }
 }

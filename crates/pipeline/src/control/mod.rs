@@ -1,13 +1,15 @@
 //! The control tick: engagement decides what is allowed, whole-body control proposes, the gate disposes.
 
 mod chain;
+mod commander;
 mod status;
 
+pub use chain::{Continue, Stream};
+pub use commander::{Commanded, Commander};
 pub use status::{note as status_note, status_json};
 
 use crate::ConfigError;
 use crate::load::Loaded;
-use chain::{Continue, Stream};
 use driver::Motion;
 use messages::{
     Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, state_flag,
@@ -73,8 +75,7 @@ pub struct ControlState {
     incarnation: u32,
     sequence: u64,
     engage: engage::State,
-    wbc: wbc::State,
-    gate: gate::State,
+    commander: Commander,
     near: monitor::Near,
     stream: Option<Stream>,
     last_k: Option<u64>,
@@ -118,8 +119,7 @@ impl ControlState {
             incarnation,
             sequence: 0,
             engage: engage::State::new(),
-            wbc: wbc::State::at_rest(&config.wbc, config.model.home),
-            gate: gate::State::at_rest(config.model.home),
+            commander: Commander::at_rest(&config.wbc, config.model.home),
             near: monitor::Near::new(),
             stream: None,
             last_k: None,
@@ -133,7 +133,7 @@ impl ControlState {
 
     /// What is commanded now.
     pub fn commanded(&self) -> Motion {
-        Motion { q: self.gate.q(), v: self.gate.v(), a: self.gate.a(), plan: self.gate.plan() }
+        self.commander.commanded()
     }
 }
 
@@ -150,8 +150,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     let echo = state.robot.map(|(echo, _)| echo);
     let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
     if let Continue::From(motion) = from {
-        state.wbc.reseed(&planned(&motion));
-        state.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+        state.commander.reseed(&motion);
     }
 
     let observed = observe(config, state, &input, missed);
@@ -201,7 +200,7 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
             clear_to_start: recovers
                 && outside.is_none()
                 && !in_collision
-                && monitor::clear_to_start(&config.model, &mut state.frames, &state.gate.q()),
+                && monitor::clear_to_start(&config.model, &mut state.frames, &state.commander.commanded().q),
             collision_near: state.near.update(&config.model, clearance.distance_m),
             tracking_error_rad: error_rad,
             tracking_error_m: error_m,
@@ -248,24 +247,13 @@ fn command(
     decided: &engage::Output,
     target: Option<&JointTarget>,
 ) -> JointCommand {
-    let permit = match decided.permit {
-        engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
-        engage::Permit::Recover => wbc::Permit::Recover,
-        engage::Permit::Stop => wbc::Permit::Stop,
-    };
     let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
-    let proposed = wbc::tick(&config.wbc, &mut state.wbc, now, wbc::Input { k: input.k, target: wanted, permit });
-    let wbc::Output { q, v, a, plan, .. } = proposed;
-    let offer = gate::Proposed { k: input.k, permit: decided.permit, q, v, a, plan };
-    let decision = gate::tick(&config.gate, &mut state.gate, now, offer);
-    let denied = !decision.accepted();
-    let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
-    if denied {
-        state.wbc.reseed(&planned(&motion));
-        state.status.gate_denials += 1;
-    }
+    let Commanded { motion, denied, proposed } =
+        state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
+    let denied = denied.is_some();
+    state.status.gate_denials += u32::from(denied);
     state.motion = MotionView {
-        at_rest: decision.v.iter().chain(&decision.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
+        at_rest: motion.v.iter().chain(&motion.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
         aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
         settled: motion.v.iter().all(|v| v.abs() <= SETTLED_SPEED),
         gate_denied: denied,
@@ -304,10 +292,6 @@ fn command(
         reset_count: decided.reset_count,
         reserved: 0,
     }
-}
-
-fn planned(motion: &Motion) -> wbc::Planned {
-    wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: motion.plan }
 }
 
 /// Whether every valid joint of the command is near its target, as far as the limits let the target be reached.
