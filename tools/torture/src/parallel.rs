@@ -1,27 +1,15 @@
 //! Independent jobs on several threads, results in the order of the jobs.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use rayon::ThreadPoolBuilder;
+use rayon::prelude::*;
 
-/// Runs `count` jobs on `threads` threads, each taking the next; the results do not depend on the number of threads.
+/// Runs `count` jobs on `threads` threads; the results do not depend on the number of threads.
+///
+/// # Panics
+/// If the system gives no threads.
 pub fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut done = Vec::new();
-        loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            if i >= count {
-                return done;
-            }
-            done.push((i, job(i)));
-        }
-    };
-    let mut all = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.clamp(1, count.max(1))).map(|_| scope.spawn(work)).collect();
-        // A worker that panics ends the process (panic = abort).
-        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_default()).collect::<Vec<_>>()
-    });
-    all.sort_by_key(|(i, _)| *i);
-    all.into_iter().map(|(_, result)| result).collect()
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("the system gives threads");
+    pool.install(|| (0..count).into_par_iter().with_max_len(1).map(&job).collect())
 }
 
 /// The seed of part `index` of a run with seed `seed`: neighbouring numbers give unrelated ones (SplitMix64, Steele, Lea
