@@ -3,6 +3,7 @@
 
 mod authority;
 mod control;
+mod cores;
 mod edges;
 mod instance;
 mod load;
@@ -19,6 +20,7 @@ pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, Stream, status_json,
     status_note, tick as control_tick,
 };
+pub use cores::Cores;
 pub use edges::OperatorEdges;
 pub use instance::{DEFAULT_RUN_DIR, Instance};
 pub use load::{Loaded, Overrides, load, load_model, load_weights};

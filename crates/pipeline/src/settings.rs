@@ -1,6 +1,7 @@
 //! `teleop.toml`: its shape and its bounds. Every key is required; an unknown key is refused.
 
 use crate::ConfigError;
+use crate::cores::Cores;
 use serde::{Deserialize, Serialize};
 
 /// All settings of one instance, as written in the file.
@@ -141,7 +142,9 @@ pub struct RealtimeSettings {
     pub priority_retarget: u32,
     pub priority_control: u32,
     pub priority_driver: u32,
-    pub core: i64,
+    pub cores: Cores,
+    pub spin_us: f64,
+    pub cpu_dma_latency: bool,
 }
 
 /// How the simulated robot takes what its driver executes.
@@ -219,14 +222,14 @@ impl Settings {
             ("realtime.priority_retarget", f64::from(self.realtime.priority_retarget), 1.0, 98.0),
             ("realtime.priority_control", f64::from(self.realtime.priority_control), 1.0, 98.0),
             ("realtime.priority_driver", f64::from(self.realtime.priority_driver), 1.0, 98.0),
-            ("realtime.core", self.realtime.core as f64, -1.0, 1023.0),
+            ("realtime.spin_us", self.realtime.spin_us, 0.0, 200.0),
             ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, messages::TICK_HZ as f64 / 10.0),
             ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 5.0),
             ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, f64::from(sim::DELAY_MAX_TICKS)),
             ("sim.encoder_noise_rad", self.sim.encoder_noise_rad, 0.0, 0.01),
             ("sim.encoder_step_rad", self.sim.encoder_step_rad, 0.0, 0.01),
         ];
-        for (key, value, low, high) in bounds {
+        for (key, value, low, high) in bounds.into_iter().chain(self.realtime.cores.bounds()) {
             // Written so that NaN is refused too.
             if !(value >= low && value <= high) {
                 return Err(ConfigError::Bound { file: file.to_owned(), key: key.to_owned(), value, low, high });

@@ -1,18 +1,23 @@
-//! How late the periodic loop wakes at 1.5 kHz: `cargo run --release -p rt --example wake [seconds] [priority]`.
-//! To judge it, run cyclictest beside it with the same priority: `cyclictest -p <priority> -i 667 -t 1`.
+//! How late the periodic loop wakes at 1.5 kHz: `cargo run --release -p rt --example wake -- [seconds=5] [priority=80]
+//! [spin_us=100] [core=1] [awake]`. To judge it, run cyclictest in turns with it: `cyclictest -m -p <priority> -i 667 -t 1`.
 
 use rt::{PeriodicLoop, Policy, Realtime, RealtimeConfig, Shutdown};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let seconds: u64 = arguments.next().map_or(Ok(5), |text| text.parse())?;
-    let policy = match arguments.next() {
-        Some(text) => Policy::Fifo { priority: text.parse()? },
-        None => Policy::Other,
-    };
-    let report = Realtime::apply(&RealtimeConfig { policy, cores: None, lock_memory: true });
-    println!("{report}");
-    let (shutdown, mut periodic) = (Shutdown::on_signals()?, PeriodicLoop::start());
+    let (mut seconds, mut spin_us) = (5, 0.0);
+    let mut config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true, cpu_dma_latency: false };
+    for argument in std::env::args().skip(1) {
+        match argument.split_once('=') {
+            Some(("seconds", text)) => seconds = text.parse()?,
+            Some(("priority", text)) => config.policy = Policy::Fifo { priority: text.parse()? },
+            Some(("spin_us", text)) => spin_us = text.parse()?,
+            Some(("core", text)) => config.cores = Some(vec![text.parse()?]),
+            None if argument == "awake" => config.cpu_dma_latency = true,
+            _ => return Err(format!("{argument}: no such argument").into()),
+        }
+    }
+    println!("{}", Realtime::apply(&config));
+    let (shutdown, mut periodic) = (Shutdown::on_signals()?, PeriodicLoop::start().spinning_us(spin_us));
     while periodic.grid().elapsed() < seconds * messages::TICK_HZ && periodic.next(&shutdown).is_some() {}
     println!("late: {}", periodic.lateness());
     println!("ticks {}, missed {}", periodic.grid().ticks(), periodic.grid().missed());

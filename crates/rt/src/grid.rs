@@ -82,24 +82,37 @@ impl TickGrid {
     }
 }
 
+/// Longest time that a loop may spin before each deadline: 30 % of a tick.
+const SPIN_MAX_NS: u64 = 200_000;
+
 /// Sleeps from deadline to deadline and measures how late it wakes.
 #[derive(Clone, Debug)]
 pub struct PeriodicLoop {
     grid: TickGrid,
+    spin_ns: u64,
     lateness: Histogram,
 }
 
 impl PeriodicLoop {
     /// Begins at the next deadline.
     pub fn start() -> Self {
-        Self { grid: TickGrid::after(now()), lateness: Histogram::new() }
+        Self { grid: TickGrid::after(now()), spin_ns: 0, lateness: Histogram::new() }
+    }
+
+    /// Sleeps only until `spin_us` (0 to 200) before each deadline and watches the clock from there: wakes closer to the
+    /// deadline, and keeps a core busy meanwhile.
+    pub fn spinning_us(mut self, spin_us: f64) -> Self {
+        self.spin_ns = ((spin_us * 1e3) as u64).min(SPIN_MAX_NS);
+        self
     }
 
     /// Waits for the next deadline; nothing once shutdown is requested.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self, shutdown: &Shutdown) -> Option<Tick> {
         loop {
-            if !shutdown.sleep_until(self.grid.next_deadline()) {
+            let deadline = self.grid.next_deadline();
+            let spin_from = Stamp(deadline.0.saturating_sub(self.spin_ns));
+            if !shutdown.sleep_until(spin_from) || !shutdown.spin_until(deadline) {
                 return None;
             }
             if let Some(tick) = self.grid.wake(now()) {
@@ -171,15 +184,23 @@ mod tests {
     }
 
     #[test]
-    fn the_loop_follows_the_clock_and_ends_at_shutdown() {
-        let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start());
-        for _ in 0..20 {
-            let tick = periodic.next(&shutdown).expect("no shutdown yet");
-            assert!(tick.woke >= deadline(tick.k));
+    fn the_loop_follows_the_clock_and_ends_at_shutdown_whether_it_spins_or_not() {
+        for spin_us in [0.0, 100.0, f64::MAX] {
+            let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start().spinning_us(spin_us));
+            for _ in 0..20 {
+                let tick = periodic.next(&shutdown).expect("no shutdown yet");
+                assert!(tick.woke >= deadline(tick.k));
+            }
+            assert_eq!(periodic.grid().ticks(), 20);
+            assert_eq!(periodic.lateness().count(), 20);
+            shutdown.request();
+            assert_eq!(periodic.next(&shutdown), None);
         }
-        assert_eq!(periodic.grid().ticks(), 20);
-        assert_eq!(periodic.lateness().count(), 20);
-        shutdown.request();
-        assert_eq!(periodic.next(&shutdown), None);
+    }
+
+    #[test]
+    fn a_spin_is_bounded() {
+        let spins = |spin_us| PeriodicLoop::start().spinning_us(spin_us).spin_ns;
+        assert_eq!([0.0, 100.0, 1e9, -1.0, f64::NAN].map(spins), [0, 100_000, SPIN_MAX_NS, 0, 0]);
     }
 }

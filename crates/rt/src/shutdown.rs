@@ -63,6 +63,19 @@ impl Shutdown {
             }
         }
     }
+
+    /// Watches the clock until `deadline`; false if shutdown was requested before or meanwhile.
+    pub(crate) fn spin_until(&self, deadline: Stamp) -> bool {
+        loop {
+            if self.requested() {
+                return false;
+            }
+            if now() >= deadline {
+                return true;
+            }
+            std::hint::spin_loop();
+        }
+    }
 }
 
 #[cfg(test)]
@@ -78,6 +91,20 @@ mod tests {
         assert!(!sleeper.join().expect("the sleeper does not panic"));
         assert!(shutdown.requested());
         assert_eq!(shutdown.signal(), None);
+    }
+
+    #[test]
+    fn a_spin_never_ends_before_its_deadline_and_a_signal_ends_it() {
+        let shutdown = Shutdown::new();
+        for ahead_ns in [0, 1_000, 100_000] {
+            let deadline = now().plus_ns(ahead_ns);
+            assert!(shutdown.spin_until(deadline));
+            assert!(now() >= deadline);
+        }
+        let other = shutdown.clone();
+        let spinner = std::thread::spawn(move || other.spin_until(now().plus_ns(3_600_000_000_000)));
+        shutdown.request();
+        assert!(!spinner.join().expect("the spinner does not panic"));
     }
 
     #[test]

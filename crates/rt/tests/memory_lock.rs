@@ -7,7 +7,7 @@ const BLOCK_BYTES: usize = 4 << 20;
 
 #[test]
 fn locked_memory_is_resident_where_the_lock_is_reported() {
-    let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true };
+    let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true, cpu_dma_latency: false };
     let report = Realtime::apply(&config);
     match &report.memory {
         Outcome::Applied(_) => {

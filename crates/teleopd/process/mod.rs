@@ -3,13 +3,14 @@
 
 pub mod control;
 pub mod ingest;
+pub mod realtime;
 pub mod retarget;
 pub mod sim;
 
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use pipeline::{Instance, Loaded};
-use rt::{Realtime, RealtimeConfig, RealtimeReport, ServiceManager, Shutdown};
+use rt::{Realtime, RealtimeReport, ServiceManager, Shutdown};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -45,13 +46,7 @@ impl Process {
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let asked = &loaded.settings.realtime;
-        let priority = priority(&loaded);
-        let policy = match (asked.policy, priority) {
-            (pipeline::Policy::Fifo, Some(priority)) => rt::Policy::Fifo { priority: priority as u8 },
-            _ => rt::Policy::Other,
-        };
-        let cores = (priority.is_some() && asked.core >= 0).then(|| vec![asked.core as usize]);
-        let config = RealtimeConfig { policy, cores, lock_memory: asked.lock_memory && priority.is_some() };
+        let config = realtime::request(asked, priority(&loaded));
         let realtime = Realtime::apply(&config);
         for refusal in realtime.refusals() {
             eprintln!("{name}: warning: {refusal}");

@@ -25,7 +25,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut timeline, mut work) = (Timeline::new(), rt::Histogram::new());
     let (mut sequence, mut publish_failures) = (0, 0_u64);
     process.ready()?;
-    let mut periodic = PeriodicLoop::start();
+    let mut periodic = PeriodicLoop::start().spinning_us(process.loaded.settings.realtime.spin_us);
     while let Some(tick) = periodic.next(&process.shutdown) {
         let skeleton = skeletons.latest();
         let mut target =

@@ -1,0 +1,138 @@
+//! Which core does what. Stages that wake each other do so fastest on one core: a wake-up across cores of a virtual
+//! machine takes several times as long as one at home.
+
+use crate::realtime::allowed_cores;
+
+/// The cores of the machine, each list ascending.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CoreMap {
+    /// Those that this thread may run on.
+    pub allowed: Vec<usize>,
+    /// Those that the scheduler leaves alone (kernel command line, isolcpus=).
+    pub isolated: Vec<usize>,
+    /// Those that run.
+    pub online: Vec<usize>,
+}
+
+impl CoreMap {
+    /// As the kernel shows them.
+    pub fn of_machine() -> Self {
+        let list = |name: &str| {
+            let text = std::fs::read_to_string(format!("/sys/devices/system/cpu/{name}")).unwrap_or_default();
+            core_list(&text).unwrap_or_default()
+        };
+        Self { allowed: allowed_cores(), isolated: list("isolated"), online: list("online") }
+    }
+}
+
+/// Where the threads of an instance run; nothing leaves them to the kernel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Placement {
+    /// Retarget, control and driver.
+    pub realtime: Option<Vec<usize>>,
+    /// Ingest.
+    pub others: Option<Vec<usize>>,
+    /// Why.
+    pub reason: &'static str,
+}
+
+/// Largest number of allowed cores of which one is set aside: a small computer on the robot. Assumption: where there are
+/// more, the kernel finds an idle one.
+const SMALL_MAX: usize = 4;
+
+impl Placement {
+    /// All left to the kernel.
+    pub const fn free(reason: &'static str) -> Self {
+        Self { realtime: None, others: None, reason }
+    }
+
+    /// The first isolated core for everything real-time; else the last core of a small machine; else free.
+    pub fn auto(map: &CoreMap) -> Self {
+        // Threads start on the cores that are not isolated. A mask narrower than that is somebody's wish: keep inside.
+        let mut untouched = map.online.iter().filter(|core| !map.isolated.contains(core));
+        let untouched = !map.online.is_empty() && untouched.all(|core| map.allowed.contains(core));
+        let usable = |core: &&usize| map.allowed.contains(core) || (untouched && map.online.contains(core));
+        if let Some(&core) = map.isolated.iter().find(usable) {
+            let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !map.isolated.contains(core)).collect();
+            let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
+            return Self { realtime: Some(vec![core]), others, reason: "the first isolated core" };
+        }
+        match map.allowed.as_slice() {
+            [rest @ .., last] if (2..=SMALL_MAX).contains(&map.allowed.len()) => Self {
+                realtime: Some(vec![*last]),
+                others: Some(rest.to_vec()),
+                reason: "no core is isolated; the last of few",
+            },
+            [_] => Self::free("there is one core"),
+            _ => Self::free("no core is isolated, and there are many"),
+        }
+    }
+}
+
+/// The cores that a list of the kernel names, such as `0-3,8`; nothing if it is none.
+pub fn core_list(text: &str) -> Option<Vec<usize>> {
+    let mut cores = Vec::new();
+    for part in text.trim().split(',').filter(|part| !part.is_empty()) {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        let (first, last): (usize, usize) = (first.parse().ok()?, last.parse().ok()?);
+        if last < first || last >= 1 << 16 {
+            return None;
+        }
+        cores.extend(first..=last);
+    }
+    cores.sort_unstable();
+    cores.dedup();
+    Some(cores)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn auto(allowed: &str, isolated: &str, online: &str) -> (Option<Vec<usize>>, Option<Vec<usize>>) {
+        let list = |text| core_list(text).expect("a list");
+        let map = CoreMap { allowed: list(allowed), isolated: list(isolated), online: list(online) };
+        let placement = Placement::auto(&map);
+        (placement.realtime, placement.others)
+    }
+
+    #[test]
+    fn lists_of_the_kernel_are_read() {
+        assert_eq!(core_list("\n"), Some(vec![]));
+        assert_eq!(core_list("0-3,8,10-11\n"), Some(vec![0, 1, 2, 3, 8, 10, 11]));
+        assert_eq!(core_list("5"), Some(vec![5]));
+        for bad in ["x", "3-1", "1-", "-1", "0-99999999"] {
+            assert_eq!(core_list(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn few_cores_share_the_last_and_one_or_many_are_left_alone() {
+        assert_eq!(auto("0", "", "0"), (None, None));
+        assert_eq!(auto("0-1", "", "0-1"), (Some(vec![1]), Some(vec![0])));
+        assert_eq!(auto("1,3,6", "", "0-7"), (Some(vec![6]), Some(vec![1, 3])));
+        assert_eq!(auto("0-3", "", "0-3"), (Some(vec![3]), Some(vec![0, 1, 2])));
+        assert_eq!(auto("0-4", "", "0-4"), (None, None));
+        assert_eq!(auto("", "", ""), (None, None));
+    }
+
+    #[test]
+    fn an_isolated_core_comes_first_but_never_against_a_narrower_mask() {
+        // As after a boot with isolcpus=2,3: the mask leaves them out.
+        assert_eq!(auto("0-1", "2-3", "0-3"), (Some(vec![2]), None));
+        // Named in the mask by somebody: the others keep off them.
+        assert_eq!(auto("0-7", "6-7", "0-7"), (Some(vec![6]), Some(vec![0, 1, 2, 3, 4, 5])));
+        assert_eq!(auto("6-7", "6-7", "0-7"), (Some(vec![6]), None));
+        // A container with one of many cores must not leave it.
+        assert_eq!(auto("0", "6-7", "0-7"), (None, None));
+        assert_eq!(auto("1-2", "6-7", "0-7"), (Some(vec![2]), Some(vec![1])));
+        // Isolated, but not running.
+        assert_eq!(auto("0-1", "3", "0-2"), (Some(vec![1]), Some(vec![0])));
+    }
+
+    #[test]
+    fn the_machine_has_a_core_for_this_thread() {
+        let map = CoreMap::of_machine();
+        assert!(!map.allowed.is_empty() && map.allowed.is_sorted(), "{map:?}");
+    }
+}

@@ -1,0 +1,50 @@
+//! What the processor can do, as far as the arithmetic of the stages chooses by it.
+
+/// The vector level that the code chooses here, and the features behind it.
+pub fn cpu_features() -> String {
+    let (level, features) = detect();
+    let list = if features.is_empty() { String::from("none of note") } else { features.join(" ") };
+    format!("{} ({level}: {list})", std::env::consts::ARCH)
+}
+
+#[cfg(target_arch = "x86_64")]
+fn detect() -> (&'static str, Vec<&'static str>) {
+    macro_rules! present {
+        ($($name:tt)*) => { [$(($name, std::is_x86_feature_detected!($name))),*] };
+    }
+    let all = present!(
+        "sse4.2" "avx" "f16c" "avx2" "fma" "bmi2" "avx512f" "avx512bw" "avx512cd" "avx512dq" "avx512vl" "avx512bf16"
+        "avx512vnni"
+    );
+    let has = |wanted: &[&str]| wanted.iter().all(|name| all.contains(&(*name, true)));
+    // The levels of the x86-64 psABI, by the features that matter to arithmetic.
+    let level = if has(&["avx2", "fma", "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]) {
+        "v4, 512 bits"
+    } else if has(&["avx2", "fma", "bmi2"]) {
+        "v3, 256 bits"
+    } else {
+        "baseline, 128 bits"
+    };
+    (level, all.iter().filter(|(_, present)| *present).map(|(name, _)| *name).collect())
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn detect() -> (&'static str, Vec<&'static str>) {
+    ("baseline", Vec::new())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn features_are_those_that_the_kernel_shows() {
+        let said = super::cpu_features();
+        let shown = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+        let flags = shown.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
+        for (ours, theirs) in [("avx2", "avx2"), ("fma", "fma"), ("avx512f", "avx512f"), ("sse4.2", "sse4_2")] {
+            let has = |text: &str, name: &str| text.split([' ', ')']).any(|word| word == name);
+            if !flags.is_empty() {
+                assert_eq!(has(&said, ours), has(flags, theirs), "{ours}: {said}");
+            }
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Thread and process attributes of the real-time path: each is set, read back, and reported in words.
+#![allow(unsafe_code)]
+
+mod idle;
+mod memory;
+mod scheduling;
+
+use crate::{cpu_features, flush_denormals};
+pub(crate) use scheduling::allowed_cores;
+use std::fmt;
+
+/// The scheduling policy to ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Policy {
+    /// SCHED_FIFO with this priority, 1 to 99.
+    Fifo {
+        /// Higher runs first.
+        priority: u8,
+    },
+    /// The system's default.
+    Other,
+}
+
+/// What a thread asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RealtimeConfig {
+    /// Scheduling policy of the calling thread.
+    pub policy: Policy,
+    /// Cores that the calling thread may run on; nothing leaves it free.
+    pub cores: Option<Vec<usize>>,
+    /// Lock the memory of the whole process, now and in future; and touch heap and stack in advance, lock or not.
+    pub lock_memory: bool,
+    /// Keep the cores of the machine from sleeping, as long as the process lives.
+    pub cpu_dma_latency: bool,
+}
+
+/// What became of one request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Not asked for.
+    NotRequested,
+    /// Set and read back.
+    Applied(String),
+    /// Refused, with the system's reason and what would help.
+    Refused(String),
+}
+
+impl Outcome {
+    /// Whether it holds.
+    pub fn is_applied(&self) -> bool {
+        matches!(self, Self::Applied(_))
+    }
+}
+
+/// What the system granted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RealtimeReport {
+    /// Scheduling policy.
+    pub policy: Outcome,
+    /// Affinity.
+    pub cores: Outcome,
+    /// Memory lock.
+    pub memory: Outcome,
+    /// Heap and stack touched in advance.
+    pub prefault: Outcome,
+    /// Timer slack of 1 ns.
+    pub timer_slack: Outcome,
+    /// Cores kept from sleeping.
+    pub cpu_dma_latency: Outcome,
+    /// Denormal numbers flushed to zero.
+    pub denormals: Outcome,
+    /// A kernel with PREEMPT_RT.
+    pub kernel: Outcome,
+    /// The processor's features; nothing to ask for.
+    pub processor: Outcome,
+}
+
+impl RealtimeReport {
+    /// Whether the thread runs under SCHED_FIFO with locked memory on a kernel that bounds its own delays: what engaging
+    /// a real robot asks for.
+    pub fn is_realtime(&self) -> bool {
+        self.policy.is_applied() && self.memory.is_applied() && self.kernel.is_applied()
+    }
+
+    /// The reasons of everything that was refused.
+    pub fn refusals(&self) -> Vec<String> {
+        let named = self.named();
+        named.into_iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
+    }
+
+    /// Everything, a line each: what holds, or the reason why it does not.
+    pub fn lines(&self) -> Vec<String> {
+        self.named().map(line).into()
+    }
+
+    fn named(&self) -> [(&'static str, &Outcome); 9] {
+        [
+            ("scheduling", &self.policy),
+            ("cores", &self.cores),
+            ("memory lock", &self.memory),
+            ("prefault", &self.prefault),
+            ("timer slack", &self.timer_slack),
+            ("cpu_dma_latency", &self.cpu_dma_latency),
+            ("denormals", &self.denormals),
+            ("kernel", &self.kernel),
+            ("processor", &self.processor),
+        ]
+    }
+}
+
+fn line((name, outcome): (&str, &Outcome)) -> String {
+    match outcome {
+        Outcome::NotRequested => format!("{name}: not requested"),
+        Outcome::Applied(what) => format!("{name}: {what}"),
+        Outcome::Refused(why) => format!("{name}: REFUSED: {why}"),
+    }
+}
+
+impl fmt::Display for RealtimeReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.named().map(line).join("\n"))
+    }
+}
+
+/// The attributes of the calling thread and its process.
+#[derive(Debug)]
+pub struct Realtime;
+
+impl Realtime {
+    /// Asks for everything in `config` and reports what holds. Memory is locked first, so that ports created later
+    /// are resident; call it before opening the bus, on the thread that ticks. Threads started later do not inherit
+    /// SCHED_FIFO; they do inherit the affinity.
+    pub fn apply(config: &RealtimeConfig) -> RealtimeReport {
+        let asked = |wanted: bool, ask: fn() -> Result<String, String>| {
+            if wanted { outcome(ask()) } else { Outcome::NotRequested }
+        };
+        let memory = asked(config.lock_memory, memory::lock);
+        // The slack first: newer kernels report and accept no slack once the thread is real-time.
+        let timer_slack = outcome(scheduling::set_timer_slack());
+        let cores =
+            config.cores.as_deref().map_or(Outcome::NotRequested, |cores| outcome(scheduling::set_cores(cores)));
+        let policy = match config.policy {
+            Policy::Other => Outcome::NotRequested,
+            Policy::Fifo { priority } => outcome(scheduling::set_fifo(priority)),
+        };
+        RealtimeReport {
+            cores,
+            memory,
+            prefault: asked(config.lock_memory, memory::prefault),
+            timer_slack,
+            cpu_dma_latency: asked(config.cpu_dma_latency, idle::hold_awake),
+            denormals: outcome(flush_denormals()),
+            kernel: asked(policy != Outcome::NotRequested, preempt_rt),
+            processor: Outcome::Applied(cpu_features()),
+            policy,
+        }
+    }
+
+    /// Whether this process would get SCHED_FIFO with `priority`: tried, and read back, on a thread that then ends.
+    pub fn try_fifo(priority: u8) -> Result<String, String> {
+        let tried = std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority));
+        let thread = tried.map_err(|error| format!("no thread to try it on: {error}"))?;
+        thread.join().unwrap_or_else(|_| Err(String::from("the thread that tried it did not end well")))
+    }
+}
+
+fn outcome(result: Result<String, String>) -> Outcome {
+    match result {
+        Ok(what) => Outcome::Applied(what),
+        Err(why) => Outcome::Refused(why),
+    }
+}
+
+/// Without PREEMPT_RT a system call of any other process may keep SCHED_FIFO off a core for milliseconds: 5 to 10 ms were
+/// seen here under a compiler's load (6.18, PREEMPT_DYNAMIC, 2026-11-21).
+fn preempt_rt() -> Result<String, String> {
+    match std::fs::read_to_string("/sys/kernel/realtime") {
+        Ok(text) if text.trim() == "1" => Ok("PREEMPT_RT".into()),
+        _ => {
+            Err("not PREEMPT_RT (/sys/kernel/realtime): delays of several ms are possible; boot a PREEMPT_RT kernel"
+                .into())
+        }
+    }
+}
+
+fn last_error() -> std::io::Error {
+    std::io::Error::last_os_error()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plain() -> RealtimeConfig {
+        RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: false, cpu_dma_latency: false }
+    }
+
+    /// Attributes belong to a thread: each test asks in a thread of its own.
+    fn in_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+        std::thread::scope(|scope| scope.spawn(work).join().expect("the thread does not panic"))
+    }
+
+    #[test]
+    fn what_is_not_requested_is_not_touched() {
+        let report = in_thread(|| Realtime::apply(&plain()));
+        let untouched = [&report.policy, &report.cores, &report.memory, &report.prefault, &report.cpu_dma_latency];
+        assert_eq!(untouched, [&Outcome::NotRequested; 5]);
+        assert_eq!(report.lines().len(), report.to_string().lines().count(), "a line each: {report}");
+        assert!(report.timer_slack.is_applied(), "{report}");
+        assert!(!report.is_realtime());
+        assert!(report.refusals().is_empty());
+    }
+
+    #[test]
+    fn fifo_holds_exactly_where_it_is_reported() {
+        let config = RealtimeConfig { policy: Policy::Fifo { priority: 7 }, ..plain() };
+        let (report, held) = in_thread(|| (Realtime::apply(&config), scheduling::scheduling()));
+        assert_eq!(
+            Realtime::try_fifo(7).is_ok(),
+            report.policy.is_applied(),
+            "trying tells what asking gets: {report}"
+        );
+        assert_eq!(in_thread(scheduling::scheduling).0, libc::SCHED_OTHER, "neither touches another thread");
+        match &report.policy {
+            Outcome::Applied(_) => assert_eq!(held, (libc::SCHED_FIFO, 7)),
+            Outcome::Refused(why) => {
+                assert_eq!(held.0, libc::SCHED_OTHER);
+                assert!(why.contains("RLIMIT_RTPRIO"), "{why}");
+            }
+            Outcome::NotRequested => panic!("it was requested"),
+        }
+    }
+
+    #[test]
+    fn a_priority_that_does_not_exist_is_refused_in_words() {
+        let config = RealtimeConfig { policy: Policy::Fifo { priority: 200 }, ..plain() };
+        let report = in_thread(|| Realtime::apply(&config));
+        assert!(!report.policy.is_applied());
+        assert!(report.refusals()[0].contains("priority 200"), "{report}");
+    }
+
+    #[test]
+    fn affinity_is_read_back_and_impossible_cores_are_refused() {
+        let config = RealtimeConfig { cores: Some(vec![allowed_cores()[0]]), ..plain() };
+        let report = in_thread(|| Realtime::apply(&config));
+        assert!(report.cores.is_applied(), "{report}");
+        for cores in [vec![], vec![1_000], vec![5_000]] {
+            let config = RealtimeConfig { cores: Some(cores), ..plain() };
+            let report = in_thread(|| Realtime::apply(&config));
+            assert!(matches!(report.cores, Outcome::Refused(_)), "{report}");
+        }
+    }
+}
