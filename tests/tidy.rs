@@ -35,7 +35,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 20] = [
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
-    ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline"]),
+    ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),
 ];
 
 /// Text that has no place in a pure crate's sources, with what it would bring in.

@@ -4,11 +4,28 @@ use rt::{Outcome, PageFaults, Policy, Realtime, RealtimeConfig};
 
 /// Far larger than what the allocator keeps at hand.
 const BLOCK_BYTES: usize = 4 << 20;
+/// Within what is touched in advance, far above what an allocator gives back to the system at once (128 KiB).
+const HEAP_BYTES: usize = 2 << 20;
 
 #[test]
 fn locked_memory_is_resident_where_the_lock_is_reported() {
     let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true, cpu_dma_latency: false };
     let report = Realtime::apply(&config);
+    if report.prefault.is_applied() {
+        let before = PageFaults::of_thread();
+        for _ in 0..3 {
+            let blocks = [HEAP_BYTES, HEAP_BYTES / 2, 100].map(|bytes| vec![1_u8; bytes]);
+            std::hint::black_box(&blocks);
+            touch_stack(0);
+        }
+        let faults = PageFaults::of_thread().since(before);
+        assert_eq!(
+            faults,
+            PageFaults::default(),
+            "of what was touched before, lock or not: {}",
+            report.memory.is_applied()
+        );
+    }
     match &report.memory {
         Outcome::Applied(_) => {
             let locked = locked_kb();

@@ -16,6 +16,8 @@ const BY_SIGNAL: u8 = 128;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    // As the daemon does, before any other thread starts.
+    let _ = rt::flush_denormals();
     if let Some(poses) = cli.bench {
         return report_bench(&cli, poses);
     }

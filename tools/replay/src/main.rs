@@ -73,6 +73,8 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 
 fn main() -> ExitCode {
     let mut cli = Cli::parse();
+    // As the daemon does: the same numbers offline and live, to the bit.
+    let _ = rt::flush_denormals();
     // Recordings of 60 Hz at half speed still come at 30 Hz, the least that is followed.
     if !(0.5..=10.0).contains(&cli.speed) {
         eprintln!("replay: --speed {} is outside [0.5, 10]", cli.speed);

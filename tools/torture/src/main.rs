@@ -24,6 +24,8 @@ const EX_CONFIG: u8 = 78;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    // As the daemon does, before any other thread starts.
+    let _ = rt::flush_denormals();
     let done = match &cli.command {
         None => attack(&cli.attack),
         Some(Command::StopTimes(args)) => measure_stops(args),
