@@ -1,10 +1,13 @@
 //! The operator's client: unprivileged, talks to `control` over its socket and to nothing else.
 
-use clap::{Args, Parser, Subcommand};
+mod cli;
+
+use clap::Parser;
+use cli::{Cli, Command};
 use messages::{FAULTS, Fault, Faults, Mode, Stamp, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::Names;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -16,40 +19,6 @@ const EX_UNAVAILABLE: u8 = 69;
 
 /// How long the effect of a request is waited for: the longest stop and some.
 const EFFECT_WITHIN: Duration = Duration::from_secs(5);
-
-/// Commands of an operator to a running teleopd.
-#[derive(Debug, Parser)]
-#[command(name = "teleopctl", version, about)]
-struct Cli {
-    /// Folder of the instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR, global = true)]
-    run_dir: PathBuf,
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Prints what control says of itself.
-    Status(StatusArgs),
-    /// Engages, and holds the enable until Ctrl-C; then releases.
-    Engage,
-    /// Brings a robot back that stands outside its limits or too close to itself, slowly, until Ctrl-C; never engages.
-    Recover,
-    /// Withdraws the enable, whoever holds it: the robot stops and keeps its posture.
-    Release,
-    /// Clears a latched stop, once its cause is gone and the robot is at rest. Never engages.
-    Reset,
-    /// Stops the robot now, and latches.
-    Estop,
-}
-
-#[derive(Args, Debug)]
-struct StatusArgs {
-    /// As JSON.
-    #[arg(long)]
-    json: bool,
-}
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

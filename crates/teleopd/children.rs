@@ -2,25 +2,13 @@
 
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
+use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
 use pipeline::Instance;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
-
-/// The processes in starting order: whoever comes later finds its peers there. `control` needs the driver's state,
-/// `retarget` needs nobody, `ingest` opens the door to clients last.
-pub const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
-
-/// The order in which they end: no new input, then no new targets, then control at rest, the driver last.
-const ENDING: [&str; 4] = ["ingest", "retarget", "control", "sim"];
-
-/// Longest time from start to READY: weights, memory lock, services and warm ticks take well under a second.
-const READY_WITHIN: Duration = Duration::from_secs(20);
-
-/// Longest time from SIGTERM to the end of a process: the longest stop (0.5 s) and its report, with a wide margin.
-const END_WITHIN: Duration = Duration::from_secs(5);
 
 /// The running processes of one instance.
 pub struct Children {
@@ -117,7 +105,7 @@ impl Children {
     /// Ends every process in order and returns the names of those that had to be killed or ended badly.
     pub fn stop(&mut self) -> Vec<String> {
         let mut trouble = Vec::new();
-        for name in ENDING {
+        for name in PROCESSES.into_iter().rev() {
             let Some(index) = self.running.iter().position(|(running, _)| *running == name) else { continue };
             let (_, mut child) = self.running.remove(index);
             if let Ok(Some(status)) = child.try_wait() {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Real-time teleoperation: move a robot's arms by moving your own.
 #[derive(Debug, Parser)]
-#[command(name = "teleopd", version, about)]
+#[command(name = "teleopd", version)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,

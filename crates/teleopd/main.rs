@@ -9,6 +9,7 @@ mod figure;
 mod figures;
 mod operate;
 mod process;
+mod processes;
 mod report;
 mod timeline;
 mod up;

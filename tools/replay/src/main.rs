@@ -1,13 +1,14 @@
 //! Plays a recorded motion: live, as any client would, or offline through the same stages as fast as the machine can.
 
+mod cli;
 mod live;
 mod offline;
 
 use clap::Parser;
+use cli::Cli;
 use keyposes::trajectory;
 use motion::CalibrationMode;
 use pipeline::Overrides;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// EX_NOINPUT of sysexits(3): a file to read is missing or malformed.
@@ -38,37 +39,6 @@ impl Failure {
     fn failed(text: impl std::fmt::Display) -> Self {
         Self(1, text.to_string())
     }
-}
-
-/// Publishes a recorded motion to a running teleopd, or writes what the robot would do.
-#[derive(Debug, Parser)]
-#[command(name = "replay", version, about)]
-struct Cli {
-    /// The motion file (.bvh), a joint trajectory of both arms (.csv, as `keyposes interpolate` writes), or `builtin`.
-    file: PathBuf,
-    /// 1 is the recorded speed.
-    #[arg(long, default_value_t = 1.0)]
-    speed: f64,
-    /// Begin again at the end, with the seam blended.
-    #[arg(long = "loop")]
-    looped: bool,
-    /// Run all stages here, and write the commands at 1500 Hz to this CSV file (and a JSON file beside it).
-    #[arg(long, value_name = "OUT.csv")]
-    offline: Option<PathBuf>,
-    /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its
-    /// joints have no rotation in the T-pose. A joint trajectory's person has such a rig.
-    #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
-    calibration: CalibrationMode,
-    /// Settings for --offline, and the robot of a joint trajectory.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
-    config: PathBuf,
-    /// Folder of the running instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
-    run_dir: PathBuf,
-}
-
-fn calibration(text: &str) -> Result<CalibrationMode, String> {
-    CalibrationMode::among(text, &CalibrationMode::ALL)
 }
 
 fn main() -> ExitCode {

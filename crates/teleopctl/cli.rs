@@ -1,0 +1,38 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Commands of an operator to a running teleopd.
+#[derive(Debug, Parser)]
+#[command(name = "teleopctl", version)]
+pub struct Cli {
+    /// Folder of the instance.
+    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR, global = true)]
+    pub run_dir: PathBuf,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Prints what control says of itself.
+    Status(StatusArgs),
+    /// Engages, and holds the enable until Ctrl-C; then releases.
+    Engage,
+    /// Brings a robot back that stands outside its limits or too close to itself, slowly, until Ctrl-C; never engages.
+    Recover,
+    /// Withdraws the enable, whoever holds it: the robot stops and keeps its posture.
+    Release,
+    /// Clears a latched stop, once its cause is gone and the robot is at rest. Never engages.
+    Reset,
+    /// Stops the robot now, and latches.
+    Estop,
+}
+
+#[derive(Args, Debug)]
+pub struct StatusArgs {
+    /// As JSON.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,154 @@
+//! The processes of an instance. `up` and `demo` start them by this table, and the units in config/systemd/ name the same.
+
+use std::time::Duration;
+
+/// What is common knowledge about one process.
+#[derive(Clone, Copy, Debug)]
+// What only a service manager acts on is read by the test of the units.
+#[cfg_attr(not(test), allow(dead_code))]
+pub struct Row {
+    /// Its subcommand, and its unit's instance: `teleop@NAME`.
+    pub name: &'static str,
+    /// The process that is READY before this one starts; it ends after this one has ended.
+    pub after: Option<&'static str>,
+    /// Asks for SCHED_FIFO and locked memory.
+    pub realtime: bool,
+    /// A service manager may start it again after it failed: it moves nothing, and its return engages nothing.
+    pub restarts: bool,
+}
+
+/// The processes in starting order: whoever comes later finds its peers there. `control` needs the driver's state,
+/// `retarget` needs nobody, `ingest` opens the door to clients last.
+pub const TABLE: [Row; 4] = [
+    Row { name: "sim", after: None, realtime: true, restarts: false },
+    Row { name: "control", after: Some("sim"), realtime: true, restarts: false },
+    Row { name: "retarget", after: Some("control"), realtime: true, restarts: true },
+    Row { name: "ingest", after: Some("retarget"), realtime: false, restarts: true },
+];
+
+/// Their names, in starting order; they end in the opposite one: no new input, then no new targets, then control at rest,
+/// the driver last.
+pub const PROCESSES: [&str; 4] = [TABLE[0].name, TABLE[1].name, TABLE[2].name, TABLE[3].name];
+
+/// Longest time from start to READY: weights, memory lock, services and warm ticks take well under a second.
+pub const READY_WITHIN: Duration = Duration::from_secs(20);
+
+/// Longest time from SIGTERM to the end of a process: the longest stop (0.5 s) and its report, with a wide margin.
+pub const END_WITHIN: Duration = Duration::from_secs(5);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::path::{Path, PathBuf};
+
+    /// The units of the system's manager and of a user's.
+    const MANAGERS: [&str; 2] = ["system", "user"];
+
+    fn folder(manager: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd").join(manager)
+    }
+
+    /// Every value of `key` in a unit file and its drop-ins, in the order in which systemd reads them.
+    fn values(manager: &str, unit: &str, key: &str) -> Vec<String> {
+        let mut files = vec![folder(manager).join(unit)];
+        if let Some((template, _)) = unit.split_once('@') {
+            files[0] = folder(manager).join(format!("{template}@.service"));
+        }
+        let mut more: Vec<_> = std::fs::read_dir(folder(manager).join(format!("{unit}.d")))
+            .map_or(Vec::new(), |entries| entries.flatten().map(|entry| entry.path()).collect());
+        more.sort();
+        files.extend(more);
+        let mut found = Vec::new();
+        for file in files {
+            let text = std::fs::read_to_string(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            let lines = text.lines().filter_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+            found.extend(lines.map(str::to_owned));
+        }
+        found
+    }
+
+    fn unit(name: &str) -> String {
+        format!("teleop@{name}.service")
+    }
+
+    fn words(values: &[String]) -> BTreeSet<String> {
+        values.iter().flat_map(|value| value.split_whitespace()).map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn whoever_is_waited_for_stands_before_in_the_table() {
+        for (index, row) in TABLE.iter().enumerate() {
+            assert_eq!(row.after, index.checked_sub(1).map(|before| TABLE[before].name), "{}", row.name);
+        }
+    }
+
+    #[test]
+    fn the_units_name_the_processes_of_the_table_in_its_order() {
+        for manager in MANAGERS {
+            let all: BTreeSet<String> = PROCESSES.map(unit).into();
+            assert_eq!(words(&values(manager, "teleop.target", "Wants")), all, "{manager}");
+            assert_eq!(words(&values(manager, "teleop.target", "After")), all, "{manager}");
+            for row in &TABLE {
+                let waited_for = row.after.map(unit).into_iter().collect();
+                assert_eq!(words(&values(manager, &unit(row.name), "After")), waited_for, "{manager} {}", row.name);
+            }
+            let drop_ins = std::fs::read_dir(folder(manager)).unwrap().flatten().map(|entry| entry.file_name());
+            for drop_in in drop_ins.filter_map(|name| name.to_str()?.strip_suffix(".d").map(str::to_owned)) {
+                assert!(all.contains(&drop_in), "{manager}: {drop_in} is no process");
+            }
+        }
+    }
+
+    #[test]
+    fn the_units_run_the_subcommand_and_give_it_as_long_as_up_does() {
+        for manager in MANAGERS {
+            for row in &TABLE {
+                let one = |key: &str| {
+                    let found = values(manager, &unit(row.name), key);
+                    found.last().cloned().unwrap_or_else(|| panic!("{manager} {}: no {key}", row.name))
+                };
+                assert!(one("ExecStart").starts_with("/usr/bin/teleopd %i --config "), "{}", one("ExecStart"));
+                assert_eq!(one("Type"), "notify");
+                assert_eq!(one("TimeoutStartSec"), READY_WITHIN.as_secs().to_string());
+                assert_eq!(one("TimeoutStopSec"), END_WITHIN.as_secs().to_string());
+                assert!(one("WatchdogSec").parse::<u32>().is_ok_and(|seconds| seconds >= 1));
+            }
+        }
+    }
+
+    #[test]
+    fn only_what_moves_nothing_is_started_again_and_not_for_ever() {
+        for manager in MANAGERS {
+            for row in &TABLE {
+                let last = |key: &str| values(manager, &unit(row.name), key).pop();
+                let expected = if row.restarts { "on-failure" } else { "no" };
+                assert_eq!(last("Restart").as_deref(), Some(expected), "{manager} {}", row.name);
+                let limit = row.restarts.then(|| ("60".to_owned(), "3".to_owned()));
+                assert_eq!(last("StartLimitIntervalSec").zip(last("StartLimitBurst")), limit, "{manager} {}", row.name);
+            }
+            // Requires= would carry the restart of one process to the others.
+            assert!(values(manager, "teleop.target", "Requires").is_empty());
+        }
+    }
+
+    #[test]
+    fn the_units_grant_what_the_settings_ask_for() {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        let settings = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").settings.realtime;
+        let highest = settings.priority_retarget.max(settings.priority_control).max(settings.priority_driver);
+        for manager in MANAGERS {
+            for row in &TABLE {
+                let last = |key: &str| values(manager, &unit(row.name), key).pop();
+                let granted: u32 = last("LimitRTPRIO").and_then(|text| text.parse().ok()).expect("LimitRTPRIO");
+                if row.realtime {
+                    assert!(granted >= highest, "{manager} {}: {granted} is below {highest}", row.name);
+                    assert_eq!(last("LimitMEMLOCK").as_deref(), Some("infinity"));
+                } else {
+                    assert_eq!(granted, 0, "{manager} {}", row.name);
+                }
+                assert_eq!(last("RestrictRealtime").is_some(), !row.realtime, "{manager} {}", row.name);
+            }
+        }
+    }
+}

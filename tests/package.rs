@@ -1,0 +1,170 @@
+//! The Debian package: its table of files covers what an installation needs, and the package that is built from it works.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The table of files: source, destination, mode.
+fn assets() -> Vec<[String; 3]> {
+    let text = std::fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
+    let manifest: toml::Table = text.parse().expect("TOML");
+    let assets = manifest["package"]["metadata"]["deb"]["assets"].as_array().expect("a table of files");
+    let word = |row: &toml::Value, column: usize| row[column].as_str().expect("text").to_owned();
+    assets.iter().map(|row| [0, 1, 2].map(|column| word(row, column))).collect()
+}
+
+/// The files below a folder of the repository, by their paths in it.
+fn files(folder: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for entry in std::fs::read_dir(root().join(folder)).unwrap_or_else(|error| panic!("{folder}: {error}")).flatten() {
+        let path = format!("{folder}/{}", entry.file_name().to_string_lossy());
+        if entry.path().is_dir() {
+            found.append(&mut files(&path));
+        } else {
+            found.insert(path);
+        }
+    }
+    found
+}
+
+/// The files that a source of the table names: one, or by a `*` in its last part.
+fn named(source: &str) -> BTreeSet<String> {
+    let (folder, pattern) = source.rsplit_once('/').unwrap_or((".", source));
+    let mut parts = pattern.split('*');
+    let (start, rest): (_, Vec<_>) = (parts.next().unwrap_or(""), parts.collect());
+    let fits = |name: &str| match rest.last() {
+        None => name == start,
+        Some(end) => name.starts_with(start) && name.ends_with(end) && rest.iter().all(|part| name.contains(part)),
+    };
+    let entries = std::fs::read_dir(root().join(folder)).into_iter().flatten().flatten();
+    let names =
+        entries.filter(|entry| entry.path().is_file()).map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|name| fits(name)).map(|name| if folder == "." { name } else { format!("{folder}/{name}") }).collect()
+}
+
+#[test]
+fn every_source_exists_and_nothing_that_an_installation_needs_is_left_out() {
+    let mut covered = BTreeSet::new();
+    for [source, _, _] in assets().iter().filter(|[source, _, _]| !source.starts_with("target/")) {
+        let mut found = named(source);
+        assert!(!found.is_empty(), "{source} names no file");
+        covered.append(&mut found);
+    }
+    for folder in ["config/robots", "config/systemd"] {
+        let left_out: Vec<_> = files(folder).difference(&covered).cloned().collect();
+        assert!(left_out.is_empty(), "not in the package: {left_out:?}");
+    }
+    for file in
+        ["weights/tiago_dual.toml", "weights/tiago_dual.safetensors", "SAFETY.md", "LICENSE-MIT", "LICENSE-APACHE"]
+    {
+        assert!(covered.contains(file), "not in the package: {file}");
+    }
+}
+
+#[test]
+fn every_destination_is_one_files_alone_and_settings_alone_are_the_machines() {
+    let mut destinations = BTreeMap::new();
+    for [source, destination, mode] in assets() {
+        assert!(destination.starts_with("usr/") || destination == "etc/teleop/teleop.toml", "{destination}");
+        assert_eq!(mode == "755", destination.starts_with("usr/bin/"), "{destination}");
+        if !destination.ends_with('/') {
+            assert_eq!(destinations.insert(destination.clone(), source), None, "{destination}");
+        }
+    }
+}
+
+#[test]
+fn an_installation_starts_and_enables_nothing() {
+    for name in ["postinst", "prerm", "postrm"] {
+        let path = root().join("tools/dist/debian").join(name);
+        let script = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        for line in script.lines().filter(|line| !line.trim_start().starts_with('#')) {
+            let banned = ["enable", "preset", "restart", "systemctl start", "deb-systemd"];
+            assert!(banned.iter().all(|word| !line.contains(word)), "{name}: {line}");
+        }
+    }
+}
+
+/// A program's output, or nothing where it is not installed.
+fn run(command: &mut Command) -> Option<Output> {
+    let output = command.output().ok()?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{command:?}: {}: {said}", output.status);
+    Some(output)
+}
+
+/// The package, built from the programs that are built already; or why there is none.
+fn package(folder: &Path) -> Result<PathBuf, String> {
+    let installed =
+        |name: &str| Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success());
+    for needed in ["cargo-deb", "dpkg-deb"] {
+        if !installed(needed) {
+            return Err(format!("{needed} is not installed"));
+        }
+    }
+    let built = Path::new(env!("CARGO_BIN_EXE_teleopd")).parent().expect("a folder");
+    if !built.ends_with("release") {
+        return Err("the package takes release builds".into());
+    }
+    for needed in ["dist", "replay"] {
+        if !built.join(needed).exists() {
+            return Err(format!("{needed} is not built (cargo build --release --workspace)"));
+        }
+    }
+    run(Command::new(built.join("dist")).current_dir(root())).ok_or("dist does not run")?;
+    let file = folder.join("teleopd.deb");
+    let mut cargo_deb = Command::new("cargo-deb");
+    cargo_deb.args(["deb", "--no-build", "--strip", "--fast", "--output"]).arg(&file).current_dir(root());
+    run(&mut cargo_deb).ok_or("cargo-deb does not run")?;
+    Ok(file)
+}
+
+#[test]
+fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = match package(folder.path()) {
+        Ok(file) => file,
+        Err(reason) => return println!("skipped: {reason}"),
+    };
+    let listed = run(Command::new("dpkg-deb").arg("--contents").arg(&file)).expect("dpkg-deb");
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    let holds = |path: &str| listed.lines().any(|line| line.ends_with(&format!(" ./{path}")));
+    for [_, destination, _] in assets().iter().filter(|[_, destination, _]| !destination.ends_with('/')) {
+        assert!(holds(destination), "the package lacks {destination}:\n{listed}");
+    }
+    for path in [
+        "usr/lib/systemd/system/teleop@.service",
+        "usr/lib/systemd/user/teleop.target",
+        "usr/share/teleopd/weights/tiago_dual.safetensors",
+        "usr/share/man/man1/teleopd.1.gz",
+        "usr/share/man/man1/teleop-replay.1.gz",
+        "usr/share/zsh/vendor-completions/_teleopctl",
+        "usr/share/doc/teleopd/SAFETY.md",
+        "usr/share/doc/teleopd/LICENSE-MIT",
+    ] {
+        assert!(holds(path), "the package lacks {path}:\n{listed}");
+    }
+
+    let (tree, control) = (folder.path().join("tree"), folder.path().join("control"));
+    run(Command::new("dpkg-deb").arg("--extract").arg(&file).arg(&tree)).expect("dpkg-deb");
+    run(Command::new("dpkg-deb").arg("--control").arg(&file).arg(&control)).expect("dpkg-deb");
+    let conffiles = std::fs::read_to_string(control.join("conffiles")).expect("conffiles");
+    assert_eq!(conffiles.split_whitespace().collect::<Vec<_>>(), ["/etc/teleop/teleop.toml"]);
+
+    // The settings name absolute paths; here the tree stands elsewhere.
+    let settings = tree.join("etc/teleop/teleop.toml");
+    let text = std::fs::read_to_string(&settings).expect("settings");
+    let moved = text.replace("\"/usr/share/", &format!("\"{}/usr/share/", tree.display()));
+    assert_ne!(text, moved);
+    std::fs::write(&settings, moved).expect("settings");
+    let mut check = Command::new(tree.join("usr/bin/teleopd"));
+    let output = run(check.args(["check", "--config"]).arg(&settings).current_dir("/")).expect("teleopd");
+    let said = String::from_utf8_lossy(&output.stdout);
+    for read in ["usr/share/teleopd/robots/tiago_dual.urdf", "usr/share/teleopd/weights/tiago_dual.safetensors"] {
+        assert!(said.contains(read), "check read no {read}:\n{said}");
+    }
+}

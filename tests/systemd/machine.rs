@@ -1,0 +1,202 @@
+//! A machine of its own under a real systemd, in namespaces: needs root, systemd and a cgroup2 hierarchy, and nothing else.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// One machine at a time: four real-time processes are enough for a small computer.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// Longest time for anything that must happen; only a hang comes near.
+const SOON: Duration = Duration::from_secs(30);
+
+/// A user who is neither root nor the daemon's, but a member of the operators' group; the numbers are of machine.sh.
+pub const OPERATOR: [&str; 2] = ["--setuid=1000", "--setgid=991"];
+
+pub struct Machine {
+    outer: Child,
+    init: u32,
+    cgroup: PathBuf,
+    folder: tempfile::TempDir,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Machine {
+    /// A machine that has booted, without teleopd; or why this computer cannot have one.
+    pub fn boot() -> Result<Self, String> {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let uid = std::fs::metadata("/proc/self").map(|metadata| std::os::unix::fs::MetadataExt::uid(&metadata));
+        if uid.is_ok_and(|uid| uid != 0) {
+            return Err("namespaces and cgroups need root".into());
+        }
+        for needed in ["/usr/lib/systemd/systemd", "/usr/bin/systemctl", "/usr/bin/unshare", "/usr/bin/nsenter"] {
+            if !Path::new(needed).exists() {
+                return Err(format!("there is no {needed}"));
+            }
+        }
+        let cgroup = hierarchy()?.join(format!("teleop-test-{}", std::process::id()));
+        std::fs::create_dir_all(&cgroup).map_err(|error| format!("{}: {error}", cgroup.display()))?;
+        let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
+        let outer = start(&cgroup, folder.path())?;
+        let mut machine = Self { outer, init: 0, cgroup, folder, _turn: turn };
+        let give_up = Instant::now() + SOON;
+        while !machine.is_up() {
+            if Instant::now() > give_up || !matches!(machine.outer.try_wait(), Ok(None)) {
+                return Err(format!("systemd does not boot in namespaces here: {}", machine.console()));
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let version = machine.run(&[], &["systemctl", "--version"]);
+        println!("under a real {}", version.lines().next().unwrap_or("systemd"));
+        Ok(machine)
+    }
+
+    fn is_up(&mut self) -> bool {
+        let id = self.outer.id();
+        let children = std::fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap_or_default();
+        self.init = children.split_whitespace().next().and_then(|pid| pid.parse().ok()).unwrap_or(0);
+        self.init != 0
+            && self.inside("run/systemd/private").exists()
+            && self.output(&[], &["systemctl", "is-active", "basic.target"]).status.success()
+    }
+
+    /// What systemd and the services said.
+    pub fn console(&self) -> String {
+        let read = |path: PathBuf| std::fs::read_to_string(path).unwrap_or_default();
+        read(self.folder.path().join("console")) + &read(self.inside("tmp/log"))
+    }
+
+    /// A path of the machine, as it is seen from here.
+    pub fn inside(&self, path: &str) -> PathBuf {
+        Path::new("/proc").join(self.init.to_string()).join("root").join(path)
+    }
+
+    /// A command in the machine; `as_whom` are options of nsenter(1), root without any.
+    pub fn command(&self, as_whom: &[&str], words: &[&str]) -> Command {
+        let mut command = Command::new("/usr/bin/nsenter");
+        command
+            .arg("--target")
+            .arg(self.init.to_string())
+            .args(["--mount", "--pid", "--cgroup", "--uts", "--ipc", "--net"]);
+        command.args(as_whom).arg("--").args(words).stdin(Stdio::null());
+        // Where `systemctl --user` finds the manager of the machine's one user.
+        command.env("XDG_RUNTIME_DIR", "/run/user/1000");
+        command
+    }
+
+    pub fn output(&self, as_whom: &[&str], words: &[&str]) -> Output {
+        self.command(as_whom, words).output().expect("nsenter runs")
+    }
+
+    /// A command that must succeed; what it printed.
+    pub fn run(&self, as_whom: &[&str], words: &[&str]) -> String {
+        let output = self.output(as_whom, words);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words:?}: {}: {errors}\n{}", output.status, self.console());
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// A property of a unit; `manager` is empty for the system's.
+    pub fn property(&self, manager: &Manager, unit: &str, property: &str) -> String {
+        let words = [&["systemctl"], manager.option, &["show", "--value", "-p", property, unit]].concat();
+        self.run(&manager.as_whom, &words).trim().to_owned()
+    }
+
+    /// Waits until the unit's property has this value.
+    pub fn wait(&self, manager: &Manager, unit: &str, property: &str, value: &str) {
+        self.wait_until(&format!("{unit} with {property}={value}"), || self.property(manager, unit, property) == value);
+    }
+
+    pub fn wait_until(&self, what: &str, done: impl Fn() -> bool) {
+        let give_up = Instant::now() + SOON;
+        while !done() {
+            assert!(Instant::now() < give_up, "never {what}: {}", self.console());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What a process left in the run folder.
+    pub fn figures(&self, path: &str) -> serde_json::Value {
+        let text = std::fs::read_to_string(self.inside(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
+        serde_json::from_str(&text).expect("JSON")
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        // unshare --kill-child takes the machine's first process along, and that one all others.
+        let _ = self.outer.kill();
+        let _ = self.outer.wait();
+        let give_up = Instant::now() + SOON;
+        while !remove_cgroups(&self.cgroup) && Instant::now() < give_up {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// A service manager of the machine, and who talks to it.
+pub struct Manager {
+    pub option: &'static [&'static str],
+    pub as_whom: Vec<&'static str>,
+}
+
+impl Manager {
+    pub fn system() -> Self {
+        Self { option: &[], as_whom: vec![] }
+    }
+
+    /// That of the machine's user `operator`.
+    pub fn user() -> Self {
+        Self { option: &["--user"], as_whom: OPERATOR.to_vec() }
+    }
+}
+
+/// Where the cgroup2 hierarchy is mounted.
+fn hierarchy() -> Result<PathBuf, String> {
+    let mounts = std::fs::read_to_string("/proc/self/mounts").map_err(|error| format!("/proc/self/mounts: {error}"))?;
+    let of_type_cgroup2 = |line: &str| {
+        let mut fields = line.split(' ').skip(1);
+        let (place, kind) = (fields.next()?, fields.next()?);
+        (kind == "cgroup2").then(|| PathBuf::from(place))
+    };
+    mounts.lines().find_map(of_type_cgroup2).ok_or_else(|| "no cgroup2 hierarchy is mounted".into())
+}
+
+fn start(cgroup: &Path, folder: &Path) -> Result<Child, String> {
+    let root = folder.join("root");
+    let console = std::fs::create_dir(&root).and_then(|()| std::fs::File::create(folder.join("console")));
+    let console = console.map_err(|error| error.to_string())?;
+    let client = folder.join("client");
+    std::fs::hard_link(std::env::current_exe().unwrap(), &client)
+        .or_else(|_| std::fs::copy(std::env::current_exe().unwrap(), &client).map(drop))
+        .map_err(|error| format!("{}: {error}", client.display()))?;
+    let repository = env!("CARGO_MANIFEST_DIR");
+    // The shell joins the cgroup, and only what it starts then is in it.
+    let script = "echo $$ > \"$0/cgroup.procs\" && exec \"$@\"";
+    Command::new("/bin/sh")
+        .args(["-c", script])
+        .arg(cgroup)
+        .args(["/usr/bin/unshare", "--fork", "--kill-child=SIGKILL"])
+        .args(["--pid", "--mount", "--cgroup", "--uts", "--ipc", "--net", "/bin/sh"])
+        .arg(format!("{repository}/tests/systemd/machine.sh"))
+        .arg(&root)
+        .arg(repository)
+        .args([env!("CARGO_BIN_EXE_teleopd"), env!("CARGO_BIN_EXE_teleopctl")])
+        .arg(&client)
+        .stdin(Stdio::null())
+        .stdout(console.try_clone().map_err(|error| error.to_string())?)
+        .stderr(console)
+        .spawn()
+        .map_err(|error| format!("unshare: {error}"))
+}
+
+/// Removes a cgroup and all below it, deepest first.
+fn remove_cgroups(folder: &Path) -> bool {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.path().is_dir() {
+            remove_cgroups(&entry.path());
+        }
+    }
+    std::fs::remove_dir(folder).is_ok() || !folder.exists()
+}

@@ -1,0 +1,224 @@
+//! The units in config/systemd/: what systemd's own checks say of them, what a real systemd does with them where one can be
+//! booted, and what a stand-in that speaks its protocol sees of the processes everywhere.
+
+mod machine;
+mod stand_in;
+
+use machine::{Machine, Manager, OPERATOR};
+use motion::CalibrationMode;
+use pipeline::{Instance, PlayOptions, Player, Publisher};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
+
+/// The highest exposure that `systemd-analyze security` may give to a unit of the system, of 10.
+const EXPOSURE_MAX: f64 = 2.0;
+
+fn unit(process: &str) -> String {
+    format!("teleop@{process}.service")
+}
+
+/// A copy of the units in which ExecStart= names the program that was built.
+fn copy_of_units(manager: &str, to: &Path) {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd").join(manager);
+    copy(&from, to);
+    let template = to.join("teleop@.service");
+    let text = std::fs::read_to_string(&template).expect("the template");
+    let built = text.replace("ExecStart=/usr/bin/teleopd", &format!("ExecStart={}", env!("CARGO_BIN_EXE_teleopd")));
+    assert_ne!(text, built, "the template starts /usr/bin/teleopd");
+    std::fs::write(&template, built).expect("a copy");
+}
+
+fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).expect("a folder");
+    for entry in std::fs::read_dir(from).expect("units").flatten() {
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            std::fs::copy(entry.path(), target).expect("a copy");
+        }
+    }
+}
+
+/// systemd-analyze on the copy in `units`, which goes before the machine's own units.
+fn analyze(units: &Path, arguments: &[&str]) -> Option<std::process::Output> {
+    let mut path = units.as_os_str().to_owned();
+    path.push(":");
+    let mut command = Command::new("systemd-analyze");
+    command.args(arguments).args(PROCESSES.map(unit)).env("SYSTEMD_UNIT_PATH", path);
+    command.env("XDG_RUNTIME_DIR", units).env("SYSTEMD_COLORS", "0").output().ok()
+}
+
+#[test]
+fn systemd_finds_nothing_to_say_about_the_units() {
+    for (manager, option) in [("system", "--system"), ("user", "--user")] {
+        let folder = tempfile::tempdir().expect("a folder");
+        copy_of_units(manager, folder.path());
+        let Some(output) = analyze(folder.path(), &[option, "--man=no", "verify", "teleop.target"]) else {
+            println!("skipped: there is no systemd-analyze");
+            return;
+        };
+        let said = String::from_utf8_lossy(&output.stderr) + String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && said.trim().is_empty(), "{manager}: {}: {said}", output.status);
+    }
+}
+
+#[test]
+fn the_units_of_the_system_are_little_exposed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    copy_of_units("system", folder.path());
+    let Some(output) = analyze(folder.path(), &["security", "--offline=true", "--no-pager"]) else {
+        println!("skipped: there is no systemd-analyze");
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stdout);
+    if !output.status.success() && said.is_empty() {
+        println!("skipped: this systemd-analyze has no --offline: {}", String::from_utf8_lossy(&output.stderr).trim());
+        return;
+    }
+    for process in PROCESSES {
+        let start = format!("Overall exposure level for {}: ", unit(process));
+        let level =
+            said.lines().find_map(|line| line.split_once(&start)?.1.split_whitespace().next()?.parse::<f64>().ok());
+        let level = level.unwrap_or_else(|| panic!("no level for {process}: {said}"));
+        println!("{process}: exposure {level}");
+        assert!(level <= EXPOSURE_MAX, "{process}: {level}: {said}");
+    }
+}
+
+/// A machine with teleop.target started, or nothing where this computer cannot have one.
+fn started() -> Option<Machine> {
+    let machine = match Machine::boot() {
+        Ok(machine) => machine,
+        Err(reason) => {
+            println!("skipped: no real systemd: {reason}; the stand-in's test is what remains");
+            return None;
+        }
+    };
+    machine.run(&[], &["systemctl", "start", "teleop.target"]);
+    for process in PROCESSES {
+        // `start` returns when every process of the target has said READY, or has failed.
+        assert_eq!(
+            machine.property(&Manager::system(), &unit(process), "SubState"),
+            "running",
+            "{}",
+            machine.console()
+        );
+    }
+    Some(machine)
+}
+
+fn mode(machine: &Machine, run_dir: &str) -> String {
+    let output = machine.output(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "status", "--json"]);
+    let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    status["mode"].as_str().unwrap_or("").to_owned()
+}
+
+/// Ran by client.service in the machine, with the drop-in that is proposed for clients: publishes until it is ended.
+#[test]
+#[ignore = "a part of the tests with a machine, started by its systemd"]
+fn client() {
+    let Some(run_dir) = std::env::var_os("TELEOP_TEST_CLIENT").map(PathBuf::from) else { return };
+    let instance = Instance::new(&run_dir).expect("the running instance");
+    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+    let player = Player::new(&motion::builtin(), play, 1, rt::incarnation());
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now).expect("a client");
+    publisher.set_engaged(true);
+    loop {
+        std::thread::sleep(Duration::from_secs(60));
+    }
+}
+
+#[test]
+fn the_target_starts_everything_and_a_stop_brings_the_robot_to_rest() {
+    let Some(machine) = started() else { return };
+    let system = Manager::system();
+    machine.run(&[], &["systemctl", "start", "client.service"]);
+    let run_dir = "/run/teleop";
+    machine.wait_until("a valid skeleton", || {
+        let status = machine.run(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "status"]);
+        status.contains("mode              Disengaged") && !status.contains("\nfault ")
+    });
+    let mut operator = machine.command(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "engage"]);
+    let mut operator = operator.stdout(std::process::Stdio::null()).spawn().expect("an operator");
+    machine.wait_until("engaged", || mode(&machine, run_dir) == "Engaged");
+    // The shared memory is the instance's own: nothing of it is where every user of the machine looks.
+    assert_eq!(std::fs::read_dir(machine.inside("dev/shm")).expect("a folder").count(), 0);
+    assert!(std::fs::read_dir(machine.inside("run/teleop/shm")).expect("a folder").count() > 0);
+
+    machine.run(&[], &["systemctl", "stop", "teleop.target"]);
+    for process in PROCESSES {
+        machine.wait(&system, &unit(process), "ActiveState", "inactive");
+        assert_eq!(machine.property(&system, &unit(process), "Result"), "success");
+    }
+    let _ = operator.wait();
+    let sim = machine.figures("run/teleop/sim.json");
+    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
+    let violations = sim["violations"].as_object().expect("violations");
+    assert!(violations.values().all(|count| *count == 0), "{violations:?}");
+    let control = machine.figures("run/teleop/control.json");
+    let modes = control["mode_transitions"].as_array().expect("transitions");
+    assert!(modes.iter().any(|one| one["to"] == "Engaged"), "the robot was in motion: {control:#}");
+}
+
+#[test]
+fn the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
+    let Some(machine) = started() else { return };
+    let system = Manager::system();
+    let invocations = || PROCESSES.map(|process| machine.property(&system, &unit(process), "InvocationID"));
+    let before = invocations();
+    machine.run(&[], &["systemctl", "kill", "--signal=STOP", &unit("retarget")]);
+    machine.wait(&system, &unit("retarget"), "NRestarts", "1");
+    machine.wait(&system, &unit("retarget"), "SubState", "running");
+    let after = invocations();
+    for (index, process) in PROCESSES.iter().enumerate() {
+        assert_eq!(before[index] != after[index], *process == "retarget", "{process}: one restart, and of one process");
+    }
+
+    machine.run(&[], &["systemctl", "kill", "--signal=STOP", &unit("control")]);
+    machine.wait(&system, &unit("control"), "ActiveState", "failed");
+    assert_eq!(machine.property(&system, &unit("control"), "Result"), "watchdog");
+    assert_eq!(machine.property(&system, &unit("control"), "NRestarts"), "0");
+
+    for end in 1..=4 {
+        // The third end within 60 s is one too many: three starts are allowed.
+        machine.wait_until("ended or returned", || {
+            machine.property(&system, &unit("ingest"), "SubState") != "auto-restart"
+        });
+        if machine.property(&system, &unit("ingest"), "ActiveState") == "failed" {
+            assert!(end > 3, "ingest was given up after {} ends", end - 1);
+            break;
+        }
+        machine.wait(&system, &unit("ingest"), "SubState", "running");
+        machine.run(&[], &["systemctl", "kill", "--signal=KILL", &unit("ingest")]);
+        machine.wait_until("gone", || machine.property(&system, &unit("ingest"), "SubState") != "running");
+    }
+    machine.wait(&system, &unit("ingest"), "ActiveState", "failed");
+    machine.run(&[], &["systemctl", "stop", "teleop.target"]);
+    machine.wait(&system, &unit("sim"), "ActiveState", "inactive");
+    assert_eq!(machine.figures("run/teleop/sim.json")["ended_at_rest"], true);
+}
+
+#[test]
+fn a_user_starts_the_same_without_root() {
+    let machine = match Machine::boot() {
+        Ok(machine) => machine,
+        Err(reason) => return println!("skipped: no real systemd: {reason}"),
+    };
+    let user = Manager::user();
+    machine.run(&[], &["systemctl", "start", "user-manager.service"]);
+    machine.run(&OPERATOR, &["systemctl", "--user", "start", "teleop.target"]);
+    for process in PROCESSES {
+        assert_eq!(machine.property(&user, &unit(process), "SubState"), "running", "{}", machine.console());
+    }
+    machine.wait_until("an answer", || mode(&machine, "/run/user/1000/teleop") == "Disengaged");
+    machine.run(&OPERATOR, &["systemctl", "--user", "stop", "teleop.target"]);
+    for process in PROCESSES {
+        machine.wait(&user, &unit(process), "ActiveState", "inactive");
+        assert_eq!(machine.property(&user, &unit(process), "Result"), "success");
+    }
+    assert_eq!(machine.figures("run/user/1000/teleop/sim.json")["ended_at_rest"], true);
+}

@@ -1,0 +1,133 @@
+//! A stand-in for systemd's side of sd_notify(3): starts the processes with the units' own command lines and listens.
+
+use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// WatchdogSec= of the stand-in: shorter than the units', so that the test is.
+const WATCHDOG: Duration = Duration::from_millis(400);
+
+/// Longest time for anything that must happen; only a hang comes near.
+const SOON: Duration = Duration::from_secs(25);
+
+/// One process under the stand-in.
+struct Service {
+    name: &'static str,
+    child: Child,
+    socket: UnixDatagram,
+}
+
+/// ExecStart= of the system's unit as words, with this test's program, settings and folder in place of the installed ones.
+fn command_line(name: &str, settings: &Path, run_dir: &Path) -> Vec<String> {
+    let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd/system/teleop@.service");
+    let text = std::fs::read_to_string(unit).expect("the template");
+    let line = text.lines().find_map(|line| line.strip_prefix("ExecStart=")).expect("ExecStart=");
+    let replaced = |word: &str| match word {
+        "%i" => name.to_owned(),
+        "/usr/bin/teleopd" => env!("CARGO_BIN_EXE_teleopd").to_owned(),
+        "/etc/teleop/teleop.toml" => settings.display().to_string(),
+        "/run/teleop" => run_dir.display().to_string(),
+        other => other.to_owned(),
+    };
+    line.split_whitespace().map(replaced).collect()
+}
+
+impl Service {
+    fn start(name: &'static str, run_dir: &Path) -> Self {
+        let path = run_dir.join(format!("{name}.notify"));
+        let socket = UnixDatagram::bind(&path).expect("a socket");
+        let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        let log = std::fs::File::create(run_dir.join(format!("{name}.log"))).expect("a log");
+        // As systemd does: the watchdog is of the process that is started, by its id.
+        let child = Command::new("/bin/sh")
+            .args(["-c", "WATCHDOG_PID=$$ exec \"$0\" \"$@\""])
+            .args(command_line(name, &settings, run_dir))
+            .env_clear()
+            .env("NOTIFY_SOCKET", &path)
+            .env("WATCHDOG_USEC", WATCHDOG.as_micros().to_string())
+            .current_dir("/")
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("a log"))
+            .stderr(log)
+            .spawn()
+            .expect("a process");
+        Self { name, child, socket }
+    }
+
+    /// The next state that the process tells, within `time`.
+    fn hears(&self, time: Duration) -> Option<String> {
+        let mut text = [0; 512];
+        self.socket.set_read_timeout(Some(time)).expect("a timeout");
+        let length = self.socket.recv(&mut text).ok()?;
+        Some(String::from_utf8_lossy(&text[..length]).into_owned())
+    }
+
+    /// Everything that has been told and not been heard yet.
+    fn drain(&self) -> Vec<String> {
+        std::iter::from_fn(|| self.hears(Duration::from_millis(1))).collect()
+    }
+
+    fn waits_for(&self, state: &str) {
+        let give_up = Instant::now() + SOON;
+        while self.hears(Duration::from_millis(50)).is_none_or(|heard| !heard.lines().any(|line| line == state)) {
+            assert!(Instant::now() < give_up, "{} never told {state}", self.name);
+        }
+    }
+
+    fn signal(&self, signal: &str) {
+        let status = Command::new("/bin/sh").args(["-c", &format!("kill -{signal} {}", self.child.id())]).status();
+        assert!(status.is_ok_and(|status| status.success()), "{}: kill -{signal}", self.name);
+    }
+
+    fn end(&mut self) -> ExitStatus {
+        self.signal("TERM");
+        self.waits_for("STOPPING=1");
+        self.child.wait().expect("an end")
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn the_processes_speak_to_a_service_manager_and_the_watchdog_starves_when_they_hang() {
+    println!("under a stand-in that speaks NOTIFY_SOCKET and WATCHDOG_USEC");
+    let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a folder");
+    let mut services: Vec<Service> = Vec::new();
+    for name in super::PROCESSES {
+        let service = Service::start(name, folder.path());
+        let first = service.hears(SOON).unwrap_or_else(|| panic!("{name} told nothing"));
+        assert!(first.lines().any(|line| line == "READY=1"), "{name} told {first:?} first");
+        services.push(service);
+    }
+    for service in &services {
+        for _ in 0..3 {
+            service.waits_for("WATCHDOG=1");
+        }
+    }
+    for service in &services {
+        service.signal("STOP");
+        std::thread::sleep(WATCHDOG / 4);
+        service.drain();
+        std::thread::sleep(2 * WATCHDOG);
+        assert!(service.drain().is_empty(), "{} hangs and still feeds its watchdog", service.name);
+        service.signal("CONT");
+        service.waits_for("WATCHDOG=1");
+    }
+    while let Some(mut service) = services.pop() {
+        let status = service.end();
+        assert!(status.success() && status.signal().is_none(), "{}: {status}", service.name);
+    }
+    let text = std::fs::read_to_string(folder.path().join("sim.json")).expect("figures");
+    let sim: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
+    if let Ok(instance) = pipeline::Instance::new(folder.path()) {
+        instance.retire();
+    }
+}

@@ -1,0 +1,36 @@
+//! The command line.
+
+use clap::Parser;
+use motion::CalibrationMode;
+use std::path::PathBuf;
+
+/// Publishes a recorded motion to a running teleopd, or writes what the robot would do.
+#[derive(Debug, Parser)]
+#[command(name = "replay", version)]
+pub struct Cli {
+    /// The motion file (.bvh), a joint trajectory of both arms (.csv, as `keyposes interpolate` writes), or `builtin`.
+    pub file: PathBuf,
+    /// 1 is the recorded speed.
+    #[arg(long, default_value_t = 1.0)]
+    pub speed: f64,
+    /// Begin again at the end, with the seam blended.
+    #[arg(long = "loop")]
+    pub looped: bool,
+    /// Run all stages here, and write the commands at 1500 Hz to this CSV file (and a JSON file beside it).
+    #[arg(long, value_name = "OUT.csv")]
+    pub offline: Option<PathBuf>,
+    /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its
+    /// joints have no rotation in the T-pose. A joint trajectory's person has such a rig.
+    #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
+    pub calibration: CalibrationMode,
+    /// Settings for --offline, and the robot of a joint trajectory.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// Folder of the running instance.
+    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    pub run_dir: PathBuf,
+}
+
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    CalibrationMode::among(text, &CalibrationMode::ALL)
+}
