@@ -82,6 +82,7 @@ fn an_installation_starts_and_enables_nothing() {
     for name in ["postinst", "prerm", "postrm"] {
         let path = root().join("tools/dist/debian").join(name);
         let script = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        run(Command::new("/bin/sh").arg("-n").arg(&path)).expect("a shell");
         for line in script.lines().filter(|line| !line.trim_start().starts_with('#')) {
             let banned = ["enable", "preset", "restart", "systemctl start", "deb-systemd"];
             assert!(banned.iter().all(|word| !line.contains(word)), "{name}: {line}");
@@ -154,6 +155,14 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
     run(Command::new("dpkg-deb").arg("--control").arg(&file).arg(&control)).expect("dpkg-deb");
     let conffiles = std::fs::read_to_string(control.join("conffiles")).expect("conffiles");
     assert_eq!(conffiles.split_whitespace().collect::<Vec<_>>(), ["/etc/teleop/teleop.toml"]);
+
+    match run(Command::new("systemd-sysusers").arg(format!("--root={}", tree.display())).arg("teleopd.conf")) {
+        None => println!("skipped: there is no systemd-sysusers"),
+        Some(_) => {
+            let of = |file: &str| std::fs::read_to_string(tree.join("etc").join(file)).unwrap_or_default();
+            assert!(of("passwd").contains("teleop:") && of("group").contains("teleop-operator:"), "{}", of("passwd"));
+        }
+    }
 
     // The settings name absolute paths; here the tree stands elsewhere.
     let settings = tree.join("etc/teleop/teleop.toml");
