@@ -108,7 +108,7 @@ impl Machine {
         self.wait_until(&format!("{unit} with {property}={value}"), || self.property(manager, unit, property) == value);
     }
 
-    pub fn wait_until(&self, what: &str, done: impl Fn() -> bool) {
+    pub fn wait_until(&self, what: &str, mut done: impl FnMut() -> bool) {
         let give_up = Instant::now() + SOON;
         while !done() {
             assert!(Instant::now() < give_up, "never {what}: {}", self.console());
