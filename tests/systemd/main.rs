@@ -43,13 +43,14 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// systemd-analyze on the copy in `units`, which goes before the machine's own units.
+/// systemd-analyze on the copy in `units`, which goes before the machine's own units; nobody's home is looked into.
 fn analyze(units: &Path, arguments: &[&str]) -> Option<std::process::Output> {
     let mut path = units.as_os_str().to_owned();
     path.push(":");
     let mut command = Command::new("systemd-analyze");
     command.args(arguments).args(PROCESSES.map(unit)).env("SYSTEMD_UNIT_PATH", path);
-    command.env("XDG_RUNTIME_DIR", units).env("SYSTEMD_COLORS", "0").output().ok()
+    command.env("XDG_RUNTIME_DIR", units).env("HOME", units).env_remove("XDG_CONFIG_HOME").env_remove("XDG_DATA_HOME");
+    command.env("SYSTEMD_COLORS", "0").output().ok()
 }
 
 /// Adds examples/metrics.conf to a copy of the units, its settings no comments any more.
