@@ -23,6 +23,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ("sim", &["messages", "robot", "driver"]),
     ("rt", &["messages"]),
     ("bus", &["messages"]),
+    ("telemetry", &["messages", "rt"]),
     ("operator", &["messages"]),
     ("motion", &["messages", "skeleton"]),
     (

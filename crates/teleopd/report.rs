@@ -55,8 +55,8 @@ impl Report {
             "ticks": ticks,
             "missed_deadlines": missed,
             "latency_us": {
-                "skeleton_to_command": percentiles(&sim["latency_us"]["skeleton_to_command"]),
-                "target_to_command": percentiles(&sim["latency_us"]["target_to_command"]),
+                "skeleton_to_command": percentiles(&sim["telemetry"]["metrics"]["skeleton_to_command"]),
+                "target_to_command": percentiles(&sim["telemetry"]["metrics"]["target_to_command"]),
             },
             "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), sim["violations"][kind].clone())).collect::<Map<_, _>>(),
             "min_clearance_mm": sim["min_clearance_mm"],

@@ -29,8 +29,8 @@ pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
 pub use player::{PlayOptions, Player};
 pub use publisher::Publisher;
 pub use settings::{
-    ControlSettings, DriverKind, DriverSettings, FileKey, IngestSettings, Method, Policy, RealtimeSettings, Resampling,
-    RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
+    ControlSettings, DriverKind, DriverSettings, FileKey, HandOff, IngestSettings, Method, MetricsSettings, Policy,
+    RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
 pub use world::{Links, Moment, Running, World, WorldConfig};

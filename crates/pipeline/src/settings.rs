@@ -26,6 +26,8 @@ pub struct Settings {
     pub safety: SafetySettings,
     /// What is asked of the kernel.
     pub realtime: RealtimeSettings,
+    /// What is told of the loops while they run.
+    pub metrics: MetricsSettings,
     /// The simulated robot.
     pub sim: SimSettings,
 }
@@ -133,11 +135,41 @@ pub enum Policy {
     Other,
 }
 
+/// How the next process learns that there is something for it.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum HandOff {
+    /// The writer wakes it.
+    Events,
+    /// It looks once a period.
+    Polled,
+}
+
+/// Prometheus text on the loopback interface.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct MetricsSettings {
+    /// Port of the first process; 0 serves none.
+    pub port: u32,
+}
+
+impl MetricsSettings {
+    /// The processes, in the order of their ports.
+    const PROCESSES: [&'static str; 4] = ["ingest", "retarget", "control", "sim"];
+
+    /// The port of `process`; 0 for none.
+    pub fn port_of(&self, process: &str) -> u16 {
+        let offset = Self::PROCESSES.iter().position(|&name| name == process);
+        offset.filter(|_| self.port > 0).map_or(0, |offset| (self.port + offset as u32) as u16)
+    }
+}
+
 #[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RealtimeSettings {
     pub policy: Policy,
+    pub hand_off: HandOff,
     pub lock_memory: bool,
     pub priority_retarget: u32,
     pub priority_control: u32,
@@ -223,6 +255,7 @@ impl Settings {
             ("realtime.priority_control", f64::from(self.realtime.priority_control), 1.0, 98.0),
             ("realtime.priority_driver", f64::from(self.realtime.priority_driver), 1.0, 98.0),
             ("realtime.spin_us", self.realtime.spin_us, 0.0, 200.0),
+            ("metrics.port", f64::from(self.metrics.port), 0.0, 65_532.0),
             ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, messages::TICK_HZ as f64 / 10.0),
             ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 5.0),
             ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, f64::from(sim::DELAY_MAX_TICKS)),

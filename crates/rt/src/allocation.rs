@@ -23,13 +23,18 @@ pub struct CountingAllocator;
 thread_local! {
     // Constant, without a destructor: touching them never allocates, not even during thread exit.
     static ARMED: Cell<bool> = const { Cell::new(false) };
-    static COUNT: Cell<Allocations> = const { Cell::new(Allocations { allocated: 0, freed: 0, bytes: 0 }) };
+    static COUNT: Cell<Allocations> = const { Cell::new(NONE) };
+    static ASIDE: Cell<Allocations> = const { Cell::new(NONE) };
+    static IS_ASIDE: Cell<bool> = const { Cell::new(false) };
 }
+
+const NONE: Allocations = Allocations { allocated: 0, freed: 0, bytes: 0 };
 
 fn note(allocated: u64, freed: u64, bytes: usize) {
     if ARMED.get() {
-        let count = COUNT.get();
-        COUNT.set(Allocations {
+        let cell = if IS_ASIDE.get() { &ASIDE } else { &COUNT };
+        let count = cell.get();
+        cell.set(Allocations {
             allocated: count.allocated + allocated,
             freed: count.freed + freed,
             bytes: count.bytes + bytes as u64,
@@ -63,6 +68,27 @@ unsafe impl GlobalAlloc for CountingAllocator {
         // SAFETY: `block` came from this allocator, thus from `System`, with this `layout`.
         unsafe { System.dealloc(block, layout) }
     }
+}
+
+/// From now on counts what the calling thread allocates, for as long as it lives.
+pub fn watch_allocations() {
+    COUNT.set(NONE);
+    ASIDE.set(NONE);
+    ARMED.set(true);
+}
+
+/// What the calling thread has allocated since `watch_allocations`, and what of that aside; nothing before.
+pub fn allocations() -> (Allocations, Allocations) {
+    (COUNT.get(), ASIDE.get())
+}
+
+/// Runs `work` and counts what it allocates aside: code of others that is known to allocate must not hide what is ours.
+/// Does not nest.
+pub fn allocating_aside<T>(work: impl FnOnce() -> T) -> T {
+    IS_ASIDE.set(true);
+    let result = work();
+    IS_ASIDE.set(false);
+    result
 }
 
 /// Runs `work` and counts what the calling thread allocates in it. Counts nothing unless `CountingAllocator` is the

@@ -60,13 +60,20 @@ impl Histogram {
         self.max_ns = 0;
     }
 
-    /// `{"count", "p50_us", "p99_us", "p99_9_us", "max_us"}`.
+    /// The buckets that hold anything, ascending: the longest duration of each, ns, and its count.
+    pub fn buckets(&self) -> Vec<(u64, u64)> {
+        let recorded = self.buckets.iter_recorded();
+        recorded.map(|bucket| (bucket.value_iterated_to(), bucket.count_since_last_iteration())).collect()
+    }
+
+    /// `{"count", "p50_us", "p99_us", "p99_9_us", "p99_99_us", "max_us"}`.
     pub fn to_json(&self) -> serde_json::Value {
         serde_json::json!({
             "count": self.count(),
             "p50_us": self.quantile_us(0.5),
             "p99_us": self.quantile_us(0.99),
             "p99_9_us": self.quantile_us(0.999),
+            "p99_99_us": self.quantile_us(0.9999),
             "max_us": self.max_us(),
         })
     }

@@ -5,6 +5,7 @@
 mod allocation;
 mod children;
 mod clock;
+mod cpu_time;
 mod denormals;
 mod error;
 mod grid;
@@ -18,9 +19,12 @@ mod processor;
 mod realtime;
 mod shutdown;
 
-pub use allocation::{Allocations, CountingAllocator, count_allocations};
+pub use allocation::{
+    Allocations, CountingAllocator, allocating_aside, allocations, count_allocations, watch_allocations,
+};
 pub use children::{die_with_parent, terminate};
 pub use clock::{now, sleep_until};
+pub use cpu_time::cpu_time_ns;
 pub use denormals::flush_denormals;
 pub use error::RtError;
 pub use grid::{PeriodicLoop, Tick, TickGrid};

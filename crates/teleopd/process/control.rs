@@ -9,9 +9,9 @@ use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
 use operator::Server;
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, OperatorEdges};
-use serde_json::json;
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, OperatorEdges};
 use std::time::Duration;
+use telemetry::{Counter, Event, Metric};
 
 /// The operator socket is served on every fourth tick, 375 times a second: an emergency stop waits at most 2.7 ms.
 const SERVE_EVERY: u64 = 4;
@@ -45,13 +45,11 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         state: ControlState::new(&config, process.incarnation),
         edges: OperatorEdges::default(),
         status: Status::ZERO,
+        polled: process.loaded.settings.realtime.hand_off == HandOff::Polled,
         next_k: 0,
         target: None,
         timeline: Timeline::new(),
-        work: rt::Histogram::new(),
-        lateness: rt::Histogram::new(),
         following: Following::new(),
-        publish_failures: 0,
         server,
         config,
         process,
@@ -74,15 +72,14 @@ struct Control {
     commands: Writer<JointCommand>,
     statuses: Writer<Status>,
     grace_ns: u64,
+    /// Never woken: sleeps until the deadline and grace of each index.
+    polled: bool,
     next_k: u64,
     /// Arrived for an index that was done already, or not used yet.
     target: Option<JointTarget>,
     status: Status,
     timeline: Timeline,
-    work: rt::Histogram,
-    lateness: rt::Histogram,
     following: Following,
-    publish_failures: u64,
 }
 
 impl Control {
@@ -126,7 +123,7 @@ impl Control {
     /// Waits for the target of the next index, or for that index's deadline and grace; takes the newest index due.
     fn wait(&mut self) -> Stamp {
         loop {
-            if let Some(target) = self.targets.latest() {
+            if let Some(target) = rt::allocating_aside(|| self.targets.latest()) {
                 self.target = Some(target);
                 if target.k >= self.next_k {
                     let now = rt::now();
@@ -141,7 +138,11 @@ impl Control {
                 self.next_k = self.next_k.max(self.due(now));
                 return now;
             }
-            self.targets.wait(Duration::from_nanos(give_up.since(now)));
+            if self.polled {
+                self.process.shutdown.sleep_until(give_up);
+            } else {
+                rt::allocating_aside(|| self.targets.wait(Duration::from_nanos(give_up.since(now))));
+            }
         }
     }
 
@@ -153,8 +154,7 @@ impl Control {
     fn tick(&mut self, woke: Stamp) {
         let k = self.next_k;
         self.next_k = k + 1;
-        self.lateness.record_between(deadline(k), woke);
-        let robot = self.states.latest();
+        let robot = rt::allocating_aside(|| self.states.latest());
         let target = self.target.take();
         let input = ControlInput {
             k,
@@ -164,36 +164,51 @@ impl Control {
             realtime_ok: self.process.realtime_ok(),
         };
         let out = pipeline::control_tick(&self.config, &mut self.state, woke, input);
-        if let Some(mut command) = out.command {
-            command.header.stamp = rt::now();
-            self.publish_failures += u64::from(self.commands.publish(&command).is_err());
-            self.publish_failures += u64::from(self.commands.notify().is_err());
+        let stamp = rt::now();
+        if let Some(mut command) = out.command
+            && !self.process.is_old(k, stamp)
+        {
+            command.header.stamp = stamp;
+            self.process.publish_and_wake(&mut self.commands, &command);
         }
-        self.work.record_between(woke, rt::now());
+        self.measure(k, woke, stamp, target.as_ref());
         self.after(k, &out, robot.as_ref());
+    }
+
+    fn measure(&mut self, k: u64, woke: Stamp, done: Stamp, target: Option<&JointTarget>) {
+        let probe = &mut self.process.probe;
+        probe.record(Metric::WakeUp, deadline(k), woke);
+        probe.record(Metric::ControlWork, woke, done);
+        if let Some(target) = target {
+            probe.record(Metric::TargetToControl, target.header.stamp, woke);
+        }
     }
 
     /// What can wait until the command is out.
     fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
+        self.process.missed(k, out.status.missed_deadlines - self.status.missed_deadlines);
         self.status = out.status;
         self.timeline.note(k);
         self.following.note(out, robot);
+        let counters = self.process.probe.counters();
+        counters.set(Counter::Mode, u64::from(out.status.mode));
+        counters.set(Counter::Faults, out.status.faults);
+        counters.set(Counter::Latched, out.status.latched);
+        if let Some(transition) = out.transition {
+            self.process.probe.event(Event::Transition(transition));
+        }
         if k.is_multiple_of(STATUS_EVERY) || out.transition.is_some() {
-            self.publish_failures += u64::from(self.statuses.publish(&out.status).is_err());
+            self.process.publish(&mut self.statuses, &out.status);
         }
         if k.is_multiple_of(SERVE_EVERY) {
             self.edges.note(&self.server.poll(rt::now(), &self.status));
         }
     }
 
-    fn leave(&self) -> Result<(), Failure> {
+    fn leave(self) -> Result<(), Failure> {
         let mut figures = self.following.to_json();
         figures["timeline"] = self.timeline.to_json();
-        figures["wake_up_us"] = self.lateness.to_json();
-        figures["work_us"] = self.work.to_json();
-        figures["publish_failures"] = json!(self.publish_failures);
-        figures["realtime"] = json!(self.process.realtime.is_realtime());
         figures["status"] = pipeline::status_json(&self.status);
-        self.process.leave(&figures)
+        self.process.leave(figures)
     }
 }

@@ -4,17 +4,21 @@ use super::{Process, bus_failure};
 use crate::cli::Place;
 use crate::exit::Failure;
 use bus::Domain;
-use messages::{Header, RawSkeleton, Service, Skeleton};
-use pipeline::Authority;
+use messages::{Header, RawSkeleton, Service, Skeleton, TICK_HZ, deadline, tick_at};
+use pipeline::{Authority, HandOff};
 use serde_json::json;
 use std::time::Duration;
+use telemetry::Metric;
 
 /// How long a silent door is waited at before the loop goes round: a tenth of the shortest authority timeout.
 const WAIT: Duration = Duration::from_millis(10);
 
+/// Half a period of the tick grid, ns.
+const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
+
 /// Runs until shutdown.
 pub fn run(place: &Place) -> Result<(), Failure> {
-    let process = Process::start("ingest", place, |_| None)?;
+    let mut process = Process::start("ingest", place, |_| None)?;
     let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
     let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
@@ -24,12 +28,20 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let mut state = skeleton::State::new();
     let mut authority = Authority::default();
     let timeout_ns = (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64;
-    let (mut sequence, mut publish_failures) = (0, 0_u64);
+    let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
+    let mut sequence = 0;
     process.ready()?;
     while !process.shutdown.requested() {
-        clients.wait(WAIT);
+        if polled {
+            // Between the deadlines of `retarget`: half a period is what an unsynchronised timer costs on average.
+            let k = tick_at(rt::now().plus_ns(HALF_PERIOD_NS));
+            process.shutdown.sleep_until(deadline(k).plus_ns(HALF_PERIOD_NS));
+        } else {
+            rt::allocating_aside(|| clients.wait(WAIT));
+        }
         clients.drain(|sample| {
             let now = rt::now();
+            process.probe.record(Metric::PublishedToIngest, sample.message.header.stamp, now);
             if !authority.admits(now, &sample.message, timeout_ns) {
                 return;
             }
@@ -39,15 +51,17 @@ pub fn run(place: &Place) -> Result<(), Failure> {
                 return;
             };
             sequence += 1;
+            let stamp = rt::now();
             let header = Header {
                 sequence,
-                stamp: rt::now(),
+                stamp,
                 origin: sample.message.header.origin,
                 config_hash: process.loaded.hash,
                 incarnation: process.incarnation,
                 reserved: 0,
             };
-            publish_failures += u64::from(skeletons.publish(&Skeleton { header, ..person }).is_err());
+            process.publish(&mut skeletons, &Skeleton { header, ..person });
+            process.probe.record(Metric::IngestWork, now, stamp);
         });
         process.alive();
     }
@@ -56,10 +70,9 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         .filter(|&&reason| state.dropped(reason) > 0)
         .map(|&reason| (reason.name().to_owned(), json!(state.dropped(reason))))
         .collect();
-    process.leave(&json!({
+    process.leave(json!({
         "accepted": state.accepted(),
         "dropped": dropped,
         "without_authority": authority.frames_refused(),
-        "publish_failures": publish_failures,
     }))
 }

@@ -7,19 +7,26 @@ pub mod realtime;
 pub mod retarget;
 pub mod sim;
 
+mod housekeeping;
+
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
+use bus::Writer;
+use housekeeping::Housekeeping;
+use messages::{Message, Stamp};
 use pipeline::{Instance, Loaded};
-use rt::{Realtime, RealtimeReport, ServiceManager, Shutdown};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
+use serde_json::json;
+use telemetry::{Counter, Event, Probe};
 
 /// Ticks on a copy of the state before READY: caches, branch predictors and lazily mapped pages are warm after far
 /// fewer (a start of the process shows no tick slower than its median after about 200).
 pub const WARM_TICKS: u64 = 1000;
 
-/// What every process has before it opens the bus.
+/// Age at which a message is not sent any more: two ticks after its deadline the driver has played its plan for it.
+const OLD_NS: u64 = 2 * 1_000_000_000 / messages::TICK_HZ;
+
+/// What every process has before it opens the bus, and what every loop does beside its tick.
 pub struct Process {
     pub name: &'static str,
     pub loaded: Loaded,
@@ -27,8 +34,20 @@ pub struct Process {
     pub shutdown: Shutdown,
     pub incarnation: u32,
     pub realtime: RealtimeReport,
+    pub probe: Probe,
+    housekeeping: Housekeeping,
     manager: ServiceManager,
-    alive: Arc<AtomicU64>,
+    started: Stamp,
+    at_ready: AtReady,
+}
+
+/// The process's own consumption when it said READY.
+#[derive(Clone, Copy, Default)]
+struct AtReady {
+    after_ms: f64,
+    faults: PageFaults,
+    of_loop: PageFaults,
+    cpu_ns: u64,
 }
 
 impl Process {
@@ -38,44 +57,102 @@ impl Process {
         place: &Place,
         priority: impl Fn(&Loaded) -> Option<u32>,
     ) -> Result<Self, Failure> {
+        let started = rt::now();
         rt::die_with_parent();
+        telemetry::install_logging();
         let loaded =
             pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
         let instance = Instance::new(&place.run_dir)
             .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
+        let (probe, collector) = telemetry::channel(name);
+        let housekeeping = Housekeeping::start(collector, loaded.settings.metrics.port_of(name))?;
         let asked = &loaded.settings.realtime;
         let config = realtime::request(asked, priority(&loaded));
         let realtime = Realtime::apply(&config);
         for refusal in realtime.refusals() {
-            eprintln!("{name}: warning: {refusal}");
+            tracing::warn!(process = name, "{name}: {refusal}");
         }
-        let (incarnation, alive) = (rt::incarnation(), Arc::new(AtomicU64::new(0)));
-        Ok(Self { name, loaded, instance, shutdown, incarnation, realtime, manager, alive })
+        Ok(Self {
+            name,
+            loaded,
+            instance,
+            shutdown,
+            incarnation: rt::incarnation(),
+            realtime,
+            probe,
+            housekeeping,
+            manager,
+            started,
+            at_ready: AtReady::default(),
+        })
     }
 
-    /// Tells the service manager that the process is ready, and feeds its watchdog from a thread of its own, but only
-    /// while `alive` moves.
-    pub fn ready(&self) -> Result<(), Failure> {
-        let software = |error: std::io::Error| Failure::new(Exit::Software, error);
+    /// Tells the service manager that the process is ready. From now on the loop's allocations are counted, and the
+    /// watchdog is fed while the loop goes round.
+    pub fn ready(&mut self) -> Result<(), Failure> {
         self.manager
             .ready()
             .map_err(|error| Failure::new(Exit::Software, format!("NOTIFY_SOCKET: READY was not taken: {error}")))?;
-        if let Some(timeout) = self.manager.watchdog_timeout() {
-            let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
-            let (alive, shutdown) = (Arc::clone(&self.alive), self.shutdown.clone());
-            std::thread::Builder::new()
-                .name("watchdog".into())
-                .spawn(move || feed_watchdog(&manager, &alive, &shutdown, timeout / 2))
-                .map_err(software)?;
-        }
+        self.housekeeping.ready();
+        self.at_ready = AtReady {
+            after_ms: rt::now().since(self.started) as f64 * 1e-6,
+            faults: PageFaults::of_process(),
+            of_loop: PageFaults::of_thread(),
+            cpu_ns: rt::cpu_time_ns(),
+        };
+        rt::watch_allocations();
         Ok(())
     }
 
     /// Notes that the loop went round.
-    pub fn alive(&self) {
-        self.alive.fetch_add(1, Ordering::Relaxed);
+    pub fn alive(&mut self) {
+        let counters = self.probe.counters();
+        counters.add(Counter::Ticks, 1);
+        let (own, transport) = rt::allocations();
+        counters.set(Counter::Allocations, own.allocated);
+        counters.set(Counter::TransportAllocations, transport.allocated);
+    }
+
+    /// Publishes `message`; a failure is counted, logged, and costs this message.
+    pub fn publish<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
+        let published = rt::allocating_aside(|| writer.publish(message));
+        self.note(published.is_err());
+    }
+
+    /// Publishes `message` and wakes its readers.
+    pub fn publish_and_wake<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
+        self.publish(writer, message);
+        let woken = rt::allocating_aside(|| writer.notify());
+        self.note(woken.is_err());
+    }
+
+    fn note(&mut self, failed: bool) {
+        if failed {
+            self.probe.counters().add(Counter::PublishFailures, 1);
+            self.probe.event(Event::PublishFailed);
+        }
+    }
+
+    /// Whether what tick `k` made is too old to be sent at `now`: the process was suspended, or kept off its core, between
+    /// its clock and its message. Counted and logged.
+    pub fn is_old(&mut self, k: u64, now: Stamp) -> bool {
+        let ns = now.since(messages::deadline(k));
+        if ns <= OLD_NS {
+            return false;
+        }
+        self.probe.counters().add(Counter::Gaps, 1);
+        self.probe.event(Event::Gap { k, ns });
+        true
+    }
+
+    /// Notes that `count` indices were skipped before `k`.
+    pub fn missed(&mut self, k: u64, count: u64) {
+        if count > 0 {
+            self.probe.counters().add(Counter::MissedDeadlines, count);
+            self.probe.event(Event::Missed { k, count });
+        }
     }
 
     /// Whether the kernel granted real-time scheduling, or the settings allow a simulated robot to do without.
@@ -85,24 +162,25 @@ impl Process {
         self.realtime.is_realtime() || (settings.control.engage_without_realtime && simulated)
     }
 
-    /// Leaves `figures` in the instance's folder for whoever collects them.
-    pub fn leave(&self, figures: &serde_json::Value) -> Result<(), Failure> {
+    /// Leaves `figures`, and what was measured of the loop, in the instance's folder for whoever collects them.
+    pub fn leave(self, mut figures: serde_json::Value) -> Result<(), Failure> {
         let _ = self.manager.stopping();
+        let faults = PageFaults::of_process().since(self.at_ready.faults);
+        let of_loop = PageFaults::of_thread().since(self.at_ready.of_loop);
+        let cpu_ns = rt::cpu_time_ns().saturating_sub(self.at_ready.cpu_ns);
+        figures["publish_failures"] = json!(self.probe.counters().get(Counter::PublishFailures));
+        figures["gaps"] = json!(self.probe.counters().get(Counter::Gaps));
+        figures["realtime"] = json!(self.realtime.is_realtime());
+        let mut telemetry = self.housekeeping.stop().map_or(json!({}), |mut collector| collector.to_json());
+        telemetry["major_faults"] = json!(faults.major);
+        telemetry["loop_minor_faults"] = json!(of_loop.minor);
+        telemetry["cpu_s"] = json!(cpu_ns as f64 * 1e-9);
+        telemetry["ready_after_ms"] = json!(self.at_ready.after_ms);
+        telemetry["realtime"] = json!(self.realtime.lines());
+        figures["telemetry"] = telemetry;
         let path = self.instance.report(self.name);
         std::fs::write(&path, figures.to_string())
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", path.display())))
-    }
-}
-
-fn feed_watchdog(manager: &ServiceManager, alive: &AtomicU64, shutdown: &Shutdown, every: Duration) {
-    let mut seen = alive.load(Ordering::Relaxed);
-    while !shutdown.requested() {
-        std::thread::sleep(every);
-        let count = alive.load(Ordering::Relaxed);
-        if count != seen {
-            let _ = manager.watchdog();
-        }
-        seen = count;
     }
 }
 

@@ -8,10 +8,11 @@ use bus::Domain;
 use messages::{Header, JointTarget, Service, Skeleton, deadline};
 use rt::PeriodicLoop;
 use serde_json::json;
+use telemetry::Metric;
 
 /// Runs until shutdown.
 pub fn run(place: &Place) -> Result<(), Failure> {
-    let process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;
+    let mut process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;
     let config = pipeline::retarget_config(&process.loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     let core = Domain::open(process.instance.core_domain(), "retarget").map_err(bus_failure)?;
     let mut skeletons = core.reader::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
@@ -22,12 +23,16 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     for k in 0..WARM_TICKS {
         std::hint::black_box(retarget::tick(&config, &mut warm, deadline(k), retarget::Input { k, skeleton: None }));
     }
-    let (mut timeline, mut work) = (Timeline::new(), rt::Histogram::new());
-    let (mut sequence, mut publish_failures) = (0, 0_u64);
+    let (mut timeline, mut sequence) = (Timeline::new(), 0);
     process.ready()?;
     let mut periodic = PeriodicLoop::start().spinning_us(process.loaded.settings.realtime.spin_us);
     while let Some(tick) = periodic.next(&process.shutdown) {
-        let skeleton = skeletons.latest();
+        process.probe.record_ns(Metric::WakeUp, tick.woke, tick.late_ns);
+        process.missed(tick.k, tick.missed);
+        let skeleton = rt::allocating_aside(|| skeletons.latest());
+        if let Some(skeleton) = &skeleton {
+            process.probe.record(Metric::IngestToRetarget, skeleton.header.stamp, tick.woke);
+        }
         let mut target =
             retarget::tick(&config, &mut state, tick.woke, retarget::Input { k: tick.k, skeleton: skeleton.as_ref() })
                 .target;
@@ -41,17 +46,12 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             incarnation: process.incarnation,
             reserved: 0,
         };
-        publish_failures += u64::from(targets.publish(&target).is_err());
-        publish_failures += u64::from(targets.notify().is_err());
+        if !process.is_old(tick.k, stamp) {
+            process.publish_and_wake(&mut targets, &target);
+        }
         timeline.note(tick.k);
-        work.record_between(tick.woke, stamp);
+        process.probe.record(Metric::RetargetWork, tick.woke, stamp);
         process.alive();
     }
-    process.leave(&json!({
-        "timeline": timeline.to_json(),
-        "wake_up_us": periodic.lateness().to_json(),
-        "work_us": work.to_json(),
-        "publish_failures": publish_failures,
-        "realtime": process.realtime.is_realtime(),
-    }))
+    process.leave(json!({ "timeline": timeline.to_json() }))
 }

@@ -6,15 +6,17 @@ use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
 use messages::{Header, JointCommand, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
+use pipeline::HandOff;
 use serde_json::{Map, Value, json};
 use std::time::Duration;
+use telemetry::{Metric, Probe};
 
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
 /// Runs until shutdown, and then until the robot is at rest.
 pub fn run(place: &Place) -> Result<(), Failure> {
-    let process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
+    let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
     let seed = process.loaded.settings.sim.seed;
@@ -28,8 +30,10 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     }
     let grace_ns = (process.loaded.settings.driver.grace_us * 1e3) as u64;
     let due = |now: Stamp| tick_at(Stamp(now.0.saturating_sub(grace_ns)));
-    let mut figures = Figures::new();
-    let (mut sequence, mut publish_failures) = (0, 0_u64);
+    // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
+    let mut timeline = Timeline::new();
+    let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
+    let mut sequence = 0;
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut state = sim::State::new(&config, due(rt::now()) + 3, seed);
     process.ready()?;
@@ -44,10 +48,12 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             }
         }
         let give_up = deadline(state.follower().index() + 1).plus_ns(grace_ns);
-        if now < give_up {
-            commands.wait(Duration::from_nanos(give_up.since(now)));
+        if polled {
+            process.shutdown.sleep_until(give_up);
+        } else if now < give_up {
+            rt::allocating_aside(|| commands.wait(Duration::from_nanos(give_up.since(now))));
         }
-        let command = commands.latest().filter(|_| ending.is_none());
+        let command = rt::allocating_aside(|| commands.latest()).filter(|_| ending.is_none());
         let now = rt::now();
         let out = sim::tick(&config, &mut state, now, sim::Input { due_k: due(now), command: command.as_ref() });
         if out.advanced == 0 {
@@ -63,71 +69,49 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             incarnation: process.incarnation,
             reserved: 0,
         };
-        publish_failures += u64::from(states.publish(&message).is_err());
-        figures.note(now, &out);
+        process.publish(&mut states, &message);
+        if let Some(command) = &command {
+            note(&mut process.probe, now, command, &out);
+        }
+        if let Some(accepted) = out.accepted {
+            timeline.note(accepted.k);
+        }
         process.alive();
     }
-    let mut report = figures.to_json(state.report());
+    let mut report = figures(&timeline, state.report());
     report["commands_accepted"] = json!(state.follower().accepted);
     report["ended_at_rest"] = json!(state.at_rest());
     report["interface"] = json!(process.loaded.settings.sim.interface.name());
     if let Some(delays_s) = state.delays_s() {
         report["controller_delays_ms"] = json!(delays_s.map(|delay_s| delay_s * 1e3));
     }
-    report["publish_failures"] = json!(publish_failures);
-    report["realtime"] = json!(process.realtime.is_realtime());
-    process.leave(&report)
+    process.leave(report)
 }
 
-/// What the driver measures of the stream it executes.
-struct Figures {
-    timeline: Timeline,
-    skeleton_to_command: rt::Histogram,
-    target_to_command: rt::Histogram,
-    lateness: rt::Histogram,
+/// How long the command that was executed at `now` took to come here.
+fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
+    let Some(accepted) = out.accepted else { return };
+    probe.record(Metric::WakeUp, deadline(accepted.k), now);
+    probe.record(Metric::CommandToDriver, command.header.stamp, now);
+    if let Some(age_ns) = accepted.origin_age_ns {
+        probe.record_ns(Metric::SkeletonToCommand, now, age_ns);
+    }
+    if let Some(age_ns) = accepted.target_age_ns {
+        probe.record_ns(Metric::TargetToCommand, now, age_ns);
+    }
 }
 
-impl Figures {
-    fn new() -> Self {
-        Self {
-            timeline: Timeline::new(),
-            skeleton_to_command: rt::Histogram::new(),
-            target_to_command: rt::Histogram::new(),
-            lateness: rt::Histogram::new(),
-        }
-    }
-
-    fn note(&mut self, now: Stamp, out: &sim::Output) {
-        // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
-        if let Some(accepted) = out.accepted {
-            self.timeline.note(accepted.k);
-            self.lateness.record_between(deadline(accepted.k), now);
-            if let Some(age_ns) = accepted.origin_age_ns {
-                self.skeleton_to_command.record_ns(age_ns);
-            }
-            if let Some(age_ns) = accepted.target_age_ns {
-                self.target_to_command.record_ns(age_ns);
-            }
-        }
-    }
-
-    fn to_json(&self, report: &sim::Report) -> Value {
-        let violations: Map<_, _> =
-            report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
-        json!({
-            "timeline": self.timeline.to_json(),
-            "latency_us": {
-                "skeleton_to_command": self.skeleton_to_command.to_json(),
-                "target_to_command": self.target_to_command.to_json(),
-            },
-            "executed_after_deadline_us": self.lateness.to_json(),
-            "violations": violations,
-            "min_clearance_mm": report.min_clearance_m() * 1e3,
-            "engage": {
-                "max_step_rad": report.engage_max_step_rad(),
-                "first_second_velocity_ratio": report.engage_first_second_velocity_ratio(),
-            },
-            "rate_hz": TICK_HZ,
-        })
-    }
+fn figures(timeline: &Timeline, report: &sim::Report) -> Value {
+    let violations: Map<_, _> =
+        report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
+    json!({
+        "timeline": timeline.to_json(),
+        "violations": violations,
+        "min_clearance_mm": report.min_clearance_m() * 1e3,
+        "engage": {
+            "max_step_rad": report.engage_max_step_rad(),
+            "first_second_velocity_ratio": report.engage_first_second_velocity_ratio(),
+        },
+        "rate_hz": TICK_HZ,
+    })
 }

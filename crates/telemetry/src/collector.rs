@@ -1,0 +1,88 @@
+//! The other end of the ring.
+
+use crate::counter::{Counter, Counters};
+use crate::event::{Event, RateLimit};
+use crate::metric::Metric;
+use crate::probe::Entry;
+use crate::series::Series;
+use rtrb::Consumer;
+use serde_json::{Map, Value, json};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Makes histograms and log lines of what a loop puts into its ring.
+#[derive(Debug)]
+pub struct Collector {
+    process: &'static str,
+    ring: Consumer<Entry>,
+    counters: Arc<Counters>,
+    series: [Option<Box<Series>>; Metric::ALL.len()],
+    limit: RateLimit,
+}
+
+impl Collector {
+    pub(crate) fn new(process: &'static str, ring: Consumer<Entry>, counters: Arc<Counters>) -> Self {
+        let limit = RateLimit::starting_at(Instant::now());
+        Self { process, ring, counters, series: [const { None }; Metric::ALL.len()], limit }
+    }
+
+    /// The process it collects for.
+    pub fn process(&self) -> &'static str {
+        self.process
+    }
+
+    /// The numbers of the process.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Takes everything that lies in the ring; answers how much that was.
+    pub fn drain(&mut self) -> usize {
+        let mut taken = 0;
+        while let Ok(entry) = self.ring.pop() {
+            taken += 1;
+            match entry {
+                Entry::Sample { metric, at, ns } => {
+                    self.series[metric as usize].get_or_insert_default().record(at, ns);
+                }
+                Entry::Event(event) => {
+                    if self.limit.admits(event.kind()) {
+                        event.log(self.process);
+                    }
+                }
+            }
+        }
+        if let Some(held_back) = self.limit.turn(Instant::now()) {
+            for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
+                let (process, kind) = (self.process, Event::kind_name(kind));
+                tracing::warn!(process, count, "{process}: {count} more lines about {kind} in the last second");
+            }
+        }
+        taken
+    }
+
+    /// What was measured, with its name.
+    pub(crate) fn measured(&self) -> impl Iterator<Item = (Metric, &Series)> {
+        Metric::ALL.into_iter().zip(&self.series).filter_map(|(metric, series)| Some((metric, series.as_deref()?)))
+    }
+
+    /// `{"metrics": {name: {count, p50_us, .., max_us, buckets, seconds}}, "ring_dropped", "allocations"}`. A bucket is
+    /// [highest duration in it in ns, count]; a second is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
+    pub fn to_json(&mut self) -> Value {
+        self.drain();
+        let mut metrics = Map::new();
+        for (metric, series) in Metric::ALL.into_iter().zip(&mut self.series) {
+            if let Some(series) = series {
+                metrics.insert(metric.name().to_owned(), series.to_json());
+            }
+        }
+        json!({
+            "metrics": metrics,
+            "ring_dropped": self.counters.get(Counter::RingDropped),
+            "allocations": {
+                "loop": self.counters.get(Counter::Allocations),
+                "transport": self.counters.get(Counter::TransportAllocations),
+            },
+        })
+    }
+}

@@ -1,0 +1,124 @@
+//! What is worth a line in the log, and how many lines a second it is worth.
+
+use messages::{Mode, Transition};
+use std::time::{Duration, Instant};
+
+/// Something that happened in a loop; it becomes text on the collector's thread.
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// The mode changed.
+    Transition(Transition),
+    /// Indices of the grid were skipped before index `k`.
+    Missed {
+        /// Index that was ticked.
+        k: u64,
+        /// How many were skipped.
+        count: u64,
+    },
+    /// The process stood still for longer than a command stays valid: suspended, or its machine was.
+    Gap {
+        /// Index of the tick that was given up.
+        k: u64,
+        /// How long, ns.
+        ns: u64,
+    },
+    /// The bus did not take a message.
+    PublishFailed,
+}
+
+impl Event {
+    /// Kinds of event.
+    pub const KINDS: usize = 4;
+
+    /// Which kind: lines of one kind share one limit.
+    pub fn kind(&self) -> usize {
+        match self {
+            Self::Transition(_) => 0,
+            Self::Missed { .. } => 1,
+            Self::Gap { .. } => 2,
+            Self::PublishFailed => 3,
+        }
+    }
+
+    /// What a kind is called when its lines are held back.
+    pub(crate) fn kind_name(kind: usize) -> &'static str {
+        ["changes of mode", "missed deadlines", "gaps", "failures to publish"][kind]
+    }
+
+    pub(crate) fn log(&self, process: &str) {
+        match *self {
+            Self::Transition(transition) => {
+                let name = |mode: u32| Mode::from_u32(mode).map_or("?", Mode::name);
+                let (from, to, why) = (name(transition.from), name(transition.to), transition.why_name());
+                tracing::info!(process, k = transition.k, "{process}: {from} -> {to} ({why})");
+            }
+            Self::Missed { k, count } => {
+                tracing::warn!(process, k, count, "{process}: {count} deadline(s) missed before tick {k}");
+            }
+            Self::Gap { k, ns } => {
+                let ms = ns as f64 * 1e-6;
+                tracing::warn!(process, k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
+            }
+            Self::PublishFailed => tracing::error!(process, "{process}: the bus did not take a message"),
+        }
+    }
+}
+
+/// At most so many lines of one kind in a second; the rest is counted.
+#[derive(Clone, Debug)]
+pub struct RateLimit {
+    lines_per_s: u32,
+    since: Instant,
+    written: [u32; Event::KINDS],
+    held_back: [u64; Event::KINDS],
+}
+
+/// Lines of one kind in a second: enough to read, few enough to keep a disk (10 lines of 200 bytes are 2 KB/s).
+const LINES_PER_S: u32 = 10;
+
+impl RateLimit {
+    /// Begins to count at `now`.
+    pub fn starting_at(now: Instant) -> Self {
+        Self { lines_per_s: LINES_PER_S, since: now, written: [0; Event::KINDS], held_back: [0; Event::KINDS] }
+    }
+
+    /// Whether a line of `kind` may be written.
+    pub fn admits(&mut self, kind: usize) -> bool {
+        let admitted = self.written[kind] < self.lines_per_s;
+        if admitted {
+            self.written[kind] += 1;
+        } else {
+            self.held_back[kind] += 1;
+        }
+        admitted
+    }
+
+    /// If a second is over: begins the next one and answers how many lines of each kind were held back in it.
+    pub fn turn(&mut self, now: Instant) -> Option<[u64; Event::KINDS]> {
+        if now.duration_since(self.since) < Duration::from_secs(1) {
+            return None;
+        }
+        self.since = now;
+        self.written = [0; Event::KINDS];
+        Some(std::mem::take(&mut self.held_back))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
+        let start = Instant::now();
+        let mut limit = RateLimit::starting_at(start);
+        let written = (0..1_000_000).filter(|_| limit.admits(3)).count();
+        assert_eq!(written, LINES_PER_S as usize);
+        assert!(limit.admits(0));
+        assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
+        let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
+        assert_eq!(held_back, [0, 0, 0, 1_000_000 - u64::from(LINES_PER_S)]);
+        assert!(limit.admits(3), "a new second");
+        assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
+    }
+}

@@ -1,0 +1,20 @@
+//! What leaves a real-time loop. The loop has a `Probe`: it stores numbers in atomics and puts small values into a
+//! wait-free ring, and does nothing else. Everything that costs time (histograms, text, logs, the network) is done by a
+//! `Collector` on a thread of its own. A full ring loses samples, which are counted; it never holds the loop up.
+
+mod collector;
+mod counter;
+mod event;
+mod exposition;
+mod logging;
+mod metric;
+mod probe;
+mod series;
+
+pub use collector::Collector;
+pub use counter::{Counter, Counters};
+pub use event::{Event, RateLimit};
+pub use exposition::Exposition;
+pub use logging::install as install_logging;
+pub use metric::Metric;
+pub use probe::{Probe, RING_CAPACITY, channel};

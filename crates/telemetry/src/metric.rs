@@ -1,0 +1,71 @@
+//! The durations that are measured, in the order of the path from the person to the motor.
+
+/// A duration that a loop measures. Hops begin where the one before ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Metric {
+    /// A client's frame is published -> `ingest` holds it.
+    PublishedToIngest,
+    /// `ingest` holds a frame -> the skeleton is about to be published.
+    IngestWork,
+    /// The skeleton is published -> `retarget` wakes and reads it; the wait for the next deadline is in it.
+    IngestToRetarget,
+    /// `retarget` wakes -> the target is about to be published.
+    RetargetWork,
+    /// The target is published -> `control` wakes with it.
+    TargetToControl,
+    /// `control` wakes -> the command is about to be published.
+    ControlWork,
+    /// The command is published -> the driver holds it.
+    CommandToDriver,
+    /// A client's frame is published -> the driver executes the first command of it; one sample for each frame.
+    SkeletonToCommand,
+    /// The target is published -> the driver executes its command; one sample for each command.
+    TargetToCommand,
+    /// The deadline of the tick's index -> the loop wakes for it.
+    WakeUp,
+}
+
+impl Metric {
+    /// All of them; the index of each is its place.
+    pub const ALL: [Self; 10] = [
+        Self::PublishedToIngest,
+        Self::IngestWork,
+        Self::IngestToRetarget,
+        Self::RetargetWork,
+        Self::TargetToControl,
+        Self::ControlWork,
+        Self::CommandToDriver,
+        Self::SkeletonToCommand,
+        Self::TargetToCommand,
+        Self::WakeUp,
+    ];
+
+    /// Its name in reports and metrics.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::PublishedToIngest => "published_to_ingest",
+            Self::IngestWork => "ingest_work",
+            Self::IngestToRetarget => "ingest_to_retarget",
+            Self::RetargetWork => "retarget_work",
+            Self::TargetToControl => "target_to_control",
+            Self::ControlWork => "control_work",
+            Self::CommandToDriver => "command_to_driver",
+            Self::SkeletonToCommand => "skeleton_to_command",
+            Self::TargetToCommand => "target_to_command",
+            Self::WakeUp => "wake_up",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_index_of_each_is_its_place_and_names_are_unique() {
+        for (index, metric) in Metric::ALL.into_iter().enumerate() {
+            assert_eq!(metric as usize, index);
+            assert_eq!(Metric::ALL.iter().filter(|other| other.name() == metric.name()).count(), 1);
+        }
+    }
+}

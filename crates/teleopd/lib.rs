@@ -1,0 +1,46 @@
+//! The processes of teleopd and the commands about them. A library, so that a harness can start the same processes from
+//! its own executable (`Children` starts the running one again); the binary `teleopd` is `main` alone.
+
+mod check;
+mod children;
+mod cli;
+mod demo;
+mod exit;
+mod figure;
+mod figures;
+mod operate;
+mod process;
+mod processes;
+mod report;
+mod timeline;
+mod up;
+
+use clap::Parser;
+use cli::{Cli, Command};
+use std::process::ExitCode;
+
+pub use children::Children;
+pub use cli::Place;
+pub use exit::{Exit, Failure};
+pub use operate::Operator;
+pub use processes::PROCESSES;
+
+/// Does what the command line says; the exit code is one of `Exit`.
+pub fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Ingest(place) => process::ingest::run(&place).map(|()| Exit::Ok),
+        Command::Retarget(place) => process::retarget::run(&place).map(|()| Exit::Ok),
+        Command::Control(place) => process::control::run(&place).map(|()| Exit::Ok),
+        Command::Sim(place) => process::sim::run(&place).map(|()| Exit::Ok),
+        Command::Up(place) => up::run(&place),
+        Command::Demo(options) => demo::run(&options),
+        Command::Check(place) => check::run(&place),
+    };
+    match outcome {
+        Ok(exit) => exit.into(),
+        Err(failure) => {
+            eprintln!("teleopd: {}", failure.text);
+            failure.exit.into()
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights, on any
+//! core, and the loop never waits for it.
+
+use crate::exit::{Exit, Failure};
+use rt::ServiceManager;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use telemetry::{Collector, Counter, Exposition};
+
+/// How often the ring is emptied: it holds two seconds.
+const EVERY: Duration = Duration::from_millis(50);
+
+enum Order {
+    /// The loop begins: from now on the watchdog is fed while it goes round.
+    Ready,
+    Stop,
+}
+
+/// The running thread.
+pub struct Housekeeping {
+    orders: Sender<Order>,
+    thread: JoinHandle<Collector>,
+}
+
+impl Housekeeping {
+    /// Starts the thread; `port` 0 serves no metrics. To be called before the process asks for real-time rights, so that
+    /// the thread has none.
+    pub fn start(collector: Collector, port: u16) -> Result<Self, Failure> {
+        let exposition = match port {
+            0 => None,
+            port => Some(Exposition::bind(port).map_err(|error| {
+                let exit =
+                    if error.kind() == std::io::ErrorKind::AddrInUse { Exit::TempFail } else { Exit::Unavailable };
+                Failure::new(exit, format!("metrics.port: 127.0.0.1:{port}: {error}"))
+            })?),
+        };
+        let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
+        let (orders, received) = channel();
+        let thread = std::thread::Builder::new()
+            .name("housekeeping".into())
+            .spawn(move || keep_house(collector, exposition.as_ref(), &manager, &received))
+            .map_err(|error| Failure::new(Exit::Software, error))?;
+        Ok(Self { orders, thread })
+    }
+
+    /// The loop begins.
+    pub fn ready(&self) {
+        let _ = self.orders.send(Order::Ready);
+    }
+
+    /// Ends the thread and gives back what it collected.
+    pub fn stop(self) -> Option<Collector> {
+        let _ = self.orders.send(Order::Stop);
+        self.thread.join().ok()
+    }
+}
+
+fn keep_house(
+    mut collector: Collector,
+    exposition: Option<&Exposition>,
+    manager: &ServiceManager,
+    orders: &Receiver<Order>,
+) -> Collector {
+    let mut watchdog: Option<Watchdog> = None;
+    loop {
+        match orders.recv_timeout(EVERY) {
+            Ok(Order::Ready) => watchdog = manager.watchdog_timeout().map(Watchdog::new),
+            Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => return collector,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        collector.drain();
+        if let Some(exposition) = exposition {
+            exposition.serve(&collector);
+        }
+        if watchdog.as_mut().is_some_and(|watchdog| watchdog.feeds(collector.counters().get(Counter::Ticks))) {
+            let _ = manager.watchdog();
+        }
+    }
+}
+
+/// Feeds the service manager's watchdog at a quarter of its patience, but only while the loop goes round.
+struct Watchdog {
+    every: Duration,
+    last: Instant,
+    seen: u64,
+}
+
+impl Watchdog {
+    fn new(patience: Duration) -> Self {
+        Self { every: patience / 4, last: Instant::now(), seen: 0 }
+    }
+
+    fn feeds(&mut self, ticks: u64) -> bool {
+        if self.last.elapsed() < self.every {
+            return false;
+        }
+        self.last = Instant::now();
+        let moved = ticks != self.seen;
+        self.seen = ticks;
+        moved
+    }
+}
