@@ -18,8 +18,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     println!("{}", Realtime::apply(&config));
     let (shutdown, mut periodic) = (Shutdown::on_signals()?, PeriodicLoop::start().spinning_us(spin_us));
-    while periodic.grid().elapsed() < seconds * messages::TICK_HZ && periodic.next(&shutdown).is_some() {}
-    println!("late: {}", periodic.lateness());
+    let mut late = rt::Histogram::new();
+    while periodic.grid().elapsed() < seconds * messages::TICK_HZ {
+        let Some(tick) = periodic.next(&shutdown) else { break };
+        late.record_ns(tick.late_ns);
+    }
+    println!("late: {late}");
     println!("ticks {}, missed {}", periodic.grid().ticks(), periodic.grid().missed());
     Ok(())
 }

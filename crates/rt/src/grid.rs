@@ -1,7 +1,6 @@
 //! The shared tick grid: every index is either ticked once or counted as missed.
 
 use crate::clock::now;
-use crate::histogram::Histogram;
 use crate::shutdown::Shutdown;
 use messages::{Stamp, deadline, tick_at};
 
@@ -85,18 +84,17 @@ impl TickGrid {
 /// Longest time that a loop may spin before each deadline: 30 % of a tick.
 const SPIN_MAX_NS: u64 = 200_000;
 
-/// Sleeps from deadline to deadline and measures how late it wakes.
+/// Sleeps from deadline to deadline.
 #[derive(Clone, Debug)]
 pub struct PeriodicLoop {
     grid: TickGrid,
     spin_ns: u64,
-    lateness: Histogram,
 }
 
 impl PeriodicLoop {
     /// Begins at the next deadline.
     pub fn start() -> Self {
-        Self { grid: TickGrid::after(now()), spin_ns: 0, lateness: Histogram::new() }
+        Self { grid: TickGrid::after(now()), spin_ns: 0 }
     }
 
     /// Sleeps only until `spin_us` (0 to 200) before each deadline and watches the clock from there: wakes closer to the
@@ -116,7 +114,6 @@ impl PeriodicLoop {
                 return None;
             }
             if let Some(tick) = self.grid.wake(now()) {
-                self.lateness.record_ns(tick.late_ns);
                 return Some(tick);
             }
         }
@@ -125,11 +122,6 @@ impl PeriodicLoop {
     /// The bookkeeping.
     pub fn grid(&self) -> &TickGrid {
         &self.grid
-    }
-
-    /// How late the wake-ups were.
-    pub fn lateness(&self) -> &Histogram {
-        &self.lateness
     }
 }
 
@@ -192,7 +184,6 @@ mod tests {
                 assert!(tick.woke >= deadline(tick.k));
             }
             assert_eq!(periodic.grid().ticks(), 20);
-            assert_eq!(periodic.lateness().count(), 20);
             shutdown.request();
             assert_eq!(periodic.next(&shutdown), None);
         }
