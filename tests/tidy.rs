@@ -12,7 +12,7 @@ const PURE: [&str; 8] = ["messages", "robot", "skeleton", "retarget", "wbc", "sa
 const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix", "getrandom"];
 
 /// For each package of the workspace: the packages of the workspace it may name as a dependency.
-const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 22] = [
     ("messages", &[]),
     ("robot", &["messages"]),
     ("driver", &["messages"]),

@@ -68,12 +68,12 @@ impl Collector {
 
     /// `{"metrics": {name: {count, p50_us, .., max_us, buckets, seconds}}, "ring_dropped", "allocations"}`. A bucket is
     /// [highest duration in it in ns, count]; a second is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
-    pub fn to_json(&mut self) -> Value {
+    pub fn into_json(mut self) -> Value {
         self.drain();
         let mut metrics = Map::new();
-        for (metric, series) in Metric::ALL.into_iter().zip(&mut self.series) {
+        for (metric, series) in Metric::ALL.into_iter().zip(self.series) {
             if let Some(series) = series {
-                metrics.insert(metric.name().to_owned(), series.to_json());
+                metrics.insert(metric.name().to_owned(), series.into_json());
             }
         }
         json!({

@@ -50,7 +50,7 @@ impl Series {
         self.current.reset();
     }
 
-    pub(crate) fn to_json(&mut self) -> Value {
+    pub(crate) fn into_json(mut self) -> Value {
         self.turn();
         let mut value = self.whole.to_json();
         value["buckets"] = json!(self.whole.buckets());

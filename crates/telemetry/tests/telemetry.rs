@@ -14,12 +14,12 @@ fn second(s: u64) -> Stamp {
 
 #[test]
 fn samples_become_histograms_and_one_line_a_second() {
-    let (mut probe, mut collector) = channel("control");
+    let (mut probe, collector) = channel("control");
     for ns in 1..=1000_u64 {
         probe.record(Metric::ControlWork, second(5), second(5).plus_ns(ns * 1000));
     }
     probe.record_ns(Metric::ControlWork, second(7), 3_000_000);
-    let json = collector.to_json();
+    let json = collector.into_json();
     let work = &json["metrics"]["control_work"];
     assert_eq!((work["count"].as_u64(), work["max_us"].as_f64()), (Some(1001), Some(3000.0)));
     assert!((work["p50_us"].as_f64().unwrap() - 501.0).abs() < 1.5, "{}", work["p50_us"]);
@@ -40,7 +40,7 @@ fn a_full_ring_loses_samples_and_counts_them() {
     assert_eq!(probe.counters().get(Counter::RingDropped), 10);
     assert_eq!(collector.drain(), RING_CAPACITY);
     probe.record_ns(Metric::WakeUp, second(2), 1);
-    let json = collector.to_json();
+    let json = collector.into_json();
     assert_eq!(
         (&json["ring_dropped"], &json["metrics"]["wake_up"]["count"]),
         (&10.into(), &(RING_CAPACITY + 1).into())

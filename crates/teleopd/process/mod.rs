@@ -17,7 +17,7 @@ use messages::{Message, Stamp};
 use pipeline::{Instance, Loaded};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
-use telemetry::{Counter, Event, Probe};
+use telemetry::{Collector, Counter, Event, Probe};
 
 /// Ticks on a copy of the state before READY: caches, branch predictors and lazily mapped pages are warm after far
 /// fewer (a start of the process shows no tick slower than its median after about 200).
@@ -171,7 +171,7 @@ impl Process {
         figures["publish_failures"] = json!(self.probe.counters().get(Counter::PublishFailures));
         figures["gaps"] = json!(self.probe.counters().get(Counter::Gaps));
         figures["realtime"] = json!(self.realtime.is_realtime());
-        let mut telemetry = self.housekeeping.stop().map_or(json!({}), |mut collector| collector.to_json());
+        let mut telemetry = self.housekeeping.stop().map_or(json!({}), Collector::into_json);
         telemetry["major_faults"] = json!(faults.major);
         telemetry["loop_minor_faults"] = json!(of_loop.minor);
         telemetry["cpu_s"] = json!(cpu_ns as f64 * 1e-9);
