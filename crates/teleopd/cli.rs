@@ -60,6 +60,17 @@ pub enum Command {
     Demo(Demo),
     /// Prints every effective value, where it came from, and the hash of them all.
     Check(Place),
+    /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing.
+    Doctor(Doctor),
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Doctor {
+    #[command(flatten)]
+    pub place: Place,
+    /// Print the findings as a JSON array of {check, level, found, advice}.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Clone, Debug)]

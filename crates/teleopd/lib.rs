@@ -5,6 +5,7 @@ mod check;
 mod children;
 mod cli;
 mod demo;
+mod doctor;
 mod exit;
 mod figure;
 mod figures;
@@ -27,6 +28,8 @@ pub use processes::PROCESSES;
 
 /// Does what the command line says; the exit code is one of `Exit`.
 pub fn main() -> ExitCode {
+    // Before any thread starts: the stages count the same way here as in every tool. The processes report the outcome.
+    let _ = rt::flush_denormals();
     let outcome = match Cli::parse().command {
         Command::Ingest(place) => process::ingest::run(&place).map(|()| Exit::Ok),
         Command::Retarget(place) => process::retarget::run(&place).map(|()| Exit::Ok),
@@ -35,6 +38,7 @@ pub fn main() -> ExitCode {
         Command::Up(place) => up::run(&place),
         Command::Demo(options) => demo::run(&options),
         Command::Check(place) => check::run(&place),
+        Command::Doctor(options) => doctor::run(&options),
     };
     match outcome {
         Ok(exit) => exit.into(),

@@ -131,6 +131,11 @@ impl Rig {
         &mut self.children.iter_mut().find(|(running, _)| running == name).expect("a running process").1
     }
 
+    /// Process number of a running process.
+    pub fn id(&mut self, name: &str) -> u32 {
+        self.child(name).id()
+    }
+
     /// kill -9, and waits for the process to be gone.
     pub fn kill(&mut self, name: &str) {
         let child = self.child(name);

@@ -58,6 +58,13 @@ pub struct DomainConfig {
     pub prefix: String,
 }
 
+impl DomainConfig {
+    /// Whether the transport can use such a place; creates nothing.
+    pub fn check(&self) -> Result<(), BusError> {
+        transport_config(self).map(drop)
+    }
+}
+
 /// A place in a domain. It is `Send`; the ports it makes are not.
 #[derive(Debug)]
 pub struct Domain {
@@ -329,7 +336,11 @@ mod tests {
 
     fn refused(root: &str, prefix: &str) -> String {
         let config = DomainConfig { root: root.into(), prefix: prefix.to_owned() };
-        Domain::open(config, "test").expect_err("it must be refused").to_string()
+        let checked = config.check().err().map(|error| error.to_string());
+        let refused = Domain::open(config, "test").expect_err("it must be refused").to_string();
+        // What the path itself does not show, only the attempt does.
+        assert!(checked.is_none_or(|checked| checked == refused), "{refused}");
+        refused
     }
 
     #[test]
@@ -341,6 +352,7 @@ mod tests {
         let text = refused(&long, "p_");
         assert!(text.contains("105 bytes long") && text.contains("are allowed"), "{text}");
         assert!(!std::path::Path::new(&long).exists());
+        assert!(DomainConfig { root: "relative".into(), prefix: "p_".into() }.check().is_err());
         assert!(refused("/proc/nowhere", "p_").contains("bus root path \"/proc/nowhere\": "));
     }
 

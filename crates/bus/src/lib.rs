@@ -21,4 +21,5 @@ pub use faulty::{FaultCounts, FaultPlan, Faulty};
 pub use local::Channel;
 pub use port::{Latest, Publish};
 pub use reader::{PublisherId, Reader, Sample, Wake, WakingReader};
+pub use shared_memory::SHARED_MEMORY_NEEDED_BYTES;
 pub use writer::Writer;

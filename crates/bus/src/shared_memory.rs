@@ -7,11 +7,11 @@ use std::path::Path;
 const SHARED_MEMORY: &str = "/dev/shm";
 /// What one domain may need: 8 clients with 20 readers took 1.0 MiB (2026-11); 16 times that leaves room for restarts,
 /// whose predecessors' memory goes only when they are cleaned up.
-const NEEDED_BYTES: u64 = 16 << 20;
+pub const SHARED_MEMORY_NEEDED_BYTES: u64 = 16 << 20;
 
 /// Refuses to start where a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
 pub(crate) fn check_room() -> Result<(), BusError> {
-    check_room_in(Path::new(SHARED_MEMORY), NEEDED_BYTES)
+    check_room_in(Path::new(SHARED_MEMORY), SHARED_MEMORY_NEEDED_BYTES)
 }
 
 fn check_room_in(path: &Path, needed_bytes: u64) -> Result<(), BusError> {

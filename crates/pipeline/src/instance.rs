@@ -19,9 +19,18 @@ impl Instance {
         let mut builder = std::fs::DirBuilder::new();
         std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o750);
         builder.recursive(true).create(run_dir)?;
-        let run_dir = run_dir.canonicalize()?;
+        Ok(Self::at(run_dir.canonicalize()?))
+    }
+
+    /// The same without making the folder: to look at what is there.
+    pub fn unmade(run_dir: &Path) -> Self {
+        let absolute = std::path::absolute(run_dir).unwrap_or_else(|_| run_dir.to_path_buf());
+        Self::at(absolute.canonicalize().unwrap_or(absolute))
+    }
+
+    fn at(run_dir: PathBuf) -> Self {
         let tag = format!("{:08x}", crate::fnv(run_dir.as_os_str().as_encoded_bytes()) as u32);
-        Ok(Self { run_dir, tag })
+        Self { run_dir, tag }
     }
 
     /// The folder itself.
@@ -32,6 +41,11 @@ impl Instance {
     /// Operator socket of `control`.
     pub fn operator_socket(&self) -> PathBuf {
         self.run_dir.join("operator.sock")
+    }
+
+    /// What `control` holds locked as long as it owns that socket.
+    pub fn operator_lock(&self) -> PathBuf {
+        self.run_dir.join("operator.sock.lock")
     }
 
     /// Where a process leaves its figures when it ends.

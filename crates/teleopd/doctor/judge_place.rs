@@ -1,0 +1,127 @@
+//! The instance's own place: folders, shared memory, and another instance in it.
+
+use super::Finding;
+use super::facts::{Facts, PlaceFacts};
+use super::places::Folder;
+
+/// Domains of one instance: `core` and `input`.
+const DOMAINS: u64 = 2;
+/// Docker's default for /dev/shm, bytes; enough, but not for several instances.
+const SMALL_BYTES: u64 = 64 << 20;
+
+pub fn place(facts: &Facts) -> Vec<Finding> {
+    let place = &facts.place;
+    let mut all: Vec<_> = place
+        .folders
+        .iter()
+        .filter_map(|(path, folder)| {
+            let is_run_dir = *path == place.run_dir;
+            let name = if is_run_dir { "run folder" } else { "bus folder" };
+            let finding = one_folder(name, &path.display().to_string(), folder, facts.rights.uid);
+            // The bus makes its folders itself, in the run folder.
+            (is_run_dir || !matches!(folder, Folder::Missing { .. })).then_some(finding)
+        })
+        .collect();
+    all.extend(
+        place
+            .refused
+            .as_ref()
+            .map(|why| Finding::problem("bus paths", why.clone(), "use a shorter --run-dir, such as /run/teleop")),
+    );
+    all.push(instance(place));
+    all.push(room(facts));
+    all.push(segments(place));
+    all
+}
+
+fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) -> Finding {
+    match *folder {
+        Folder::Missing { can_be_made: true } => Finding::ok(check, format!("{path}: will be made, mode 0750")),
+        Folder::Missing { can_be_made: false } => Finding::problem(
+            check,
+            format!("{path}: missing, and this user cannot make it"),
+            format!("sudo install -d -m 0750 -o \"$USER\" {path}, or another --run-dir"),
+        ),
+        Folder::Other(ref why) => {
+            Finding::problem(check, format!("{path}: {why}"), "name another folder with --run-dir")
+        }
+        Folder::Is { uid, .. } if uid != own_uid => Finding::problem(
+            check,
+            format!("{path}: belongs to uid {uid}, not to {own_uid}; the bus lets in one user alone"),
+            format!("ask as uid {uid} (sudo -u '#{uid}' teleopd doctor ...), or use another --run-dir"),
+        ),
+        Folder::Is { usable: false, mode, .. } => Finding::problem(
+            check,
+            format!("{path}: mode {mode:04o} keeps its own user out"),
+            format!("chmod 0750 {path}"),
+        ),
+        Folder::Is { mode, .. } if mode & 0o002 != 0 => Finding::problem(
+            check,
+            format!("{path}: mode {mode:04o}, any user of the machine may replace the operator's socket in it"),
+            format!("chmod 0750 {path}"),
+        ),
+        Folder::Is { mode, .. } if mode & 0o020 != 0 => Finding::note(
+            check,
+            format!("{path}: mode {mode:04o}, its group may replace the operator's socket in it"),
+            format!("chmod 0750 {path}"),
+        ),
+        Folder::Is { mode, .. } => Finding::ok(check, format!("{path}, mode {mode:04o}")),
+    }
+}
+
+fn instance(place: &PlaceFacts) -> Finding {
+    let Some(pid) = place.holder else {
+        return Finding::ok("instance", "none that this user can see runs in this run folder");
+    };
+    let path = place.run_dir.display();
+    Finding::note(
+        "instance",
+        format!("process {pid} holds the operator's socket: an instance is running, a second would be refused"),
+        format!("teleopctl --run-dir {path} status; a second instance needs another --run-dir"),
+    )
+}
+
+fn room(facts: &Facts) -> Finding {
+    let needed = DOMAINS * bus::SHARED_MEMORY_NEEDED_BYTES;
+    let advice =
+        "mount -o remount,size=256M /dev/shm (Docker: --shm-size=256m), or remove what dead programs left there";
+    let mib = |bytes: u64| bytes >> 20;
+    match &facts.memory.shared {
+        Err(why) => Finding::problem("/dev/shm", why.clone(), "mount -t tmpfs tmpfs /dev/shm"),
+        Ok((size, free)) if *free < needed => Finding::problem(
+            "/dev/shm",
+            format!("{} of {} MiB are free, {} are needed", mib(*free), mib(*size), mib(needed)),
+            advice,
+        ),
+        Ok((size, free)) if *size <= SMALL_BYTES => {
+            Finding::note("/dev/shm", format!("{} of {} MiB are free: little room", mib(*free), mib(*size)), advice)
+        }
+        Ok((size, free)) => Finding::ok("/dev/shm", format!("{} of {} MiB are free", mib(*free), mib(*size))),
+    }
+}
+
+fn segments(place: &PlaceFacts) -> Finding {
+    let stale: Vec<_> = place.segments.iter().filter(|segment| !segment.in_use).collect();
+    let Some(first) = stale.first() else {
+        return Finding::ok("shared memory", format!("{} segments, all in use", place.segments.len()));
+    };
+    let (count, kib) = (stale.len(), stale.iter().map(|segment| segment.bytes).sum::<u64>() >> 10);
+    let living = stale.len() < place.segments.len();
+    let whose = if living { "processes of this instance that died" } else { "a dead instance" };
+    let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+    let advice = if living {
+        String::from("nothing: the processes that run take them away when the next one starts")
+    } else {
+        // The prefix ends with the third underscore: teleop_core_<tag>_.
+        let globs: std::collections::BTreeSet<String> = stale
+            .iter()
+            .map(|segment| {
+                let prefix: Vec<_> = segment.name.splitn(4, '_').take(3).collect();
+                format!("/dev/shm/{}_*", prefix.join("_"))
+            })
+            .collect();
+        let globs: Vec<_> = globs.into_iter().collect();
+        format!("the next start cleans up; by hand, while nothing of this instance runs: rm {}", globs.join(" "))
+    };
+    Finding::note("shared memory", format!("/dev/shm/{}{others} ({kib} KiB) left by {whose}", first.name), advice)
+}

@@ -1,0 +1,170 @@
+//! `teleopd doctor` on machines and instances that are really broken.
+
+mod rig;
+
+use pipeline::Instance;
+use rig::Rig;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// EX_CONFIG of sysexits(3).
+const EX_CONFIG: i32 = 78;
+
+/// Settings, robot and weights of the repository, to be spoiled, and a run folder.
+struct Patient {
+    folder: tempfile::TempDir,
+    config: PathBuf,
+    run_dir: PathBuf,
+}
+
+impl Patient {
+    fn new() -> Self {
+        let folder = tempfile::Builder::new().prefix("td").tempdir().expect("a temporary folder");
+        let (config, run_dir) = (folder.path().join("teleop.toml"), folder.path().join("run"));
+        let shipped = std::fs::read_to_string(rig::config()).expect("the shipped settings");
+        let robots = format!("\"{}/config/robots/", rig::repository().display());
+        let text = shipped.replace("\"robots/", &robots).replace("\"../weights/", "\"weights/");
+        std::fs::write(&config, text).expect("settings");
+        std::fs::create_dir(folder.path().join("weights")).expect("a folder");
+        for name in ["tiago_dual.toml", "tiago_dual.safetensors"] {
+            let from = rig::repository().join("weights").join(name);
+            std::fs::copy(from, folder.path().join("weights").join(name)).expect("weights");
+        }
+        Self { folder, config, run_dir }
+    }
+
+    fn command(&self) -> String {
+        let (program, config, run_dir) = (env!("CARGO_BIN_EXE_teleopd"), self.config.display(), self.run_dir.display());
+        // What this machine lacks for real time is then a note.
+        format!("exec {program} doctor --config {config} --run-dir {run_dir} --engage-without-realtime")
+    }
+
+    fn shell(&self, before: &str, after: &str) -> Output {
+        let line = format!("{before} {} {after}", self.command());
+        Command::new("sh").arg("-c").arg(line).output().expect("a shell")
+    }
+
+    /// Every finding, and the exit code, which must agree.
+    fn findings(&self, before: &str) -> Vec<Value> {
+        let output = self.shell(before, "--json");
+        let all: Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
+        let all = all.as_array().expect("an array").clone();
+        for finding in &all {
+            let keys: Vec<_> = finding.as_object().expect("an object").keys().collect();
+            assert_eq!(keys, ["check", "level", "found", "advice"]);
+        }
+        let code = if all.iter().any(|finding| finding["level"] == "problem") { EX_CONFIG } else { 0 };
+        assert_eq!(output.status.code(), Some(code), "{all:#?}");
+        all
+    }
+
+    fn finding(&self, check: &str, before: &str) -> Value {
+        let all = self.findings(before);
+        all.iter().find(|finding| finding["check"] == check).unwrap_or_else(|| panic!("no {check}: {all:#?}")).clone()
+    }
+
+    /// The finding of `check` is of `level` and holds `words`.
+    fn shows(&self, check: &str, level: &str, words: &[&str], before: &str) {
+        let finding = self.finding(check, before);
+        assert_eq!(finding["level"], level, "{finding:#}");
+        for word in words {
+            assert!(finding.to_string().contains(word), "{word}: {finding:#}");
+        }
+    }
+}
+
+fn files_below(folder: &Path) -> BTreeSet<PathBuf> {
+    let mut all = BTreeSet::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.path().is_dir() {
+            all.extend(files_below(&entry.path()));
+        }
+        all.insert(entry.path());
+    }
+    all
+}
+
+#[test]
+fn a_sound_instance_has_no_problem_and_nothing_is_made() {
+    let patient = Patient::new();
+    let before = files_below(patient.folder.path());
+    let all = patient.findings("");
+    for check in ["settings", "robot", "weights", "stages", "run folder", "instance", "shared memory", "open files"] {
+        let finding = all.iter().find(|finding| finding["check"] == check).expect(check);
+        assert_eq!(finding["level"], "ok", "{finding:#}");
+    }
+    assert_eq!(files_below(patient.folder.path()), before, "it looked, no more");
+    let words = patient.shell("", "");
+    let text = String::from_utf8_lossy(&words.stdout).into_owned();
+    for finding in &all {
+        assert!(text.contains(finding["advice"].as_str().expect("text")), "{finding:#}\n{text}");
+    }
+}
+
+#[test]
+fn files_that_are_broken_are_problems() {
+    let patient = Patient::new();
+    let tensors = patient.folder.path().join("weights/tiago_dual.safetensors");
+    let mut bytes = std::fs::read(&tensors).expect("weights");
+    *bytes.last_mut().expect("bytes") ^= 1;
+    std::fs::write(&tensors, bytes).expect("weights");
+    patient.shows("weights", "problem", &["sha256", "tiago_dual.safetensors"], "");
+    let text = std::fs::read_to_string(&patient.config).expect("settings");
+    std::fs::write(&patient.config, text.replace("robots/tiago_dual.toml", "robots/nobody.toml")).expect("settings");
+    patient.shows("robot", "problem", &["nobody.toml"], "");
+    std::fs::write(&patient.config, text.replace("spin_us", "spin_ms")).expect("settings");
+    patient.shows("settings", "problem", &["spin_ms", "teleop.toml"], "");
+    std::fs::write(&patient.config, text.replace("spin_us = 0.0", "spin_us = 300.0")).expect("settings");
+    patient.shows("settings", "problem", &["realtime.spin_us = 300 is outside [0, 200]"], "");
+    std::fs::remove_file(&patient.config).expect("settings");
+    patient.shows("settings", "problem", &["teleop.toml", "--config"], "");
+}
+
+#[test]
+fn a_run_folder_that_others_may_write_or_own_is_a_problem() {
+    let patient = Patient::new();
+    std::fs::create_dir(&patient.run_dir).expect("a folder");
+    let set = |mode| std::fs::set_permissions(&patient.run_dir, std::fs::Permissions::from_mode(mode)).expect("a mode");
+    set(0o777);
+    patient.shows("run folder", "problem", &["0777", "chmod 0750"], "");
+    set(0o750);
+    patient.shows("run folder", "ok", &["0750"], "");
+    let own = std::fs::metadata(&patient.run_dir).expect("a folder").uid();
+    match std::os::unix::fs::chown(&patient.run_dir, Some(own + 1234), None) {
+        Ok(()) => patient.shows("run folder", "problem", &[&format!("uid {}", own + 1234)], ""),
+        Err(error) => println!("skipped, the owner cannot be changed here: {error}"),
+    }
+    std::fs::remove_dir(&patient.run_dir).expect("an empty folder");
+    std::fs::write(&patient.run_dir, "").expect("a file");
+    patient.shows("run folder", "problem", &["not a folder"], "");
+}
+
+#[test]
+fn limits_are_those_of_the_process() {
+    let patient = Patient::new();
+    patient.shows("open files", "problem", &["64 at most", "ulimit -n"], "ulimit -n 64;");
+    let output = Command::new("sh").arg("-c").arg("ulimit -n 64; ulimit -n").output().expect("a shell");
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "64", "the shell can lower it");
+}
+
+#[test]
+fn a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
+    let mut rig = Rig::whole();
+    let mut patient = Patient::new();
+    patient.run_dir = rig.folder().to_path_buf();
+    let control = rig.id("control");
+    patient.shows("instance", "note", &[&format!("process {control} ")], "");
+    patient.shows("shared memory", "ok", &["all in use"], "");
+    for name in ["ingest", "retarget", "control", "sim"] {
+        rig.kill(name);
+    }
+    patient.shows("instance", "ok", &[], "");
+    let prefix = Instance::unmade(rig.folder()).core_domain().prefix;
+    patient.shows("shared memory", "note", &[&prefix, "a dead instance", "rm /dev/shm/teleop_core_"], "");
+    rig.instance.retire();
+    patient.shows("shared memory", "ok", &["0 segments"], "");
+}
