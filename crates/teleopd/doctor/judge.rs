@@ -140,7 +140,7 @@ fn idle(settings: &Settings, rights: &Rights) -> Finding {
         (true, Some(false)) => Finding::note(
             "cpu_dma_latency",
             "/dev/cpu_dma_latency may not be written: cores sleep, and wake later",
-            "in /etc/udev/rules.d/60-teleop.rules: KERNEL==\"cpu_dma_latency\", GROUP=\"teleop\", MODE=\"0660\"; then \
+            "in /etc/udev/rules.d/60-teleop.rules: KERNEL==\"cpu_dma_latency\", OWNER=\"teleop\", MODE=\"0660\"; then \
              udevadm trigger /dev/cpu_dma_latency",
         ),
         (true, None) => Finding::note(
