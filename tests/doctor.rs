@@ -166,5 +166,5 @@ fn a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
     let prefix = Instance::unmade(rig.folder()).core_domain().prefix;
     patient.shows("shared memory", "note", &[&prefix, "a dead instance", "rm /dev/shm/teleop_core_"], "");
     rig.instance.retire();
-    patient.shows("shared memory", "ok", &["0 segments"], "");
+    patient.shows("shared memory", "ok", &["nothing is left behind"], "");
 }

@@ -103,7 +103,9 @@ fn room(facts: &Facts) -> Finding {
 fn segments(place: &PlaceFacts) -> Finding {
     let stale: Vec<_> = place.segments.iter().filter(|segment| !segment.in_use).collect();
     let Some(first) = stale.first() else {
-        return Finding::ok("shared memory", format!("{} segments, all in use", place.segments.len()));
+        let count = place.segments.len();
+        let found = if count == 0 { "nothing is left behind".into() } else { format!("{count} segments, all in use") };
+        return Finding::ok("shared memory", found);
     };
     let (count, kib) = (stale.len(), stale.iter().map(|segment| segment.bytes).sum::<u64>() >> 10);
     let living = stale.len() < place.segments.len();

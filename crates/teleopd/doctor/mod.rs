@@ -86,5 +86,5 @@ fn words(findings: &[Finding]) -> String {
         }
     }
     let count = |level| findings.iter().filter(|finding| finding.level == level).count();
-    text + &format!("\n{} problems, {} notes, {} ok\n", count(Level::Problem), count(Level::Note), count(Level::Ok))
+    text + &format!("\nproblems {}, notes {}, ok {}\n", count(Level::Problem), count(Level::Note), count(Level::Ok))
 }
