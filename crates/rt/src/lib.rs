@@ -20,7 +20,8 @@ mod realtime;
 mod shutdown;
 
 pub use allocation::{
-    Allocations, CountingAllocator, allocating_aside, allocations, count_allocations, watch_allocations,
+    Allocations, CountingAllocator, allocating_aside, allocating_ourselves, allocations, count_allocations,
+    watch_allocations,
 };
 pub use children::{die_with_parent, terminate};
 pub use clock::{now, sleep_until};

@@ -36,3 +36,24 @@ fn the_periodic_path_does_not_allocate() {
     });
     assert_eq!(count, rt::Allocations::default());
 }
+
+#[test]
+fn what_others_allocate_is_counted_aside_and_what_they_call_back_is_ours() {
+    let block = |bytes: usize| drop(std::hint::black_box(vec![0u8; bytes]));
+    std::thread::spawn(move || {
+        block(1);
+        rt::watch_allocations();
+        block(10);
+        rt::allocating_aside(|| {
+            block(100);
+            rt::allocating_ourselves(|| block(1000));
+            block(100);
+        });
+        block(10_000);
+        let (ours, aside) = rt::allocations();
+        assert_eq!((ours.allocated, ours.bytes), (3, 11_010));
+        assert_eq!((aside.allocated, aside.freed, aside.bytes), (2, 2, 200));
+    })
+    .join()
+    .expect("the thread does not panic");
+}

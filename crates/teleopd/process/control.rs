@@ -139,7 +139,7 @@ impl Control {
                 return now;
             }
             if self.polled {
-                self.process.shutdown.sleep_until(give_up);
+                rt::sleep_until(give_up);
             } else {
                 rt::allocating_aside(|| self.targets.wait(Duration::from_nanos(give_up.since(now))));
             }

@@ -3,8 +3,8 @@
 use super::{Process, bus_failure};
 use crate::cli::Place;
 use crate::exit::Failure;
-use bus::Domain;
-use messages::{Header, RawSkeleton, Service, Skeleton, TICK_HZ, deadline, tick_at};
+use bus::{Domain, Writer};
+use messages::{RawSkeleton, Service, Skeleton, TICK_HZ, deadline, tick_at};
 use pipeline::{Authority, HandOff};
 use serde_json::json;
 use std::time::Duration;
@@ -22,14 +22,17 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
     let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
-    let mut skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
+    let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
 
-    let config = skeleton::Config::default();
-    let mut state = skeleton::State::new();
-    let mut authority = Authority::default();
-    let timeout_ns = (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64;
+    let mut door = Door {
+        authority: Authority::default(),
+        timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
+        config: skeleton::Config::default(),
+        state: skeleton::State::new(),
+        skeletons,
+        sequence: 0,
+    };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
-    let mut sequence = 0;
     process.ready()?;
     while !process.shutdown.requested() {
         if polled {
@@ -39,40 +42,47 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         } else {
             rt::allocating_aside(|| clients.wait(WAIT));
         }
-        clients.drain(|sample| {
-            let now = rt::now();
-            process.probe.record(Metric::PublishedToIngest, sample.message.header.stamp, now);
-            if !authority.admits(now, &sample.message, timeout_ns) {
-                return;
-            }
-            let Some(person) =
-                skeleton::tick(&config, &mut state, now, skeleton::Input { raw: &sample.message }).skeleton
-            else {
-                return;
-            };
-            sequence += 1;
-            let stamp = rt::now();
-            let header = Header {
-                sequence,
-                stamp,
-                origin: sample.message.header.origin,
-                config_hash: process.loaded.hash,
-                incarnation: process.incarnation,
-                reserved: 0,
-            };
-            process.publish(&mut skeletons, &Skeleton { header, ..person });
-            process.probe.record(Metric::IngestWork, now, stamp);
+        rt::allocating_aside(|| {
+            clients.drain(|sample| rt::allocating_ourselves(|| door.take(&mut process, &sample.message)))
         });
         process.alive();
     }
     let dropped: serde_json::Map<_, _> = skeleton::DropReason::ALL
         .iter()
-        .filter(|&&reason| state.dropped(reason) > 0)
-        .map(|&reason| (reason.name().to_owned(), json!(state.dropped(reason))))
+        .filter(|&&reason| door.state.dropped(reason) > 0)
+        .map(|&reason| (reason.name().to_owned(), json!(door.state.dropped(reason))))
         .collect();
     process.leave(json!({
-        "accepted": state.accepted(),
+        "accepted": door.state.accepted(),
         "dropped": dropped,
-        "without_authority": authority.frames_refused(),
+        "without_authority": door.authority.frames_refused(),
     }))
+}
+
+/// What a frame passes: authority, validation, the core domain.
+struct Door {
+    authority: Authority,
+    timeout_ns: u64,
+    config: skeleton::Config,
+    state: skeleton::State,
+    skeletons: Writer<Skeleton>,
+    sequence: u64,
+}
+
+impl Door {
+    fn take(&mut self, process: &mut Process, raw: &RawSkeleton) {
+        let now = rt::now();
+        process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
+        if !self.authority.admits(now, raw, self.timeout_ns) {
+            return;
+        }
+        let Some(person) = skeleton::tick(&self.config, &mut self.state, now, skeleton::Input { raw }).skeleton else {
+            return;
+        };
+        self.sequence += 1;
+        let stamp = rt::now();
+        let header = process.header(self.sequence, stamp, raw.header.origin);
+        process.publish(&mut self.skeletons, &Skeleton { header, ..person });
+        process.probe.record(Metric::IngestWork, now, stamp);
+    }
 }

@@ -13,7 +13,7 @@ use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use bus::Writer;
 use housekeeping::Housekeeping;
-use messages::{Message, Stamp};
+use messages::{Header, Message, Stamp};
 use pipeline::{Instance, Loaded};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
@@ -113,6 +113,12 @@ impl Process {
         let (own, transport) = rt::allocations();
         counters.set(Counter::Allocations, own.allocated);
         counters.set(Counter::TransportAllocations, transport.allocated);
+    }
+
+    /// The header of this process's message number `sequence`.
+    pub fn header(&self, sequence: u64, stamp: Stamp, origin: Stamp) -> Header {
+        let (config_hash, incarnation) = (self.loaded.hash, self.incarnation);
+        Header { sequence, stamp, origin, config_hash, incarnation, reserved: 0 }
     }
 
     /// Publishes `message`; a failure is counted, logged, and costs this message.

@@ -5,7 +5,7 @@ use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
-use messages::{Header, JointTarget, Service, Skeleton, deadline};
+use messages::{JointTarget, Service, Skeleton, deadline};
 use rt::PeriodicLoop;
 use serde_json::json;
 use telemetry::Metric;
@@ -38,14 +38,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
                 .target;
         sequence += 1;
         let stamp = rt::now();
-        target.header = Header {
-            sequence,
-            stamp,
-            origin: target.header.origin,
-            config_hash: process.loaded.hash,
-            incarnation: process.incarnation,
-            reserved: 0,
-        };
+        target.header = process.header(sequence, stamp, target.header.origin);
         if !process.is_old(tick.k, stamp) {
             process.publish_and_wake(&mut targets, &target);
         }

@@ -5,7 +5,7 @@ use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
-use messages::{Header, JointCommand, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
+use messages::{JointCommand, Mode, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
 use pipeline::HandOff;
 use serde_json::{Map, Value, json};
 use std::time::Duration;
@@ -49,7 +49,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         }
         let give_up = deadline(state.follower().index() + 1).plus_ns(grace_ns);
         if polled {
-            process.shutdown.sleep_until(give_up);
+            rt::sleep_until(give_up);
         } else if now < give_up {
             rt::allocating_aside(|| commands.wait(Duration::from_nanos(give_up.since(now))));
         }
@@ -61,14 +61,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         }
         let mut message = out.state;
         sequence += 1;
-        message.header = Header {
-            sequence,
-            stamp: rt::now(),
-            origin: message.header.origin,
-            config_hash: process.loaded.hash,
-            incarnation: process.incarnation,
-            reserved: 0,
-        };
+        message.header = process.header(sequence, rt::now(), message.header.origin);
         process.publish(&mut states, &message);
         if let Some(command) = &command {
             note(&mut process.probe, now, command, &out);
@@ -96,7 +89,9 @@ fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output
     if let Some(age_ns) = accepted.origin_age_ns {
         probe.record_ns(Metric::SkeletonToCommand, now, age_ns);
     }
-    if let Some(age_ns) = accepted.target_age_ns {
+    // In other modes the command does not follow the target.
+    let follows = [Mode::Engaging, Mode::Engaged].iter().any(|&mode| command.mode == mode as u32);
+    if let Some(age_ns) = accepted.target_age_ns.filter(|_| follows) {
         probe.record_ns(Metric::TargetToCommand, now, age_ns);
     }
 }
