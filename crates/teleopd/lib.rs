@@ -25,6 +25,7 @@ pub use cli::Place;
 pub use exit::{Exit, Failure};
 pub use operate::Operator;
 pub use processes::PROCESSES;
+pub use report::Report;
 
 /// Does what the command line says; the exit code is one of `Exit`.
 pub fn main() -> ExitCode {

@@ -1,0 +1,93 @@
+//! The blocks of a run: who is measured when, and for how long.
+
+/// What a block measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The processes, each woken by its input.
+    Events,
+    /// The processes, each looking at its input once a tick.
+    Polled,
+    /// cyclictest, alone.
+    Cyclictest,
+    /// Our own clock_nanosleep loop, alone.
+    Probe,
+}
+
+/// A block of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block {
+    /// What it measures.
+    pub kind: Kind,
+    /// For how long, s.
+    pub seconds: f64,
+}
+
+/// A round takes so long if nothing else bounds their number: short enough for a machine whose load drifts by the minute.
+const ROUND_S: f64 = 30.0;
+/// Rounds at least: with one, drift and variant could not be told apart.
+const ROUNDS_MIN: f64 = 2.0;
+/// Rounds at most: starting and engaging costs some seconds a block.
+const ROUNDS_MAX: f64 = 6.0;
+/// Share of the measured time that goes to each kind; without cyclictest the probe has its share too.
+const SHARES: [(Kind, f64); 4] =
+    [(Kind::Events, 0.6), (Kind::Cyclictest, 0.1), (Kind::Polled, 0.2), (Kind::Probe, 0.1)];
+/// No block is shorter than this, s ...
+const BLOCK_MIN_S: f64 = 2.0;
+/// ... or, in a short run, than this share of the run.
+const BLOCK_MIN_SHARE: f64 = 0.125;
+
+/// The blocks of a run of `seconds`, in order: every kind once a round.
+pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
+    let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
+    let shortest = BLOCK_MIN_S.min(seconds * BLOCK_MIN_SHARE);
+    let mut blocks = Vec::new();
+    for _ in 0..rounds as usize {
+        for (kind, share) in SHARES {
+            let share = match kind {
+                Kind::Cyclictest if !cyclictest => continue,
+                Kind::Probe if !cyclictest => 2.0 * share,
+                _ => share,
+            };
+            blocks.push(Block { kind, seconds: (seconds * share / rounds).max(shortest) });
+        }
+    }
+    blocks
+}
+
+/// Seconds of all blocks of one kind.
+pub fn seconds_of(blocks: &[Block], kind: Kind) -> f64 {
+    blocks.iter().filter(|block| block.kind == kind).map(|block| block.seconds).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_its_turn_in_each_of_at_least_two_rounds() {
+        for (seconds, rounds) in [(2.0, 2), (5.0, 2), (60.0, 2), (100.0, 3), (86_400.0, 6)] {
+            for cyclictest in [true, false] {
+                let blocks = plan(seconds, cyclictest);
+                let kinds: Vec<_> = blocks.iter().map(|block| block.kind).collect();
+                let all = [Kind::Events, Kind::Cyclictest, Kind::Polled, Kind::Probe];
+                let round: Vec<_> = all.into_iter().filter(|kind| cyclictest || *kind != Kind::Cyclictest).collect();
+                assert_eq!(kinds, round.repeat(rounds), "{seconds} s");
+            }
+        }
+    }
+
+    #[test]
+    fn most_of_the_time_goes_to_events_and_no_block_is_too_short() {
+        for seconds in [20.0, 60.0, 600.0, 7200.0] {
+            let blocks = plan(seconds, true);
+            let total: f64 = blocks.iter().map(|block| block.seconds).sum();
+            assert!(blocks.iter().all(|block| block.seconds >= 2.0), "{seconds} s: {blocks:?}");
+            assert!(
+                seconds_of(&blocks, Kind::Events) >= 0.5 * total && total <= 1.2 * seconds,
+                "{seconds} s, {total} s"
+            );
+        }
+        let blocks = plan(600.0, true);
+        assert!((seconds_of(&blocks, Kind::Events) - 360.0).abs() < 1e-9);
+    }
+}

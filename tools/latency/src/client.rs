@@ -1,0 +1,161 @@
+//! The client: publishes a moving person as any other client would, at a rate of its own, with a phase that drifts.
+
+use bus::{BusError, Domain, DomainConfig, Writer};
+use messages::{HingeCalibration, RawSkeleton, Service, Stamp, TICK_HZ};
+use motion::{CalibrationMode, Motion};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+
+/// Length of the blend over the seam of the looped motion, s.
+const SEAM_S: f64 = 0.5;
+/// The golden ratio's fraction: its multiples fill the tick evenly, whatever the number of frames (Weyl).
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+#[derive(Debug, Default)]
+struct Shared {
+    moving: AtomicBool,
+    stop: AtomicBool,
+    published: AtomicU64,
+    failures: AtomicU64,
+}
+
+/// A person that is being published.
+#[derive(Debug)]
+pub struct Client {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Client {
+    /// Publishes the first frame of the built-in motion into `domain`, `rate_hz` times a second, and the motion, looped,
+    /// one frame after the other, once the person may move.
+    ///
+    /// # Errors
+    /// If the bus gives no port, or the system no thread.
+    pub fn start(domain: DomainConfig, rate_hz: f64) -> Result<Self, BusError> {
+        let shared = Arc::new(Shared::default());
+        let (twin, (opened, outcome)) = (Arc::clone(&shared), channel());
+        let thread = std::thread::spawn(move || {
+            // The port is made here because it cannot change its thread.
+            let ports = Domain::open(domain, "latency")
+                .and_then(|domain| Ok((domain.writer::<RawSkeleton>(Service::RawSkeleton)?, domain)));
+            match ports {
+                Ok((writer, _domain)) => {
+                    let _ = opened.send(Ok(()));
+                    publish(writer, &Person::new(), rate_hz, &twin);
+                }
+                Err(error) => _ = opened.send(Err(error)),
+            }
+        });
+        // The thread always answers: opening a domain ends within seconds, in success or not.
+        outcome.recv().expect("the client's thread answers before it ends")?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// Lets the person move.
+    pub fn move_on(&self) {
+        self.shared.moving.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends it; frames published, and frames that the bus did not take.
+    pub fn stop(mut self) -> (u64, u64) {
+        self.end();
+        (self.shared.published.load(Ordering::Relaxed), self.shared.failures.load(Ordering::Relaxed))
+    }
+
+    fn end(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+struct Person {
+    motion: Motion,
+    calibration: HingeCalibration,
+    session_nonce: u64,
+    incarnation: u32,
+}
+
+impl Person {
+    fn new() -> Self {
+        let motion = motion::loop_blend(&motion::builtin(), SEAM_S);
+        let calibration = motion::calibrate(&motion, CalibrationMode::First10s);
+        let incarnation = rt::incarnation();
+        let session_nonce = u64::from(incarnation) << 32 | u64::from(std::process::id());
+        Self { motion, calibration, session_nonce, incarnation }
+    }
+
+    fn frame(&self, index: usize, sequence: u64) -> RawSkeleton {
+        let mut raw = motion::raw_frame(&self.motion, index, &self.calibration);
+        raw.header.sequence = sequence;
+        raw.header.incarnation = self.incarnation;
+        raw.session_nonce = self.session_nonce;
+        raw
+    }
+}
+
+/// When frame `n` is due after the start, ns: at the rate, shifted by an even share of a tick.
+fn due_ns(n: u64, rate_hz: f64) -> u64 {
+    let shift = (n as f64 * GOLDEN).fract() / TICK_HZ as f64;
+    ((n as f64 / rate_hz + shift) * 1e9) as u64
+}
+
+fn publish(mut writer: Writer<RawSkeleton>, person: &Person, rate_hz: f64, shared: &Shared) {
+    let (start, mut n, mut index) = (rt::now(), 0_u64, 0_usize);
+    for sequence in 1.. {
+        rt::sleep_until(start.plus_ns(due_ns(n, rate_hz)));
+        if shared.stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let mut frame = person.frame(index, sequence);
+        let now = rt::now();
+        (frame.header.stamp, frame.header.origin) = (now, now);
+        let failed = writer.publish(&frame).is_err() | writer.notify().is_err();
+        shared.failures.fetch_add(u64::from(failed), Ordering::Relaxed);
+        shared.published.store(sequence, Ordering::Relaxed);
+        index += usize::from(shared.moving.load(Ordering::Relaxed));
+        n = next(n, now, start, rate_hz);
+    }
+}
+
+/// The frame after `n`; late by more than a frame, those between are skipped, as a camera would.
+fn next(n: u64, now: Stamp, start: Stamp, rate_hz: f64) -> u64 {
+    let passed = (now.since(start) as f64 * 1e-9 * rate_hz) as u64;
+    (n + 1).max(passed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_phase_fills_the_tick_evenly_even_at_a_divisor_of_its_rate() {
+        for rate_hz in [30.0, 75.0, 117.3, 120.0, 125.0, 240.0] {
+            let mut bins = [0_u32; 10];
+            for n in 0..1000 {
+                let phase = (due_ns(n, rate_hz) as f64 * 1e-9 * TICK_HZ as f64).fract();
+                bins[(phase * 10.0) as usize] += 1;
+            }
+            assert!(bins.iter().all(|&count| (60..=140).contains(&count)), "{rate_hz} Hz: {bins:?}");
+        }
+    }
+
+    #[test]
+    fn frames_keep_their_distance_and_a_late_client_skips() {
+        let gaps: Vec<_> = (0..1000).map(|n| due_ns(n + 1, 120.0) - due_ns(n, 120.0)).collect();
+        assert!(gaps.iter().all(|&gap| (7_600_000..=9_050_000).contains(&gap)));
+        let start = Stamp(1_000_000_000);
+        assert_eq!(next(3, start.plus_ns(due_ns(3, 100.0)), start, 100.0), 4);
+        assert_eq!(next(3, start.plus_ns(95_000_000), start, 100.0), 9);
+    }
+}

@@ -1,0 +1,228 @@
+//! Durations of one kind, merged from blocks, and what is told of them.
+
+use hdrhistogram::Histogram;
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// Longest duration that keeps its place, 10 s: longer ones count in the last bucket, and the maximum stays exact.
+const LONGEST_NS: u64 = 10_000_000_000;
+/// Significant digits, as in the processes' own histograms.
+const DIGITS: u8 = 3;
+
+/// One second of a record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Second {
+    /// When it began, CLOCK_MONOTONIC, s.
+    pub at_s: f64,
+    /// Durations in it.
+    pub count: u64,
+    /// Median, us.
+    pub p50_us: f64,
+    /// 99th percentile, us.
+    pub p99_us: f64,
+    /// Longest, us.
+    pub max_us: f64,
+}
+
+/// Durations of one kind.
+#[derive(Clone, Debug)]
+pub struct Distribution {
+    buckets: Histogram<u64>,
+    max_ns: u64,
+    /// Second by second, in order of time within each block.
+    pub seconds: Vec<Second>,
+}
+
+impl Default for Distribution {
+    fn default() -> Self {
+        let buckets = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("the constant bounds are valid");
+        Self { buckets, max_ns: 0, seconds: Vec::new() }
+    }
+}
+
+impl Distribution {
+    /// From the record of a process: `buckets`, `max_us` and `seconds`.
+    ///
+    /// # Errors
+    /// Names what is missing or malformed.
+    pub fn from_json(value: &Value) -> Result<Self, String> {
+        let list = |key: &str| value[key].as_array().ok_or(format!("{key} is no list"));
+        let mut all = Self::default();
+        for pair in list("buckets")? {
+            match (pair[0].as_u64(), pair[1].as_u64()) {
+                (Some(upper_ns), Some(count)) => all.record(upper_ns, count),
+                _ => return Err(format!("{pair} is no bucket")),
+            }
+        }
+        let max_us = value["max_us"].as_f64().ok_or("max_us is no number")?;
+        // The bucket's upper bound is no duration; the maximum is.
+        all.max_ns = (max_us * 1e3).round() as u64;
+        for row in list("seconds")? {
+            let figure = |i: usize| row[i].as_f64().ok_or(format!("{row} is no second"));
+            let count = figure(1)? as u64;
+            let (p50_us, p99_us, max_us) = (figure(2)?, figure(3)?, figure(4)?);
+            all.seconds.push(Second { at_s: figure(0)?, count, p50_us, p99_us, max_us });
+        }
+        Ok(all)
+    }
+
+    /// Counts `count` durations of `ns`.
+    pub fn record(&mut self, ns: u64, count: u64) {
+        self.max_ns = self.max_ns.max(if count > 0 { ns } else { 0 });
+        self.buckets.saturating_record_n(ns, count);
+    }
+
+    /// Adds all of `other`.
+    pub fn merge(&mut self, other: &Self) {
+        // Both have the same bounds.
+        self.buckets += &other.buckets;
+        self.max_ns = self.max_ns.max(other.max_ns);
+        self.seconds.extend_from_slice(&other.seconds);
+    }
+
+    /// Durations counted.
+    pub fn count(&self) -> u64 {
+        self.buckets.len()
+    }
+
+    /// The duration, us, that `quantile` (0 to 1) of all do not exceed; nothing while empty.
+    pub fn quantile_us(&self, quantile: f64) -> Option<f64> {
+        (self.count() > 0).then(|| self.buckets.value_at_quantile(quantile).min(self.max_ns) as f64 / 1e3)
+    }
+
+    /// Longest duration, us.
+    pub fn max_us(&self) -> f64 {
+        self.max_ns as f64 / 1e3
+    }
+
+    /// Durations, us, and the fraction of all that exceed each: the complement of the cumulative distribution.
+    pub fn tail(&self) -> Vec<(f64, f64)> {
+        let (all, mut left) = (self.count(), self.count());
+        let mut steps = Vec::new();
+        for step in self.buckets.iter_recorded() {
+            let at_us = step.value_iterated_to().min(self.max_ns) as f64 / 1e3;
+            steps.push((at_us, left as f64 / all as f64));
+            left -= step.count_at_value();
+            steps.push((at_us, left as f64 / all as f64));
+        }
+        steps
+    }
+
+    /// `{"p50", "p99", "p99_9", "p99_99", "max", "count"}` in us; nothing while empty.
+    pub fn to_json(&self) -> Option<Value> {
+        let [p50, p99, p99_9, p99_99] = QUANTILES.map(|quantile| self.quantile_us(quantile));
+        p50?;
+        Some(json!({
+            "p50": p50, "p99": p99, "p99_9": p99_9, "p99_99": p99_99, "max": self.max_us(), "count": self.count(),
+        }))
+    }
+}
+
+/// The quantiles of every table.
+pub const QUANTILES: [f64; 4] = [0.5, 0.99, 0.999, 0.9999];
+
+/// Records durations together with their seconds; allocates all that it will need at the start.
+#[derive(Debug)]
+pub struct Recorder {
+    all: Distribution,
+    second: Distribution,
+    began: Option<Duration>,
+}
+
+impl Recorder {
+    /// For at most `seconds`.
+    pub fn new(seconds: f64) -> Self {
+        let mut all = Distribution::default();
+        all.seconds.reserve(seconds as usize + 2);
+        Self { all, second: Distribution::default(), began: None }
+    }
+
+    /// Counts a duration that ended at `at` of CLOCK_MONOTONIC.
+    pub fn record(&mut self, at: Duration, ns: u64) {
+        let began = *self.began.get_or_insert(at);
+        if at - began >= Duration::from_secs(1) {
+            self.close();
+            self.began = Some(at);
+        }
+        self.all.record(ns, 1);
+        self.second.record(ns, 1);
+    }
+
+    fn close(&mut self) {
+        let (second, Some(began)) = (&mut self.second, self.began) else { return };
+        if let (Some(p50_us), Some(p99_us)) = (second.quantile_us(0.5), second.quantile_us(0.99)) {
+            let (at_s, count, max_us) = (began.as_secs_f64(), second.count(), second.max_us());
+            self.all.seconds.push(Second { at_s, count, p50_us, p99_us, max_us });
+        }
+        second.buckets.reset();
+        second.max_ns = 0;
+    }
+
+    /// The record, in the form in which processes leave theirs.
+    pub fn to_json(mut self) -> Value {
+        self.close();
+        let buckets: Vec<_> =
+            self.all.buckets.iter_recorded().map(|step| (step.value_iterated_to(), step.count_at_value())).collect();
+        let seconds: Vec<_> =
+            self.all.seconds.iter().map(|one| (one.at_s, one.count, one.p50_us, one.p99_us, one.max_us)).collect();
+        json!({ "count": self.all.count(), "max_us": self.all.max_us(), "buckets": buckets, "seconds": seconds })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(values: impl IntoIterator<Item = u64>) -> Distribution {
+        let mut all = Distribution::default();
+        values.into_iter().for_each(|ns| all.record(ns, 1));
+        all
+    }
+
+    #[test]
+    fn merging_blocks_equals_recording_all_at_once() {
+        let (low, high) = ((1..500).map(|i| i * 37), (500..1000).map(|i| i * 1_037));
+        let (mut merged, whole) = (of(low.clone()), of(low.chain(high.clone())));
+        merged.merge(&of(high));
+        assert_eq!(merged.to_json(), whole.to_json());
+        assert_eq!(merged.tail(), whole.tail());
+        assert!(Distribution::default().to_json().is_none(), "an empty record has no figures");
+    }
+
+    #[test]
+    fn what_a_process_writes_is_read_back_unchanged() {
+        let mut recorder = Recorder::new(4.0);
+        let mut whole = Distribution::default();
+        for i in 0..4000_u64 {
+            let ns = 20_000 + i % 1500 * 100 + u64::from(i == 3000) * 5_000_000;
+            recorder.record(Duration::from_micros(i * 667), ns);
+            whole.record(ns, 1);
+        }
+        let read = Distribution::from_json(&recorder.to_json()).expect("its own form");
+        assert_eq!(read.to_json(), whole.to_json());
+        assert_eq!(read.seconds.len(), 3);
+        assert_eq!(read.seconds.iter().map(|second| second.count).sum::<u64>(), 4000);
+        assert!(read.seconds.windows(2).all(|pair| pair[0].at_s < pair[1].at_s));
+        assert_eq!(read.seconds[2].max_us, read.max_us());
+    }
+
+    #[test]
+    fn the_tail_falls_from_one_to_zero() {
+        let tail = of([10, 20, 20, 40_000].map(|us| us * 1_000)).tail();
+        assert_eq!((tail[0].1, tail[tail.len() - 1].1), (1.0, 0.0));
+        assert!(tail.windows(2).all(|pair| pair[0].0 <= pair[1].0 && pair[0].1 >= pair[1].1));
+    }
+
+    #[test]
+    fn a_malformed_record_is_refused_by_name() {
+        for (text, named) in [
+            (r#"{}"#, "buckets"),
+            (r#"{"buckets": [[1]], "max_us": 1, "seconds": []}"#, "bucket"),
+            (r#"{"buckets": [], "seconds": []}"#, "max_us"),
+            (r#"{"buckets": [], "max_us": 1, "seconds": [[1, 2]]}"#, "second"),
+        ] {
+            let error = Distribution::from_json(&serde_json::from_str(text).unwrap()).expect_err(text);
+            assert!(error.contains(named), "{error}");
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! What all blocks of one variant measured together.
+
+use crate::distribution::Distribution;
+use crate::error::LatencyError;
+use crate::processes::Outcome;
+use serde_json::{Map, Value, json};
+
+/// Hops in the order of the path, end to end last: name, and the process and the metric that tell it.
+pub const HOPS: [(&str, &str, &str); 9] = [
+    ("published_to_ingest", "ingest", "published_to_ingest"),
+    ("ingest_work", "ingest", "ingest_work"),
+    ("ingest_to_retarget", "retarget", "ingest_to_retarget"),
+    ("retarget_work", "retarget", "retarget_work"),
+    ("target_to_control", "control", "target_to_control"),
+    ("control_work", "control", "control_work"),
+    ("command_to_driver", "sim", "command_to_driver"),
+    ("skeleton_to_command", "sim", "skeleton_to_command"),
+    ("target_to_command", "sim", "target_to_command"),
+];
+/// The loops whose wake-ups are told, with the process that is each.
+pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "sim")];
+
+/// What a process told of itself, over all blocks.
+#[derive(Clone, Debug, Default)]
+pub struct Process {
+    /// Allocations of the loop's thread after READY, without those of the transport.
+    pub allocations: u64,
+    /// Allocations of the transport in publishing, after READY.
+    pub transport_allocations: u64,
+    /// Page faults after READY that waited for a disk.
+    pub major_faults: u64,
+    /// Page faults of the loop's thread after READY that were served from memory.
+    pub minor_faults: u64,
+    /// Processor time since READY, s.
+    pub cpu_s: f64,
+    /// Slowest cold start to READY, ms.
+    pub ready_after_ms: f64,
+    /// Samples that found no room on their way out of the loop.
+    pub ring_dropped: u64,
+    /// What the system granted in the last block.
+    pub realtime: Vec<String>,
+}
+
+/// All blocks of one variant.
+#[derive(Clone, Debug)]
+pub struct Figures {
+    hops: Vec<Distribution>,
+    wake_ups: Vec<Distribution>,
+    processes: Vec<(&'static str, Process)>,
+    /// Deadlines missed by retarget, control and driver.
+    pub missed: [u64; 3],
+    /// Ticks of retarget, control and driver.
+    pub ticks: [u64; 3],
+    /// Skeletons published by the client.
+    pub published: u64,
+    /// Skeletons that `ingest` accepted.
+    pub accepted: u64,
+    /// Time between READY and release, s.
+    pub wall_s: f64,
+    /// Blocks merged.
+    pub blocks: u64,
+}
+
+impl Figures {
+    /// Merges the blocks of one variant.
+    ///
+    /// # Errors
+    /// Names the process and the figure that is missing, or the hop in which nothing was counted.
+    pub fn merge(outcomes: &[Outcome]) -> Result<Self, LatencyError> {
+        let mut all = Self {
+            hops: vec![Distribution::default(); HOPS.len()],
+            wake_ups: vec![Distribution::default(); LOOPS.len()],
+            processes: Vec::new(),
+            missed: [0; 3],
+            ticks: [0; 3],
+            published: 0,
+            accepted: 0,
+            wall_s: 0.0,
+            blocks: 0,
+        };
+        for outcome in outcomes {
+            all.add(outcome).map_err(LatencyError::Invalid)?;
+        }
+        let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
+        match empty {
+            Some(((hop, process, _), _)) => Err(LatencyError::Invalid(format!("{process} counted nothing of {hop}"))),
+            None => Ok(all),
+        }
+    }
+
+    fn add(&mut self, outcome: &Outcome) -> Result<(), String> {
+        let find = |process: &str| {
+            let found = outcome.processes.iter().find(|(name, _)| *name == process);
+            found.map(|(_, value)| value).ok_or(format!("{process} left no report"))
+        };
+        for ((hop, process, metric), merged) in HOPS.iter().zip(&mut self.hops) {
+            merged.merge(&distribution(find(process)?, metric).map_err(|cause| format!("{process}: {hop}: {cause}"))?);
+        }
+        for ((_, process), merged) in LOOPS.iter().zip(&mut self.wake_ups) {
+            let one = distribution(find(process)?, "wake_up");
+            merged.merge(&one.map_err(|cause| format!("{process}: wake_up: {cause}"))?);
+        }
+        for (i, (name, _)) in LOOPS.iter().enumerate() {
+            let count = |key: &str| outcome.run[key][*name].as_u64().ok_or(format!("the run has no {key}.{name}"));
+            self.missed[i] += count("missed_deadlines")?;
+            self.ticks[i] += count("ticks")?;
+        }
+        for (name, report) in &outcome.processes {
+            if !self.processes.iter().any(|(known, _)| known == name) {
+                self.processes.push((name, Process::default()));
+            }
+            let (_, process) = self.processes.iter_mut().find(|(known, _)| known == name).expect("just added");
+            process.add(&report["telemetry"]).map_err(|cause| format!("{name}: {cause}"))?;
+        }
+        self.accepted += find("ingest")?["accepted"].as_u64().ok_or("ingest: accepted is no number")?;
+        self.published += outcome.published;
+        self.wall_s += outcome.wall_s;
+        self.blocks += 1;
+        Ok(())
+    }
+
+    /// A hop by its name.
+    pub fn hop(&self, name: &str) -> &Distribution {
+        let index = HOPS.iter().position(|(hop, _, _)| *hop == name).expect("one of the hops");
+        &self.hops[index]
+    }
+
+    /// Hops with their names, in the order of the path.
+    pub fn hops(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
+        HOPS.iter().map(|(name, _, _)| *name).zip(&self.hops)
+    }
+
+    /// Wake-ups of the loops with their names.
+    pub fn wake_ups(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
+        LOOPS.iter().map(|(name, _)| *name).zip(&self.wake_ups)
+    }
+
+    /// Wake-ups of retarget, whose deadline is the tick itself.
+    pub fn wake_up(&self) -> &Distribution {
+        &self.wake_ups[0]
+    }
+
+    /// The processes with their names.
+    pub fn processes(&self) -> &[(&'static str, Process)] {
+        &self.processes
+    }
+
+    /// Total of a count of all processes.
+    pub fn total(&self, of: impl Fn(&Process) -> u64) -> u64 {
+        self.processes.iter().map(|(_, process)| of(process)).sum()
+    }
+
+    /// What is not part of the headline, as JSON.
+    pub fn to_json(&self) -> Value {
+        let table = |rows: Vec<(&'static str, &Distribution)>| {
+            let rows = rows.into_iter().filter_map(|(name, all)| Some((name.to_owned(), all.to_json()?)));
+            Value::Object(rows.collect::<Map<_, _>>())
+        };
+        let by_loop = |counts: &[u64; 3]| -> Value {
+            Value::Object(
+                LOOPS.iter().zip(counts).map(|((name, _), count)| ((*name).to_owned(), json!(count))).collect(),
+            )
+        };
+        let processes: Map<_, _> =
+            self.processes.iter().map(|(name, one)| ((*name).to_owned(), one.to_json(self.wall_s))).collect();
+        json!({
+            "hops_us": table(self.hops().collect()),
+            "wake_up_us": table(self.wake_ups().collect()),
+            "ticks": by_loop(&self.ticks),
+            "missed_deadlines": by_loop(&self.missed),
+            "skeletons_published": self.published,
+            "skeletons_accepted": self.accepted,
+            "processes": processes,
+            "blocks": self.blocks,
+            "seconds": self.wall_s,
+        })
+    }
+}
+
+fn distribution(report: &Value, metric: &str) -> Result<Distribution, String> {
+    Distribution::from_json(&report["telemetry"]["metrics"][metric])
+}
+
+impl Process {
+    fn add(&mut self, telemetry: &Value) -> Result<(), String> {
+        let count = |value: &Value, name: &str| value.as_u64().ok_or(format!("telemetry.{name} is no number"));
+        let number = |key: &str| telemetry[key].as_f64().ok_or(format!("telemetry.{key} is no number"));
+        let allocations = &telemetry["allocations"];
+        self.allocations += count(&allocations["loop"], "allocations.loop")?;
+        self.transport_allocations += count(&allocations["transport"], "allocations.transport")?;
+        self.major_faults += count(&telemetry["major_faults"], "major_faults")?;
+        self.minor_faults += count(&telemetry["loop_minor_faults"], "loop_minor_faults")?;
+        self.ring_dropped += count(&telemetry["ring_dropped"], "ring_dropped")?;
+        self.cpu_s += number("cpu_s")?;
+        self.ready_after_ms = self.ready_after_ms.max(number("ready_after_ms")?);
+        let lines = telemetry["realtime"].as_array().ok_or("telemetry.realtime is no list")?;
+        self.realtime = lines.iter().filter_map(Value::as_str).map(str::to_owned).collect();
+        Ok(())
+    }
+
+    fn to_json(&self, wall_s: f64) -> Value {
+        json!({
+            "cpu": self.cpu_s / wall_s,
+            "ready_after_ms": self.ready_after_ms,
+            "allocations_after_ready": self.allocations,
+            "transport_allocations_after_ready": self.transport_allocations,
+            "major_faults_after_ready": self.major_faults,
+            "loop_minor_faults_after_ready": self.minor_faults,
+            "ring_dropped": self.ring_dropped,
+            "realtime": self.realtime,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blocks::Kind;
+
+    fn record(ns: u64) -> Value {
+        json!({ "buckets": [[ns, 10]], "max_us": ns as f64 * 1e-3, "seconds": [[1.0, 10, 1.0, 1.0, 1.0]] })
+    }
+
+    fn outcome(ns: u64) -> Outcome {
+        let processes = ["sim", "control", "retarget", "ingest"].map(|name| {
+            let mut metrics = Map::new();
+            metrics.insert("wake_up".into(), record(ns));
+            for (_, _, metric) in HOPS.iter().filter(|(_, process, _)| *process == name) {
+                metrics.insert((*metric).into(), record(ns));
+            }
+            let telemetry = json!({
+                "metrics": metrics, "ring_dropped": 0, "allocations": { "loop": 1, "transport": 30 },
+                "major_faults": 2, "loop_minor_faults": 3, "cpu_s": 0.5, "ready_after_ms": ns as f64,
+                "realtime": ["scheduling: SCHED_FIFO priority 70"],
+            });
+            (name, json!({ "telemetry": telemetry, "accepted": 9 }))
+        });
+        let by_loop = |count: u64| json!({ "retarget": count, "control": count + 1, "driver": count + 2 });
+        let run = json!({ "ticks": by_loop(100), "missed_deadlines": by_loop(5) });
+        Outcome { kind: Kind::Events, processes: processes.to_vec(), run, wall_s: 2.0, published: 10 }
+    }
+
+    #[test]
+    fn blocks_add_up() {
+        let all = Figures::merge(&[outcome(1_000), outcome(3_000)]).expect("whole reports");
+        assert_eq!((all.missed, all.ticks), ([10, 12, 14], [200, 202, 204]));
+        assert_eq!((all.published, all.accepted, all.blocks, all.wall_s), (20, 18, 2, 4.0));
+        for (name, hop) in all.hops().chain(all.wake_ups()) {
+            assert_eq!((hop.count(), hop.max_us(), hop.seconds.len()), (20, 3.0, 2), "{name}");
+        }
+        assert_eq!(all.total(|process| process.allocations), 8);
+        assert_eq!(all.total(|process| process.transport_allocations), 240);
+        assert_eq!(all.total(|process| process.major_faults), 16);
+        let json = all.to_json();
+        assert_eq!(json["processes"]["sim"]["cpu"], 0.25);
+        assert_eq!(json["processes"]["ingest"]["ready_after_ms"], 3_000.0);
+        assert_eq!(json["hops_us"]["target_to_command"]["count"], 20);
+    }
+
+    #[test]
+    fn a_report_that_lacks_something_is_refused_by_name() {
+        let broken = |path: &str, with: Value| {
+            let mut one = outcome(1_000);
+            let (process, pointer) = path.split_once('/').unwrap();
+            let (_, report) = one.processes.iter_mut().find(|(name, _)| *name == process).unwrap();
+            *report.pointer_mut(&format!("/{pointer}")).unwrap() = with;
+            Figures::merge(&[one]).expect_err(path).to_string()
+        };
+        let error = broken("control/telemetry/metrics/control_work", Value::Null);
+        assert!(error.contains("control: control_work: buckets"), "{error}");
+        let error = broken("retarget/telemetry/major_faults", Value::Null);
+        assert!(error.contains("retarget: telemetry.major_faults"), "{error}");
+        let error = broken("sim/telemetry/metrics/target_to_command/buckets", json!([]));
+        assert!(error.contains("sim counted nothing of target_to_command"), "{error}");
+        let error = broken("ingest/accepted", json!("many"));
+        assert!(error.contains("ingest: accepted"), "{error}");
+    }
+}

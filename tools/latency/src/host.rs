@@ -1,0 +1,85 @@
+//! What the figures were measured on.
+
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The machine, its kernel and its load.
+#[derive(Clone, Debug)]
+pub struct Host {
+    facts: Vec<(&'static str, String)>,
+    load_before: String,
+}
+
+impl Host {
+    /// This machine, now.
+    pub fn now() -> Self {
+        let cpuinfo = text("/proc/cpuinfo").unwrap_or_default();
+        let field = |name: &str| {
+            let line = cpuinfo.lines().find(|line| line.to_lowercase().starts_with(name))?;
+            line.split_once(':').map(|(_, value)| value.trim().to_owned())
+        };
+        let guest = field("flags").is_some_and(|flags| flags.split(' ').any(|flag| flag == "hypervisor"));
+        let allowed = std::thread::available_parallelism().map_or(1, usize::from);
+        let facts = vec![
+            ("host", text("/proc/sys/kernel/hostname").unwrap_or_else(unknown)),
+            ("processor", field("model name").or_else(|| field("cpu model")).unwrap_or_else(unknown)),
+            ("cores", allowed.to_string()),
+            ("virtual", if guest { "yes" } else { "not as far as the processor says" }.into()),
+            ("kernel", text("/proc/sys/kernel/osrelease").unwrap_or_else(unknown)),
+            ("version", text("/proc/sys/kernel/version").unwrap_or_else(unknown)),
+            ("preemption", preemption()),
+            ("governor", governor()),
+            ("isolated", text("/sys/devices/system/cpu/isolated").unwrap_or_else(|| "none".into())),
+            ("clock", text("/sys/devices/system/clocksource/clocksource0/current_clocksource").unwrap_or_else(unknown)),
+        ];
+        Self { facts, load_before: load() }
+    }
+
+    /// Name and value of every fact, the load before and now among them.
+    pub fn rows(&self) -> Vec<(&'static str, String)> {
+        let mut rows = self.facts.clone();
+        rows.push(("load_average_before", self.load_before.clone()));
+        rows.push(("load_average_after", load()));
+        rows
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> Value {
+        Value::Object(self.rows().into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect())
+    }
+}
+
+fn unknown() -> String {
+    "unknown".into()
+}
+
+/// What a file of the kernel says; nothing if it is missing, unreadable or empty.
+fn text(path: impl AsRef<Path>) -> Option<String> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let text = text.trim();
+    (!text.is_empty()).then(|| text.to_owned())
+}
+
+fn preemption() -> String {
+    if text("/sys/kernel/realtime").as_deref() == Some("1") {
+        return "PREEMPT_RT".into();
+    }
+    let version = text("/proc/sys/kernel/version").unwrap_or_default();
+    let built = version.split(' ').find(|word| word.starts_with("PREEMPT")).unwrap_or("no preemption").to_owned();
+    // Of the modes the one in brackets is in force: none voluntary (full) lazy.
+    let modes = text("/sys/kernel/debug/sched/preempt").unwrap_or_default();
+    match modes.split(' ').find_map(|mode| mode.strip_prefix('(')?.strip_suffix(')')) {
+        Some(mode) => format!("{built}, {mode}; no PREEMPT_RT"),
+        None => format!("{built}; no PREEMPT_RT"),
+    }
+}
+
+fn governor() -> String {
+    text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").unwrap_or_else(|| "none (no cpufreq)".into())
+}
+
+fn load() -> String {
+    let text = text("/proc/loadavg").unwrap_or_default();
+    let three: Vec<&str> = text.split_whitespace().take(3).collect();
+    if three.is_empty() { unknown() } else { three.join(" ") }
+}

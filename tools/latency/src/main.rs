@@ -1,0 +1,65 @@
+//! See the library. The same program is every process that it measures, and the probe beside them.
+
+use clap::Parser;
+use latency::cli::Cli;
+use latency::error::LatencyError;
+use latency::{plot, reference, report, run};
+use rt::Shutdown;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Counts what the loops allocate after READY.
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// EX_USAGE of sysexits(3).
+const EX_USAGE: u8 = 64;
+
+fn main() -> ExitCode {
+    let role = std::env::args().nth(1).unwrap_or_default();
+    if teleopd::PROCESSES.contains(&role.as_str()) {
+        return teleopd::main();
+    }
+    if role == reference::PROBE {
+        reference::probe_main(std::env::args().skip(1));
+        return ExitCode::SUCCESS;
+    }
+    let options = match Cli::try_parse() {
+        Ok(options) => options,
+        Err(error) => {
+            // Help and version come this way too, and are no error.
+            let _ = error.print();
+            return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
+        }
+    };
+    match measure(&options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("latency: {error}");
+            error.exit().into()
+        }
+    }
+}
+
+fn measure(options: &Cli) -> Result<(), LatencyError> {
+    options.check()?;
+    // Before the run, not after it: a file that cannot be written is known now.
+    for path in [&options.json, &options.plot].into_iter().flatten() {
+        std::fs::File::create(path).map_err(|error| unwritten(path, error))?;
+    }
+    let shutdown = Shutdown::on_signals().map_err(|error| LatencyError::Invalid(error.to_string()))?;
+    let measured = run::run(options, &shutdown)?;
+    print!("{}", report::words(&measured));
+    if let Some(path) = &options.json {
+        let text = format!("{:#}\n", measured.to_json(options));
+        std::fs::write(path, text).map_err(|error| unwritten(path, error))?;
+    }
+    if let Some(path) = &options.plot {
+        plot::draw(path, &measured).map_err(|cause| unwritten(path, cause))?;
+    }
+    Ok(())
+}
+
+fn unwritten(path: &Path, cause: impl std::fmt::Display) -> LatencyError {
+    LatencyError::Write { file: path.to_path_buf(), cause: cause.to_string() }
+}

@@ -1,0 +1,196 @@
+//! One block of the real processes: started, engaged, measured, released and ended in order.
+
+use crate::blocks::{Block, Kind};
+use crate::client::Client;
+use crate::error::LatencyError;
+use crate::settings::{self, Changes};
+use messages::{Faults, Mode};
+use pipeline::Instance;
+use rt::Shutdown;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use teleopd::{Children, Operator, PROCESSES, Place, Report};
+
+/// Time between two looks at the processes.
+const LOOK: Duration = Duration::from_millis(50);
+/// Longest time until nothing inhibits engaging: the processes are ready, so a few hundred ms are enough.
+const CLEAR_WITHIN: Duration = Duration::from_secs(10);
+/// Longest time from the enable to Engaged: 3 s of blending, and the torso's whole stroke takes 5 s.
+const ENGAGED_WITHIN: Duration = Duration::from_secs(20);
+/// Longest time from release to rest: four times the longest stop.
+const REST_WITHIN: Duration = Duration::from_secs(2);
+/// Ticks of control before the enable, as a hand would wait.
+const TICKS_BEFORE_ENABLE: u64 = 600;
+
+/// What every block of processes is run with.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Settings.
+    pub config: PathBuf,
+    /// What is changed of them.
+    pub changes: Changes,
+    /// Skeletons per second.
+    pub rate_hz: f64,
+}
+
+/// What a block left.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What was measured.
+    pub kind: Kind,
+    /// The report of each process, in the order of `PROCESSES`.
+    pub processes: Vec<(&'static str, Value)>,
+    /// The report of the run, as `teleopd demo` writes it.
+    pub run: Value,
+    /// From READY of the last process to the end of the first, s.
+    pub wall_s: f64,
+    /// Skeletons that the client published.
+    pub published: u64,
+}
+
+impl Outcome {
+    /// The cores on which retarget ran; nothing where they were left to the kernel.
+    pub fn cores(&self) -> Option<Vec<usize>> {
+        let (_, report) = self.processes.iter().find(|(name, _)| *name == "retarget")?;
+        let lines = report["telemetry"]["realtime"].as_array()?.iter().filter_map(Value::as_str);
+        cores_of(lines)
+    }
+}
+
+/// From the lines in which a process tells what the system granted: `cores: cores [1, 2]`.
+fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> {
+    let told = lines.find_map(|line| line.strip_prefix("cores: "))?;
+    if told.contains("REFUSED") {
+        return None;
+    }
+    let (_, list) = told.split_once('[')?;
+    let (list, _) = list.split_once(']')?;
+    list.split(',').map(|core| core.trim().parse().ok()).collect()
+}
+
+/// Runs one block.
+///
+/// # Errors
+/// If a process does not start, ends by itself, does not engage, or if a promise was broken.
+pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, LatencyError> {
+    let folder = Folder::new()?;
+    let config = folder.path().join("teleop.toml");
+    settings::write(&setup.config, &setup.changes, block.kind, &config)?;
+    let instance = Instance::new(folder.path()).map_err(|error| LatencyError::write(folder.path(), error))?;
+    let place = Place {
+        config,
+        run_dir: folder.path().to_path_buf(),
+        // The driver is simulated, and a kernel without PREEMPT_RT is to be measured too.
+        engage_without_realtime: true,
+        interface: None,
+    };
+    let mut children = Children::start(&instance, &place, true)?;
+    let started = Instant::now();
+    let client = Client::start(instance.input_domain(), setup.rate_hz)?;
+    let mut operator = Operator::connect(&instance.operator_socket())?;
+    let ended = engage_and_hold(&mut children, &mut operator, &client, block.seconds, shutdown);
+    operator.release();
+    operator.wait(REST_WITHIN, |status| {
+        !matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged | Mode::Holding))
+    });
+    let wall_s = started.elapsed().as_secs_f64();
+    let (published, failures) = client.stop();
+    drop(operator);
+    let mut trouble = children.stop();
+    instance.retire();
+    trouble.extend(ended.err());
+    if shutdown.requested() {
+        return Err(LatencyError::Interrupted);
+    }
+    if failures > 0 {
+        trouble.push(format!("{failures} skeletons were not taken by the bus"));
+    }
+    let report = match Report::collect(&instance) {
+        Ok(report) => report,
+        Err(failure) => {
+            trouble.push(failure.text);
+            return Err(LatencyError::Invalid(trouble.join("; ")));
+        }
+    };
+    trouble.extend(report.complaints());
+    if !trouble.is_empty() {
+        return Err(LatencyError::Invalid(trouble.join("; ")));
+    }
+    let mut processes = Vec::new();
+    for name in PROCESSES {
+        processes.push((name, read(&instance.report(name))?));
+    }
+    Ok(Outcome { kind: block.kind, processes, run: report.to_json().clone(), wall_s, published })
+}
+
+/// Engages, lets the person move, and looks after the run for `seconds`; what went wrong.
+fn engage_and_hold(
+    children: &mut Children,
+    operator: &mut Operator,
+    client: &Client,
+    seconds: f64,
+    shutdown: &Shutdown,
+) -> Result<(), String> {
+    if !operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.ticks > TICKS_BEFORE_ENABLE) {
+        let faults = operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
+        let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
+        return Err(format!("cannot engage: {}", names.join(" ")));
+    }
+    operator.enable();
+    let enabled = Instant::now();
+    let mut engaged: Option<Instant> = None;
+    while engaged.is_none_or(|since| since.elapsed().as_secs_f64() < seconds) && !shutdown.requested() {
+        std::thread::sleep(LOOK);
+        if let Some((name, status)) = children.ended() {
+            return Err(format!("{name} ended by itself ({status})"));
+        }
+        match (operator.mode(), engaged) {
+            (Some(Mode::Engaged), None) => {
+                engaged = Some(Instant::now());
+                client.move_on();
+            }
+            (Some(Mode::Faulted), _) => return Err("the robot was stopped".into()),
+            (Some(Mode::Disengaged), Some(_)) => return Err("the robot was released before the end".into()),
+            (None, _) => return Err("control does not answer".into()),
+            (_, None) if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Value, LatencyError> {
+    let text =
+        std::fs::read_to_string(path).map_err(|error| LatencyError::Invalid(format!("{}: {error}", path.display())))?;
+    serde_json::from_str(&text).map_err(|error| LatencyError::Invalid(format!("{}: {error}", path.display())))
+}
+
+/// The block's folder, removed at its end.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    // Short: the path of the operator's socket has a limit of 107 bytes.
+    fn new() -> Result<Self, LatencyError> {
+        let made = tempfile::Builder::new().prefix("latency-").tempdir();
+        made.map(Self).map_err(|error| LatencyError::write(&std::env::temp_dir(), error))
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cores_are_those_that_were_granted() {
+        let of = |line| cores_of(["scheduling: SCHED_FIFO priority 70", line].into_iter());
+        assert_eq!(of("cores: cores [1]"), Some(vec![1]));
+        assert_eq!(of("cores: cores [2, 3]"), Some(vec![2, 3]));
+        assert_eq!(of("cores: not requested"), None);
+        assert_eq!(of("cores: REFUSED: cores [9]: Invalid argument"), None);
+    }
+}

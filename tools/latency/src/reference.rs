@@ -1,0 +1,203 @@
+//! The bare timer that the pipeline's wake-up is compared with: cyclictest, and a loop of our own of equal method. Both
+//! sleep to absolute deadlines of CLOCK_MONOTONIC in a process of their own with locked memory, each alone.
+
+use crate::cli::Policy;
+use crate::distribution::{Distribution, Recorder};
+use crate::error::LatencyError;
+use clap::Parser;
+use messages::{TICK_HZ, deadline, tick_at};
+use rt::{Realtime, RealtimeConfig};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// cyclictest's histogram has one bucket a us up to here, 100 ms.
+const CYCLICTEST_BUCKETS: u32 = 100_000;
+/// cyclictest tells whole us, rounded down; half of one is the mean of what that cuts off.
+const CUT_OFF_NS: u64 = 500;
+/// First argument with which this program is the probe.
+pub const PROBE: &str = "probe";
+
+/// How a reference is to run: as `retarget` does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spec {
+    /// Scheduling.
+    pub policy: Policy,
+    /// Of SCHED_FIFO.
+    pub priority: u8,
+    /// Nothing leaves it to the kernel.
+    pub cores: Option<Vec<usize>>,
+    /// Whether memory is locked.
+    pub lock_memory: bool,
+    /// Whether cores are kept from sleeping.
+    pub cpu_dma_latency: bool,
+}
+
+impl Spec {
+    fn core_list(&self) -> Option<String> {
+        let cores = self.cores.as_ref()?;
+        Some(cores.iter().map(usize::to_string).collect::<Vec<_>>().join(","))
+    }
+}
+
+/// Where cyclictest is, if it is on the PATH.
+pub fn cyclictest() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path).map(|folder| folder.join("cyclictest")).find(|file| file.is_file())
+}
+
+/// Runs cyclictest for `seconds`, at least one.
+///
+/// # Errors
+/// If it cannot run, or answers in an unknown way.
+pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distribution, LatencyError> {
+    let interval_us = (1e6 / TICK_HZ as f64).round();
+    let mut command = Command::new(program);
+    command.args(["-q", "-t", "1", "-i", &interval_us.to_string(), "-h", &CYCLICTEST_BUCKETS.to_string()]);
+    command.args(["-D", &(seconds.ceil().max(1.0) as u64).to_string()]);
+    match spec.policy {
+        Policy::Fifo => command.args(["-p", &spec.priority.to_string()]),
+        Policy::Other => command.args(["--policy=other"]),
+    };
+    if spec.lock_memory {
+        command.arg("-m");
+    }
+    if !spec.cpu_dma_latency {
+        // It keeps cores from sleeping unless it is told to leave the system as it is.
+        command.arg("--default-system");
+    }
+    if let Some(cores) = spec.core_list() {
+        command.args(["-a", &cores]);
+    }
+    let text = output(command, &program.display().to_string())?;
+    parse_cyclictest(&text).map_err(|cause| LatencyError::reference(program.display().to_string(), cause))
+}
+
+fn output(mut command: Command, name: &str) -> Result<String, LatencyError> {
+    let output = command.stdin(Stdio::null()).output().map_err(|error| LatencyError::reference(name, error))?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(LatencyError::reference(name, format!("{}: {}", output.status, said.trim())));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Reads cyclictest's histogram: lines of `us count`, and comments with what lies beyond the last bucket.
+fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
+    let mut all = Distribution::default();
+    let comment = |name: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix('#')?.trim().strip_prefix(name))?;
+        line.trim_start_matches(':').split_whitespace().next()?.parse::<u64>().ok()
+    };
+    let max_us = comment("Max Latencies").ok_or("no line of \"Max Latencies\" in its answer")?;
+    let overflows = comment("Histogram Overflows").ok_or("no line of \"Histogram Overflows\" in its answer")?;
+    for line in text.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty()) {
+        let mut words = line.split_whitespace().map(str::parse::<u64>);
+        match (words.next(), words.next(), words.next()) {
+            (Some(Ok(us)), Some(Ok(count)), None) => all.record(us * 1_000 + CUT_OFF_NS, count),
+            _ => return Err(format!("unknown line {line:?}")),
+        }
+    }
+    all.record(max_us * 1_000 + CUT_OFF_NS, overflows);
+    if all.count() == 0 { Err("it counted nothing".into()) } else { Ok(all) }
+}
+
+/// Runs our own probe for `seconds` in a process of its own; its record, and what the system granted.
+///
+/// # Errors
+/// If it cannot run.
+pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>), LatencyError> {
+    let program = std::env::current_exe().map_err(|error| LatencyError::reference(PROBE, error))?;
+    let mut command = Command::new(program);
+    command.args([PROBE, "--seconds", &seconds.to_string()]);
+    if spec.policy == Policy::Fifo {
+        command.args(["--priority", &spec.priority.to_string()]);
+    }
+    if let Some(cores) = spec.core_list() {
+        command.args(["--cores", &cores]);
+    }
+    if spec.lock_memory {
+        command.arg("--lock-memory");
+    }
+    if spec.cpu_dma_latency {
+        command.arg("--cpu-dma-latency");
+    }
+    let text = output(command, PROBE)?;
+    let value: Value = serde_json::from_str(&text).map_err(|error| LatencyError::reference(PROBE, error))?;
+    let granted = value["realtime"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    let granted = granted.map(str::to_owned).collect();
+    let all = Distribution::from_json(&value).map_err(|cause| LatencyError::reference(PROBE, cause))?;
+    Ok((all, granted))
+}
+
+/// Command line of the probe's process.
+#[derive(Debug, Parser)]
+struct Probe {
+    #[arg(long)]
+    seconds: f64,
+    #[arg(long)]
+    priority: Option<u8>,
+    #[arg(long, value_delimiter = ',')]
+    cores: Option<Vec<usize>>,
+    #[arg(long)]
+    lock_memory: bool,
+    #[arg(long)]
+    cpu_dma_latency: bool,
+}
+
+/// The probe's process: sleeps from deadline to deadline of the tick grid and prints how late it woke.
+pub fn probe_main(arguments: impl Iterator<Item = String>) {
+    let probe = Probe::parse_from(arguments);
+    rt::die_with_parent();
+    let policy = probe.priority.map_or(rt::Policy::Other, |priority| rt::Policy::Fifo { priority });
+    let mut recorder = Recorder::new(probe.seconds);
+    let Probe { cores, lock_memory, cpu_dma_latency, .. } = probe;
+    let report = Realtime::apply(&RealtimeConfig { policy, cores, lock_memory, cpu_dma_latency });
+    let start = rt::now();
+    let end = start.plus_ns((probe.seconds * 1e9) as u64);
+    let mut k = tick_at(start) + 1;
+    loop {
+        rt::sleep_until(deadline(k));
+        let woke = rt::now();
+        recorder.record(Duration::from_nanos(woke.0), woke.since(deadline(k)));
+        if woke >= end {
+            break;
+        }
+        k = tick_at(woke) + 1;
+    }
+    let mut value = recorder.to_json();
+    value["realtime"] = json!(report.to_string().lines().collect::<Vec<_>>());
+    println!("{value}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANSWER: &str = "# /dev/cpu_dma_latency set to 0us\n# Histogram\n000000 000000\n000019 000002\n000020 000006\n\
+                          000057 000001\n# Total: 000000009\n# Min Latencies: 00019\n# Avg Latencies: 00028\n\
+                          # Max Latencies: 130000\n# Histogram Overflows: 00001\n# Histogram Overflow at cycle number:\n\
+                          # Thread 0: 00004\n\n";
+
+    #[test]
+    fn the_histogram_of_cyclictest_is_read_with_its_overflows() {
+        let all = parse_cyclictest(ANSWER).expect("its form");
+        assert_eq!(all.count(), 10);
+        assert!((all.quantile_us(0.5).unwrap() - 20.5).abs() < 0.1);
+        assert!((all.max_us() - 130_000.5).abs() < 0.1);
+    }
+
+    #[test]
+    fn an_unknown_answer_of_cyclictest_is_refused() {
+        for (wrong, named) in [
+            (ANSWER.replace("000019 000002", "T: 0 (1234) P:70"), "unknown line"),
+            (ANSWER.replace("Max", "Largest"), "Max Latencies"),
+            (ANSWER.replace("Overflows", "Rest"), "Histogram Overflows"),
+            ("# Max Latencies: 0\n# Histogram Overflows: 0\n".to_owned(), "nothing"),
+        ] {
+            let error = parse_cyclictest(&wrong).expect_err(named);
+            assert!(error.contains(named), "{error}");
+        }
+    }
+}

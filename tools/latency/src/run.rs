@@ -1,0 +1,87 @@
+//! A run: its blocks in turn, merged.
+
+use crate::blocks::{self, Kind};
+use crate::cli::{Cli, Compare, Policy};
+use crate::distribution::Distribution;
+use crate::error::LatencyError;
+use crate::figures::Figures;
+use crate::host::Host;
+use crate::load::Load;
+use crate::measured::Measured;
+use crate::processes::{self, Outcome, Setup};
+use crate::reference::{self, Spec};
+use crate::settings::Changes;
+use pipeline::Overrides;
+use rt::Shutdown;
+
+/// Runs every block and merges what they left.
+///
+/// # Errors
+/// If the options or settings are refused, a reference cannot run, or a block is not valid.
+pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError> {
+    options.check()?;
+    let cyclictest = reference::cyclictest();
+    if options.compare == Some(Compare::Cyclictest) && cyclictest.is_none() {
+        return Err(LatencyError::NoCyclictest);
+    }
+    let changes = Changes { policy: options.policy, pin: options.pin.clone() };
+    let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
+    let mut spec = spec(options)?;
+    let (host, blocks) = (Host::now(), blocks::plan(options.seconds, cyclictest.is_some()));
+    let load = Load::start(options.load).map_err(|error| LatencyError::reference("load", error))?;
+    let start = rt::now();
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    let (mut bare, mut probe, mut probe_realtime) = (Distribution::default(), Distribution::default(), Vec::new());
+    for (i, block) in blocks.iter().enumerate() {
+        eprintln!("latency: block {} of {}: {:?}, {:.1} s", i + 1, blocks.len(), block.kind, block.seconds);
+        match (block.kind, &cyclictest) {
+            (Kind::Cyclictest, Some(program)) => {
+                bare.merge(&reference::run_cyclictest(program, &spec, block.seconds)?);
+            }
+            (Kind::Cyclictest | Kind::Probe, _) => {
+                let (all, granted) = reference::run_probe(&spec, block.seconds)?;
+                probe.merge(&all);
+                probe_realtime = granted;
+            }
+            (Kind::Events | Kind::Polled, _) => {
+                let outcome = processes::run(&setup, *block, shutdown)?;
+                // The references run where the processes were put.
+                spec.cores = outcome.cores();
+                outcomes.push(outcome);
+            }
+        }
+        if shutdown.requested() {
+            return Err(LatencyError::Interrupted);
+        }
+    }
+    drop(load);
+    let of = |kind| {
+        let mine: Vec<_> = outcomes.iter().filter(|outcome| outcome.kind == kind).cloned().collect();
+        Figures::merge(&mine)
+    };
+    let cyclictest = (bare.count() > 0).then_some(bare);
+    Ok(Measured {
+        events: of(Kind::Events)?,
+        polled: of(Kind::Polled)?,
+        cyclictest,
+        probe,
+        probe_realtime,
+        spec,
+        host,
+        blocks,
+        start,
+    })
+}
+
+/// The references ask for what retarget asks for; the cores are known after the first block.
+fn spec(options: &Cli) -> Result<Spec, LatencyError> {
+    let settings = pipeline::load(&options.config, Overrides::default())?.settings.realtime;
+    let of_file = if settings.policy == pipeline::Policy::Fifo { Policy::Fifo } else { Policy::Other };
+    Ok(Spec {
+        policy: options.policy.unwrap_or(of_file),
+        priority: settings.priority_retarget as u8,
+        cores: None,
+        lock_memory: settings.lock_memory,
+        cpu_dma_latency: settings.cpu_dma_latency,
+    })
+}

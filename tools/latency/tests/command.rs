@@ -1,0 +1,150 @@
+//! The command as a user runs it: figures of a short run, whatever the machine does, and its exit codes.
+
+use serde_json::Value;
+use std::process::{Command, Output};
+
+const HOPS: [&str; 9] = [
+    "published_to_ingest",
+    "ingest_work",
+    "ingest_to_retarget",
+    "retarget_work",
+    "target_to_control",
+    "control_work",
+    "command_to_driver",
+    "skeleton_to_command",
+    "target_to_command",
+];
+const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
+
+fn config() -> String {
+    format!("{}/../../config/teleop.toml", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn latency(arguments: &[&str]) -> Output {
+    command(arguments).output().expect("the program runs")
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_latency"));
+    command.args(arguments).args(["--config", &config()]);
+    command
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    let found = value.pointer(path).and_then(Value::as_f64);
+    found.filter(|number| number.is_finite()).unwrap_or_else(|| panic!("{path} is no finite number: {value:#}"))
+}
+
+fn count(value: &Value, path: &str) -> u64 {
+    value.pointer(path).and_then(Value::as_u64).unwrap_or_else(|| panic!("{path} is no count: {value:#}"))
+}
+
+/// Quantiles in order, and something counted.
+fn assert_ordered(row: &Value, name: &str) {
+    let figures = ["/p50", "/p99", "/p99_9", "/p99_99", "/max"].map(|path| number(row, path));
+    assert!(figures[0] >= 0.0 && figures.windows(2).all(|pair| pair[0] <= pair[1]), "{name}: {row}");
+    assert!(count(row, "/count") > 0, "{name}: {row}");
+}
+
+#[test]
+fn a_short_run_has_every_figure_and_they_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let (json, plot) = (folder.path().join("latency.json"), folder.path().join("latency.png"));
+    let output = latency(&["--seconds", "5", "--json", json.to_str().unwrap(), "--plot", plot.to_str().unwrap()]);
+    let (words, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(words.starts_with("ratios"), "{words}");
+    assert!(HOPS.iter().all(|hop| words.contains(&hop.replace('_', " "))), "{words}");
+    let image = std::fs::read(&plot).unwrap();
+    assert!(image.starts_with(b"\x89PNG") && image[16..24] == [0, 0, 6, 64, 0, 0, 4, 176], "a PNG of 1600 x 1200");
+
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    for ratio in ["wakeup_p50_vs_cyclictest", "wakeup_p99_vs_cyclictest", "skeleton_to_command_vs_polled"] {
+        assert!(number(&report, &format!("/ratios/{ratio}")) > 0.0, "{ratio}");
+    }
+    for key in ["allocations_after_ready", "transport_allocations_after_ready", "major_faults_after_ready"] {
+        count(&report, &format!("/{key}"));
+    }
+    for quantile in ["p50", "p99"] {
+        number(&report, &format!("/target_to_command_beyond_work_us/{quantile}"));
+    }
+    assert!(["cyclictest", "own probe"].contains(&report["reference"]["name"].as_str().unwrap()));
+    assert_ordered(&report["reference"]["probe"], "probe");
+    for key in ["host", "kernel", "preemption", "governor", "load_average_before", "load_average_after", "policy"] {
+        assert!(report["machine"][key].as_str().is_some_and(|text| !text.is_empty()), "machine.{key}");
+    }
+    assert_agreement(&report, &report["events"], "events");
+    assert_eq!(
+        count(&report, "/missed_deadlines"),
+        ["retarget", "control", "driver"]
+            .map(|name| count(&report, &format!("/events/missed_deadlines/{name}")))
+            .iter()
+            .sum()
+    );
+    assert_agreement(&report["polled"], &report["polled"], "polled");
+}
+
+/// What holds of counts and durations on every machine.
+fn assert_agreement(figures: &Value, rest: &Value, variant: &str) {
+    for hop in HOPS {
+        assert_ordered(&figures["hops_us"][hop], &format!("{variant}: {hop}"));
+    }
+    for name in ["retarget", "control", "driver"] {
+        assert_ordered(&figures["wake_up_us"][name], &format!("{variant}: wake-up of {name}"));
+    }
+    for name in PROCESSES {
+        assert!(number(rest, &format!("/processes/{name}/cpu")) > 0.0, "{variant}: {name}");
+        assert!(number(rest, &format!("/processes/{name}/ready_after_ms")) > 0.0, "{variant}: {name}");
+        assert_eq!(count(rest, &format!("/processes/{name}/ring_dropped")), 0, "{variant}: {name}");
+    }
+    let of = |hop: &str| count(&figures["hops_us"], &format!("/{hop}/count"));
+    let (published, accepted) = (count(rest, "/skeletons_published"), count(rest, "/skeletons_accepted"));
+    assert!(accepted <= published, "{variant}: {accepted} of {published}");
+    assert!(of("published_to_ingest") >= accepted && of("published_to_ingest") <= published, "{variant}: {figures}");
+    assert_eq!(of("ingest_work"), accepted, "{variant}: each accepted skeleton is timed once");
+    // Only the newest skeleton is taken, and only one command is the first of an origin.
+    assert!(of("ingest_to_retarget") <= accepted, "{variant}");
+    assert!(of("skeleton_to_command") <= of("ingest_to_retarget"), "{variant}");
+    let ticks = |name: &str| count(rest, &format!("/ticks/{name}"));
+    assert!(of("target_to_command") <= ticks("driver"), "{variant}: more commands than ticks");
+    // A command without a target is told by the tick it is missing from; of the others each is counted.
+    assert!(of("target_to_control") + count(rest, "/missed_deadlines/control") >= of("target_to_command"), "{variant}");
+    // No path is shorter than a hop of it can be.
+    let median = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/p50"));
+    let longest = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/max"));
+    assert!(longest("skeleton_to_command") >= median("retarget_work") + median("control_work"), "{variant}");
+    assert!(longest("target_to_command") >= median("control_work"), "{variant}");
+}
+
+#[test]
+fn wrong_options_end_with_usage() {
+    for arguments in
+        [&["--seconds", "0"][..], &["--seconds", "x"], &["--pin", "first"], &["--policy", "idle"], &["--plot", "a.jpg"]]
+    {
+        let output = latency(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{arguments:?}: {said}");
+        assert!(said.contains(arguments[0]), "{said}");
+    }
+    assert_eq!(Command::new(env!("CARGO_BIN_EXE_latency")).arg("--help").output().unwrap().status.code(), Some(0));
+}
+
+#[test]
+fn cyclictest_that_is_insisted_on_and_missing_is_said_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = command(&["--compare", "cyclictest"]).env("PATH", folder.path()).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{said}");
+    assert!(said.contains("rt-tests"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
+    let output = latency(&["--json", "/nowhere/latency.json"]);
+    assert_eq!(output.status.code(), Some(73));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/latency.json"));
+    let missing = ["--config", "/nowhere/teleop.toml"];
+    let output = Command::new(env!("CARGO_BIN_EXE_latency")).args(missing).output().unwrap();
+    assert_eq!(output.status.code(), Some(78));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/teleop.toml"));
+}
