@@ -122,6 +122,39 @@ fn a_dead_driver_faults() {
     assert!(hand.raised(Fault::StateStale) > 0);
 }
 
+/// Two ticks: the oldest command that may still be executed.
+const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
+
+#[test]
+fn a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old() {
+    // The driver latches the silence of a suspended control; control latches that of a suspended driver.
+    let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("sim", Fault::StateStale)];
+    for (process, fault) in latched {
+        let mut rig = Rig::whole();
+        let (hand, mut eyes) = (rig.hand(), rig.eyes());
+        let client = rig.client(&motion::builtin(), 17);
+        hand.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+        rig.signal(process, "STOP");
+        // Longer than every stale time, relaxed as they are without real-time scheduling (20 x 20 ms).
+        std::thread::sleep(Duration::from_millis(700));
+        rig.signal(process, "CONT");
+        hand.wait("told why", |status| status.fault_counts[fault.index()] > 0);
+        hand.wait("no authority", |status| {
+            [Mode::Holding, Mode::Faulted, Mode::Disengaged].iter().any(|&mode| status.mode == mode as u32)
+        });
+        eyes.wait_at_rest();
+        let sim = rig.end("sim");
+        assert_no_violations(&sim);
+        let age = &sim["telemetry"]["metrics"]["wake_up"]["max_us"];
+        assert!(
+            age.as_f64().is_some_and(|us| us <= OLDEST_US),
+            "{process}: a command was executed {age} us after its deadline"
+        );
+    }
+}
+
 #[test]
 fn a_silent_operator_releases() {
     let mut rig = Rig::whole();

@@ -136,6 +136,13 @@ impl Rig {
         self.child(name).id()
     }
 
+    /// Sends the signal of this name, as kill(1) knows it.
+    pub fn signal(&mut self, name: &str, signal: &str) {
+        let id = self.id(name).to_string();
+        let sent = Command::new("kill").args(["-s", signal, &id]).status().expect("kill(1) runs");
+        assert!(sent.success(), "{name} took no {signal}");
+    }
+
     /// kill -9, and waits for the process to be gone.
     pub fn kill(&mut self, name: &str) {
         let child = self.child(name);
