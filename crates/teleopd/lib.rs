@@ -24,7 +24,7 @@ pub use children::Children;
 pub use cli::Place;
 pub use exit::{Exit, Failure};
 pub use operate::Operator;
-pub use processes::PROCESSES;
+pub use processes::{PROCESSES, Row, TABLE};
 pub use report::Report;
 
 /// Does what the command line says; the exit code is one of `Exit`.

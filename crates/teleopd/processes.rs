@@ -4,8 +4,6 @@ use std::time::Duration;
 
 /// What is common knowledge about one process.
 #[derive(Clone, Copy, Debug)]
-// What only a service manager acts on is read by the test of the units.
-#[cfg_attr(not(test), allow(dead_code))]
 pub struct Row {
     /// Its subcommand, and its unit's instance: `teleop@NAME`.
     pub name: &'static str,

@@ -10,8 +10,7 @@ use pipeline::{Instance, PlayOptions, Player, Publisher};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
-
-const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
+use teleopd::PROCESSES;
 
 /// The highest exposure that `systemd-analyze security` may give to a unit of the system, of 10.
 const EXPOSURE_MAX: f64 = 2.0;

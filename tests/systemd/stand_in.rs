@@ -128,7 +128,7 @@ fn the_processes_speak_to_a_service_manager_and_the_watchdog_starves_when_they_h
     println!("under a stand-in that speaks NOTIFY_SOCKET and WATCHDOG_USEC");
     let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a folder");
     let mut services: Vec<Service> = Vec::new();
-    for name in super::PROCESSES {
+    for name in teleopd::PROCESSES {
         let service = Service::start(name, folder.path());
         let first = service.hears(SOON).unwrap_or_else(|| panic!("{name} told nothing"));
         assert!(first.lines().any(|line| line == "READY=1"), "{name} told {first:?} first");
