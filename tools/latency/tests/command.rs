@@ -79,7 +79,7 @@ fn a_short_run_has_every_figure_and_they_agree() {
         ["retarget", "control", "driver"]
             .map(|name| count(&report, &format!("/events/missed_deadlines/{name}")))
             .iter()
-            .sum()
+            .sum::<u64>()
     );
     assert_agreement(&report["polled"], &report["polled"], "polled");
 }
@@ -107,8 +107,8 @@ fn assert_agreement(figures: &Value, rest: &Value, variant: &str) {
     assert!(of("skeleton_to_command") <= of("ingest_to_retarget"), "{variant}");
     let ticks = |name: &str| count(rest, &format!("/ticks/{name}"));
     assert!(of("target_to_command") <= ticks("driver"), "{variant}: more commands than ticks");
-    // A command without a target is told by the tick it is missing from; of the others each is counted.
-    assert!(of("target_to_control") + count(rest, "/missed_deadlines/control") >= of("target_to_command"), "{variant}");
+    assert!(of("target_to_command") <= of("control_work"), "{variant}: a command comes of a tick of control");
+    assert!(of("target_to_control") <= of("retarget_work"), "{variant}: a target comes of a tick of retarget");
     // No path is shorter than a hop of it can be.
     let median = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/p50"));
     let longest = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/max"));

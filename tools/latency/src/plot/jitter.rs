@@ -60,10 +60,12 @@ pub fn draw(area: &Area<'_>, measured: &Measured) -> Drawn {
     let inside = |us: f64| us.clamp(decades.start, decades.end);
     for (_, distribution, colour) in &series {
         for block in blocks(&distribution.seconds) {
-            let line = |of: fn(&Second) -> f64| block.iter().map(move |one| (one.at_s - start_s, inside(of(one))));
+            let points = |of: fn(&Second) -> f64| block.iter().map(move |one| (one.at_s - start_s, inside(of(one))));
+            // The last second is drawn as long as it was, so that a block of one second is seen too.
+            let line = |of| points(of).chain(points(of).last().map(|(at_s, us)| (at_s + 1.0, us)));
             chart.draw_series(LineSeries::new(line(|one| one.p50_us), colour.stroke_width(5)))?;
             chart.draw_series(LineSeries::new(line(|one| one.p99_us), colour.mix(0.75).stroke_width(2)))?;
-            let dots = line(|one| one.max_us).map(|at| Circle::new(at, 2 * FINE, colour.mix(0.8).filled()));
+            let dots = points(|one| one.max_us).map(|at| Circle::new(at, 2 * FINE, colour.mix(0.8).filled()));
             chart.draw_series(dots)?;
         }
     }
