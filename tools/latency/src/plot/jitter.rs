@@ -62,7 +62,7 @@ pub fn draw(area: &Area<'_>, measured: &Measured) -> Drawn {
         for block in blocks(&distribution.seconds) {
             let points = |of: fn(&Second) -> f64| block.iter().map(move |one| (one.at_s - start_s, inside(of(one))));
             // The last second is drawn as long as it was, so that a block of one second is seen too.
-            let line = |of| points(of).chain(points(of).last().map(|(at_s, us)| (at_s + 1.0, us)));
+            let line = |of| points(of).chain(points(of).next_back().map(|(at_s, us)| (at_s + 1.0, us)));
             chart.draw_series(LineSeries::new(line(|one| one.p50_us), colour.stroke_width(5)))?;
             chart.draw_series(LineSeries::new(line(|one| one.p99_us), colour.mix(0.75).stroke_width(2)))?;
             let dots = points(|one| one.max_us).map(|at| Circle::new(at, 2 * FINE, colour.mix(0.8).filled()));
