@@ -24,6 +24,7 @@ pub use children::Children;
 pub use cli::Place;
 pub use exit::{Exit, Failure};
 pub use operate::Operator;
+pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
 pub use report::Report;
 

@@ -30,7 +30,7 @@ impl CoreMap {
 pub struct Placement {
     /// Retarget, control and driver.
     pub realtime: Option<Vec<usize>>,
-    /// Ingest.
+    /// Ingest, the threads beside the loops, and clients.
     pub others: Option<Vec<usize>>,
     /// Why.
     pub reason: &'static str,
@@ -44,6 +44,13 @@ impl Placement {
     /// All left to the kernel.
     pub const fn free(reason: &'static str) -> Self {
         Self { realtime: None, others: None, reason }
+    }
+
+    /// The real-time processes on `list`, everything else on the other cores of `map` if there are any.
+    pub fn listed(map: &CoreMap, list: &[usize]) -> Self {
+        let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !list.contains(core)).collect();
+        let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
+        Self { realtime: Some(list.to_vec()), others, reason: "so the settings say" }
     }
 
     /// The first isolated core for everything real-time; else the last core of a small machine; else free.
@@ -114,6 +121,15 @@ mod tests {
         assert_eq!(auto("0-3", "", "0-3"), (Some(vec![3]), Some(vec![0, 1, 2])));
         assert_eq!(auto("0-4", "", "0-4"), (None, None));
         assert_eq!(auto("", "", ""), (None, None));
+    }
+
+    #[test]
+    fn what_is_not_listed_is_left_to_the_others() {
+        let map = CoreMap { allowed: vec![0, 1, 2, 3], isolated: vec![], online: vec![0, 1, 2, 3] };
+        let listed = |list: &[usize]| Placement::listed(&map, list).others;
+        assert_eq!(listed(&[2, 3]), Some(vec![0, 1]));
+        assert_eq!(listed(&[0, 1, 2, 3]), None, "nothing is left: anywhere");
+        assert_eq!(listed(&[7]), None, "a core outside the mask takes nothing from it");
     }
 
     #[test]

@@ -24,22 +24,34 @@ pub struct Housekeeping {
 }
 
 impl Housekeeping {
-    /// Starts the thread; `port` 0 serves no metrics. To be called before the process asks for real-time rights, so that
+    /// Starts the thread on `cores`; `port` 0 serves no metrics. To be called before the process asks for real-time rights, so that
     /// the thread has none.
-    pub fn start(collector: Collector, port: u16) -> Result<Self, Failure> {
+    pub fn start(collector: Collector, port: u16, cores: Option<Vec<usize>>) -> Result<Self, Failure> {
         let exposition = match port {
             0 => None,
             port => Some(Exposition::bind(port).map_err(|error| {
                 let exit =
                     if error.kind() == std::io::ErrorKind::AddrInUse { Exit::TempFail } else { Exit::Unavailable };
-                Failure::new(exit, format!("metrics.port: 127.0.0.1:{port}: {error}"))
+                Failure::new(
+                    exit,
+                    format!(
+                        "metrics.port: 127.0.0.1:{port}: {error}; 0 serves none (the units have no network: \
+                         examples/metrics.conf opens the loopback)"
+                    ),
+                )
             })?),
         };
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (orders, received) = channel();
         let thread = std::thread::Builder::new()
             .name("housekeeping".into())
-            .spawn(move || keep_house(collector, exposition.as_ref(), &manager, &received))
+            .spawn(move || {
+                if let Some(cores) = cores {
+                    // Where that is refused it runs anywhere, and costs the loop some microseconds now and then.
+                    let _ = rt::Realtime::keep_to(&cores);
+                }
+                keep_house(collector, exposition.as_ref(), &manager, &received)
+            })
             .map_err(|error| Failure::new(Exit::Software, error))?;
         Ok(Self { orders, thread })
     }

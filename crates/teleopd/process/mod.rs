@@ -67,9 +67,8 @@ impl Process {
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (probe, collector) = telemetry::channel(name);
-        let housekeeping = Housekeeping::start(collector, loaded.settings.metrics.port_of(name))?;
-        let asked = &loaded.settings.realtime;
-        let config = realtime::request(asked, priority(&loaded));
+        let (config, others) = realtime::request(&loaded.settings.realtime, priority(&loaded));
+        let housekeeping = Housekeeping::start(collector, loaded.settings.metrics.port_of(name), others)?;
         let realtime = Realtime::apply(&config);
         for refusal in realtime.refusals() {
             tracing::warn!(process = name, "{name}: {refusal}");

@@ -6,7 +6,7 @@ use crate::error::LatencyError;
 use crate::settings::{self, Changes};
 use messages::{Faults, Mode};
 use pipeline::Instance;
-use rt::Shutdown;
+use rt::{Realtime, Shutdown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -86,19 +86,22 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         interface: None,
     };
     let mut children = Children::start(&instance, &place, true)?;
-    let started = Instant::now();
-    let client = Client::start(instance.input_domain(), setup.rate_hz)?;
-    let mut operator = Operator::connect(&instance.operator_socket())?;
-    let ended = engage_and_hold(&mut children, &mut operator, &client, block.seconds, shutdown);
-    operator.release();
-    operator.wait(REST_WITHIN, |status| {
-        !matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged | Mode::Holding))
+    let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
+    // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.
+    let others = teleopd::placement(&settings).others;
+    let driven = std::thread::scope(|scope| {
+        let drive = || {
+            if let Some(cores) = &others {
+                let _ = Realtime::keep_to(cores);
+            }
+            drive(&instance, &mut children, setup.rate_hz, block.seconds, shutdown)
+        };
+        scope.spawn(drive).join()
     });
-    let wall_s = started.elapsed().as_secs_f64();
-    let (published, failures) = client.stop();
-    drop(operator);
+    let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread ended badly".into())));
     let mut trouble = children.stop();
     instance.retire();
+    let Driven { wall_s, published, failures, ended } = driven?;
     trouble.extend(ended.err());
     if shutdown.requested() {
         return Err(LatencyError::Interrupted);
@@ -122,6 +125,35 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         processes.push((name, read(&instance.report(name))?));
     }
     Ok(Outcome { kind: block.kind, processes, run: report.to_json().clone(), wall_s, published })
+}
+
+/// What client and operator saw.
+struct Driven {
+    wall_s: f64,
+    published: u64,
+    failures: u64,
+    ended: Result<(), String>,
+}
+
+/// Publishes skeletons, engages, and releases after `seconds`.
+fn drive(
+    instance: &Instance,
+    children: &mut Children,
+    rate_hz: f64,
+    seconds: f64,
+    shutdown: &Shutdown,
+) -> Result<Driven, LatencyError> {
+    let started = Instant::now();
+    let client = Client::start(instance.input_domain(), rate_hz)?;
+    let mut operator = Operator::connect(&instance.operator_socket())?;
+    let ended = engage_and_hold(children, &mut operator, &client, seconds, shutdown);
+    operator.release();
+    operator.wait(REST_WITHIN, |status| {
+        !matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged | Mode::Holding))
+    });
+    let wall_s = started.elapsed().as_secs_f64();
+    let (published, failures) = client.stop();
+    Ok(Driven { wall_s, published, failures, ended })
 }
 
 /// Engages, lets the person move, and looks after the run for `seconds`; what went wrong.

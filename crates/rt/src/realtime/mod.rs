@@ -137,8 +137,7 @@ impl Realtime {
         let memory = asked(config.lock_memory, memory::lock);
         // The slack first: newer kernels report and accept no slack once the thread is real-time.
         let timer_slack = outcome(scheduling::set_timer_slack());
-        let cores =
-            config.cores.as_deref().map_or(Outcome::NotRequested, |cores| outcome(scheduling::set_cores(cores)));
+        let cores = config.cores.as_deref().map_or(Outcome::NotRequested, Self::keep_to);
         let policy = match config.policy {
             Policy::Other => Outcome::NotRequested,
             Policy::Fifo { priority } => outcome(scheduling::set_fifo(priority)),
@@ -154,6 +153,11 @@ impl Realtime {
             processor: Outcome::Applied(cpu_features()),
             policy,
         }
+    }
+
+    /// Keeps the calling thread, and those that it starts, to `cores`, and reads it back.
+    pub fn keep_to(cores: &[usize]) -> Outcome {
+        outcome(scheduling::set_cores(cores))
     }
 
     /// Whether this process would get SCHED_FIFO with `priority`: tried, and read back, on a thread that then ends.
