@@ -226,6 +226,29 @@ fn a_second_writer_of_the_core_domain_is_refused() {
 }
 
 #[test]
+fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
+    use std::io::{Read, Write};
+    // Of four ports in a row the driver has the last.
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let mut rig = Rig::with_settings(&[("port = 0 ", &format!("port = {} ", port - 3))]);
+    rig.start("sim");
+    let scrape = || {
+        let mut stream = std::net::TcpStream::connect(("127.0.0.1", port)).expect("the driver listens");
+        stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        assert!(text.starts_with("HTTP/1.1 200 OK"), "{text}");
+        let line =
+            text.lines().find_map(|line| line.strip_prefix("teleop_ticks_total{process=\"sim\"} ").map(str::to_owned));
+        line.unwrap_or_else(|| panic!("no ticks in {text}")).parse::<u64>().expect("a number")
+    };
+    let before = scrape();
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(scrape() > before, "the loop goes round");
+    assert!(rig.run("sim").status.code() == Some(75), "a second driver finds the port taken");
+}
+
+#[test]
 fn a_typo_in_the_settings_is_refused_with_its_key() {
     let folder = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(config()).unwrap();

@@ -36,7 +36,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 23] = [
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
-    ("dist", &["motion", "pipeline"]),
+    ("dist", &["latency", "motion", "pipeline"]),
     ("latency", &["messages", "motion", "pipeline", "bus", "rt", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),
 ];

@@ -32,6 +32,7 @@ pub struct Rig {
     pub instance: Instance,
     children: Vec<(String, Child)>,
     folder: tempfile::TempDir,
+    config: PathBuf,
     _turn: MutexGuard<'static, ()>,
 }
 
@@ -41,7 +42,25 @@ impl Rig {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a temporary folder");
         let instance = Instance::new(folder.path()).expect("an instance");
-        Self { instance, children: Vec::new(), folder, _turn: turn }
+        Self { instance, children: Vec::new(), folder, config: config(), _turn: turn }
+    }
+
+    /// An instance without processes whose settings differ by `changes`, each a line of the file and what it becomes.
+    pub fn with_settings(changes: &[(&str, &str)]) -> Self {
+        let mut rig = Self::empty();
+        let folder = repository().join("config");
+        let mut text = std::fs::read_to_string(config()).expect("settings");
+        let absolute = format!("file = \"{}/", folder.display());
+        text = text
+            .replace("file = \"robots", &format!("{absolute}robots"))
+            .replace("file = \"..", &format!("{absolute}.."));
+        for (line, becomes) in changes {
+            assert!(text.contains(line), "the settings have no {line}");
+            text = text.replace(line, becomes);
+        }
+        rig.config = rig.folder.path().join("teleop.toml");
+        std::fs::write(&rig.config, text).expect("a settings file");
+        rig
     }
 
     /// All four processes, each ready.
@@ -59,7 +78,7 @@ impl Rig {
 
     fn command(&self, name: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        command.arg(name).arg("--config").arg(config()).arg("--run-dir").arg(self.folder.path());
+        command.arg(name).arg("--config").arg(&self.config).arg("--run-dir").arg(self.folder.path());
         command.arg("--engage-without-realtime");
         command
     }

@@ -14,9 +14,14 @@ mod teleopctl;
 #[allow(dead_code)]
 mod teleopd;
 
-/// Every program of the package under its name there: a bare `replay` would say too little in /usr/bin.
-pub fn programs() -> [Command; 3] {
-    [teleopd::Cli::command(), teleopctl::Cli::command(), replay::Cli::command().name("teleop-replay")]
+/// Every program of the package under its name there: a bare `replay` or `latency` would say too little in /usr/bin.
+pub fn programs() -> [Command; 4] {
+    [
+        teleopd::Cli::command(),
+        teleopctl::Cli::command(),
+        replay::Cli::command().name("teleop-replay"),
+        latency::cli::Cli::command().name("teleop-latency"),
+    ]
 }
 
 /// Writes `man/*.1` and `completions/{bash,zsh,fish}/*`.
