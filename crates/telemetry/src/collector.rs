@@ -55,7 +55,7 @@ impl Collector {
         if let Some(held_back) = self.limit.turn(Instant::now()) {
             for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
                 let (process, kind) = (self.process, Event::kind_name(kind));
-                tracing::warn!(process, count, "{process}: {count} more lines about {kind} in the last second");
+                tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");
             }
         }
         taken

@@ -50,16 +50,16 @@ impl Event {
             Self::Transition(transition) => {
                 let name = |mode: u32| Mode::from_u32(mode).map_or("?", Mode::name);
                 let (from, to, why) = (name(transition.from), name(transition.to), transition.why_name());
-                tracing::info!(process, k = transition.k, "{process}: {from} -> {to} ({why})");
+                tracing::info!(k = transition.k, "{process}: {from} -> {to} ({why})");
             }
             Self::Missed { k, count } => {
-                tracing::warn!(process, k, count, "{process}: {count} deadline(s) missed before tick {k}");
+                tracing::warn!(k, count, "{process}: {count} deadline(s) missed before tick {k}");
             }
             Self::Gap { k, ns } => {
                 let ms = ns as f64 * 1e-6;
-                tracing::warn!(process, k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
+                tracing::warn!(k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
             }
-            Self::PublishFailed => tracing::error!(process, "{process}: the bus did not take a message"),
+            Self::PublishFailed => tracing::error!("{process}: the bus did not take a message"),
         }
     }
 }

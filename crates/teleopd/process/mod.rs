@@ -70,9 +70,9 @@ impl Process {
         let (config, others) = realtime::request(&loaded.settings.realtime, priority(&loaded));
         let housekeeping = Housekeeping::start(collector, loaded.settings.metrics.port_of(name), others)?;
         let realtime = Realtime::apply(&config);
-        tracing::info!(process = name, "{name}: {}", realtime.lines().join("; "));
+        tracing::info!("{name}: {}", realtime.granted().join("; "));
         for refusal in realtime.refusals() {
-            tracing::warn!(process = name, "{name}: {refusal}");
+            tracing::warn!("{name}: {refusal}");
         }
         Ok(Self {
             name,

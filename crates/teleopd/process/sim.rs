@@ -67,6 +67,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             note(&mut process.probe, now, command, &out);
         }
         if let Some(accepted) = out.accepted {
+            let last = timeline.span().map_or(accepted.k, |(_, last)| last + 1);
+            process.missed(accepted.k, accepted.k.saturating_sub(last));
             timeline.note(accepted.k);
         }
         process.alive();

@@ -88,6 +88,12 @@ impl RealtimeReport {
         named.into_iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
     }
 
+    /// What holds.
+    pub fn granted(&self) -> Vec<String> {
+        let named = self.named();
+        named.into_iter().filter(|(_, outcome)| outcome.is_applied()).map(line).collect()
+    }
+
     /// Everything, a line each: what holds, or the reason why it does not.
     pub fn lines(&self) -> Vec<String> {
         self.named().map(line).into()
