@@ -1,7 +1,7 @@
 //! The other end of the ring.
 
 use crate::counter::{Counter, Counters};
-use crate::event::{Event, RateLimit};
+use crate::event::{Event, MissedInASecond, RateLimit};
 use crate::metric::Metric;
 use crate::probe::Entry;
 use crate::series::Series;
@@ -18,12 +18,20 @@ pub struct Collector {
     counters: Arc<Counters>,
     series: [Option<Box<Series>>; Metric::ALL.len()],
     limit: RateLimit,
+    missed: MissedInASecond,
 }
 
 impl Collector {
     pub(crate) fn new(process: &'static str, ring: Consumer<Entry>, counters: Arc<Counters>) -> Self {
         let limit = RateLimit::starting_at(Instant::now());
-        Self { process, ring, counters, series: [const { None }; Metric::ALL.len()], limit }
+        Self {
+            process,
+            ring,
+            counters,
+            series: [const { None }; Metric::ALL.len()],
+            limit,
+            missed: MissedInASecond::default(),
+        }
     }
 
     /// The process it collects for.
@@ -45,6 +53,7 @@ impl Collector {
                 Entry::Sample { metric, at, ns } => {
                     self.series[metric as usize].get_or_insert_default().record(at, ns);
                 }
+                Entry::Event(Event::Missed { count, .. }) => self.missed.add(count),
                 Entry::Event(event) => {
                     if self.limit.admits(event.kind()) {
                         event.log(self.process);
@@ -53,6 +62,7 @@ impl Collector {
             }
         }
         if let Some(held_back) = self.limit.turn(Instant::now()) {
+            std::mem::take(&mut self.missed).log(self.process);
             for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
                 let (process, kind) = (self.process, Event::kind_name(kind));
                 tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");

@@ -52,14 +52,39 @@ impl Event {
                 let (from, to, why) = (name(transition.from), name(transition.to), transition.why_name());
                 tracing::info!(k = transition.k, "{process}: {from} -> {to} ({why})");
             }
-            Self::Missed { k, count } => {
-                tracing::warn!(k, count, "{process}: {count} deadline(s) missed before tick {k}");
-            }
+            // Comes in bursts: the collector makes one line a second of it.
+            Self::Missed { .. } => {}
             Self::Gap { k, ns } => {
                 let ms = ns as f64 * 1e-6;
                 tracing::warn!(k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
             }
             Self::PublishFailed => tracing::error!("{process}: the bus did not take a message"),
+        }
+    }
+}
+
+/// The deadlines that were missed in a second: one line, however many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct MissedInASecond {
+    runs: u64,
+    count: u64,
+    longest: u64,
+}
+
+impl MissedInASecond {
+    pub(crate) fn add(&mut self, count: u64) {
+        self.runs += 1;
+        self.count += count;
+        self.longest = self.longest.max(count);
+    }
+
+    pub(crate) fn log(self, process: &str) {
+        let Self { runs, count, longest } = self;
+        if runs > 0 {
+            tracing::warn!(
+                count,
+                "{process}: {count} deadline(s) missed within a second, in {runs} run(s), the longest {longest}"
+            );
         }
     }
 }
@@ -107,6 +132,13 @@ impl RateLimit {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn missed_deadlines_add_up() {
+        let mut missed = MissedInASecond::default();
+        [3, 41, 1].into_iter().for_each(|count| missed.add(count));
+        assert_eq!(missed, MissedInASecond { runs: 3, count: 45, longest: 41 });
+    }
 
     #[test]
     fn a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
