@@ -41,6 +41,7 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
     if !trouble.is_empty() {
         return Err(Failure::new(Exit::Failed, trouble.join("; ")));
     }
+    println!("teleopd: released, at rest, and every process has ended");
     Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
 }
 

@@ -117,7 +117,7 @@ pub enum BusError {
         readers_max: usize,
     },
     /// The transport refused the service or one of its ports.
-    #[error("service {service} at root \"{}\": {cause} (after {attempts} attempts)", root.display())]
+    #[error("service {service} at root \"{}\": {cause} (after {attempts} attempts){}", root.display(), hint(cause))]
     Service {
         /// Service name.
         service: &'static str,
@@ -152,4 +152,13 @@ pub enum PublishError {
     /// The event that wakes readers was not sent.
     #[error("the wake-up could not be sent")]
     Wake,
+}
+
+/// The folder of a domain without its shared memory: the writer's /dev/shm is another one.
+fn hint(cause: &str) -> &'static str {
+    if cause.contains("HangsInCreation") {
+        "; its owner has another /dev/shm, as the systemd units have: run the client with theirs (examples/client.conf)"
+    } else {
+        ""
+    }
 }

@@ -24,11 +24,16 @@ pub enum Event {
     },
     /// The bus did not take a message.
     PublishFailed,
+    /// A client without authority publishes.
+    WithoutAuthority {
+        /// Frames of such clients so far.
+        frames: u64,
+    },
 }
 
 impl Event {
     /// Kinds of event.
-    pub const KINDS: usize = 4;
+    pub const KINDS: usize = 5;
 
     /// Which kind: lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -37,12 +42,13 @@ impl Event {
             Self::Missed { .. } => 1,
             Self::Gap { .. } => 2,
             Self::PublishFailed => 3,
+            Self::WithoutAuthority { .. } => 4,
         }
     }
 
     /// What a kind is called when its lines are held back.
     pub(crate) fn kind_name(kind: usize) -> &'static str {
-        ["changes of mode", "missed deadlines", "gaps", "failures to publish"][kind]
+        ["changes of mode", "missed deadlines", "gaps", "failures to publish", "clients without authority"][kind]
     }
 
     pub(crate) fn log(&self, process: &str) {
@@ -59,6 +65,11 @@ impl Event {
                 tracing::warn!(k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
             }
             Self::PublishFailed => tracing::error!("{process}: the bus did not take a message"),
+            Self::WithoutAuthority { frames } => tracing::warn!(
+                frames,
+                "{process}: a client without authority publishes, another was first; start it anew a second after that \
+                 one has left"
+            ),
         }
     }
 }
@@ -149,7 +160,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 0, 1_000_000 - u64::from(LINES_PER_S)]);
+        assert_eq!(held_back, [0, 0, 0, 1_000_000 - u64::from(LINES_PER_S), 0]);
         assert!(limit.admits(3), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

@@ -1,15 +1,15 @@
 //! Where log lines go.
 
 use std::io::IsTerminal;
+use std::os::unix::fs::MetadataExt;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Sends log lines to the journal with their fields where the service manager connected one (JOURNAL_STREAM,
-/// systemd.exec(5)), else to stderr, one line each. A process that has installed its own keeps it.
+/// Sends log lines to the journal with their fields where stderr goes there, else to stderr, one line each. A process that has installed its own keeps it.
 pub fn install() {
     let registry = tracing_subscriber::registry().with(LevelFilter::INFO);
-    let journal = std::env::var_os("JOURNAL_STREAM").and_then(|_| tracing_journald::layer().ok());
+    let journal = stderr_is_journal().then(|| tracing_journald::layer().ok()).flatten();
     let _ = match journal {
         Some(journal) => registry.with(journal).try_init(),
         None => {
@@ -17,4 +17,12 @@ pub fn install() {
             registry.with(lines.with_ansi(std::io::stderr().is_terminal()).without_time()).try_init()
         }
     };
+}
+
+/// JOURNAL_STREAM names the device and inode of the stream that the service manager connected (systemd.exec(5)). A shell
+/// may have inherited the variable, but not the stream.
+fn stderr_is_journal() -> bool {
+    let Ok(named) = std::env::var("JOURNAL_STREAM") else { return false };
+    let stderr = std::fs::metadata("/proc/self/fd/2");
+    stderr.is_ok_and(|stderr| named == format!("{}:{}", stderr.dev(), stderr.ino()))
 }

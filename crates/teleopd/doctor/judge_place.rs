@@ -40,7 +40,10 @@ fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) ->
         Folder::Missing { can_be_made: false } => Finding::problem(
             check,
             format!("{path}: missing, and this user cannot make it"),
-            format!("sudo install -d -m 0750 -o \"$USER\" {path}, or another --run-dir"),
+            format!(
+                "sudo install -d -m 0750 -o \"$USER\" {path}, or another --run-dir (the units make /run/teleop \
+                 themselves when they start)"
+            ),
         ),
         Folder::Other(ref why) => {
             Finding::problem(check, format!("{path}: {why}"), "name another folder with --run-dir")

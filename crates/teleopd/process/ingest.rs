@@ -8,11 +8,13 @@ use messages::{RawSkeleton, Service, Skeleton, TICK_HZ, deadline, tick_at};
 use pipeline::{Authority, HandOff};
 use serde_json::json;
 use std::time::Duration;
-use telemetry::Metric;
+use telemetry::{Event, Metric};
 
 /// How long a silent door is waited at before the loop goes round: a tenth of the shortest authority timeout.
 const WAIT: Duration = Duration::from_millis(10);
 
+/// Of the frames of clients without authority, the first and every so manieth is told in the log: ten seconds at 60 Hz.
+const TOLD_EVERY: u64 = 600;
 /// Half a period of the tick grid, ns.
 const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
 
@@ -74,6 +76,10 @@ impl Door {
         let now = rt::now();
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
         if !self.authority.admits(now, raw, self.timeout_ns) {
+            let frames = self.authority.frames_refused();
+            if frames % TOLD_EVERY == 1 {
+                process.probe.event(Event::WithoutAuthority { frames });
+            }
             return;
         }
         let Some(person) = skeleton::tick(&self.config, &mut self.state, now, skeleton::Input { raw }).skeleton else {

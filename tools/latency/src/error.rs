@@ -16,7 +16,9 @@ pub enum LatencyError {
         bound: String,
     },
     /// `--compare cyclictest`, and there is none.
-    #[error("cyclictest is not on the PATH; install the package rt-tests, or leave --compare away")]
+    #[error(
+        "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or leave --compare away"
+    )]
     NoCyclictest,
     /// Settings, robot or weights are refused.
     #[error(transparent)]

@@ -1,7 +1,7 @@
 //! A run: its blocks in turn, merged.
 
 use crate::blocks::{self, Kind};
-use crate::cli::{Cli, Compare, Policy};
+use crate::cli::{Cli, Compare, Pin, Policy};
 use crate::distribution::Distribution;
 use crate::error::LatencyError;
 use crate::figures::Figures;
@@ -20,13 +20,14 @@ use rt::Shutdown;
 /// If the options or settings are refused, a reference cannot run, or a block is not valid.
 pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError> {
     options.check()?;
-    let cyclictest = reference::cyclictest();
+    let mut spec = spec(options)?;
+    // Under SCHED_OTHER cyclictest keeps the default timer slack of 50 us, and the loops do not: no peer of theirs.
+    let cyclictest = reference::cyclictest().filter(|_| spec.policy == Policy::Fifo);
     if options.compare == Some(Compare::Cyclictest) && cyclictest.is_none() {
         return Err(LatencyError::NoCyclictest);
     }
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
-    let mut spec = spec(options)?;
     let (host, blocks) = (Host::now(), blocks::plan(options.seconds, cyclictest.is_some()));
     let load = Load::start(options.load).map_err(|error| LatencyError::reference("load", error))?;
     let start = rt::now();
@@ -45,6 +46,9 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
             }
             (Kind::Events | Kind::Polled, _) => {
                 let outcome = processes::run(&setup, *block, shutdown)?;
+                if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
+                    return Err(LatencyError::Invalid("--pin: the system refused these cores (teleopd doctor)".into()));
+                }
                 // The references run where the processes were put.
                 spec.cores = outcome.cores();
                 outcomes.push(outcome);
