@@ -46,7 +46,8 @@ message! {
         pub valid_mask: u32,
         /// Bits of `target_flag`.
         pub flags: u32,
-        /// Session of that skeleton: another session is another authority.
+        /// Session of that skeleton, mixed with the incarnation of the `ingest` that passed it: another one is another
+        /// authority.
         pub session_nonce: u64,
     }
 }

@@ -183,6 +183,7 @@ pub struct State {
     received: Stamp,
     origin: Stamp,
     sequence: u64,
+    session: u64,
     counters: Counters,
 }
 
@@ -287,7 +288,16 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         state.received = received;
         state.origin = skeleton.header.origin;
         state.sequence = skeleton.header.sequence;
+        state.session = session(skeleton);
     }
+}
+
+/// The client's session, as this ingest passes it: it changes with either of them, because both restart as strangers whom
+/// nobody has enabled. Never zero, which stands for none.
+fn session(skeleton: &Skeleton) -> u64 {
+    // 2^64 over the golden ratio: odd, so that different incarnations stay different.
+    let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    (skeleton.session_nonce ^ ingest).max(1)
 }
 
 /// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.
@@ -364,6 +374,7 @@ fn assemble(config: &Config, state: &State, now: Stamp, k: u64, shown: &[Option<
     target.header.origin = state.origin;
     target.input_received = state.received;
     target.input_sequence = state.sequence;
+    target.session_nonce = state.session;
     target.flags = if any { target_flag::INPUT_FRESH } else { 0 };
     let latents = shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent));
     let mut faults = Faults::NONE;

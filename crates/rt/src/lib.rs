@@ -36,5 +36,5 @@ pub use notify::ServiceManager;
 pub use page_faults::PageFaults;
 pub use placement::{CoreMap, Placement, core_list};
 pub use processor::cpu_features;
-pub use realtime::{Outcome, Policy, Realtime, RealtimeConfig, RealtimeReport};
+pub use realtime::{Outcome, Policy, Realtime, RealtimeConfig, RealtimeReport, is_preempt_rt};
 pub use shutdown::Shutdown;

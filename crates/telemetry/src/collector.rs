@@ -2,6 +2,7 @@
 
 use crate::counter::{Counter, Counters};
 use crate::event::{Event, MissedInASecond, RateLimit};
+use crate::lines::{Line, Lines};
 use crate::metric::Metric;
 use crate::probe::Entry;
 use crate::series::Series;
@@ -19,6 +20,7 @@ pub struct Collector {
     series: [Option<Box<Series>>; Metric::ALL.len()],
     limit: RateLimit,
     missed: MissedInASecond,
+    lines: Option<Lines>,
 }
 
 impl Collector {
@@ -31,6 +33,7 @@ impl Collector {
             series: [const { None }; Metric::ALL.len()],
             limit,
             missed: MissedInASecond::default(),
+            lines: None,
         }
     }
 
@@ -56,19 +59,31 @@ impl Collector {
                 Entry::Event(Event::Missed { count, .. }) => self.missed.add(count),
                 Entry::Event(event) => {
                     if self.limit.admits(event.kind()) {
-                        event.log(self.process);
+                        self.put(Line::Event(event));
                     }
                 }
             }
         }
         if let Some(held_back) = self.limit.turn(Instant::now()) {
-            std::mem::take(&mut self.missed).log(self.process);
+            let missed = std::mem::take(&mut self.missed);
+            if missed != MissedInASecond::default() {
+                self.put(Line::Missed(missed));
+            }
             for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
-                let (process, kind) = (self.process, Event::kind_name(kind));
-                tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");
+                self.put(Line::HeldBack { kind, count });
             }
         }
         taken
+    }
+
+    /// The thread that writes is the child of the one that collects, and runs where that one does.
+    fn put(&mut self, line: Line) {
+        if self.lines.is_none() {
+            self.lines = Lines::start(self.process);
+        }
+        if let Some(lines) = &mut self.lines {
+            lines.put(line);
+        }
     }
 
     /// What was measured, with its name.
@@ -76,10 +91,11 @@ impl Collector {
         Metric::ALL.into_iter().zip(&self.series).filter_map(|(metric, series)| Some((metric, series.as_deref()?)))
     }
 
-    /// `{"metrics": {name: {count, p50_us, .., max_us, buckets, seconds}}, "ring_dropped", "allocations"}`. A bucket is
+    /// `{"metrics": {name: {count, p50_us, .., max_us, buckets, seconds}}, "ring_dropped", "log_lines_lost", "allocations"}`. A bucket is
     /// [highest duration in it in ns, count]; a second is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
     pub fn into_json(mut self) -> Value {
         self.drain();
+        let log_lines_lost = self.lines.take().map_or(0, Lines::finish);
         let mut metrics = Map::new();
         for (metric, series) in Metric::ALL.into_iter().zip(self.series) {
             if let Some(series) = series {
@@ -89,6 +105,7 @@ impl Collector {
         json!({
             "metrics": metrics,
             "ring_dropped": self.counters.get(Counter::RingDropped),
+            "log_lines_lost": log_lines_lost,
             "allocations": {
                 "loop": self.counters.get(Counter::Allocations),
                 "transport": self.counters.get(Counter::TransportAllocations),

@@ -6,6 +6,7 @@ mod collector;
 mod counter;
 mod event;
 mod exposition;
+mod lines;
 mod logging;
 mod metric;
 mod probe;

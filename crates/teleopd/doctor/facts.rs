@@ -160,7 +160,7 @@ fn kernel() -> Kernel {
     Kernel {
         release: line("/proc/sys/kernel/osrelease").unwrap_or_default(),
         version: line("/proc/sys/kernel/version").unwrap_or_default(),
-        preempt_rt: line("/sys/kernel/realtime").as_deref() == Some("1"),
+        preempt_rt: rt::is_preempt_rt(),
         throttling_us: number("sched_rt_runtime_us").zip(number("sched_rt_period_us")),
         clocksource: line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         resolution_ns: resolution.tv_sec as u64 * 1_000_000_000 + resolution.tv_nsec as u64,

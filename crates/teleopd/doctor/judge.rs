@@ -159,7 +159,7 @@ fn preempt_rt(settings: &Settings, kernel: &Kernel) -> Finding {
     Finding {
         check: "PREEMPT_RT",
         level,
-        found: format!("no (/sys/kernel/realtime): other work can hold a tick up for milliseconds{so}"),
+        found: format!("no (/proc/sys/kernel/version): other work can hold a tick up for milliseconds{so}"),
         advice:
             "boot a PREEMPT_RT kernel: Debian apt install linux-image-rt-amd64, Ubuntu pro enable realtime-kernel; for \
                  a simulated robot alone: --engage-without-realtime, or control.engage_without_realtime = true"

@@ -47,6 +47,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         status: Status::ZERO,
         polled: process.loaded.settings.realtime.hand_off == HandOff::Polled,
         next_k: 0,
+        waited_for: 0,
         target: None,
         timeline: Timeline::new(),
         following: Following::new(),
@@ -57,6 +58,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     control.warm_up();
     control.process.ready()?;
     control.next_k = tick_at(rt::now()) + 1;
+    control.waited_for = control.next_k;
     control.run_to_rest();
     control.leave()
 }
@@ -75,6 +77,7 @@ struct Control {
     /// Never woken: sleeps until the deadline and grace of each index.
     polled: bool,
     next_k: u64,
+    waited_for: u64,
     /// Arrived for an index that was done already, or not used yet.
     target: Option<JointTarget>,
     status: Status,
@@ -153,6 +156,7 @@ impl Control {
 
     fn tick(&mut self, woke: Stamp) {
         let k = self.next_k;
+        let waited_for = std::mem::replace(&mut self.waited_for, k + 1);
         self.next_k = k + 1;
         let robot = rt::allocating_aside(|| self.states.latest());
         let target = self.target.take();
@@ -171,13 +175,14 @@ impl Control {
             command.header.stamp = stamp;
             self.process.publish_and_wake(&mut self.commands, &command);
         }
-        self.measure(k, woke, stamp, target.as_ref());
+        self.measure(waited_for, woke, stamp, target.as_ref());
         self.after(k, &out, robot.as_ref());
     }
 
-    fn measure(&mut self, k: u64, woke: Stamp, done: Stamp, target: Option<&JointTarget>) {
+    /// `waited_for` is the index after the last one: a wake-up that skips some is as late as the first of them.
+    fn measure(&mut self, waited_for: u64, woke: Stamp, done: Stamp, target: Option<&JointTarget>) {
         let probe = &mut self.process.probe;
-        probe.record(Metric::WakeUp, deadline(k), woke);
+        probe.record(Metric::WakeUp, deadline(waited_for), woke);
         probe.record(Metric::ControlWork, woke, done);
         if let Some(target) = target {
             probe.record(Metric::TargetToControl, target.header.stamp, woke);

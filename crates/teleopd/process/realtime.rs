@@ -10,7 +10,7 @@ pub fn request(settings: &RealtimeSettings, priority: Option<u32>) -> (RealtimeC
         (Policy::Fifo, Some(priority)) => rt::Policy::Fifo { priority: priority as u8 },
         _ => rt::Policy::Other,
     };
-    let placement = placement(settings);
+    let placement = placed(settings, priority);
     let config = RealtimeConfig {
         policy,
         cores: if priority.is_some() { placement.realtime } else { placement.others.clone() },
@@ -20,8 +20,12 @@ pub fn request(settings: &RealtimeSettings, priority: Option<u32>) -> (RealtimeC
     (config, placement.others)
 }
 
-/// Where the processes of the instance run on this machine.
+/// Where the processes of the instance run on this machine, as one that asks for real-time rights finds it.
 pub fn placement(settings: &RealtimeSettings) -> Placement {
+    placed(settings, Some(settings.priority_driver))
+}
+
+fn placed(settings: &RealtimeSettings, priority: Option<u32>) -> Placement {
     match &settings.cores {
         Cores::Auto => {}
         Cores::Free => return Placement::free("so the settings say"),
@@ -30,9 +34,10 @@ pub fn placement(settings: &RealtimeSettings) -> Placement {
             return Placement::listed(&CoreMap::of_machine(), &list);
         }
     }
-    // On one core without real-time rights, the stages would wait for whatever else runs there.
-    let lowest = settings.priority_retarget.min(settings.priority_control).min(settings.priority_driver);
-    if settings.policy != Policy::Fifo || rt::Realtime::try_fifo(lowest as u8).is_err() {
+    // On one core without real-time rights, the stages would wait for whatever else runs there. A process that asks for none
+    // (ingest, whose unit grants none) cannot tell, and keeps off the core in any case.
+    let refused = priority.is_some_and(|priority| rt::Realtime::try_fifo(priority as u8).is_err());
+    if settings.policy != Policy::Fifo || refused {
         return Placement::free("scheduling is not real-time");
     }
     Placement::auto(&CoreMap::of_machine())

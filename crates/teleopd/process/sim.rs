@@ -33,7 +33,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
-    let mut sequence = 0;
+    let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut state = sim::State::new(&config, due(rt::now()) + 3, seed);
     process.ready()?;
@@ -47,7 +47,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
                 break;
             }
         }
-        let give_up = deadline(state.follower().index() + 1).plus_ns(grace_ns);
+        let waited_for = state.follower().index() + 1;
+        let give_up = deadline(waited_for).plus_ns(grace_ns);
         if polled {
             rt::sleep_until(give_up);
         } else if now < give_up {
@@ -59,6 +60,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         if out.advanced == 0 {
             continue;
         }
+        process.probe.record(Metric::WakeUp, deadline(waited_for), now);
         let mut message = out.state;
         sequence += 1;
         message.header = process.header(sequence, rt::now(), message.header.origin);
@@ -70,11 +72,13 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             let last = timeline.span().map_or(accepted.k, |(_, last)| last + 1);
             process.missed(accepted.k, accepted.k.saturating_sub(last));
             timeline.note(accepted.k);
+            oldest_command_ns = oldest_command_ns.max(now.since(deadline(accepted.k)));
         }
         process.alive();
     }
     let mut report = figures(&timeline, state.report());
     report["commands_accepted"] = json!(state.follower().accepted);
+    report["oldest_command_us"] = json!(oldest_command_ns as f64 * 1e-3);
     report["ended_at_rest"] = json!(state.at_rest());
     report["interface"] = json!(process.loaded.settings.sim.interface.name());
     if let Some(delays_s) = state.delays_s() {
@@ -86,7 +90,6 @@ pub fn run(place: &Place) -> Result<(), Failure> {
 /// How long the command that was executed at `now` took to come here.
 fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
     let Some(accepted) = out.accepted else { return };
-    probe.record(Metric::WakeUp, deadline(accepted.k), now);
     probe.record(Metric::CommandToDriver, command.header.stamp, now);
     if let Some(age_ns) = accepted.origin_age_ns {
         probe.record_ns(Metric::SkeletonToCommand, now, age_ns);

@@ -61,7 +61,7 @@ fn text(path: impl AsRef<Path>) -> Option<String> {
 }
 
 fn preemption() -> String {
-    if text("/sys/kernel/realtime").as_deref() == Some("1") {
+    if rt::is_preempt_rt() {
         return "PREEMPT_RT".into();
     }
     let version = text("/proc/sys/kernel/version").unwrap_or_default();

@@ -5,6 +5,7 @@ use latency::cli::Cli;
 use latency::error::LatencyError;
 use latency::{plot, reference, report, run};
 use rt::Shutdown;
+use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -45,11 +46,10 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
     options.check()?;
     // Before the run, not after it: a file that cannot be written is known now.
     for path in [&options.json, &options.plot].into_iter().flatten() {
-        std::fs::File::create(path).map_err(|error| unwritten(path, error))?;
+        std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(|error| unwritten(path, error))?;
     }
     let shutdown = Shutdown::on_signals().map_err(|error| LatencyError::Invalid(error.to_string()))?;
     let measured = run::run(options, &shutdown)?;
-    print!("{}", report::words(&measured));
     if let Some(path) = &options.json {
         let text = format!("{:#}\n", measured.to_json(options));
         std::fs::write(path, text).map_err(|error| unwritten(path, error))?;
@@ -57,6 +57,8 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
     if let Some(path) = &options.plot {
         plot::draw(path, &measured).map_err(|cause| unwritten(path, cause))?;
     }
+    // Whoever reads may have had enough: no error.
+    let _ = std::io::stdout().write_all(report::words(&measured).as_bytes());
     Ok(())
 }
 

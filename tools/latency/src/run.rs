@@ -37,10 +37,10 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
         eprintln!("latency: block {} of {}: {:?}, {:.1} s", i + 1, blocks.len(), block.kind, block.seconds);
         match (block.kind, &cyclictest) {
             (Kind::Cyclictest, Some(program)) => {
-                bare.merge(&reference::run_cyclictest(program, &spec, block.seconds)?);
+                bare.merge(&unless_ended(reference::run_cyclictest(program, &spec, block.seconds), shutdown)?);
             }
             (Kind::Cyclictest | Kind::Probe, _) => {
-                let (all, granted) = reference::run_probe(&spec, block.seconds)?;
+                let (all, granted) = unless_ended(reference::run_probe(&spec, block.seconds), shutdown)?;
                 probe.merge(&all);
                 probe_realtime = granted;
             }
@@ -75,6 +75,11 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
         blocks,
         start,
     })
+}
+
+/// Ctrl-C reaches a reference too: what it then says is no error of its own.
+fn unless_ended<T>(result: Result<T, LatencyError>, shutdown: &Shutdown) -> Result<T, LatencyError> {
+    if shutdown.requested() { Err(LatencyError::Interrupted) } else { result }
 }
 
 /// The references ask for what retarget asks for; the cores are known after the first block.

@@ -184,13 +184,22 @@ fn outcome(result: Result<String, String>) -> Outcome {
 /// Without PREEMPT_RT a system call of any other process may keep SCHED_FIFO off a core for milliseconds: 5 to 10 ms were
 /// seen here under a compiler's load (6.18, PREEMPT_DYNAMIC, 2026-11-21).
 fn preempt_rt() -> Result<String, String> {
-    match std::fs::read_to_string("/sys/kernel/realtime") {
-        Ok(text) if text.trim() == "1" => Ok("PREEMPT_RT".into()),
-        _ => {
-            Err("not PREEMPT_RT (/sys/kernel/realtime): delays of several ms are possible; boot a PREEMPT_RT kernel"
-                .into())
-        }
+    if is_preempt_rt() {
+        return Ok("PREEMPT_RT".into());
     }
+    Err("not PREEMPT_RT (/proc/sys/kernel/version): delays of several ms are possible; boot a PREEMPT_RT kernel".into())
+}
+
+/// Whether the kernel is PREEMPT_RT: its version says so, as `uname -v`; kernels with the patches from before 6.12 say it in
+/// /sys/kernel/realtime too.
+pub fn is_preempt_rt() -> bool {
+    let text = |path| std::fs::read_to_string(path).unwrap_or_default();
+    says_preempt_rt(&text("/proc/sys/kernel/version"), &text("/sys/kernel/realtime"))
+}
+
+/// `PREEMPT_RT` is a word of its own there; `PREEMPT_DYNAMIC` is another.
+fn says_preempt_rt(version: &str, realtime: &str) -> bool {
+    version.split_whitespace().any(|word| word == "PREEMPT_RT") || realtime.trim() == "1"
 }
 
 fn last_error() -> std::io::Error {
@@ -219,6 +228,15 @@ mod tests {
         assert!(report.timer_slack.is_applied(), "{report}");
         assert!(!report.is_realtime());
         assert!(report.refusals().is_empty());
+    }
+
+    #[test]
+    fn a_real_time_kernel_is_known_by_its_version_or_by_the_patch_s_file() {
+        let mainline = "#1 SMP PREEMPT_RT Debian 6.12.48-1 (2025-09-20)";
+        assert!(says_preempt_rt(mainline, ""));
+        assert!(says_preempt_rt("#1 SMP PREEMPT RT", "1\n"), "the patches of old");
+        assert!(!says_preempt_rt("#1 SMP PREEMPT_DYNAMIC Debian 6.12.48-1", ""));
+        assert!(!says_preempt_rt("", "0\n"));
     }
 
     #[test]

@@ -1,0 +1,67 @@
+//! Lines on their way to the log. Whoever reads stderr or the journal may be slow or stuck, and neither the watchdog nor the
+//! end of the process may wait for that: a thread of its own writes, and what finds its queue full is lost and counted.
+
+use crate::event::{Event, MissedInASecond};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+/// Lines that wait: some seconds of every kind at its limit.
+const QUEUE: usize = 256;
+/// How long the end of a process waits for its last lines.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+/// What becomes a line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Line {
+    Event(Event),
+    Missed(MissedInASecond),
+    HeldBack { kind: usize, count: u64 },
+}
+
+/// The queue, and the thread behind it.
+#[derive(Debug)]
+pub(crate) struct Lines {
+    sender: SyncSender<Line>,
+    done: Receiver<()>,
+    lost: u64,
+}
+
+impl Lines {
+    /// Starts the thread, with the attributes of the calling one; nothing if the system gives none.
+    pub(crate) fn start(process: &'static str) -> Option<Self> {
+        let (sender, lines) = sync_channel(QUEUE);
+        let (finished, done) = sync_channel(1);
+        let write = move || {
+            while let Ok(line) = lines.recv() {
+                write(process, line);
+            }
+            let _ = finished.send(());
+        };
+        std::thread::Builder::new().name("log".into()).spawn(write).ok()?;
+        Some(Self { sender, done, lost: 0 })
+    }
+
+    pub(crate) fn put(&mut self, line: Line) {
+        if self.sender.try_send(line).is_err() {
+            self.lost += 1;
+        }
+    }
+
+    /// Waits a little for the last lines; answers how many were lost in all.
+    pub(crate) fn finish(self) -> u64 {
+        drop(self.sender);
+        let _ = self.done.recv_timeout(PATIENCE);
+        self.lost
+    }
+}
+
+fn write(process: &str, line: Line) {
+    match line {
+        Line::Event(event) => event.log(process),
+        Line::Missed(missed) => missed.log(process),
+        Line::HeldBack { kind, count } => {
+            let kind = Event::kind_name(kind);
+            tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Whoever reads the log may stop reading: the collector goes on, ends, and says how many lines were lost.
+
+use messages::Transition;
+use std::io::Write;
+use telemetry::{Event, channel};
+
+/// A terminal that was stopped.
+struct Stuck;
+
+impl Write for Stuck {
+    fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+        loop {
+            std::thread::park();
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_log_that_nobody_reads_holds_nothing_up() {
+    tracing_subscriber::fmt().with_writer(|| Stuck).init();
+    let (mut probe, mut collector) = channel("control");
+    let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, reserved: 0 };
+    // At ten lines a second the queue of 256 would take half a minute to fill: the thread's first line is enough to stick.
+    for _ in 0..20 {
+        probe.event(Event::Transition(transition));
+    }
+    assert_eq!(collector.drain(), 20);
+    let json = collector.into_json();
+    assert_eq!(json["ring_dropped"], 0);
+    assert!(json["log_lines_lost"].is_u64(), "{json}");
+}
