@@ -76,14 +76,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         }
         process.alive();
     }
-    let mut report = figures(&timeline, state.report());
-    report["commands_accepted"] = json!(state.follower().accepted);
-    report["oldest_command_us"] = json!(oldest_command_ns as f64 * 1e-3);
-    report["ended_at_rest"] = json!(state.at_rest());
-    report["interface"] = json!(process.loaded.settings.sim.interface.name());
-    if let Some(delays_s) = state.delays_s() {
-        report["controller_delays_ms"] = json!(delays_s.map(|delay_s| delay_s * 1e3));
-    }
+    let report = figures(&process, &state, &timeline, oldest_command_ns);
     process.leave(report)
 }
 
@@ -101,10 +94,11 @@ fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output
     }
 }
 
-fn figures(timeline: &Timeline, report: &sim::Report) -> Value {
+fn figures(process: &Process, state: &sim::State, timeline: &Timeline, oldest_command_ns: u64) -> Value {
+    let report = state.report();
     let violations: Map<_, _> =
         report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
-    json!({
+    let mut figures = json!({
         "timeline": timeline.to_json(),
         "violations": violations,
         "min_clearance_mm": report.min_clearance_m() * 1e3,
@@ -113,5 +107,13 @@ fn figures(timeline: &Timeline, report: &sim::Report) -> Value {
             "first_second_velocity_ratio": report.engage_first_second_velocity_ratio(),
         },
         "rate_hz": TICK_HZ,
-    })
+        "commands_accepted": state.follower().accepted,
+        "oldest_command_us": oldest_command_ns as f64 * 1e-3,
+        "ended_at_rest": state.at_rest(),
+        "interface": process.loaded.settings.sim.interface.name(),
+    });
+    if let Some(delays_s) = state.delays_s() {
+        figures["controller_delays_ms"] = json!(delays_s.map(|delay_s| delay_s * 1e3));
+    }
+    figures
 }
