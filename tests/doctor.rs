@@ -144,6 +144,18 @@ fn a_run_folder_that_others_may_write_or_own_is_a_problem() {
 }
 
 #[test]
+fn what_is_no_file_or_leads_nowhere_is_said_at_once() {
+    let patient = Patient::new();
+    std::os::unix::fs::symlink("/nowhere/at/all", &patient.run_dir).expect("a link");
+    patient.shows("run folder", "problem", &["leads nowhere"], "");
+    // A pipe that nobody writes to would be waited for.
+    std::fs::remove_file(&patient.config).expect("it was there");
+    let made = Command::new("mkfifo").arg(&patient.config).status().expect("mkfifo");
+    assert!(made.success());
+    patient.shows("settings", "problem", &["is not a regular file"], "");
+}
+
+#[test]
 fn limits_are_those_of_the_process() {
     let patient = Patient::new();
     patient.shows("open files", "problem", &["64 at most", "ulimit -n"], "ulimit -n 64;");

@@ -23,7 +23,7 @@ pub use control::{
 pub use cores::Cores;
 pub use edges::OperatorEdges;
 pub use instance::{DEFAULT_RUN_DIR, Instance};
-pub use load::{Loaded, Overrides, load, load_model, load_weights};
+pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
 pub use player::{PlayOptions, Player};

@@ -119,7 +119,8 @@ fn with_extension(base: &Path, extension: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-fn read_text(path: &Path) -> Result<String, ConfigError> {
+/// Reads a text file: a regular one, of bounded length, in UTF-8.
+pub fn read_text(path: &Path) -> Result<String, ConfigError> {
     String::from_utf8(read_bytes(path, TEXT_BYTES_MAX)?)
         .map_err(|_| ConfigError::Read { file: path.display().to_string(), cause: "is not UTF-8 text".into() })
 }

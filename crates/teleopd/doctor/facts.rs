@@ -111,8 +111,8 @@ const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
 fn files(place: &Place) -> Files {
     let config = place.config.display().to_string();
-    let settings = std::fs::read_to_string(&place.config)
-        .map_err(|error| format!("{config}: {error}"))
+    let settings = pipeline::read_text(&place.config)
+        .map_err(|error| error.to_string())
         .and_then(|text| Settings::parse(&config, &text).map_err(|error| error.to_string()))
         .map(|mut settings| {
             settings.control.engage_without_realtime |= place.engage_without_realtime;
