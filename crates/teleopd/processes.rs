@@ -28,6 +28,13 @@ pub const TABLE: [Row; 4] = [
 /// the driver last.
 pub const PROCESSES: [&str; 4] = [TABLE[0].name, TABLE[1].name, TABLE[2].name, TABLE[3].name];
 
+/// The port of the metrics of process `name`, where the first of all is `first`: in the order in which they stand on the
+/// path from the person, the opposite of that in which they start. 0 is none.
+pub fn metrics_port(first: u32, name: &str) -> u16 {
+    let offset = PROCESSES.iter().rev().position(|process| *process == name).unwrap_or_default();
+    if first == 0 { 0 } else { (first as usize + offset) as u16 }
+}
+
 /// Longest time from start to READY: weights, memory lock, services and warm ticks take well under a second.
 pub const READY_WITHIN: Duration = Duration::from_secs(20);
 

@@ -149,19 +149,8 @@ pub enum HandOff {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MetricsSettings {
-    /// Port of the first process; 0 serves none.
+    /// Port of the first process, of the others those that follow; 0 serves none.
     pub port: u32,
-}
-
-impl MetricsSettings {
-    /// The processes, in the order of their ports.
-    const PROCESSES: [&'static str; 4] = ["ingest", "retarget", "control", "sim"];
-
-    /// The port of `process`; 0 for none.
-    pub fn port_of(&self, process: &str) -> u16 {
-        let offset = Self::PROCESSES.iter().position(|&name| name == process);
-        offset.filter(|_| self.port > 0).map_or(0, |offset| (self.port + offset as u32) as u16)
-    }
 }
 
 #[allow(missing_docs)]

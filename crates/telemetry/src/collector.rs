@@ -1,7 +1,7 @@
 //! The other end of the ring.
 
 use crate::counter::{Counter, Counters};
-use crate::event::{Event, MissedInASecond, RateLimit};
+use crate::event::{MissedInASecond, RateLimit};
 use crate::lines::{Line, Lines};
 use crate::metric::Metric;
 use crate::probe::Entry;
@@ -56,7 +56,7 @@ impl Collector {
                 Entry::Sample { metric, at, ns } => {
                     self.series[metric as usize].get_or_insert_default().record(at, ns);
                 }
-                Entry::Event(Event::Missed { count, .. }) => self.missed.add(count),
+                Entry::Missed(count) => self.missed.add(count),
                 Entry::Event(event) => {
                     if self.limit.admits(event.kind()) {
                         self.put(Line::Event(event));

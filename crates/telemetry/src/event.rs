@@ -8,13 +8,6 @@ use std::time::{Duration, Instant};
 pub enum Event {
     /// The mode changed.
     Transition(Transition),
-    /// Indices of the grid were skipped before index `k`.
-    Missed {
-        /// Index that was ticked.
-        k: u64,
-        /// How many were skipped.
-        count: u64,
-    },
     /// The process stood still for longer than a command stays valid: suspended, or its machine was.
     Gap {
         /// Index of the tick that was given up.
@@ -33,22 +26,21 @@ pub enum Event {
 
 impl Event {
     /// Kinds of event.
-    pub const KINDS: usize = 5;
+    pub const KINDS: usize = 4;
 
     /// Which kind: lines of one kind share one limit.
     pub fn kind(&self) -> usize {
         match self {
             Self::Transition(_) => 0,
-            Self::Missed { .. } => 1,
-            Self::Gap { .. } => 2,
-            Self::PublishFailed => 3,
-            Self::WithoutAuthority { .. } => 4,
+            Self::Gap { .. } => 1,
+            Self::PublishFailed => 2,
+            Self::WithoutAuthority { .. } => 3,
         }
     }
 
     /// What a kind is called when its lines are held back.
     pub(crate) fn kind_name(kind: usize) -> &'static str {
-        ["changes of mode", "missed deadlines", "gaps", "failures to publish", "clients without authority"][kind]
+        ["changes of mode", "gaps", "failures to publish", "clients without authority"][kind]
     }
 
     pub(crate) fn log(&self, process: &str) {
@@ -58,8 +50,6 @@ impl Event {
                 let (from, to, why) = (name(transition.from), name(transition.to), transition.why_name());
                 tracing::info!(k = transition.k, "{process}: {from} -> {to} ({why})");
             }
-            // Comes in bursts: the collector makes one line a second of it.
-            Self::Missed { .. } => {}
             Self::Gap { k, ns } => {
                 let ms = ns as f64 * 1e-6;
                 tracing::warn!(k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
@@ -155,13 +145,13 @@ mod tests {
     fn a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
         let start = Instant::now();
         let mut limit = RateLimit::starting_at(start);
-        let written = (0..1_000_000).filter(|_| limit.admits(3)).count();
+        let written = (0..1_000_000).filter(|_| limit.admits(2)).count();
         assert_eq!(written, LINES_PER_S as usize);
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 0, 1_000_000 - u64::from(LINES_PER_S), 0]);
-        assert!(limit.admits(3), "a new second");
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0]);
+        assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }
 }

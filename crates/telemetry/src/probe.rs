@@ -17,6 +17,8 @@ pub const RING_CAPACITY: usize = 16_384;
 pub(crate) enum Entry {
     /// A duration and when it ended.
     Sample { metric: Metric, at: Stamp, ns: u64 },
+    /// So many indices of the grid were skipped at once.
+    Missed(u64),
     /// Something that is worth a line in the log.
     Event(Event),
 }
@@ -44,6 +46,12 @@ impl Probe {
     /// The time from `from` to `to`; zero if `to` is earlier.
     pub fn record(&mut self, metric: Metric, from: Stamp, to: Stamp) {
         self.record_ns(metric, to, to.since(from));
+    }
+
+    /// `count` indices of the grid were skipped at once. It comes in bursts: a second of it is one line in the log.
+    pub fn missed(&mut self, count: u64) {
+        self.counters.add(Counter::MissedDeadlines, count);
+        self.put(Entry::Missed(count));
     }
 
     /// Something that is worth a line in the log.

@@ -54,7 +54,7 @@ fn the_loop_s_end_does_not_allocate() {
     let ((), count) = rt::count_allocations(|| {
         for k in 0..2 * RING_CAPACITY as u64 {
             probe.record_ns(Metric::WakeUp, Stamp(k), k);
-            probe.event(Event::Missed { k, count: 1 });
+            probe.missed(1);
             probe.event(Event::Transition(transition));
             probe.counters().add(Counter::Ticks, 1);
         }

@@ -47,7 +47,6 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         status: Status::ZERO,
         polled: process.loaded.settings.realtime.hand_off == HandOff::Polled,
         next_k: 0,
-        waited_for: 0,
         target: None,
         timeline: Timeline::new(),
         following: Following::new(),
@@ -58,7 +57,6 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     control.warm_up();
     control.process.ready()?;
     control.next_k = tick_at(rt::now()) + 1;
-    control.waited_for = control.next_k;
     control.run_to_rest();
     control.leave()
 }
@@ -76,8 +74,8 @@ struct Control {
     grace_ns: u64,
     /// Never woken: sleeps until the deadline and grace of each index.
     polled: bool,
+    /// The index after the last one that was ticked.
     next_k: u64,
-    waited_for: u64,
     /// Arrived for an index that was done already, or not used yet.
     target: Option<JointTarget>,
     status: Status,
@@ -107,7 +105,7 @@ impl Control {
     fn run_to_rest(&mut self) {
         let mut ending: Option<Stamp> = None;
         loop {
-            let woke = self.wait();
+            let (k, woke) = self.wait();
             if self.process.shutdown.requested() {
                 let since = *ending.get_or_insert(woke);
                 self.edges.withdraw();
@@ -118,28 +116,27 @@ impl Control {
                     return;
                 }
             }
-            self.tick(woke);
+            self.tick(k, woke);
             self.process.alive();
         }
     }
 
-    /// Waits for the target of the next index, or for that index's deadline and grace; takes the newest index due.
-    fn wait(&mut self) -> Stamp {
+    /// Waits for the target of the next index, or for that index's deadline and grace; answers the newest index due, and
+    /// when that was.
+    fn wait(&mut self) -> (u64, Stamp) {
         loop {
             if let Some(target) = rt::allocating_aside(|| self.targets.latest()) {
                 self.target = Some(target);
                 if target.k >= self.next_k {
                     let now = rt::now();
                     // A target from the future is a broken clock: it must not make the index jump ahead.
-                    self.next_k = target.k.min(tick_at(now)).max(self.next_k).max(self.due(now));
-                    return now;
+                    return (target.k.min(tick_at(now)).max(self.next_k).max(self.due(now)), now);
                 }
             }
             let now = rt::now();
             let give_up = deadline(self.next_k).plus_ns(self.grace_ns);
             if now >= give_up {
-                self.next_k = self.next_k.max(self.due(now));
-                return now;
+                return (self.next_k.max(self.due(now)), now);
             }
             if self.polled {
                 rt::sleep_until(give_up);
@@ -154,10 +151,8 @@ impl Control {
         tick_at(Stamp(now.0.saturating_sub(self.grace_ns)))
     }
 
-    fn tick(&mut self, woke: Stamp) {
-        let k = self.next_k;
-        let waited_for = std::mem::replace(&mut self.waited_for, k + 1);
-        self.next_k = k + 1;
+    fn tick(&mut self, k: u64, woke: Stamp) {
+        let waited_for = std::mem::replace(&mut self.next_k, k + 1);
         let robot = rt::allocating_aside(|| self.states.latest());
         let target = self.target.take();
         let input = ControlInput {
@@ -191,7 +186,7 @@ impl Control {
 
     /// What can wait until the command is out.
     fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
-        self.process.missed(k, out.status.missed_deadlines - self.status.missed_deadlines);
+        self.process.missed(out.status.missed_deadlines - self.status.missed_deadlines);
         self.status = out.status;
         self.timeline.note(k);
         self.following.note(out, robot);

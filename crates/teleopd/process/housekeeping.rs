@@ -1,5 +1,5 @@
-//! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights, on any
-//! core, and the loop never waits for it.
+//! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights, off
+//! the loop's core where there is another, and the loop never waits for it.
 
 use crate::exit::{Exit, Failure};
 use rt::ServiceManager;
@@ -27,8 +27,8 @@ pub struct Housekeeping {
 }
 
 impl Housekeeping {
-    /// Starts the thread on `cores`; `port` 0 serves no metrics. To be called before the process asks for real-time rights, so that
-    /// the thread has none.
+    /// Starts the thread on `cores`; `port` 0 serves no metrics. To be called before the process asks for real-time rights,
+    /// so that the thread has none.
     pub fn start(collector: Collector, port: u16, cores: Option<Vec<usize>>) -> Result<Self, Failure> {
         let exposition = match port {
             0 => None,

@@ -11,6 +11,7 @@ mod housekeeping;
 
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
+use crate::processes::metrics_port;
 use bus::Writer;
 use housekeeping::Housekeeping;
 use messages::{Header, Message, Stamp};
@@ -68,7 +69,8 @@ impl Process {
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (probe, collector) = telemetry::channel(name);
         let (config, others) = realtime::request(&loaded.settings.realtime, priority(&loaded));
-        let housekeeping = Housekeeping::start(collector, loaded.settings.metrics.port_of(name), others)?;
+        let port = metrics_port(loaded.settings.metrics.port, name);
+        let housekeeping = Housekeeping::start(collector, port, others)?;
         let realtime = Realtime::apply(&config);
         tracing::info!("{name}: {}", realtime.granted().join("; "));
         for refusal in realtime.refusals() {
@@ -153,11 +155,10 @@ impl Process {
         true
     }
 
-    /// Notes that `count` indices were skipped before `k`.
-    pub fn missed(&mut self, k: u64, count: u64) {
+    /// Notes that `count` indices of the grid were skipped.
+    pub fn missed(&mut self, count: u64) {
         if count > 0 {
-            self.probe.counters().add(Counter::MissedDeadlines, count);
-            self.probe.event(Event::Missed { k, count });
+            self.probe.missed(count);
         }
     }
 

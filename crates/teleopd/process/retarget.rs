@@ -28,7 +28,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let mut periodic = PeriodicLoop::start().spinning_us(process.loaded.settings.realtime.spin_us);
     while let Some(tick) = periodic.next(&process.shutdown) {
         process.probe.record_ns(Metric::WakeUp, tick.woke, tick.late_ns);
-        process.missed(tick.k, tick.missed);
+        process.missed(tick.missed);
         let skeleton = rt::allocating_aside(|| skeletons.latest());
         if let Some(skeleton) = &skeleton {
             process.probe.record(Metric::IngestToRetarget, skeleton.header.stamp, tick.woke);

@@ -70,7 +70,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         }
         if let Some(accepted) = out.accepted {
             let last = timeline.span().map_or(accepted.k, |(_, last)| last + 1);
-            process.missed(accepted.k, accepted.k.saturating_sub(last));
+            process.missed(accepted.k.saturating_sub(last));
             timeline.note(accepted.k);
             oldest_command_ns = oldest_command_ns.max(now.since(deadline(accepted.k)));
         }
