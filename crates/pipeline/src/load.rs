@@ -48,6 +48,14 @@ pub struct Overrides {
     pub interface: Option<RobotInterface>,
 }
 
+impl Overrides {
+    /// Changes `settings` as the command line says.
+    pub fn apply(&self, settings: &mut Settings) {
+        settings.control.engage_without_realtime |= self.engage_without_realtime;
+        settings.sim.interface = self.interface.unwrap_or(settings.sim.interface);
+    }
+}
+
 /// Reads and checks the settings file and every file it names.
 pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
     let text = read_text(config).map_err(|error| match error {
@@ -57,8 +65,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         other => other,
     })?;
     let mut settings = Settings::parse(&config.display().to_string(), &text)?;
-    settings.control.engage_without_realtime |= overrides.engage_without_realtime;
-    settings.sim.interface = overrides.interface.unwrap_or(settings.sim.interface);
+    overrides.apply(&mut settings);
     let folder = config.parent().unwrap_or(Path::new("."));
 
     let robot_path = folder.join(&settings.robot.file);

@@ -115,8 +115,7 @@ fn files(place: &Place) -> Files {
         .map_err(|error| error.to_string())
         .and_then(|text| Settings::parse(&config, &text).map_err(|error| error.to_string()))
         .map(|mut settings| {
-            settings.control.engage_without_realtime |= place.engage_without_realtime;
-            settings.sim.interface = place.interface.unwrap_or(settings.sim.interface);
+            place.overrides().apply(&mut settings);
             settings
         });
     let mut files = Files { settings, config, robot: None, weights: None, stages: None };
