@@ -66,7 +66,7 @@ impl Rig {
     /// All four processes, each ready.
     pub fn whole() -> Self {
         let mut rig = Self::empty();
-        for name in ["sim", "control", "retarget", "ingest"] {
+        for name in teleopd::PROCESSES {
             rig.start(name);
         }
         rig

@@ -5,17 +5,17 @@ use crate::error::LatencyError;
 use crate::processes::Outcome;
 use serde_json::{Map, Value, json};
 
-/// Hops in the order of the path, end to end last: name, and the process and the metric that tell it.
-pub const HOPS: [(&str, &str, &str); 9] = [
-    ("published_to_ingest", "ingest", "published_to_ingest"),
-    ("ingest_work", "ingest", "ingest_work"),
-    ("ingest_to_retarget", "retarget", "ingest_to_retarget"),
-    ("retarget_work", "retarget", "retarget_work"),
-    ("target_to_control", "control", "target_to_control"),
-    ("control_work", "control", "control_work"),
-    ("command_to_driver", "sim", "command_to_driver"),
-    ("skeleton_to_command", "sim", "skeleton_to_command"),
-    ("target_to_command", "sim", "target_to_command"),
+/// Hops in the order of the path, end to end last: the metric, and the process that tells it.
+pub const HOPS: [(&str, &str); 9] = [
+    ("published_to_ingest", "ingest"),
+    ("ingest_work", "ingest"),
+    ("ingest_to_retarget", "retarget"),
+    ("retarget_work", "retarget"),
+    ("target_to_control", "control"),
+    ("control_work", "control"),
+    ("command_to_driver", "sim"),
+    ("skeleton_to_command", "sim"),
+    ("target_to_command", "sim"),
 ];
 /// The loops whose wake-ups are told, with the process that is each.
 pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "sim")];
@@ -83,7 +83,7 @@ impl Figures {
         }
         let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
         match empty {
-            Some(((hop, process, _), _)) => Err(LatencyError::Invalid(format!("{process} counted nothing of {hop}"))),
+            Some(((hop, process), _)) => Err(LatencyError::Invalid(format!("{process} counted nothing of {hop}"))),
             None => Ok(all),
         }
     }
@@ -93,8 +93,8 @@ impl Figures {
             let found = outcome.processes.iter().find(|(name, _)| *name == process);
             found.map(|(_, value)| value).ok_or(format!("{process} left no report"))
         };
-        for ((hop, process, metric), merged) in HOPS.iter().zip(&mut self.hops) {
-            merged.merge(&distribution(find(process)?, metric).map_err(|cause| format!("{process}: {hop}: {cause}"))?);
+        for ((hop, process), merged) in HOPS.iter().zip(&mut self.hops) {
+            merged.merge(&distribution(find(process)?, hop).map_err(|cause| format!("{process}: {hop}: {cause}"))?);
         }
         for ((_, process), merged) in LOOPS.iter().zip(&mut self.wake_ups) {
             let one = distribution(find(process)?, "wake_up");
@@ -121,13 +121,13 @@ impl Figures {
 
     /// A hop by its name.
     pub fn hop(&self, name: &str) -> &Distribution {
-        let index = HOPS.iter().position(|(hop, _, _)| *hop == name).expect("one of the hops");
+        let index = HOPS.iter().position(|(hop, _)| *hop == name).expect("one of the hops");
         &self.hops[index]
     }
 
     /// Hops with their names, in the order of the path.
     pub fn hops(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
-        HOPS.iter().map(|(name, _, _)| *name).zip(&self.hops)
+        HOPS.iter().map(|(name, _)| *name).zip(&self.hops)
     }
 
     /// Wake-ups of the loops with their names.
@@ -222,10 +222,10 @@ mod tests {
     }
 
     fn outcome(ns: u64) -> Outcome {
-        let processes = ["sim", "control", "retarget", "ingest"].map(|name| {
+        let processes = teleopd::PROCESSES.map(|name| {
             let mut metrics = Map::new();
             metrics.insert("wake_up".into(), record(ns));
-            for (_, _, metric) in HOPS.iter().filter(|(_, process, _)| *process == name) {
+            for (metric, _) in HOPS.iter().filter(|(_, process)| *process == name) {
                 metrics.insert((*metric).into(), record(ns));
             }
             let telemetry = json!({

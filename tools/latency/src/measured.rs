@@ -93,7 +93,10 @@ impl Measured {
         });
         match &self.cyclictest {
             Some(cyclictest) => value["reference"]["cyclictest"] = json!(cyclictest.to_json()),
-            None => value["reference"]["cyclictest_absent"] = json!("not on the PATH; install rt-tests"),
+            None => {
+                value["reference"]["cyclictest_absent"] =
+                    json!("not on the PATH (install rt-tests), or the policy is not fifo")
+            }
         }
         value["machine"]["policy"] = json!(self.granted("scheduling"));
         value["machine"]["cores_used"] = json!(self.granted("cores"));

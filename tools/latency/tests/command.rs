@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::process::{Command, Output};
+use teleopd::PROCESSES;
 
 const HOPS: [&str; 9] = [
     "published_to_ingest",
@@ -14,7 +15,6 @@ const HOPS: [&str; 9] = [
     "skeleton_to_command",
     "target_to_command",
 ];
-const PROCESSES: [&str; 4] = ["sim", "control", "retarget", "ingest"];
 
 fn config() -> String {
     format!("{}/../../config/teleop.toml", env!("CARGO_MANIFEST_DIR"))
