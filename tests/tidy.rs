@@ -37,7 +37,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 23] = [
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline"]),
-    ("latency", &["messages", "motion", "pipeline", "bus", "rt", "teleopd"]),
+    ("latency", &["messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),
 ];
 

@@ -30,8 +30,20 @@ impl Histogram {
 
     /// Counts one duration, in ns.
     pub fn record_ns(&mut self, ns: u64) {
-        self.max_ns = self.max_ns.max(ns);
-        self.buckets.saturating_record(ns);
+        self.record_n_ns(ns, 1);
+    }
+
+    /// Counts `count` durations of `ns`.
+    pub fn record_n_ns(&mut self, ns: u64, count: u64) {
+        self.max_ns = self.max_ns.max(if count > 0 { ns } else { 0 });
+        self.buckets.saturating_record_n(ns, count);
+    }
+
+    /// Counts all that `other` has counted.
+    pub fn merge(&mut self, other: &Self) {
+        // Both have the same bounds.
+        self.buckets += &other.buckets;
+        self.max_ns = self.max_ns.max(other.max_ns);
     }
 
     /// Counts the time from `from` to `to`; zero if `to` is earlier.

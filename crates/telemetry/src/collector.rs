@@ -91,8 +91,7 @@ impl Collector {
         Metric::ALL.into_iter().zip(&self.series).filter_map(|(metric, series)| Some((metric, series.as_deref()?)))
     }
 
-    /// `{"metrics": {name: {count, p50_us, .., max_us, buckets, seconds}}, "ring_dropped", "log_lines_lost", "allocations"}`. A bucket is
-    /// [highest duration in it in ns, count]; a second is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
+    /// `{"metrics": {name: as Series::into_json}, "ring_dropped", "log_lines_lost", "allocations"}`.
     pub fn into_json(mut self) -> Value {
         self.drain();
         let log_lines_lost = self.lines.take().map_or(0, Lines::finish);

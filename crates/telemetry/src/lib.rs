@@ -19,3 +19,4 @@ pub use exposition::Exposition;
 pub use logging::install as install_logging;
 pub use metric::Metric;
 pub use probe::{Probe, RING_CAPACITY, channel};
+pub use series::Series;

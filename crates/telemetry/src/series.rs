@@ -9,9 +9,9 @@ const SECONDS_MAX: usize = 4096;
 /// Nanoseconds in a second.
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// One metric of one process.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Series {
+/// One kind of duration. It allocates all that it will ever need when it is made.
+#[derive(Clone, Debug)]
+pub struct Series {
     whole: Histogram,
     /// CLOCK_MONOTONIC second that `current` belongs to.
     second: u64,
@@ -20,8 +20,16 @@ pub(crate) struct Series {
     sum_ns: u128,
 }
 
+impl Default for Series {
+    fn default() -> Self {
+        let seconds = Vec::with_capacity(SECONDS_MAX);
+        Self { whole: Histogram::new(), second: 0, current: Histogram::new(), seconds, sum_ns: 0 }
+    }
+}
+
 impl Series {
-    pub(crate) fn record(&mut self, at: Stamp, ns: u64) {
+    /// Counts a duration of `ns` that ended at `at`.
+    pub fn record(&mut self, at: Stamp, ns: u64) {
         let second = at.0 / SECOND_NS;
         if second != self.second {
             self.turn();
@@ -50,7 +58,9 @@ impl Series {
         self.current.reset();
     }
 
-    pub(crate) fn into_json(mut self) -> Value {
+    /// `{"count", "p50_us", .., "max_us", "buckets", "seconds"}`. A bucket is [highest duration in it in ns, count]; a second
+    /// is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
+    pub fn into_json(mut self) -> Value {
         self.turn();
         let mut value = self.whole.to_json();
         value["buckets"] = json!(self.whole.buckets());

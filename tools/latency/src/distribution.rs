@@ -1,13 +1,7 @@
 //! Durations of one kind, merged from blocks, and what is told of them.
 
-use hdrhistogram::Histogram;
+use rt::Histogram;
 use serde_json::{Value, json};
-use std::time::Duration;
-
-/// Longest duration that keeps its place, 10 s: longer ones count in the last bucket, and the maximum stays exact.
-const LONGEST_NS: u64 = 10_000_000_000;
-/// Significant digits, as in the processes' own histograms.
-const DIGITS: u8 = 3;
 
 /// One second of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,38 +19,31 @@ pub struct Second {
 }
 
 /// Durations of one kind.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Distribution {
-    buckets: Histogram<u64>,
-    max_ns: u64,
+    all: Histogram,
     /// Second by second, in order of time within each block.
     pub seconds: Vec<Second>,
 }
 
-impl Default for Distribution {
-    fn default() -> Self {
-        let buckets = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("the constant bounds are valid");
-        Self { buckets, max_ns: 0, seconds: Vec::new() }
-    }
-}
-
 impl Distribution {
-    /// From the record of a process: `buckets`, `max_us` and `seconds`.
+    /// From the record of a process, as `telemetry::Series` leaves it: `buckets`, `max_us` and `seconds`.
     ///
     /// # Errors
     /// Names what is missing or malformed.
     pub fn from_json(value: &Value) -> Result<Self, String> {
         let list = |key: &str| value[key].as_array().ok_or(format!("{key} is no list"));
         let mut all = Self::default();
-        for pair in list("buckets")? {
+        let buckets = list("buckets")?;
+        let max_us = value["max_us"].as_f64().ok_or("max_us is no number")?;
+        // The upper bound of the last bucket is no duration; the maximum is, and lies in it.
+        let max_ns = (max_us * 1e3).round() as u64;
+        for pair in buckets {
             match (pair[0].as_u64(), pair[1].as_u64()) {
-                (Some(upper_ns), Some(count)) => all.record(upper_ns, count),
+                (Some(upper_ns), Some(count)) => all.record(upper_ns.min(max_ns), count),
                 _ => return Err(format!("{pair} is no bucket")),
             }
         }
-        let max_us = value["max_us"].as_f64().ok_or("max_us is no number")?;
-        // The bucket's upper bound is no duration; the maximum is.
-        all.max_ns = (max_us * 1e3).round() as u64;
         for row in list("seconds")? {
             let figure = |i: usize| row[i].as_f64().ok_or(format!("{row} is no second"));
             let count = figure(1)? as u64;
@@ -68,41 +55,38 @@ impl Distribution {
 
     /// Counts `count` durations of `ns`.
     pub fn record(&mut self, ns: u64, count: u64) {
-        self.max_ns = self.max_ns.max(if count > 0 { ns } else { 0 });
-        self.buckets.saturating_record_n(ns, count);
+        self.all.record_n_ns(ns, count);
     }
 
     /// Adds all of `other`.
     pub fn merge(&mut self, other: &Self) {
-        // Both have the same bounds.
-        self.buckets += &other.buckets;
-        self.max_ns = self.max_ns.max(other.max_ns);
+        self.all.merge(&other.all);
         self.seconds.extend_from_slice(&other.seconds);
     }
 
     /// Durations counted.
     pub fn count(&self) -> u64 {
-        self.buckets.len()
+        self.all.count()
     }
 
     /// The duration, us, that `quantile` (0 to 1) of all do not exceed; nothing while empty.
     pub fn quantile_us(&self, quantile: f64) -> Option<f64> {
-        (self.count() > 0).then(|| self.buckets.value_at_quantile(quantile).min(self.max_ns) as f64 / 1e3)
+        (self.count() > 0).then(|| self.all.quantile_us(quantile))
     }
 
     /// Longest duration, us.
     pub fn max_us(&self) -> f64 {
-        self.max_ns as f64 / 1e3
+        self.all.max_us()
     }
 
     /// Durations, us, and the fraction of all that exceed each: the complement of the cumulative distribution.
     pub fn tail(&self) -> Vec<(f64, f64)> {
         let (all, mut left) = (self.count(), self.count());
         let mut steps = Vec::new();
-        for step in self.buckets.iter_recorded() {
-            let at_us = step.value_iterated_to().min(self.max_ns) as f64 / 1e3;
+        for (upper_ns, count) in self.all.buckets() {
+            let at_us = (upper_ns as f64 * 1e-3).min(self.max_us());
             steps.push((at_us, left as f64 / all as f64));
-            left -= step.count_at_value();
+            left -= count;
             steps.push((at_us, left as f64 / all as f64));
         }
         steps
@@ -121,57 +105,11 @@ impl Distribution {
 /// The quantiles of every table.
 pub const QUANTILES: [f64; 4] = [0.5, 0.99, 0.999, 0.9999];
 
-/// Records durations together with their seconds; allocates all that it will need at the start.
-#[derive(Debug)]
-pub struct Recorder {
-    all: Distribution,
-    second: Distribution,
-    began: Option<Duration>,
-}
-
-impl Recorder {
-    /// For at most `seconds`.
-    pub fn new(seconds: f64) -> Self {
-        let mut all = Distribution::default();
-        all.seconds.reserve(seconds as usize + 2);
-        Self { all, second: Distribution::default(), began: None }
-    }
-
-    /// Counts a duration that ended at `at` of CLOCK_MONOTONIC.
-    pub fn record(&mut self, at: Duration, ns: u64) {
-        let began = *self.began.get_or_insert(at);
-        if at - began >= Duration::from_secs(1) {
-            self.close();
-            self.began = Some(at);
-        }
-        self.all.record(ns, 1);
-        self.second.record(ns, 1);
-    }
-
-    fn close(&mut self) {
-        let (second, Some(began)) = (&mut self.second, self.began) else { return };
-        if let (Some(p50_us), Some(p99_us)) = (second.quantile_us(0.5), second.quantile_us(0.99)) {
-            let (at_s, count, max_us) = (began.as_secs_f64(), second.count(), second.max_us());
-            self.all.seconds.push(Second { at_s, count, p50_us, p99_us, max_us });
-        }
-        second.buckets.reset();
-        second.max_ns = 0;
-    }
-
-    /// The record, in the form in which processes leave theirs.
-    pub fn to_json(mut self) -> Value {
-        self.close();
-        let buckets: Vec<_> =
-            self.all.buckets.iter_recorded().map(|step| (step.value_iterated_to(), step.count_at_value())).collect();
-        let seconds: Vec<_> =
-            self.all.seconds.iter().map(|one| (one.at_s, one.count, one.p50_us, one.p99_us, one.max_us)).collect();
-        json!({ "count": self.all.count(), "max_us": self.all.max_us(), "buckets": buckets, "seconds": seconds })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::Stamp;
+    use telemetry::Series;
 
     fn of(values: impl IntoIterator<Item = u64>) -> Distribution {
         let mut all = Distribution::default();
@@ -191,14 +129,14 @@ mod tests {
 
     #[test]
     fn what_a_process_writes_is_read_back_unchanged() {
-        let mut recorder = Recorder::new(4.0);
+        let mut series = Series::default();
         let mut whole = Distribution::default();
         for i in 0..4000_u64 {
             let ns = 20_000 + i % 1500 * 100 + u64::from(i == 3000) * 5_000_000;
-            recorder.record(Duration::from_micros(i * 667), ns);
+            series.record(Stamp(i * 667_000), ns);
             whole.record(ns, 1);
         }
-        let read = Distribution::from_json(&recorder.to_json()).expect("its own form");
+        let read = Distribution::from_json(&series.into_json()).expect("its own form");
         assert_eq!(read.to_json(), whole.to_json());
         assert_eq!(read.seconds.len(), 3);
         assert_eq!(read.seconds.iter().map(|second| second.count).sum::<u64>(), 4000);

@@ -2,7 +2,7 @@
 //! sleep to absolute deadlines of CLOCK_MONOTONIC in a process of their own with locked memory, each alone.
 
 use crate::cli::Policy;
-use crate::distribution::{Distribution, Recorder};
+use crate::distribution::Distribution;
 use crate::error::LatencyError;
 use clap::Parser;
 use messages::{TICK_HZ, deadline, tick_at};
@@ -10,7 +10,7 @@ use rt::{Realtime, RealtimeConfig};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use telemetry::Series;
 
 /// cyclictest's histogram has one bucket a us up to here, 100 ms.
 const CYCLICTEST_BUCKETS: u32 = 100_000;
@@ -151,7 +151,7 @@ pub fn probe_main(arguments: impl Iterator<Item = String>) {
     let probe = Probe::parse_from(arguments);
     rt::die_with_parent();
     let policy = probe.priority.map_or(rt::Policy::Other, |priority| rt::Policy::Fifo { priority });
-    let mut recorder = Recorder::new(probe.seconds);
+    let mut series = Series::default();
     let Probe { cores, lock_memory, cpu_dma_latency, .. } = probe;
     let report = Realtime::apply(&RealtimeConfig { policy, cores, lock_memory, cpu_dma_latency });
     let start = rt::now();
@@ -160,13 +160,13 @@ pub fn probe_main(arguments: impl Iterator<Item = String>) {
     loop {
         rt::sleep_until(deadline(k));
         let woke = rt::now();
-        recorder.record(Duration::from_nanos(woke.0), woke.since(deadline(k)));
+        series.record(woke, woke.since(deadline(k)));
         if woke >= end {
             break;
         }
         k = tick_at(woke) + 1;
     }
-    let mut value = recorder.to_json();
+    let mut value = series.into_json();
     value["realtime"] = json!(report.to_string().lines().collect::<Vec<_>>());
     println!("{value}");
 }
