@@ -90,6 +90,11 @@ impl<M: Copy> Faulty<M> {
         self.plan = plan;
     }
 
+    /// Other dice from here on: copies of a link part.
+    pub fn reseed(&mut self, seed: u64) {
+        self.dice = Pcg64Mcg::seed_from_u64(seed);
+    }
+
     /// What the link did so far.
     pub fn counts(&self) -> FaultCounts {
         self.counts

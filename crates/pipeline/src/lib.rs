@@ -13,6 +13,7 @@ mod player;
 mod publisher;
 mod settings;
 mod stages;
+mod tamper;
 mod world;
 
 pub use authority::Authority;
@@ -33,6 +34,7 @@ pub use settings::{
     RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
+pub use tamper::{Tamper, Untouched};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

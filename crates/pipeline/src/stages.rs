@@ -29,6 +29,15 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
 /// Configuration of the simulated robot. Without real-time scheduling (`realtime` false) the silence that latches the
 /// driver's fault is relaxed like the other stale times; the plan plays from the first missed tick in any case.
 pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, ConfigError> {
+    sim_config_of(loaded, realtime, false)
+}
+
+/// `initial_outside`: see [`sim::Options`].
+pub(crate) fn sim_config_of(
+    loaded: &Loaded,
+    realtime: bool,
+    initial_outside: bool,
+) -> Result<sim::Config, ConfigError> {
     let (settings, driver) = (&loaded.settings.sim, &loaded.settings.driver);
     let factor = if realtime { 1.0 } else { loaded.settings.safety.stale_factor_without_realtime };
     let options = sim::Options {
@@ -39,6 +48,7 @@ pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, Config
         encoder_noise_rad: settings.encoder_noise_rad,
         encoder_step_rad: settings.encoder_step_rad,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
+        initial_outside,
         ..sim::Options::default()
     };
     sim::Config::new(&loaded.model, &options).map_err(|error| ConfigError::stage("sim", error))

@@ -3,9 +3,10 @@
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::load::Loaded;
+use crate::tamper::{Tamper, Untouched};
 use crate::{Authority, ConfigError};
-use bus::{FaultPlan, Faulty, Latest, Publish};
-use messages::{Header, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
+use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
+use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
 
 /// Virtual time from a tick's deadline to its target, its command, and its execution, ns: the order of the live system
@@ -53,6 +54,13 @@ impl WorldConfig {
             config_hash: loaded.hash,
             authority_timeout_ns: (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
         })
+    }
+
+    /// As [`WorldConfig::new`], with a robot that may be found outside its limits or too close to itself when its driver
+    /// starts: to be there is no violation, to go further is.
+    pub fn recoverable(loaded: &Loaded) -> Result<Self, ConfigError> {
+        let sim = crate::stages::sim_config_of(loaded, true, true)?;
+        Ok(Self { sim, ..Self::new(loaded)? })
     }
 }
 
@@ -115,6 +123,12 @@ pub struct World {
 pub struct Moment {
     /// Tick, counted from the beginning of the world.
     pub k: u64,
+    /// What `ingest` passed on, if anything.
+    pub skeleton: Option<Skeleton>,
+    /// Target that reached control in this tick.
+    pub target_seen: Option<JointTarget>,
+    /// Robot state that reached control in this tick.
+    pub state_seen: Option<RobotState>,
     /// Target of this tick, if retarget ran.
     pub target: Option<JointTarget>,
     /// Control's output, if it ran.
@@ -179,6 +193,29 @@ impl World {
         self.states.set_plan(links.state);
     }
 
+    /// What the links did so far, in the order of [`Links`].
+    pub fn link_counts(&self) -> [FaultCounts; 5] {
+        let (raw, skeleton) = (self.raw.counts(), self.skeletons.counts());
+        [raw, skeleton, self.targets.counts(), self.commands.counts(), self.states.counts()]
+    }
+
+    /// Another future for the links: worlds that were copied part.
+    pub fn reseed_links(&mut self, seed: u64) {
+        self.raw.reseed(seed ^ 1);
+        self.skeletons.reseed(seed ^ 2);
+        self.targets.reseed(seed ^ 3);
+        self.commands.reseed(seed ^ 4);
+        self.states.reseed(seed ^ 5);
+    }
+
+    /// `ingest` dies and is started again.
+    pub fn restart_ingest(&mut self) {
+        self.authority = Authority::default();
+        self.skeleton = skeleton::State::new();
+        self.skeleton_header.incarnation = self.incarnations.draw();
+        self.skeleton_header.sequence = 0;
+    }
+
     /// `control` dies and is started again.
     pub fn restart_control(&mut self, config: &WorldConfig) {
         self.control = ControlState::new(&config.control, self.incarnations.draw());
@@ -191,9 +228,25 @@ impl World {
         self.retarget_header.sequence = 0;
     }
 
+    /// The driver, dead for at least 3 ticks, is started again on a robot that its own brakes have stopped: where it
+    /// stands, or, if somebody moved it meanwhile, at `q`. False, and nothing happens, if that is no posture.
+    pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
+        let q = q.unwrap_or(self.sim.q());
+        let Some(sim) = sim::State::standing(&config.sim, self.k - 1, q, seed) else { return false };
+        self.sim = sim;
+        self.sim_header.incarnation = self.incarnations.draw();
+        self.sim_header.sequence = 0;
+        true
+    }
+
     /// What the simulated robot counted by itself.
     pub fn report(&self) -> &sim::Report {
         self.sim.report()
+    }
+
+    /// The simulated robot.
+    pub fn sim(&self) -> &sim::State {
+        &self.sim
     }
 
     /// The robot's faults, to be injected by tests.
@@ -201,73 +254,107 @@ impl World {
         &mut self.sim
     }
 
+    /// `ingest` takes what has arrived, as it does for every frame of a client that publishes faster than the tick: the
+    /// slot of the link keeps only the newest until then.
+    pub fn drain_raw(&mut self, config: &WorldConfig) {
+        let now = deadline(self.k);
+        self.raw.advance(now);
+        self.skeletons.advance(now);
+        self.ingest(config, now, &mut Untouched);
+    }
+
     /// Advances the world by one tick.
     pub fn step(&mut self, config: &WorldConfig, operator: &OperatorView, running: Running) -> Moment {
+        self.step_tampered(config, operator, running, &mut Untouched)
+    }
+
+    /// As [`World::step`], with messages that may be altered where they are published.
+    pub fn step_tampered(
+        &mut self,
+        config: &WorldConfig,
+        operator: &OperatorView,
+        running: Running,
+        tamper: &mut impl Tamper,
+    ) -> Moment {
         let (k, start) = (self.k, deadline(self.k));
         self.raw.advance(start);
         self.skeletons.advance(start);
-        if running.ingest {
-            self.ingest(config, start);
-        }
+        let skeleton = if running.ingest { self.ingest(config, start, tamper) } else { None };
         self.skeletons.advance(start.plus_ns(1));
-        let target = running.retarget.then(|| self.retarget(config, start.plus_ns(TARGET_AFTER_NS)));
+        let target = running.retarget.then(|| self.retarget(config, start.plus_ns(TARGET_AFTER_NS), tamper));
         let command_at = start.plus_ns(COMMAND_AFTER_NS);
         self.targets.advance(command_at);
         self.states.advance(command_at);
-        let control = running.control.then(|| self.control(config, command_at, operator));
+        let (mut target_seen, mut state_seen, mut control) = (None, None, None);
+        if running.control {
+            (target_seen, state_seen) = (self.targets.latest(), self.states.latest());
+            let seen = (target_seen.as_ref(), state_seen.as_ref());
+            control = Some(self.control(config, command_at, operator, seen, tamper));
+        }
         let execution_at = start.plus_ns(EXECUTION_AFTER_NS);
         self.commands.advance(execution_at);
-        let robot = running.driver.then(|| self.drive(config, execution_at));
+        let robot = running.driver.then(|| self.drive(config, execution_at, tamper));
         self.k += 1;
-        Moment { k: k - self.first_k, target, control, robot }
+        Moment { k: k - self.first_k, skeleton, target_seen, state_seen, target, control, robot }
     }
 
-    fn ingest(&mut self, config: &WorldConfig, now: Stamp) {
-        let Some(raw) = self.raw.latest() else { return };
+    fn ingest(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> Option<Skeleton> {
+        let raw = self.raw.latest()?;
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
-            return;
+            return None;
         }
         let out = skeleton::tick(&config.skeleton, &mut self.skeleton, now, skeleton::Input { raw: &raw });
-        if let Some(mut skeleton) = out.skeleton {
-            self.skeleton_header.sequence += 1;
-            skeleton.header = Header { stamp: now, origin: raw.header.origin, ..self.skeleton_header };
-            let _ = self.skeletons.publish(&skeleton);
+        let mut skeleton = out.skeleton?;
+        self.skeleton_header.sequence += 1;
+        skeleton.header = Header { stamp: now, origin: raw.header.origin, ..self.skeleton_header };
+        let mut sent = skeleton;
+        if tamper.skeleton(&mut sent) {
+            let _ = self.skeletons.publish(&sent);
         }
+        Some(skeleton)
     }
 
-    fn retarget(&mut self, config: &WorldConfig, now: Stamp) -> JointTarget {
+    fn retarget(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> JointTarget {
         let skeleton = self.skeletons.latest();
         let input = retarget::Input { k: self.k, skeleton: skeleton.as_ref() };
         let mut target = retarget::tick(&config.retarget, &mut self.retarget, now, input).target;
         self.retarget_header.sequence += 1;
         target.header = Header { stamp: now, origin: target.header.origin, ..self.retarget_header };
-        let _ = self.targets.publish(&target);
+        let mut sent = target;
+        if tamper.target(&mut sent) {
+            let _ = self.targets.publish(&sent);
+        }
         target
     }
 
-    fn control(&mut self, config: &WorldConfig, now: Stamp, operator: &OperatorView) -> ControlOutput {
-        let (target, robot) = (self.targets.latest(), self.states.latest());
-        let input = ControlInput {
-            k: self.k,
-            target: target.as_ref(),
-            robot: robot.as_ref(),
-            operator: *operator,
-            realtime_ok: true,
-        };
+    fn control(
+        &mut self,
+        config: &WorldConfig,
+        now: Stamp,
+        operator: &OperatorView,
+        (target, robot): (Option<&JointTarget>, Option<&RobotState>),
+        tamper: &mut impl Tamper,
+    ) -> ControlOutput {
+        let input = ControlInput { k: self.k, target, robot, operator: *operator, realtime_ok: true };
         let out = control_tick(&config.control, &mut self.control, now, input);
-        if let Some(command) = &out.command {
-            let _ = self.commands.publish(command);
+        if let Some(mut command) = out.command
+            && tamper.command(&mut command)
+        {
+            let _ = self.commands.publish(&command);
         }
         out
     }
 
-    fn drive(&mut self, config: &WorldConfig, now: Stamp) -> RobotState {
+    fn drive(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> RobotState {
         let command = self.commands.latest();
         let input = sim::Input { due_k: self.k, command: command.as_ref() };
         let mut state = sim::tick(&config.sim, &mut self.sim, now, input).state;
         self.sim_header.sequence += 1;
         state.header = Header { stamp: now, origin: state.header.origin, ..self.sim_header };
-        let _ = self.states.publish(&state);
+        let mut sent = state;
+        if tamper.state(&mut sent) {
+            let _ = self.states.publish(&sent);
+        }
         state
     }
 }

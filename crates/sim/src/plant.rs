@@ -67,7 +67,12 @@ pub struct Plant {
 impl Plant {
     /// At rest in the initial posture at index `k`.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
-        let rest = Setpoint { k, q: config.initial, v: [0.0; JOINTS], a: [0.0; JOINTS] };
+        Self::standing(k, &config.initial, seed)
+    }
+
+    /// At rest at `q` at index `k`.
+    pub(crate) fn standing(k: u64, q: &[f64; JOINTS], seed: u64) -> Self {
+        let rest = Setpoint { k, q: *q, v: [0.0; JOINTS], a: [0.0; JOINTS] };
         Self {
             q: rest.q,
             v: rest.v,

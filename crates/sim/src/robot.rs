@@ -24,15 +24,21 @@ pub struct State {
 impl State {
     /// At rest in the initial posture at index `k`, holding what its encoders read; `seed` is that of the noise.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
-        let mut plant = Plant::new(config, k, seed);
+        Self::standing(config, k, &config.initial, seed)
+            .expect("the initial posture was checked, and the noise is finite")
+    }
+
+    /// A driver that starts at index `k` on a robot that stands at `q`, wherever that is; `None` if a number of it is not
+    /// finite.
+    pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS], seed: u64) -> Option<Self> {
+        let mut plant = Plant::standing(k, q, seed);
         let measured = Port { config, plant: &mut plant }.read(Stamp::NONE);
-        let follower =
-            driver::State::hold(k, &measured.q).expect("the initial posture was checked, and the noise is finite");
+        let follower = driver::State::hold(k, &measured.q)?;
         let held = follower.setpoint();
         let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
         let checker = Checker::new(config, held);
         let report = Report::new(config.model.prismatic);
-        Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false }
+        Some(Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false })
     }
 
     /// What the run amounts to so far.
