@@ -10,6 +10,10 @@ use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, 
 /// Franka wait for 20 ms.
 pub const SILENCE_TICKS: u64 = 15;
 
+/// Ticks in a row in which the drives do not follow after which what is measured is held: by then the robot is not on
+/// the plan any more, while a setpoint or two that were lost on the way leave it there.
+pub const UNDRIVEN_TICKS: u64 = 3;
+
 /// What the follower must know beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -47,6 +51,8 @@ pub struct State {
     pub mode: u32,
     /// Ticks without an acceptable command since the last one; `None` until one was accepted (again, after a reset).
     silent: Option<u64>,
+    /// Ticks in a row in which the drives did not follow.
+    undriven: u64,
     /// `origin` of the last accepted command.
     origin: Stamp,
     /// Incarnation and reset count of the last command listened to.
@@ -69,6 +75,7 @@ impl State {
             accepted: 0,
             mode: 0,
             silent: None,
+            undriven: 0,
             origin: Stamp::NONE,
             reset: None,
             seen: None,
@@ -95,6 +102,9 @@ impl State {
         }
         if self.accepted > 0 {
             flags |= state_flag::COMMANDED;
+        }
+        if measured.drives.emergency_stop {
+            flags |= state_flag::EMERGENCY_STOP;
         }
         RobotState {
             header: Header { origin: self.origin, ..header },
@@ -125,8 +135,10 @@ pub struct Input<'a> {
     pub due_k: u64,
     /// The newest command; one that was given before is ignored.
     pub command: Option<&'a JointCommand>,
-    /// The robot did not take a setpoint, or its drives report a fault: latches at once.
+    /// The robot did not take a setpoint: latches at once.
     pub port_fault: bool,
+    /// The newest measurement, if there is one. Drives that are not sound latch at once.
+    pub measured: Option<&'a Measured>,
 }
 
 /// A command that was accepted in this tick.
@@ -164,6 +176,8 @@ pub enum StepKind {
     Command,
     /// So many indices at rest, as one step.
     Rest,
+    /// The drives do not follow: what is measured is held.
+    Measured,
 }
 
 /// One step of the execution.
@@ -190,11 +204,12 @@ pub fn tick_each(
     mut each: impl FnMut(&Step),
 ) -> Output {
     let index_before = state.index();
-    state.latched |= input.port_fault;
+    let driven = !input.port_fault && input.measured.is_none_or(|measured| measured.drives.are_sound());
+    state.latched |= !driven;
     let mut accepted = None;
     let mut refused = None;
     if let Some(command) = state.look_at(input.command) {
-        match state.listen(config, now, input.due_k, command) {
+        match state.listen(config, now, input.due_k, command, driven) {
             Ok(rule) => accepted = Some(state.take(now, command, rule, &mut each)),
             Err(reason) => {
                 state.refused[reason as usize] += 1;
@@ -204,6 +219,9 @@ pub fn tick_each(
     }
     state.play(input.due_k.saturating_sub(state.index()), &mut each);
     let advanced = state.index() - index_before;
+    if advanced > 0 {
+        state.hold_undriven(driven, input.measured, &mut each);
+    }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
     Output { executed: state.setpoint(), advanced, accepted, refused, faults }
@@ -221,14 +239,21 @@ impl State {
         Some(command)
     }
 
-    /// Judges a new command, after letting its reset count act.
-    fn listen(&mut self, config: &Config, now: Stamp, due_k: u64, command: &JointCommand) -> Result<Rule, Refusal> {
+    /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow.
+    fn listen(
+        &mut self,
+        config: &Config,
+        now: Stamp,
+        due_k: u64,
+        command: &JointCommand,
+        driven: bool,
+    ) -> Result<Rule, Refusal> {
         acceptance::plausible(now, due_k, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
-        if edge && self.latched && self.motion.at_rest() {
+        if edge && self.latched && self.motion.at_rest() && driven {
             self.latched = false;
             self.silent = None;
         }
@@ -269,6 +294,18 @@ impl State {
             self.plan_ticks_played = self.plan_ticks_played.saturating_add(played);
             left -= played;
             each(&Step { kind, setpoint: self.setpoint() });
+        }
+    }
+
+    /// Holds what is measured where the drives have not followed for long enough. The state is latched, so at least one
+    /// tick of a plan lies between the last accepted command and the identity that is given here: it is new.
+    fn hold_undriven(&mut self, driven: bool, measured: Option<&Measured>, each: &mut impl FnMut(&Step)) {
+        self.undriven = if driven { 0 } else { self.undriven.saturating_add(1) };
+        let Some(measured) = measured.filter(|_| self.undriven >= UNDRIVEN_TICKS) else { return };
+        if measured.q.iter().all(|q| q.is_finite()) {
+            self.motion = Motion::rest(measured.q);
+            (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
+            each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
         }
     }
 

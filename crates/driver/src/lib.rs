@@ -24,6 +24,10 @@
 //! played instead. So what is executed is continuous whatever the two processes' timing, which `tests/model.rs` shows.
 //!
 //! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
+//!
+//! A robot whose drives do not follow (no power, its own emergency stop, setpoints refused) for [`UNDRIVEN_TICKS`] moves as
+//! gravity likes. From then on the follower holds what is measured, tick by tick, under a new identity each time and still
+//! latched, so that the return of power finds a setpoint where the robot stands, and nothing moves.
 #![no_std]
 
 mod acceptance;
@@ -34,6 +38,8 @@ mod port;
 
 pub use acceptance::{PLAN_MAX_S, REST_TOLERANCE, Refusal};
 pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
-pub use follower::{Accepted, Config, Input, Output, SILENCE_TICKS, State, Step, StepKind, tick, tick_each};
+pub use follower::{
+    Accepted, Config, Input, Output, SILENCE_TICKS, State, Step, StepKind, UNDRIVEN_TICKS, tick, tick_each,
+};
 pub use plan::Motion;
-pub use port::{Driver, Measured, Setpoint};
+pub use port::{Driver, Drives, Measured, Setpoint};

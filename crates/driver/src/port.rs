@@ -11,6 +11,29 @@ pub struct Measured {
     pub q: [f64; JOINTS],
     /// Joint velocities, rad/s or m/s.
     pub dq: [f64; JOINTS],
+    /// What the drives say of themselves.
+    pub drives: Drives,
+}
+
+/// What a robot says of its drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Drives {
+    /// The robot's own emergency stop is pressed. It is only observed: nothing here presses or releases it.
+    pub emergency_stop: bool,
+    /// A drive, of whichever joint, reports a fault.
+    pub fault: bool,
+    /// The motors have power.
+    pub powered: bool,
+}
+
+impl Drives {
+    /// Powered, and nothing to complain of.
+    pub const SOUND: Self = Self { emergency_stop: false, fault: false, powered: true };
+
+    /// Whether the robot can follow setpoints.
+    pub const fn are_sound(self) -> bool {
+        self.powered && !self.fault && !self.emergency_stop
+    }
 }
 
 /// What the robot is to do at index `k`.
@@ -33,5 +56,8 @@ pub trait Driver {
 
     /// Hands `setpoint` to the robot; `false` if the robot did not take it, which the caller passes on as
     /// `Input::port_fault` of the next tick.
+    ///
+    /// A robot that was without power, or stopped by its own emergency stop, follows again only what begins where it
+    /// stands: the follower sees to that, by holding what is measured as long as the drives are not sound.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint) -> bool;
 }

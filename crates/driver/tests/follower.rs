@@ -47,7 +47,7 @@ impl Bench {
 
     /// The driver's tick at index `k`, at its grace.
     fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
-        tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false })
+        tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false, measured: None })
     }
 
     /// Follows commands up to index `k`.
@@ -70,7 +70,7 @@ impl Bench {
 }
 
 fn measured() -> driver::Measured {
-    driver::Measured { stamp: Stamp::NONE, q: [0.0; JOINTS], dq: [0.0; JOINTS] }
+    driver::Measured { stamp: Stamp::NONE, q: [0.0; JOINTS], dq: [0.0; JOINTS], drives: driver::Drives::SOUND }
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn every_reason_to_refuse_is_met_and_counted() {
         let mut command = bench.command(K + 6);
         break_it(&mut command);
         let executed = bench.state.motion;
-        let input = Input { due_k: K + 6, command: Some(&command), port_fault: false };
+        let input = Input { due_k: K + 6, command: Some(&command), port_fault: false, measured: None };
         let out = tick(&CONFIG, &mut bench.state, far, input);
         assert_eq!((out.refused, out.accepted), (Some(expected), None), "{command:?}");
         assert_eq!(bench.state.refused[expected as usize], 1);
@@ -212,7 +212,7 @@ fn a_robot_that_takes_no_setpoints_latches_at_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let next = bench.command(K + 6);
-    let input = Input { due_k: K + 6, command: Some(&next), port_fault: true };
+    let input = Input { due_k: K + 6, command: Some(&next), port_fault: true, measured: None };
     let out = tick(&CONFIG, &mut bench.state, deadline(K + 6), input);
     assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
 }
@@ -246,7 +246,7 @@ fn a_suspended_machine_resumes_at_rest_in_bounded_work() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let mut steps = 0;
-    let input = Input { due_k: K + (1 << 40), command: None, port_fault: false };
+    let input = Input { due_k: K + (1 << 40), command: None, port_fault: false, measured: None };
     driver::tick_each(&CONFIG, &mut bench.state, deadline(K + (1 << 40)), input, |_| steps += 1);
     assert!(steps < 200, "{steps}");
     assert_eq!((bench.state.index(), bench.state.motion), (K + (1 << 40), Motion::rest(bench.state.motion.q)));

@@ -23,6 +23,8 @@ pub mod state_flag {
     pub const DRIVER_FAULT: u32 = 1;
     /// The driver has accepted a command since it started.
     pub const COMMANDED: u32 = 2;
+    /// The robot's own emergency stop is pressed.
+    pub const EMERGENCY_STOP: u32 = 4;
 }
 
 message! {

@@ -67,6 +67,12 @@ impl Checker {
         Self { last: held, splined: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
     }
 
+    /// Begins anew at `held`: where a robot without drives was found is no motion that anybody commanded.
+    pub(crate) fn hold(&mut self, config: &Config, held: &Setpoint) {
+        let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut self.room);
+        (self.last, self.splined, self.engaged_k, self.clearance_m) = (*held, *held, None, clearance_m);
+    }
+
     /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
     pub(crate) fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;

@@ -94,6 +94,12 @@ impl Controllers {
         }
     }
 
+    /// At rest at `held`, without moving there: what controllers do whose drives were off.
+    pub(crate) fn hold(&mut self, held: &Setpoint) {
+        self.points = [Point { q: held.q, v: held.v }; 3];
+        self.last = *held;
+    }
+
     /// D + d_g of torso, head, left arm and right arm, s.
     pub(crate) fn delays_s(&self) -> [f64; CONTROLLERS] {
         self.delay_ticks.map(|ticks| (POINT_TICKS as f64 + ticks) * TICK_S)

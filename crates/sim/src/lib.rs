@@ -12,6 +12,7 @@ mod checker;
 mod clearance;
 mod config;
 mod cubic;
+mod injection;
 pub mod interface;
 mod plant;
 mod report;
@@ -19,7 +20,8 @@ mod robot;
 
 pub use checker::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V};
 pub use config::{Config, DELAY_MAX_TICKS, Options, SimError};
+pub use injection::Injection;
 pub use interface::Interface;
-pub use plant::{Injection, Plant, Port};
+pub use plant::{Plant, Port};
 pub use report::{Report, Violation, ViolationKind};
 pub use robot::{Input, Output, State, tick};

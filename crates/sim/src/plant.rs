@@ -2,7 +2,8 @@
 
 use crate::config::{Config, DELAY_MAX_TICKS};
 use crate::cubic::cubic;
-use driver::{Driver, Measured, Setpoint};
+use crate::injection::{Injected, Injection};
+use driver::{Driver, Drives, Measured, Setpoint};
 use messages::{JOINTS, Stamp, TICK_S};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -12,43 +13,6 @@ const RING: usize = DELAY_MAX_TICKS as usize + 1;
 
 /// Ticks of a gap between two setpoints that are simulated one by one; after a second every joint has settled.
 const GAP_MAX_TICKS: u64 = 1500;
-
-/// A fault of the robot, switched on in a test.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Injection {
-    /// The encoder of a joint reads so much more from now on, rad or m.
-    EncoderJump {
-        /// The joint.
-        joint: usize,
-        /// By how much.
-        by: f64,
-    },
-    /// All measurements stay what they are.
-    FrozenFeedback,
-    /// A joint brakes and does not follow its setpoints.
-    NotFollowed {
-        /// The joint.
-        joint: usize,
-    },
-    /// A joint moves the other way from where it is now.
-    SignSwapped {
-        /// The joint.
-        joint: usize,
-    },
-    /// The robot takes no setpoints.
-    SetpointsRejected,
-}
-
-/// Which faults are on.
-#[derive(Clone, Copy, Debug, Default)]
-struct Injected {
-    encoder_offset: [f64; JOINTS],
-    frozen: bool,
-    not_followed: [bool; JOINTS],
-    /// The position about which the setpoints of a joint are mirrored.
-    mirrored_about: [Option<f64>; JOINTS],
-    rejecting: bool,
-}
 
 /// State of the joints.
 #[derive(Clone, Debug)]
@@ -79,7 +43,7 @@ impl Plant {
             last: rest,
             ring: [rest; RING],
             rng: Pcg64::seed_from_u64(seed),
-            measured: Measured { stamp: Stamp::NONE, q: rest.q, dq: rest.v },
+            measured: Measured { stamp: Stamp::NONE, q: rest.q, dq: rest.v, drives: Drives::SOUND },
             measured_k: None,
             injected: Injected::default(),
         }
@@ -97,13 +61,7 @@ impl Plant {
 
     /// Switches a fault on.
     pub fn inject(&mut self, fault: Injection) {
-        match fault {
-            Injection::EncoderJump { joint, by } => self.injected.encoder_offset[joint] += by,
-            Injection::FrozenFeedback => self.injected.frozen = true,
-            Injection::NotFollowed { joint } => self.injected.not_followed[joint] = true,
-            Injection::SignSwapped { joint } => self.injected.mirrored_about[joint] = Some(self.q[joint]),
-            Injection::SetpointsRejected => self.injected.rejecting = true,
-        }
+        self.injected.inject(fault, &self.q);
     }
 
     /// Repairs everything.
@@ -129,11 +87,15 @@ impl Plant {
         // Older entries of the ring are older setpoints: every index since the start was written.
         let delayed = self.ring[(setpoint.k as usize + RING - config.delay_ticks) % RING];
         for j in 0..JOINTS {
+            if let Some(sag) = self.injected.without_power {
+                self.sink(config, j, sag);
+                continue;
+            }
             let (mut q_ref, mut v_ref, mut a_ref) = (delayed.q[j], delayed.v[j], delayed.a[j]);
             if let Some(about) = self.injected.mirrored_about[j] {
                 (q_ref, v_ref, a_ref) = (2.0 * about - q_ref, -v_ref, -a_ref);
             }
-            if self.injected.not_followed[j] {
+            if self.injected.brakes(j) {
                 (q_ref, v_ref, a_ref) = (self.q[j], 0.0, 0.0);
             }
             // The setpoint is for the end of the tick: compared with where the joint would be then, it is not run ahead of.
@@ -144,11 +106,23 @@ impl Plant {
             let a = a.clamp(-config.a_servo[j], config.a_servo[j]);
             let v = (self.v[j] + a * TICK_S).clamp(-config.v_servo[j], config.v_servo[j]);
             let q = self.q[j] + (self.v[j] + v) / 2.0 * TICK_S;
-            let urdf = &config.model.urdf_limits[j];
-            let stopped = q < urdf.q_min || q > urdf.q_max;
-            self.q[j] = q.clamp(urdf.q_min, urdf.q_max);
-            self.v[j] = if stopped { 0.0 } else { v };
+            self.place(config, j, q, v);
         }
+    }
+
+    /// A joint whose motor has no power: its brake takes its speed, then it gives way at the speed `sag`.
+    fn sink(&mut self, config: &Config, j: usize, sag: f64) {
+        let change = config.a_servo[j] * TICK_S;
+        let v = self.v[j] + (sag - self.v[j]).clamp(-change, change);
+        self.place(config, j, self.q[j] + (self.v[j] + v) / 2.0 * TICK_S, v);
+    }
+
+    /// Moves a joint, as far as its mechanical stops let it.
+    fn place(&mut self, config: &Config, j: usize, q: f64, v: f64) {
+        let urdf = &config.model.urdf_limits[j];
+        let stopped = q < urdf.q_min || q > urdf.q_max;
+        self.q[j] = q.clamp(urdf.q_min, urdf.q_max);
+        self.v[j] = if stopped { 0.0 } else { v };
     }
 
     fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
@@ -156,14 +130,17 @@ impl Plant {
             self.measured_k = Some(self.last.k);
             for j in 0..JOINTS {
                 let (noise_q, noise_v) = self.normal_pair();
-                if !self.injected.frozen {
-                    let q = self.q[j] + self.injected.encoder_offset[j] + config.noise * noise_q;
-                    self.measured.q[j] = if config.step > 0.0 { (q / config.step).round() * config.step } else { q };
-                    // The drive differentiates its encoder through a filter as fast as its own loop.
-                    self.measured.dq[j] = self.v[j] + config.noise * config.omega * noise_v;
+                if self.injected.is_frozen(j) {
+                    continue;
                 }
+                let q = self.q[j] + config.noise * noise_q;
+                let q = if config.step > 0.0 { (q / config.step).round() * config.step } else { q };
+                // The drive differentiates its encoder through a filter as fast as its own loop.
+                (self.measured.q[j], self.measured.dq[j]) = (q, self.v[j] + config.noise * config.omega * noise_v);
             }
+            self.injected.distort(&mut self.measured);
         }
+        self.measured.drives = self.injected.drives();
         self.measured.stamp = now;
         self.measured
     }
@@ -206,9 +183,10 @@ impl Driver for Port<'_> {
     }
 
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint) -> bool {
-        let taken = !self.plant.injected.rejecting;
-        // A robot that takes no setpoints holds the last one.
-        let held = Setpoint { k: setpoint.k, v: [0.0; JOINTS], a: [0.0; JOINTS], ..self.plant.last };
+        let taken = self.plant.injected.takes_setpoints();
+        // A robot that takes no setpoints holds the last one, and one without power has none: it stands where it stands.
+        let q = if self.plant.injected.drives().are_sound() { self.plant.last.q } else { self.plant.q };
+        let held = Setpoint { k: setpoint.k, q, v: [0.0; JOINTS], a: [0.0; JOINTS] };
         self.plant.advance(self.config, if taken { setpoint } else { &held });
         taken
     }

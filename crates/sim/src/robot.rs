@@ -2,10 +2,11 @@
 
 use crate::checker::Checker;
 use crate::config::Config;
+use crate::injection::Injection;
 use crate::interface::{CONTROLLERS, Controllers, Interface};
-use crate::plant::{Injection, Plant, Port};
+use crate::plant::{Plant, Port};
 use crate::report::Report;
-use driver::{Accepted, Driver, Refusal, Setpoint, StepKind};
+use driver::{Accepted, Driver, Measured, Refusal, Setpoint, StepKind};
 use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp};
 
 /// Everything remembered.
@@ -19,6 +20,7 @@ pub struct State {
     report: Report,
     sequence: u64,
     port_fault: bool,
+    measured: Measured,
 }
 
 impl State {
@@ -38,7 +40,7 @@ impl State {
         let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
         let checker = Checker::new(config, held);
         let report = Report::new(config.model.prismatic);
-        Some(Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false })
+        Some(Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false, measured })
     }
 
     /// What the run amounts to so far.
@@ -108,21 +110,34 @@ pub struct Output {
 
 /// Executes up to the index that is due, moves the joints, measures, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    let State { follower, controllers, plant, checker, report, port_fault, .. } = state;
+    let State { follower, controllers, plant, checker, report, port_fault, measured, .. } = state;
     let mut port = Port { config, plant };
     let mut mode = follower.mode;
     let (mut rejected, mut told) = (false, follower.setpoint());
-    let follow = driver::Input { due_k: input.due_k, command: input.command, port_fault: *port_fault };
+    let follow = driver::Input {
+        due_k: input.due_k,
+        command: input.command,
+        port_fault: *port_fault,
+        measured: Some(&*measured),
+    };
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
         }
-        checker.step(config, report, &step.setpoint, mode);
+        if step.kind == StepKind::Measured {
+            // Nobody commanded that.
+            checker.hold(config, &step.setpoint);
+            if let Some(controllers) = controllers.as_mut() {
+                controllers.hold(&step.setpoint);
+            }
+        } else {
+            checker.step(config, report, &step.setpoint, mode);
+        }
         let mut write = |executed: &Setpoint| {
             rejected |= !port.write(now, executed);
             told = *executed;
         };
-        match controllers {
+        match controllers.as_mut() {
             None => write(&step.setpoint),
             Some(controllers) => controllers.advance(&step.setpoint, |executed| {
                 checker.spline(config, report, executed);
@@ -130,7 +145,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
             }),
         }
     });
-    let measured = port.read(now);
+    *measured = port.read(now);
     if out.advanced > 0 {
         *port_fault = rejected;
         report.tracking_samples += 1;
@@ -143,7 +158,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     state.sequence += 1;
     let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     Output {
-        state: state.follower.echo(header, &measured),
+        state: state.follower.echo(header, &state.measured),
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,

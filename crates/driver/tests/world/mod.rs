@@ -114,7 +114,12 @@ impl World {
     fn drive(&mut self, echo_delay: u64) {
         let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
         let command = self.commands.read(self.quarter);
-        let input = Input { due_k: (self.quarter - GRACE_QUARTERS) / 4, command: command.as_ref(), port_fault: false };
+        let input = Input {
+            due_k: (self.quarter - GRACE_QUARTERS) / 4,
+            command: command.as_ref(),
+            port_fault: false,
+            measured: None,
+        };
         let (oracle, control, tally) = (&mut self.oracle, &self.control, &mut self.tally);
         let out = tick_each(&self.config, &mut self.follower, now, input, |step| {
             oracle.step(control, step, command.as_ref(), tally);
@@ -122,7 +127,8 @@ impl World {
         tally.refused += u64::from(out.refused.is_some());
         assert_eq!(out.executed, self.follower.setpoint());
         assert!(self.follower.index() >= input.due_k, "what is due is executed");
-        let measured = driver::Measured { stamp: now, q: out.executed.q, dq: out.executed.v };
+        let measured =
+            driver::Measured { stamp: now, q: out.executed.q, dq: out.executed.v, drives: driver::Drives::SOUND };
         self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
     }
 

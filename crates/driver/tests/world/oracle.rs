@@ -35,6 +35,7 @@ impl Oracle {
                 assert_eq!(step.setpoint.k, self.base_k + self.played);
                 same(&step.setpoint, &on_plan(&self.base, self.played), "the plan");
             }
+            StepKind::Measured => panic!("the drives of this world always follow"),
             StepKind::Command => {
                 let command = command.expect("a command was executed");
                 tally.commands += 1;
