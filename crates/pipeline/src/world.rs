@@ -256,11 +256,11 @@ impl World {
 
     /// `ingest` takes what has arrived, as it does for every frame of a client that publishes faster than the tick: the
     /// slot of the link keeps only the newest until then.
-    pub fn drain_raw(&mut self, config: &WorldConfig) {
+    pub fn drain_raw(&mut self, config: &WorldConfig) -> Option<Skeleton> {
         let now = deadline(self.k);
         self.raw.advance(now);
         self.skeletons.advance(now);
-        self.ingest(config, now, &mut Untouched);
+        self.ingest(config, now, &mut Untouched)
     }
 
     /// Advances the world by one tick.

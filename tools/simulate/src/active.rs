@@ -1,0 +1,91 @@
+//! The episodes in force at a tick, and how often each kind has fired.
+
+use crate::kinds::{Fault, KIND_COUNT, KINDS};
+use crate::schedule::Episode;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// An episode in force.
+#[derive(Clone, Debug)]
+pub struct Active {
+    /// The episode.
+    pub episode: Episode,
+    /// What it does.
+    pub fault: Fault,
+    /// Its own dice.
+    pub rng: Pcg64Mcg,
+    /// Ticks since it began.
+    pub age: u64,
+    /// 0 to 1: how bad it is.
+    pub strength: f64,
+    /// Of use to its stage.
+    pub note: u64,
+}
+
+impl Active {
+    /// Whether it acts this time: a share of the occasions between a fifth and all, by its strength.
+    pub fn acts(&mut self) -> bool {
+        let share = 0.2 + 0.8 * self.strength;
+        self.rng.random::<f64>() < share
+    }
+
+    /// How much of it is over, 0 to 1.
+    pub fn progress(&self) -> f64 {
+        self.age as f64 / self.episode.ticks.max(1) as f64
+    }
+}
+
+/// All of them.
+#[derive(Clone, Debug)]
+pub struct Faults {
+    episodes: Vec<Episode>,
+    next: usize,
+    /// In force.
+    pub active: Vec<Active>,
+    /// Occasions on which a fault reached its stage, by kind.
+    pub fired: [u64; KIND_COUNT],
+}
+
+impl Faults {
+    /// Of a schedule, sorted by start.
+    pub fn new(episodes: &[Episode]) -> Self {
+        let mut episodes = episodes.to_vec();
+        episodes.sort_by_key(|episode| (episode.start, episode.kind, episode.param));
+        Self { episodes, next: 0, active: Vec::new(), fired: [0; KIND_COUNT] }
+    }
+
+    /// Moves on to tick `k`; answers whether any began or ended.
+    pub fn advance(&mut self, k: u64) -> bool {
+        let before = self.active.len();
+        self.active.retain_mut(|active| {
+            active.age = k - active.episode.start;
+            active.age < active.episode.ticks
+        });
+        let mut changed = self.active.len() != before;
+        while let Some(episode) = self.episodes.get(self.next).filter(|episode| episode.start <= k) {
+            let mut rng = Pcg64Mcg::seed_from_u64(episode.param);
+            let strength = rng.random::<f64>();
+            let fault = KINDS[episode.kind].fault;
+            self.active.push(Active { episode: *episode, fault, rng, age: 0, strength, note: 0 });
+            self.next += 1;
+            changed = true;
+        }
+        changed
+    }
+
+    /// Counts `count` firings of a kind.
+    pub fn count(&mut self, kind: usize, count: u64) {
+        self.fired[kind] += count;
+    }
+
+    /// Lets every active fault that `wanted` turns into something act; each time `act` answers true it has fired.
+    pub fn each<T>(&mut self, wanted: impl Fn(Fault) -> Option<T>, mut act: impl FnMut(&mut Active, T) -> bool) {
+        for active in &mut self.active {
+            if let Some(of) = wanted(active.fault)
+                && act(active, of)
+            {
+                self.fired[active.episode.kind] += 1;
+            }
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! Many runs on several threads, summed up in the order of their seeds.
+
+use crate::kinds::{KIND_COUNT, KINDS};
+use crate::oracle::Violation;
+use crate::run::{Bug, Outcome, Run};
+use crate::schedule::{self, Episode};
+use crate::shrink;
+use crate::subject::Subject;
+use messages::Mode;
+use rayon::ThreadPoolBuilder;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Failures that are made small; of the others the whole schedule is told.
+const SHRUNK_MAX: usize = 8;
+
+/// Ticks of all runs together for which every kind must fire `FIRINGS` times: 2,000 runs of 60,000 ticks.
+const FULL: u64 = 2000 * 60_000;
+/// See `FULL`.
+const FIRINGS: u64 = 1000;
+/// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 10,000 ticks.
+const LEAST: u64 = 50 * 10_000;
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The first seed.
+    pub first_seed: u64,
+    /// How many.
+    pub seeds: u64,
+    /// Ticks of each.
+    pub ticks: u64,
+    /// Threads.
+    pub jobs: usize,
+    /// Kinds that schedules may hold.
+    pub kinds: Vec<usize>,
+    /// A bug planted on purpose.
+    pub bug: Option<Bug>,
+}
+
+/// A run that broke a promise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// Its seed.
+    pub seed: u64,
+    /// What was broken first.
+    pub violation: Violation,
+    /// The smallest schedule that was found to break a promise.
+    pub schedule: Vec<Episode>,
+    /// What that schedule breaks, and when.
+    pub smallest: Violation,
+    /// Episodes of the schedule as it was drawn.
+    pub episodes: usize,
+}
+
+/// What all runs came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// Runs.
+    pub seeds: u64,
+    /// Ticks of all of them.
+    pub ticks: u64,
+    /// Those that broke a promise.
+    pub failures: Vec<Failure>,
+    /// Firings by kind.
+    pub fired: [u64; KIND_COUNT],
+    /// Kinds that were allowed and fired less than `demanded`.
+    pub missing: Vec<usize>,
+    /// Firings demanded of every allowed kind.
+    pub demanded: u64,
+    /// Ticks of control in each mode.
+    pub ticks_in: [u64; Mode::ALL.len()],
+    /// Episodes of all schedules.
+    pub episodes: u64,
+    /// Mode transitions.
+    pub transitions: u64,
+    /// Longest time from the end of the faults to following again, ticks.
+    pub back_after_max: u64,
+    /// Over the hashes of all runs.
+    pub hash: u64,
+}
+
+impl Summary {
+    /// Firings by identity, and by name of the kinds without one.
+    pub fn by_id(&self) -> BTreeMap<&'static str, u64> {
+        let mut out = BTreeMap::new();
+        for (kind, count) in KINDS.iter().zip(self.fired) {
+            let names = if kind.ids.is_empty() { std::slice::from_ref(&kind.name) } else { kind.ids };
+            for name in names {
+                *out.entry(*name).or_insert(0) += count;
+            }
+        }
+        out
+    }
+
+    /// Whether nothing was broken and everything demanded was met.
+    pub fn holds(&self) -> bool {
+        self.failures.is_empty() && self.missing.is_empty()
+    }
+}
+
+/// How often every kind must fire in so many ticks: 1,000 times in 1.2e8, in proportion below, at least once from 5e5 on.
+pub fn demanded(ticks: u64) -> u64 {
+    if ticks < LEAST { 0 } else { (u128::from(ticks) * u128::from(FIRINGS) / u128::from(FULL)).clamp(1, 1000) as u64 }
+}
+
+/// The run of a seed with a schedule: every other one begins engaged, as a branch of one run.
+pub fn single(engaged: &Run<'_>, subject: &Subject, seed: u64, plan: &Plan, episodes: &[Episode]) -> Outcome {
+    let run = if seed.is_multiple_of(2) { engaged.branch(seed) } else { Run::cold(subject, seed) };
+    run.run(episodes, plan.ticks, plan.bug)
+}
+
+/// The schedule that a seed draws.
+pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
+    schedule::draw(seed, plan.ticks, &plan.kinds, &schedule::dealt(seed, &plan.kinds))
+}
+
+/// Runs all seeds; the summary does not depend on the number of threads. `done` is told of every run.
+pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Summary, String> {
+    let engaged = subject.engaged()?;
+    let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
+    let last = plan.first_seed.checked_add(plan.seeds).ok_or("the last seed is too large")?;
+    let outcomes: Vec<(u64, usize, Outcome)> = pool.install(|| {
+        let seeds: Vec<u64> = (plan.first_seed..last).collect();
+        let seeds = seeds.into_par_iter().with_max_len(1);
+        seeds
+            .map(|seed| {
+                let episodes = drawn(seed, plan);
+                let outcome = single(&engaged, subject, seed, plan, &episodes);
+                done();
+                (seed, episodes.len(), outcome)
+            })
+            .collect()
+    });
+    let failed: Vec<_> = outcomes.iter().filter(|(_, _, outcome)| outcome.violation.is_some()).collect();
+    let failures = pool.install(|| {
+        failed
+            .par_iter()
+            .with_max_len(1)
+            .enumerate()
+            .filter_map(|(n, (seed, _, outcome))| {
+                let violation = outcome.violation.clone()?;
+                let episodes = drawn(*seed, plan);
+                let (schedule, smallest) = if n < SHRUNK_MAX {
+                    let fails = |some: &[Episode]| single(&engaged, subject, *seed, plan, some).violation;
+                    shrink::smallest(&episodes, &violation, fails)
+                } else {
+                    (episodes.clone(), violation.clone())
+                };
+                Some(Failure { seed: *seed, violation, schedule, smallest, episodes: episodes.len() })
+            })
+            .collect()
+    });
+    Ok(summed(plan, &outcomes, failures))
+}
+
+fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure>) -> Summary {
+    let mut sum = Summary {
+        seeds: plan.seeds,
+        ticks: 0,
+        failures,
+        fired: [0; KIND_COUNT],
+        missing: vec![],
+        demanded: demanded(plan.seeds.saturating_mul(plan.ticks)),
+        ticks_in: [0; Mode::ALL.len()],
+        episodes: 0,
+        transitions: 0,
+        back_after_max: 0,
+        hash: 0xcbf2_9ce4_8422_2325,
+    };
+    for (_, episodes, outcome) in outcomes {
+        sum.ticks += outcome.ticks;
+        sum.episodes += *episodes as u64;
+        sum.transitions += outcome.transitions;
+        sum.back_after_max = sum.back_after_max.max(outcome.back_after.unwrap_or(0));
+        sum.hash = (sum.hash ^ outcome.hash).wrapping_mul(0x0000_0100_0000_01b3);
+        sum.fired.iter_mut().zip(outcome.fired).for_each(|(sum, count)| *sum += count);
+        sum.ticks_in.iter_mut().zip(outcome.ticks_in).for_each(|(sum, count)| *sum += count);
+    }
+    sum.missing = plan.kinds.iter().copied().filter(|&kind| sum.fired[kind] < sum.demanded).collect();
+    sum
+}

@@ -1,0 +1,88 @@
+//! The command line.
+
+use crate::campaign::Plan;
+use crate::kinds::{KIND_COUNT, KINDS, named};
+use crate::schedule::TICKS_MIN;
+use clap::Parser;
+use std::path::PathBuf;
+
+/// Longest run: 19 hours of robot time; more is a slip of the finger.
+const TICKS_MAX: u64 = 100_000_000;
+/// More threads than that are a mistake.
+const JOBS_MAX: usize = 1024;
+
+/// Runs all stages in virtual time under faults that a seed decides, and judges every tick by an oracle of its own. Exits
+/// with 1 if a promise was broken or a fault that had to occur did not.
+#[derive(Clone, Debug, Parser)]
+#[command(version)]
+pub struct Cli {
+    /// Runs, one per seed.
+    #[arg(long, default_value_t = 100)]
+    pub seeds: u64,
+    /// Ticks of each run; the last 7,500 (5 s) are without faults.
+    #[arg(long, default_value_t = 60_000)]
+    pub ticks: u64,
+    /// The first seed.
+    #[arg(long, default_value_t = 1)]
+    pub first_seed: u64,
+    /// Threads; the results do not depend on them.
+    #[arg(long, default_value_t = cores())]
+    pub jobs: usize,
+    /// Write the figures here as JSON.
+    #[arg(long)]
+    pub json: Option<PathBuf>,
+    /// Only faults with this name or identity; may be given several times.
+    #[arg(long)]
+    pub fault: Vec<String>,
+    /// Run this seed alone, and tell what happens.
+    #[arg(long, value_name = "SEED")]
+    pub replay: Option<u64>,
+    /// With this schedule instead of the one that the seed draws, as a failure prints it.
+    #[arg(long, value_name = "LIST", requires = "replay")]
+    pub faults: Option<String>,
+    /// Settings file.
+    #[arg(long, default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// List all faults with their identities.
+    #[arg(long)]
+    pub list: bool,
+}
+
+/// Cores that this process may use.
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+impl Cli {
+    /// What to run; the error names option, value and bound.
+    pub fn plan(&self) -> Result<Plan, String> {
+        let within = |option, value: u64, low: u64, high: u64| {
+            let inside = (low..=high).contains(&value);
+            if inside { Ok(()) } else { Err(format!("{option} = {value}: must be between {low} and {high}")) }
+        };
+        within("--seeds", self.seeds, 1, 1_000_000_000)?;
+        within("--ticks", self.ticks, TICKS_MIN, TICKS_MAX)?;
+        within("--jobs", self.jobs as u64, 1, JOBS_MAX as u64)?;
+        let mut kinds = vec![];
+        for text in &self.fault {
+            let of = named(text);
+            if of.is_empty() {
+                return Err(format!("--fault = {text}: no fault has this name or identity; see --list"));
+            }
+            kinds.extend(of);
+        }
+        kinds.sort_unstable();
+        kinds.dedup();
+        if self.fault.is_empty() {
+            kinds = (0..KIND_COUNT).collect();
+        }
+        let (first_seed, seeds, ticks, jobs) = (self.first_seed, self.seeds, self.ticks, self.jobs);
+        Ok(Plan { first_seed, seeds, ticks, jobs, kinds, bug: None })
+    }
+
+    /// All faults.
+    pub fn listing() -> String {
+        let row = |kind: &crate::kinds::Kind| format!("{:20} {}\n", kind.name, kind.ids.join(" "));
+        KINDS.iter().map(row).collect()
+    }
+}

@@ -1,0 +1,246 @@
+//! The person before the camera and the client that publishes him, with all that can be wrong with its delivery.
+
+use crate::active::Faults;
+use crate::frames;
+use crate::kinds::{Delivery, Fault, Frame};
+use messages::{RawSkeleton, Stamp, TICK_HZ};
+use pipeline::Player;
+use rand::RngExt;
+
+/// Without an accepted frame for so long (ticks) the person starts his client anew: 1.5 s.
+const PATIENCE: u64 = TICK_HZ * 3 / 2;
+
+/// A client that publishes without authority, or takes it.
+const STRANGER: u64 = 0x5712_a26e;
+
+/// Frames of the past that are kept.
+const PAST: usize = 12;
+
+/// Everything remembered.
+#[derive(Clone)]
+pub struct Client {
+    player: Player,
+    session: u64,
+    sequence: u64,
+    /// Added to the sequence of this session.
+    sequence_offset: u64,
+    last: Option<RawSkeleton>,
+    past: Vec<RawSkeleton>,
+    held_back: Vec<RawSkeleton>,
+    let_through: u64,
+    heard: u64,
+    stranger_sequence: u64,
+}
+
+impl Client {
+    /// Plays `player`.
+    pub fn new(player: Player) -> Self {
+        Self {
+            player,
+            session: 1,
+            sequence: 0,
+            sequence_offset: 0,
+            last: None,
+            past: Vec::new(),
+            held_back: Vec::new(),
+            let_through: 0,
+            heard: 0,
+            stranger_sequence: 0,
+        }
+    }
+
+    /// Another session.
+    fn restart(&mut self, k: u64) {
+        self.session += 1;
+        (self.sequence, self.sequence_offset, self.heard) = (0, 0, k);
+        self.last = None;
+        self.held_back.clear();
+    }
+
+    /// A frame was accepted, or none was for too long.
+    pub fn listen(&mut self, k: u64, accepted: bool) {
+        if accepted {
+            self.heard = k;
+        } else if k > self.heard + PATIENCE {
+            self.restart(k);
+        }
+    }
+
+    /// Time is counted anew from here.
+    pub fn rebase(&mut self) {
+        self.heard = 0;
+    }
+
+    /// The frames that arrive in tick `k` of the run, whose deadline is `now`.
+    pub fn tick(&mut self, k: u64, now: Stamp, engaged: bool, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
+        out.clear();
+        if faults.active.iter().any(|a| a.fault == Fault::Delivery(Delivery::Reconnect) && a.age == 0) {
+            self.restart(k);
+            faults.each(|fault| (fault == Fault::Delivery(Delivery::Reconnect)).then_some(()), |a, ()| a.age == 0);
+        }
+        if let Some((_, mut raw)) = self.player.due(now, engaged) {
+            self.sequence += 1;
+            raw.session_nonce = self.session;
+            self.stamp(&mut raw, now, faults);
+            let last = self.last;
+            faults.each(as_frame, |active, frame| frames::alter(frame, active, &mut raw, last.as_ref()));
+            self.remember(&raw);
+            if self.deliver(k, faults) {
+                out.push(raw);
+            } else if self.bursts(faults) {
+                self.held_back.push(raw);
+            }
+        }
+        self.release_burst(faults, out);
+        self.besides(now, faults, out);
+    }
+
+    fn remember(&mut self, raw: &RawSkeleton) {
+        self.last = Some(*raw);
+        if self.past.len() == PAST {
+            self.past.remove(0);
+        }
+        self.past.push(*raw);
+    }
+
+    /// Sequence and stamps, as the client believes them to be.
+    fn stamp(&mut self, raw: &mut RawSkeleton, now: Stamp, faults: &mut Faults) {
+        let (sequence, last) = (self.sequence, self.last.map(|last| last.header));
+        let offset = &mut self.sequence_offset;
+        let mut origin = now;
+        let mut same = false;
+        faults.each(as_delivery, |active, delivery| match delivery {
+            Delivery::StampBack if active.acts() => {
+                origin = Stamp(origin.0.saturating_sub(active.rng.random_range(1_000_000..500_000_000)));
+                true
+            }
+            Delivery::StampFuture if active.acts() => {
+                origin = origin.plus_ns(active.rng.random_range(2_000_001..10_000_000_000));
+                true
+            }
+            Delivery::StampDouble if active.acts() => {
+                same = true;
+                last.is_some()
+            }
+            Delivery::Drift => {
+                let drift_ns = (active.age * 1_000_000_000 / TICK_HZ) / 2000;
+                origin =
+                    if active.episode.param % 2 == 0 { origin.plus_ns(drift_ns) } else { Stamp(origin.0 - drift_ns) };
+                drift_ns > 0
+            }
+            Delivery::ClockStep => {
+                let step_ns = (active.strength * 90e6) as u64;
+                let ahead = active.episode.param % 2 == 0;
+                origin = if ahead { origin.plus_ns(step_ns) } else { Stamp(origin.0 - step_ns) };
+                true
+            }
+            Delivery::SequenceWrap if active.note == 0 => {
+                active.note = 1;
+                *offset = (u64::MAX - 5).wrapping_sub(sequence);
+                false
+            }
+            Delivery::SequenceWrap => sequence.checked_add(*offset).is_none(),
+            _ => false,
+        });
+        raw.header.sequence = sequence.wrapping_add(self.sequence_offset);
+        raw.header.origin = origin;
+        raw.header.stamp = now;
+        if let (true, Some(last)) = (same, last) {
+            (raw.header.sequence, raw.header.origin) = (last.sequence, last.origin);
+        }
+    }
+
+    /// Whether the frame of this moment leaves the client.
+    fn deliver(&mut self, k: u64, faults: &mut Faults) -> bool {
+        let starved = k < self.let_through + TICK_HZ / 5;
+        let mut through = true;
+        faults.each(as_delivery, |_, delivery| {
+            let keeps = match delivery {
+                Delivery::Loss | Delivery::Burst | Delivery::HolderPauses => true,
+                Delivery::Starve => starved,
+                _ => false,
+            };
+            through &= !keeps;
+            keeps
+        });
+        if through {
+            self.let_through = k;
+        }
+        through
+    }
+
+    fn bursts(&self, faults: &Faults) -> bool {
+        faults.active.iter().any(|active| active.fault == Fault::Delivery(Delivery::Burst))
+    }
+
+    fn release_burst(&mut self, faults: &Faults, out: &mut Vec<RawSkeleton>) {
+        let burst = faults.active.iter().find(|active| active.fault == Fault::Delivery(Delivery::Burst));
+        let due = burst.is_none_or(|active| active.age % (TICK_HZ / 5) == TICK_HZ / 5 - 1);
+        if due && !self.held_back.is_empty() {
+            out.append(&mut self.held_back);
+        }
+    }
+
+    /// Frames that come besides those of the person.
+    fn besides(&mut self, now: Stamp, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
+        let Some(last) = self.last else { return };
+        let (past, strangers) = (&self.past, &mut self.stranger_sequence);
+        let (sequence, offset, session) = (&mut self.sequence, self.sequence_offset, self.session);
+        let mut counted = Vec::new();
+        faults.each(as_delivery, |active, delivery| {
+            let before = out.len();
+            match delivery {
+                Delivery::Flood => {
+                    // 10 kHz are 6 or 7 frames a tick.
+                    for n in 0..6 {
+                        *sequence += 1;
+                        let mut raw = last;
+                        raw.header.sequence = sequence.wrapping_add(offset);
+                        raw.header.origin = now.plus_ns(n + 1);
+                        out.push(raw);
+                    }
+                }
+                Delivery::StrangerFloods | Delivery::Stranger | Delivery::HolderPauses => {
+                    let rate = if delivery == Delivery::StrangerFloods { 6 } else { u64::from(active.age % 25 == 12) };
+                    for n in 0..rate {
+                        *strangers += 1;
+                        out.push(strange(&last, *strangers, STRANGER ^ active.episode.param, now.plus_ns(n)));
+                    }
+                }
+                Delivery::Replayed if active.age % 10 == 3 => {
+                    let old = past[active.rng.random_range(0..past.len())];
+                    out.push(old);
+                }
+                Delivery::OldSession if active.age % 10 == 3 => {
+                    // A recording with its own nonce, sequence and stamps, or with the stamps made new.
+                    let mut old = past[active.rng.random_range(0..past.len())];
+                    old.session_nonce = session.wrapping_sub(1);
+                    if active.rng.random() {
+                        old.header.origin = now;
+                    }
+                    out.push(old);
+                }
+                _ => {}
+            }
+            counted.push((active.episode.kind, (out.len() - before) as u64));
+            false
+        });
+        counted.into_iter().for_each(|(kind, count)| faults.count(kind, count));
+    }
+}
+
+fn strange(last: &RawSkeleton, sequence: u64, session: u64, now: Stamp) -> RawSkeleton {
+    let mut raw = *last;
+    raw.header.sequence = sequence;
+    (raw.header.origin, raw.header.stamp) = (now, now);
+    raw.session_nonce = session;
+    raw
+}
+
+fn as_frame(fault: Fault) -> Option<Frame> {
+    if let Fault::Frame(frame) = fault { Some(frame) } else { None }
+}
+
+fn as_delivery(fault: Fault) -> Option<Delivery> {
+    if let Fault::Delivery(delivery) = fault { Some(delivery) } else { None }
+}

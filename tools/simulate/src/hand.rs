@@ -1,0 +1,228 @@
+//! The operator's hand: engages, holds, lets go, resets and engages again, as a sensible person would.
+
+use crate::active::Faults;
+use crate::kinds::{Fault, Hand as Of};
+use messages::{Fault as Reason, Faults as Reasons, Mode, Stamp, Status, TICK_HZ};
+use pipeline::OperatorEdges;
+use rand::RngExt;
+use safety::engage::OperatorView;
+
+/// Ticks between two looks at the status: control sends it 50 times a second.
+const LOOK: u64 = TICK_HZ / 50;
+/// How long a hand rests between two acts, ticks: 0.3 s, more than the time for which the enable must be released.
+const REST: u64 = TICK_HZ * 3 / 10;
+/// How long a hand waits for what it asked for, ticks: 0.2 s.
+const WAIT: u64 = TICK_HZ / 5;
+/// How long it waits for a robot that holds, ticks: 0.8 s.
+const HOLD: u64 = TICK_HZ * 4 / 5;
+/// Age at which the operator server takes the enable from a silent client, ticks: `operator::LEASE_NS`.
+const LEASE: u64 = operator::LEASE_NS * TICK_HZ / 1_000_000_000;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Act {
+    Idle,
+    Enabling,
+    Recovering,
+}
+
+/// Everything remembered.
+#[derive(Clone)]
+pub struct Hand {
+    view: operator::OperatorView,
+    edges: OperatorEdges,
+    act: Act,
+    since: u64,
+    /// Ticks since the last heartbeat got through.
+    silent: u64,
+    mode: Mode,
+    reasons: Reasons,
+}
+
+impl Hand {
+    /// Of an operator who has just connected.
+    pub fn new() -> Self {
+        Self {
+            view: operator::OperatorView { connections: 1, ..Default::default() },
+            edges: OperatorEdges::default(),
+            act: Act::Idle,
+            since: 0,
+            silent: 0,
+            mode: Mode::Disengaged,
+            reasons: Reasons::NONE,
+        }
+    }
+
+    /// `control` was started anew: nobody is connected, then he is.
+    pub fn reconnect(&mut self) {
+        *self = Self::new();
+    }
+
+    /// What the operator reads.
+    pub fn read(&mut self, k: u64, status: &Status) {
+        if k.is_multiple_of(LOOK) {
+            self.mode = Mode::from_u32(status.mode).unwrap_or(Mode::Faulted);
+            self.reasons = Reasons(status.faults);
+        }
+    }
+
+    fn let_go(&mut self) {
+        if self.view.enable_level || self.view.recover_level {
+            self.view.release_edges += 1;
+        }
+        (self.view.enable_level, self.view.recover_level) = (false, false);
+        (self.act, self.since) = (Act::Idle, 0);
+    }
+
+    fn enable(&mut self) {
+        self.view.enable_edges += 1;
+        self.view.enable_level = true;
+        (self.act, self.since) = (Act::Enabling, 0);
+    }
+
+    fn recover(&mut self) {
+        self.view.recover_edges += 1;
+        self.view.recover_level = true;
+        (self.act, self.since) = (Act::Recovering, 0);
+    }
+
+    /// What a sensible person does next.
+    fn decide(&mut self) {
+        let start = Reasons::NONE.with(Reason::StartOutsideLimits).with(Reason::StartInCollision);
+        match self.act {
+            Act::Idle if self.since < REST => {}
+            Act::Idle if self.mode == Mode::Faulted => {
+                self.view.reset_edges += 1;
+                self.since = 0;
+            }
+            Act::Idle if self.mode == Mode::Disengaged => {
+                if self.reasons.0 & start.0 != 0 {
+                    self.recover();
+                } else {
+                    self.enable();
+                }
+            }
+            Act::Idle => {}
+            Act::Enabling => {
+                let refused = matches!(self.mode, Mode::Disengaged | Mode::Faulted) && self.since > WAIT;
+                let held_up = self.mode == Mode::Holding && self.since > HOLD;
+                if matches!(self.mode, Mode::Engaging | Mode::Engaged) {
+                    self.since = 0;
+                }
+                if refused || held_up {
+                    self.let_go();
+                }
+            }
+            Act::Recovering => {
+                if self.mode != Mode::Recovering && self.since > WAIT {
+                    self.let_go();
+                }
+            }
+        }
+    }
+
+    /// The next tick at `now`. The view is for `control`, if it runs: edges wait until then.
+    pub fn tick(&mut self, k: u64, now: Stamp, runs: bool, faults: &mut Faults) -> Option<OperatorView> {
+        self.since += 1;
+        self.silent += 1;
+        let mut speaks = true;
+        let mut decides = k.is_multiple_of(LOOK);
+        faults.each(as_hand, |active, of| {
+            let free = matches!(of, Of::Elsewhere | Of::Stuck | Of::Conflict | Of::Disconnect | Of::Silent);
+            decides &= !free;
+            self.suffer(active, of, &mut speaks)
+        });
+        if decides {
+            self.decide();
+        }
+        if speaks {
+            self.view.connections = 1;
+            self.view.heartbeat = now;
+            self.silent = 0;
+        }
+        runs.then(|| {
+            self.edges.note(&self.view);
+            self.edges.take()
+        })
+    }
+
+    fn suffer(&mut self, active: &mut crate::active::Active, of: Of, speaks: &mut bool) -> bool {
+        let moving = matches!(self.mode, Mode::Engaging | Mode::Engaged);
+        match of {
+            Of::Release if self.view.enable_level && active.rng.random_range(0..100) == 0 => self.let_go(),
+            Of::Silent => {
+                *speaks = false;
+                // Half of the time it is the server that notices, half of the time control's own age.
+                if active.episode.param % 2 == 0 && self.silent == LEASE {
+                    self.lose();
+                }
+                return self.silent % LOOK == 0;
+            }
+            Of::Disconnect => {
+                *speaks = false;
+                if active.age == 0 {
+                    self.lose();
+                    self.view.connections = 0;
+                    return true;
+                }
+                return false;
+            }
+            Of::Stop if moving && active.rng.random_range(0..150) == 0 => self.view.estop_edges += 1,
+            Of::StopEngaging if self.mode == Mode::Engaging && active.rng.random_range(0..200) == 0 => {
+                self.view.estop_edges += 1;
+            }
+            Of::StopChatter if active.rng.random_range(0..5) == 0 => {
+                self.view.estop_edges += 1;
+                self.view.reset_edges += u64::from(active.rng.random::<bool>());
+            }
+            Of::Elsewhere => {
+                if active.age == 0 {
+                    self.let_go();
+                }
+                return false;
+            }
+            Of::Stuck => {
+                self.view.enable_level = active.age + 1 < active.episode.ticks;
+                let pressed = active.age % 100 == 0;
+                self.view.enable_edges += u64::from(pressed);
+                (self.act, self.since) = (Act::Idle, 0);
+                return pressed;
+            }
+            Of::Conflict => {
+                let mut some = || u64::from(active.rng.random_range(0..3) == 0);
+                self.view.enable_edges += some();
+                self.view.recover_edges += some();
+                self.view.release_edges += some();
+                self.view.reset_edges += some();
+                self.view.estop_edges += some() * some();
+                self.view.enable_level = some() == 0;
+                self.view.recover_level = !self.view.enable_level && some() == 1;
+                (self.act, self.since) = (Act::Idle, 0);
+                if active.age + 1 >= active.episode.ticks {
+                    self.let_go();
+                }
+            }
+            Of::ResetHeld => self.view.reset_edges += 1,
+            Of::Release | Of::Stop | Of::StopEngaging | Of::StopChatter => return false,
+        }
+        true
+    }
+
+    /// The server takes the enable from a client that it has lost.
+    fn lose(&mut self) {
+        if self.view.enable_level || self.view.recover_level {
+            self.view.holders_lost += 1;
+        }
+        (self.view.enable_level, self.view.recover_level) = (false, false);
+        (self.act, self.since) = (Act::Idle, 0);
+    }
+}
+
+impl Default for Hand {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn as_hand(fault: Fault) -> Option<Of> {
+    if let Fault::Hand(of) = fault { Some(of) } else { None }
+}

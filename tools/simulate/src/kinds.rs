@@ -1,0 +1,407 @@
+//! Every kind of fault that a schedule can hold, and the identities of the hazards that each one stands for.
+
+/// What is wrong with the content of a client's frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// NaN in a position, rotation or confidence.
+    Nan,
+    /// An infinity there.
+    Infinite,
+    /// A denormal number or a negative zero there.
+    Denormal,
+    /// The largest number there.
+    Huge,
+    /// A rotation that is no unit quaternion.
+    NotUnit,
+    /// A rotation with its sign flipped: the same rotation.
+    SignFlip,
+    /// An arm that is suddenly longer or shorter.
+    LimbLength,
+    /// An arm that grows slowly.
+    LimbCreep,
+    /// An arm that is suddenly elsewhere.
+    Teleport,
+    /// The person walks away.
+    WalkAway,
+    /// The arms change sides.
+    SidesSwapped,
+    /// A mirror image, told or not.
+    Mirrored,
+    /// Another unit of length.
+    Unit,
+    /// Other axes.
+    Axes,
+    /// Confidence below what is used.
+    LowConfidence,
+    /// The same payload with fresh stamps.
+    Frozen,
+    /// Joints are not seen.
+    JointsMissing,
+    /// Another operator.
+    OperatorChange,
+    /// Ten times the noise of a tracker.
+    Noise,
+    /// A layout, count or flag that does not exist.
+    Layout,
+    /// One half of this frame, one half of the last.
+    Torn,
+    /// Bits of the payload flipped.
+    BitFlips,
+}
+
+/// What is wrong with the delivery of a client's frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delivery {
+    /// Silence.
+    Loss,
+    /// 10 kHz by the holder of authority.
+    Flood,
+    /// 10 kHz by somebody else.
+    StrangerFloods,
+    /// 5 Hz.
+    Starve,
+    /// All frames of 200 ms at once.
+    Burst,
+    /// A stamp that runs backwards.
+    StampBack,
+    /// A stamp in the future.
+    StampFuture,
+    /// The stamp or sequence of the frame before.
+    StampDouble,
+    /// A clock that runs 500 ppm fast or slow.
+    Drift,
+    /// A clock that was set.
+    ClockStep,
+    /// The sequence wraps around.
+    SequenceWrap,
+    /// Frames of the past, as they were.
+    Replayed,
+    /// Frames of another session of the past.
+    OldSession,
+    /// Another client publishes too.
+    Stranger,
+    /// The holder pauses for longer than the authority timeout, and another client comes.
+    HolderPauses,
+    /// The client is started anew.
+    Reconnect,
+}
+
+/// What is wrong with what a stage publishes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// Retargeting gives NaN.
+    TargetNan,
+    /// Retargeting gives an infinity.
+    TargetInfinite,
+    /// Targets jump.
+    TargetJump,
+    /// No target for some ticks.
+    TargetLate,
+    /// Targets beyond the limits.
+    TargetBeyond,
+    /// Targets that ask for more speed than there is.
+    TargetFast,
+    /// Random postures, colliding ones among them.
+    TargetPosture,
+    /// The torso is sent up and down.
+    TargetTorso,
+    /// Any bits for a target.
+    TargetBits,
+    /// Well-formed lies of `ingest`.
+    SkeletonLies,
+    /// The robot's state is not sent.
+    StateSilent,
+    /// Measurements are NaN or infinite.
+    StateNan,
+    /// Two joints of the measurement change places.
+    StateSwapped,
+    /// Commands of the past are sent again.
+    CommandOld,
+    /// Bits of skeletons flipped.
+    SkeletonBits,
+    /// Bits of targets flipped.
+    TargetFlips,
+    /// Skeletons repeat.
+    SkeletonFrozen,
+    /// Targets repeat.
+    TargetFrozen,
+    /// Commands repeat.
+    CommandFrozen,
+    /// States repeat.
+    StateFrozen,
+}
+
+/// A process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Who {
+    /// `ingest`.
+    Ingest = 0,
+    /// `retarget`.
+    Retarget = 1,
+    /// `control`.
+    Control = 2,
+    /// The driver.
+    Driver = 3,
+}
+
+/// What befalls processes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Process {
+    /// Dies, and is started again.
+    Kill(Who),
+    /// Is stopped, and goes on.
+    Stop(Who),
+    /// All of them are stopped, and go on.
+    PauseAll,
+    /// `control` misses 1 to 3 deadlines now and then.
+    ControlLate,
+    /// The driver dies, and finds the robot outside its limits.
+    FoundOutside,
+    /// The driver dies, and finds the robot too close to itself.
+    FoundClose,
+}
+
+/// What is wrong with a link, by its place in [`pipeline::Links`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Badness {
+    /// Messages are lost.
+    Drop,
+    /// Messages are late.
+    Delay,
+    /// Messages arrive twice.
+    Double,
+    /// Messages overtake each other.
+    Reorder,
+}
+
+/// What is wrong with the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Robot {
+    /// An encoder jumps.
+    EncoderJump,
+    /// An encoder is wrong for a sample.
+    EncoderSpike,
+    /// Measurements stand still.
+    Frozen,
+    /// The measurement of a joint is not a number.
+    Nan,
+    /// The measurement of a joint goes the other way.
+    Inverted,
+    /// The measurements of two joints have changed places.
+    Swapped,
+    /// A joint does not follow.
+    NotFollowed,
+    /// A joint moves the other way.
+    SignInverted,
+    /// Setpoints are rejected.
+    Rejected,
+    /// A drive reports a fault.
+    DriveFault,
+    /// The robot's own emergency stop is pressed, and released.
+    Stopped,
+    /// No motor has power, then all have.
+    PowerReturns,
+}
+
+/// What the operator, or his device, does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hand {
+    /// Lets go.
+    Release,
+    /// His device falls silent with the enable held.
+    Silent,
+    /// His device goes away.
+    Disconnect,
+    /// Presses the emergency stop in motion.
+    Stop,
+    /// Presses it while engaging.
+    StopEngaging,
+    /// The button chatters.
+    StopChatter,
+    /// Lets go, waits while the person moves on, and engages elsewhere.
+    Elsewhere,
+    /// The enable is stuck when `control` starts.
+    Stuck,
+    /// Everything at once.
+    Conflict,
+    /// Reset without end.
+    ResetHeld,
+}
+
+/// A fault of any stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// See [`Frame`].
+    Frame(Frame),
+    /// See [`Delivery`].
+    Delivery(Delivery),
+    /// See [`Content`].
+    Content(Content),
+    /// See [`Process`].
+    Process(Process),
+    /// Of the link with this index.
+    Link(usize, Badness),
+    /// See [`Robot`].
+    Robot(Robot),
+    /// See [`Hand`].
+    Hand(Hand),
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Kind {
+    /// Name in schedules.
+    pub name: &'static str,
+    /// Identities of the hazards.
+    pub ids: &'static [&'static str],
+    /// What it does.
+    pub fault: Fault,
+    /// Shortest and longest episode, ticks.
+    pub ticks: (u32, u32),
+}
+
+macro_rules! kinds {
+    ($($name:literal [$($id:literal)*] $fault:expr, $low:literal..$high:literal;)*) => {
+        /// The table.
+        pub const KINDS: [Kind; [$($name),*].len()] = [$(Kind {
+            name: $name,
+            ids: &[$($id),*],
+            fault: $fault,
+            ticks: ($low, $high),
+        },)*];
+    };
+}
+
+use Content as C;
+use Delivery as D;
+use Fault::{Content as Of, Delivery as Del, Frame as Fr, Hand as Op, Link, Process as Pr, Robot as Ro};
+
+kinds! {
+    "frame-nan" ["f001"] Fr(Frame::Nan), 60..900;
+    "frame-infinite" ["f002"] Fr(Frame::Infinite), 60..900;
+    "frame-denormal" ["f003"] Fr(Frame::Denormal), 60..900;
+    "frame-huge" ["f003"] Fr(Frame::Huge), 60..900;
+    "frame-not-unit" ["f004"] Fr(Frame::NotUnit), 60..900;
+    "frame-sign-flip" ["f005"] Fr(Frame::SignFlip), 60..900;
+    "limb-length" ["f006"] Fr(Frame::LimbLength), 60..900;
+    "limb-creep" ["f006"] Fr(Frame::LimbCreep), 600..2000;
+    "teleport" ["f007"] Fr(Frame::Teleport), 60..900;
+    "walk-away" ["f008"] Fr(Frame::WalkAway), 300..2000;
+    "sides-swapped" ["f009"] Fr(Frame::SidesSwapped), 60..900;
+    "mirrored" ["f010"] Fr(Frame::Mirrored), 60..900;
+    "other-unit" ["f010"] Fr(Frame::Unit), 60..900;
+    "other-axes" ["f010"] Fr(Frame::Axes), 60..900;
+    "low-confidence" ["f011"] Fr(Frame::LowConfidence), 60..900;
+    "frozen-payload" ["f012" "f013"] Fr(Frame::Frozen), 100..1200;
+    "joints-missing" ["f015"] Fr(Frame::JointsMissing), 60..900;
+    "operator-change" ["f016"] Fr(Frame::OperatorChange), 60..900;
+    "noise-burst" ["f017"] Fr(Frame::Noise), 60..900;
+    "wrong-layout" ["f018"] Fr(Frame::Layout), 60..900;
+    "torn-frame" ["f019"] Fr(Frame::Torn), 60..900;
+    "skeleton-age" ["f020" "f022"] Del(D::Loss), 60..149;
+    "skeleton-loss" ["f021"] Del(D::Loss), 160..1200;
+    "flood" ["f023"] Del(D::Flood), 30..300;
+    "stranger-floods" ["f023" "f068"] Del(D::StrangerFloods), 30..300;
+    "starve" ["f024"] Del(D::Starve), 600..3000;
+    "burst" ["f025"] Del(D::Burst), 600..2000;
+    "stamp-back" ["f026"] Del(D::StampBack), 60..900;
+    "stamp-future" ["f027"] Del(D::StampFuture), 60..900;
+    "stamp-double" ["f028"] Del(D::StampDouble), 60..900;
+    "clock-drift" ["f029"] Del(D::Drift), 3000..20000;
+    "clock-step" ["f029"] Del(D::ClockStep), 300..3000;
+    "sequence-wrap" ["f032"] Del(D::SequenceWrap), 300..1200;
+    "old-frames" ["f014"] Del(D::Replayed), 60..900;
+    "old-session" ["f014"] Del(D::OldSession), 60..900;
+    "stranger" ["f068"] Del(D::Stranger), 300..3000;
+    "holder-pauses" ["f069"] Del(D::HolderPauses), 1600..3000;
+    "reconnect" ["f070"] Del(D::Reconnect), 30..300;
+    "pause-all" ["f031"] Pr(Process::PauseAll), 8..1500;
+    "target-nan" ["f033"] Of(C::TargetNan), 1..60;
+    "target-infinite" ["f033"] Of(C::TargetInfinite), 1..60;
+    "target-jump" ["f034"] Of(C::TargetJump), 30..1500;
+    "target-late" ["f035"] Of(C::TargetLate), 30..600;
+    "hang-retarget" ["f036" "f074"] Pr(Process::Stop(Who::Retarget)), 2..1500;
+    "target-beyond" ["f040"] Of(C::TargetBeyond), 30..600;
+    "target-fast" ["f041"] Of(C::TargetFast), 30..600;
+    "target-posture" ["f045" "f047" "f048"] Of(C::TargetPosture), 300..2000;
+    "target-torso" ["f049"] Of(C::TargetTorso), 300..2000;
+    "target-bits" ["f109"] Of(C::TargetBits), 1..300;
+    "skeleton-lies" ["f109"] Of(C::SkeletonLies), 300..2000;
+    "found-outside" ["f043"] Pr(Process::FoundOutside), 3..300;
+    "found-close" ["f044"] Pr(Process::FoundClose), 3..300;
+    "control-late" ["f046" "f078"] Pr(Process::ControlLate), 60..900;
+    "stop-ingest" ["f074"] Pr(Process::Stop(Who::Ingest)), 2..1500;
+    "stop-control" ["f058" "f074" "f078"] Pr(Process::Stop(Who::Control)), 2..1500;
+    "stop-driver" ["f051" "f074"] Pr(Process::Stop(Who::Driver)), 2..1500;
+    "kill-ingest" ["f073"] Pr(Process::Kill(Who::Ingest)), 60..900;
+    "kill-retarget" ["f073"] Pr(Process::Kill(Who::Retarget)), 60..900;
+    "kill-control" ["f058" "f073"] Pr(Process::Kill(Who::Control)), 60..900;
+    "kill-driver" ["f051" "f073"] Pr(Process::Kill(Who::Driver)), 60..900;
+    "state-silent" ["f051"] Of(C::StateSilent), 4..100;
+    "feedback-frozen" ["f052"] Ro(Robot::Frozen), 15..300;
+    "encoder-jump" ["f053"] Ro(Robot::EncoderJump), 1..60;
+    "encoder-spike" ["f053"] Ro(Robot::EncoderSpike), 1..60;
+    "feedback-nan" ["f054"] Ro(Robot::Nan), 1..60;
+    "state-nan" ["f054"] Of(C::StateNan), 1..60;
+    "feedback-swapped" ["f054" "f056"] Ro(Robot::Swapped), 15..300;
+    "state-swapped" ["f054" "f056"] Of(C::StateSwapped), 1..200;
+    "feedback-inverted" ["f056"] Ro(Robot::Inverted), 60..600;
+    "not-followed" ["f055"] Ro(Robot::NotFollowed), 60..600;
+    "sign-inverted" ["f056"] Ro(Robot::SignInverted), 60..600;
+    "command-rejected" ["f057"] Ro(Robot::Rejected), 1..60;
+    "command-old" ["f059"] Of(C::CommandOld), 15..300;
+    "robot-estop" ["f060"] Ro(Robot::Stopped), 15..900;
+    "drive-fault" ["f063"] Ro(Robot::DriveFault), 1..300;
+    "power-returns" ["f064"] Ro(Robot::PowerReturns), 30..900;
+    "release" ["f067"] Op(Hand::Release), 60..900;
+    "operator-silent" ["f067"] Op(Hand::Silent), 100..900;
+    "operator-gone" [] Op(Hand::Disconnect), 60..900;
+    "estop" ["f050" "f060"] Op(Hand::Stop), 300..900;
+    "estop-engaging" ["f061"] Op(Hand::StopEngaging), 1500..6000;
+    "estop-chatter" ["f062"] Op(Hand::StopChatter), 30..300;
+    "engage-elsewhere" ["f065"] Op(Hand::Elsewhere), 300..2000;
+    "enable-stuck" ["f066"] Op(Hand::Stuck), 300..1500;
+    "conflicting-edges" ["f071"] Op(Hand::Conflict), 2..60;
+    "reset-held" ["f072"] Op(Hand::ResetHeld), 60..900;
+    "drop-raw" [] Link(0, Badness::Drop), 300..3000;
+    "drop-skeleton" [] Link(1, Badness::Drop), 300..3000;
+    "drop-target" [] Link(2, Badness::Drop), 60..3000;
+    "drop-command" [] Link(3, Badness::Drop), 60..3000;
+    "drop-state" [] Link(4, Badness::Drop), 60..3000;
+    "delay-raw" [] Link(0, Badness::Delay), 300..3000;
+    "delay-skeleton" [] Link(1, Badness::Delay), 300..3000;
+    "delay-target" [] Link(2, Badness::Delay), 60..3000;
+    "delay-command" ["f059"] Link(3, Badness::Delay), 60..3000;
+    "delay-state" ["f051"] Link(4, Badness::Delay), 60..3000;
+    "double-raw" ["f028"] Link(0, Badness::Double), 300..3000;
+    "double-skeleton" [] Link(1, Badness::Double), 300..3000;
+    "double-target" [] Link(2, Badness::Double), 60..3000;
+    "double-command" ["f059"] Link(3, Badness::Double), 60..3000;
+    "double-state" [] Link(4, Badness::Double), 60..3000;
+    "reorder-raw" ["f026"] Link(0, Badness::Reorder), 300..3000;
+    "reorder-skeleton" [] Link(1, Badness::Reorder), 300..3000;
+    "reorder-target" [] Link(2, Badness::Reorder), 60..3000;
+    "reorder-command" ["f059"] Link(3, Badness::Reorder), 60..3000;
+    "reorder-state" [] Link(4, Badness::Reorder), 60..3000;
+    "freeze-skeleton" [] Of(C::SkeletonFrozen), 60..900;
+    "freeze-target" [] Of(C::TargetFrozen), 2..300;
+    "freeze-command" ["f059"] Of(C::CommandFrozen), 2..300;
+    "freeze-state" ["f052"] Of(C::StateFrozen), 2..300;
+    "corrupt-raw" [] Fr(Frame::BitFlips), 60..900;
+    "corrupt-skeleton" [] Of(C::SkeletonBits), 60..900;
+    "corrupt-target" [] Of(C::TargetFlips), 2..300;
+}
+
+/// Number of kinds.
+pub const KIND_COUNT: usize = KINDS.len();
+
+/// The kinds with this name or identity.
+pub fn named(text: &str) -> Vec<usize> {
+    (0..KIND_COUNT).filter(|&kind| KINDS[kind].name == text || KINDS[kind].ids.contains(&text)).collect()
+}
+
+/// The index of the kind with this name.
+pub fn by_name(name: &str) -> Option<usize> {
+    KINDS.iter().position(|kind| kind.name == name)
+}

@@ -1,0 +1,226 @@
+//! Judges the modes that control announces by what it was given, not by what it makes of it.
+
+use crate::oracle::Seen;
+use messages::{Fault, Faults, Mode, Response, Stamp, TICK_HZ, Transition};
+use safety::engage::OperatorView;
+
+/// Thresholds of the shipped settings, in ticks of which control was awake, and what a message may take on its way.
+const INPUT_STALE: u64 = TICK_HZ / 10 + 15 + 35;
+const TARGET_STALE: u64 = TICK_HZ / 100 + 4;
+const STATE_LATE: u64 = 8 + 4;
+const OPERATOR_SILENT_NS: u64 = 200_000_000 + 3 * 1_000_000_000 / TICK_HZ;
+/// Ticks for which the enable must have been released since control started: 200 ms.
+const RELEASED: u64 = TICK_HZ / 5;
+/// Silence after which a client has left: one second, less the frame's own time.
+const AUTHORITY: u64 = TICK_HZ - 2;
+/// How long a reset may be pending, ticks: 100 ms and some.
+const RESET_PENDING: u64 = TICK_HZ / 10 + 5;
+
+/// Who stands behind what control is given.
+#[derive(Clone, Copy, Default)]
+struct Behind {
+    retarget: Option<u32>,
+    session: Option<u64>,
+    driver: Option<u32>,
+}
+
+/// What is remembered.
+#[derive(Clone)]
+pub struct Modes {
+    mode: Mode,
+    transitions: u32,
+    behind: Behind,
+    /// A process or a client is another one since this tick, and nobody has enabled since.
+    stranger_k: Option<u64>,
+    since_target: u64,
+    since_state: u64,
+    since_frame: u64,
+    released: u64,
+    armed: bool,
+    reset_k: u64,
+    last_k: u64,
+    holder: Option<(u64, u64)>,
+}
+
+/// Whether a mode permits motion.
+pub fn moves(mode: Mode) -> bool {
+    follows(mode) || mode == Mode::Recovering
+}
+
+/// Whether a mode follows targets.
+fn follows(mode: Mode) -> bool {
+    matches!(mode, Mode::Engaging | Mode::Engaged)
+}
+
+type Broken = (&'static str, String);
+
+impl Modes {
+    /// Nothing seen yet.
+    pub fn new() -> Self {
+        Self {
+            mode: Mode::Disengaged,
+            transitions: 0,
+            behind: Behind::default(),
+            stranger_k: None,
+            since_target: 0,
+            since_state: 0,
+            since_frame: 0,
+            released: 0,
+            armed: false,
+            reset_k: 0,
+            last_k: 0,
+            holder: None,
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        self.authority(seen)?;
+        if seen.control_restarted {
+            *self = Self { stranger_k: Some(seen.k), holder: self.holder, last_k: self.last_k, ..Self::new() };
+        }
+        if !seen.accepted.is_empty() {
+            self.since_frame = 0;
+        }
+        let (Some(control), Some(operator)) = (&seen.moment.control, seen.operator) else { return Ok(()) };
+        let Some(mode) = Mode::from_u32(control.status.mode) else {
+            return Err(("mode", format!("{} is no mode", control.status.mode)));
+        };
+        self.strangers(seen, &operator);
+        self.note(seen, &operator);
+        self.transition(seen, &operator, mode)?;
+        self.stops(seen, &operator, mode)?;
+        if follows(mode) && self.stranger_k.is_some() {
+            return Err(("new engage", "follows after a restart or for another client, and nobody has enabled".into()));
+        }
+        if moves(mode) && !moves(self.mode) && !self.armed {
+            return Err(("stuck enable", "moves though the enable was never seen released".into()));
+        }
+        (self.mode, self.last_k) = (mode, seen.k);
+        Ok(())
+    }
+
+    /// One client at a time, and none in place of another before that has been silent for long enough.
+    fn authority(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        if seen.ingest_restarted {
+            self.holder = None;
+        }
+        for &session in seen.accepted {
+            if let Some((holder, k)) = self.holder
+                && holder != session
+                && seen.k < k + AUTHORITY
+            {
+                return Err(("authority", format!("session {session:x} {} ticks after {holder:x}", seen.k - k)));
+            }
+            self.holder = Some((session, seen.k));
+        }
+        Ok(())
+    }
+
+    fn strangers(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
+        fn other<T: PartialEq + Copy>(known: &mut Option<T>, is: T) -> bool {
+            known.replace(is).is_some_and(|was| was != is)
+        }
+        if self.stranger_k.is_some_and(|k| k < seen.k) && (operator.enable_edge || operator.recover_edge) {
+            self.stranger_k = None;
+        }
+        let mut changed = false;
+        if let Some(target) = &seen.moment.target_seen {
+            changed |= other(&mut self.behind.retarget, target.header.incarnation);
+            changed |= target.session_nonce != 0 && other(&mut self.behind.session, target.session_nonce);
+        }
+        if let Some(state) = &seen.moment.state_seen {
+            changed |= other(&mut self.behind.driver, state.header.incarnation);
+        }
+        if changed {
+            self.stranger_k = Some(seen.k);
+        }
+    }
+
+    /// Ages, counted while control is awake.
+    fn note(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
+        self.since_frame += 1;
+        self.since_target = if seen.moment.target_seen.is_some() { 0 } else { self.since_target + 1 };
+        self.since_state = if seen.moment.state_seen.is_some() { 0 } else { self.since_state + 1 };
+        let gap = (seen.k - self.last_k.min(seen.k)).clamp(1, 2);
+        let held = operator.enable_level || operator.recover_level;
+        self.released = if held { 0 } else { self.released + gap };
+        self.armed |= self.released + 2 >= RELEASED;
+        if operator.reset_edge {
+            self.reset_k = seen.k;
+        }
+    }
+
+    /// No change of mode without a logged reason that was there.
+    fn transition(&mut self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
+        let Some(control) = &seen.moment.control else { return Ok(()) };
+        let count = control.status.transition_count;
+        let Some(made) = control.transition else {
+            let silent = mode == self.mode && count == self.transitions;
+            let told = || format!("{} to {} without a transition", self.mode.name(), mode.name());
+            return if silent { Ok(()) } else { Err(("logged reason", told())) };
+        };
+        let logged = made.from == self.mode as u32 && made.to == mode as u32 && count == self.transitions + 1;
+        self.transitions = count;
+        let faults = Faults(control.status.faults);
+        let there = match made.why {
+            Transition::ENABLED => operator.enable_edge && operator.enable_level && faults.is_empty(),
+            Transition::RECOVERING => operator.recover_edge && operator.recover_level,
+            Transition::RELEASED => {
+                operator.release_edge
+                    || (self.mode == Mode::Recovering && !operator.recover_level)
+                    || !operator.enable_level
+            }
+            Transition::RESET => seen.k <= self.reset_k + RESET_PENDING,
+            why => Fault::from_u32(why).is_none_or(|fault| faults.has(fault)),
+        };
+        if logged && there {
+            return Ok(());
+        }
+        let (from, to, why) = (self.mode.name(), mode.name(), made.why_name());
+        Err(("logged reason", format!("{from} to {to} for {why}, which was not there")))
+    }
+
+    /// What must not move.
+    fn stops(&self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
+        let Some(control) = &seen.moment.control else { return Ok(()) };
+        if operator.estop_edge && mode != Mode::Faulted {
+            return Err(("emergency stop", format!("pressed, and the mode is {}", mode.name())));
+        }
+        let stops = Faults(control.status.faults).of(Response::Stop);
+        if !stops.is_empty() && mode != Mode::Faulted {
+            return Err(("fault", format!("a fault that stops, and the mode is {}", mode.name())));
+        }
+        if !follows(mode) {
+            return Ok(());
+        }
+        if operator.release_edge || !operator.enable_level {
+            return Err(("release", format!("let go, and the mode is {}", mode.name())));
+        }
+        let faults = Faults(control.status.faults);
+        if !faults.of(Response::Hold).union(faults.of(Response::Release)).is_empty() {
+            return Err(("fault", format!("a fault that holds, and the mode is {}", mode.name())));
+        }
+        let now = control.status.header.stamp;
+        let silent_ns = now.since(operator.heartbeat_received);
+        let slept = seen.k > self.last_k + 1;
+        if operator.heartbeat_received == Stamp::NONE || (silent_ns > OPERATOR_SILENT_NS && !slept) {
+            return Err(("operator silent", format!("for {} ms, and it follows", silent_ns / 1_000_000)));
+        }
+        let ages = [
+            ("target silent", self.since_target, TARGET_STALE),
+            ("robot silent", self.since_state, STATE_LATE),
+            ("skeleton silent", if seen.forged { 0 } else { self.since_frame }, INPUT_STALE),
+        ];
+        match ages.iter().find(|(_, age, most)| age > most) {
+            Some((name, age, _)) => Err((name, format!("for {age} ticks, and it follows"))),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Default for Modes {
+    fn default() -> Self {
+        Self::new()
+    }
+}

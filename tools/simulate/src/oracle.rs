@@ -1,0 +1,277 @@
+//! Judges what the robot executes, by differences of positions alone, and hashes it. Knows nothing of the gate's, the
+//! certificate's or the follower's arithmetic.
+//!
+//! With the executed positions q0, q1, q2, q3 of four successive ticks of T seconds, (q1 - q0) / T is a mean of the velocity,
+//! (q2 - 2 q1 + q0) / T^2 one of the acceleration and (q3 - 3 q2 + 3 q1 - q0) / T^3 one of the jerk, with weights that are
+//! nowhere negative and sum to one (B-splines): each is within the limit of every motion that keeps it.
+
+use crate::modes::{Modes, moves};
+use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
+use pipeline::Moment;
+use robot::JointLimits;
+use safety::engage::OperatorView;
+use sim::{Report, ViolationKind};
+
+/// Longest stop, ticks: 500 ms, the promise of the robots.
+pub const STOP_TICKS: u64 = TICK_HZ / 2;
+/// A command is applied at most two ticks late, and its stop begins with it.
+pub const LATE_TICKS: u64 = 2;
+/// Ticks from the decision to the driver's output: the command of the tick after, and one more.
+const REACTION_TICKS: u64 = 2;
+/// Share of the velocity limits in the first second of engaging.
+const FIRST_SHARE: f64 = 0.05;
+/// Rounding of a position, rad or m: positions reach 3, and a plan is advanced by at most 7500 additions.
+const ROUNDING_Q: f64 = 1e-9;
+/// Rounding of the differences: positions of rounding 1e-14 over T, T^2 and T^3, with a margin.
+const ROUNDING_V: f64 = 1e-9;
+const ROUNDING_A: f64 = 1e-6;
+const ROUNDING_J: f64 = 1e-3;
+/// A robot at rest moves no faster than a plan may leave, rad/s or m/s.
+const RESTING: f64 = 1e-6;
+
+/// A promise that was broken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Violation {
+    /// Tick of the run.
+    pub tick: u64,
+    /// Which promise.
+    pub invariant: &'static str,
+    /// What was seen.
+    pub detail: String,
+}
+
+/// What the oracle sees of a tick.
+pub struct Seen<'a> {
+    /// Tick of the run.
+    pub tick: u64,
+    /// Index of the tick on the grid.
+    pub k: u64,
+    /// What happened.
+    pub moment: &'a Moment,
+    /// What control was told of the operator, if it ran.
+    pub operator: Option<OperatorView>,
+    /// Sessions of the frames that `ingest` passed on, in order.
+    pub accepted: &'a [u64],
+    /// Control was started anew before this tick.
+    pub control_restarted: bool,
+    /// `ingest` was started anew before this tick.
+    pub ingest_restarted: bool,
+    /// The driver was started anew before this tick.
+    pub driver_restarted: bool,
+    /// The drives do not follow, or did not a moment ago: then what is measured is held.
+    pub undriven: bool,
+    /// Targets are being forged: their stamps say nothing.
+    pub forged: bool,
+    /// The simulated robot's own checker.
+    pub report: &'a Report,
+}
+
+/// State of the oracle.
+#[derive(Clone)]
+pub struct Oracle {
+    limits: [JointLimits; JOINTS],
+    /// Executed positions of the last successive indices, newest last.
+    window: [[f64; JOINTS]; 4],
+    filled: usize,
+    index: Option<u64>,
+    executed_k: u64,
+    /// How far outside its limits the robot was found.
+    beyond: [[f64; 2]; JOINTS],
+    checked: u64,
+    engaging_k: Option<u64>,
+    was: Mode,
+    /// The last tick for which a motion was permitted.
+    moving_k: u64,
+    rest: Option<[f64; JOINTS]>,
+    modes: Modes,
+    /// Over everything that was executed.
+    pub hash: u64,
+    /// Ticks in each mode.
+    pub ticks_in: [u64; Mode::ALL.len()],
+}
+
+impl Oracle {
+    /// Of a robot with these limits, at index `k`.
+    pub fn new(limits: &[JointLimits; JOINTS], k: u64) -> Self {
+        Self {
+            limits: *limits,
+            window: [[0.0; JOINTS]; 4],
+            filled: 0,
+            index: None,
+            executed_k: 0,
+            beyond: limits.map(|limits| [limits.q_min, limits.q_max]),
+            checked: 0,
+            engaging_k: None,
+            was: Mode::Disengaged,
+            moving_k: k,
+            rest: None,
+            modes: Modes::new(),
+            hash: 0xcbf2_9ce4_8422_2325,
+            ticks_in: [0; Mode::ALL.len()],
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Violation> {
+        self.modes.check(seen).map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })?;
+        if let Some(control) = &seen.moment.control {
+            let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
+            self.note_mode(seen.k, mode);
+        }
+        let judged = match &seen.moment.robot {
+            Some(robot) => self.judge(seen, robot),
+            None => Ok(()),
+        };
+        judged.map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
+    }
+
+    /// The mode that control was in last.
+    pub fn mode(&self) -> Mode {
+        self.was
+    }
+
+    fn note_mode(&mut self, k: u64, mode: Mode) {
+        self.ticks_in[mode as usize] += 1;
+        if mode == Mode::Engaging && self.was != mode {
+            self.engaging_k = Some(k);
+        }
+        if moves(mode) {
+            (self.moving_k, self.rest) = (k, None);
+        }
+        self.was = mode;
+    }
+
+    fn judge(&mut self, seen: &Seen<'_>, robot: &RobotState) -> Result<(), (&'static str, String)> {
+        let index = robot.executed_k + robot.plan_ticks_played;
+        let follows_measurement = robot.command_incarnation == 0 && robot.plan_ticks_played == 0;
+        if seen.driver_restarted || self.index.is_none() || (follows_measurement && seen.undriven) {
+            self.begin(robot);
+        }
+        for x in robot.q.iter().chain(&robot.v).chain(&robot.a) {
+            self.hash = (self.hash ^ x.to_bits()).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+        if let Some(x) = robot.q.iter().chain(&robot.v).chain(&robot.a).find(|x| !x.is_finite()) {
+            return Err(("finite", format!("{x} is executed")));
+        }
+        let before = self.index.replace(index).unwrap_or(index);
+        if index < before {
+            return Err(("order", format!("index {index} is executed after {before}")));
+        }
+        let age = seen.k.saturating_sub(robot.executed_k);
+        if robot.executed_k != self.executed_k && age > LATE_TICKS {
+            return Err(("old command", format!("a command of {age} ticks ago was applied")));
+        }
+        self.executed_k = robot.executed_k;
+        self.positions(&robot.q)?;
+        self.differences(index - before, &robot.q)?;
+        self.first_second(index)?;
+        self.resting(index, robot)?;
+        self.simulated(seen.report)
+    }
+
+    /// A driver that starts holds what it finds: nothing continues.
+    fn begin(&mut self, robot: &RobotState) {
+        self.index = None;
+        (self.filled, self.checked, self.rest) = (0, 0, None);
+        self.executed_k = robot.executed_k;
+        for (j, limits) in self.limits.iter().enumerate() {
+            self.beyond[j] = [limits.q_min.min(robot.q[j]), limits.q_max.max(robot.q[j])];
+        }
+    }
+
+    fn positions(&mut self, q: &[f64; JOINTS]) -> Result<(), (&'static str, String)> {
+        for (j, limits) in self.limits.iter().enumerate() {
+            let [low, high] = &mut self.beyond[j];
+            let inside = q[j] >= *low - ROUNDING_Q && q[j] <= *high + ROUNDING_Q;
+            if !inside {
+                return Err(("position", format!("joint {j} at {}, allowed {low} to {high}", q[j])));
+            }
+            // What was found outside may only come in.
+            (*low, *high) = ((*low).max(limits.q_min.min(q[j])), (*high).min(limits.q_max.max(q[j])));
+        }
+        Ok(())
+    }
+
+    fn differences(&mut self, advanced: u64, q: &[f64; JOINTS]) -> Result<(), (&'static str, String)> {
+        let last = self.window[3];
+        if self.filled > 0 {
+            let dt = advanced as f64 * TICK_S;
+            for (j, limits) in self.limits.iter().enumerate() {
+                let moved = (q[j] - last[j]).abs();
+                if moved > limits.v_max * dt + ROUNDING_V * TICK_S {
+                    return Err(("velocity", format!("joint {j} moved {moved} in {dt} s, v_max {}", limits.v_max)));
+                }
+            }
+        }
+        if advanced == 0 && self.filled > 0 {
+            return Ok(());
+        }
+        if advanced > 1 {
+            self.filled = 0;
+        }
+        self.window.rotate_left(1);
+        self.window[3] = *q;
+        self.filled = (self.filled + 1).min(4);
+        for (j, limits) in self.limits.iter().enumerate() {
+            let [q0, q1, q2, q3] = self.window.map(|q| q[j]);
+            let a = (q3 - 2.0 * q2 + q1) / TICK_S.powi(2);
+            if self.filled >= 3 && a.abs() > limits.a_max + ROUNDING_A {
+                return Err(("acceleration", format!("joint {j}: {a}, a_max {}", limits.a_max)));
+            }
+            let jerk = (q3 - 3.0 * q2 + 3.0 * q1 - q0) / TICK_S.powi(3);
+            if self.filled == 4 && jerk.abs() > limits.j_max + ROUNDING_J {
+                return Err(("jerk", format!("joint {j}: {jerk}, j_max {}", limits.j_max)));
+            }
+        }
+        Ok(())
+    }
+
+    fn first_second(&self, index: u64) -> Result<(), (&'static str, String)> {
+        let young = self.engaging_k.is_some_and(|k| index > k && index < k + TICK_HZ);
+        if !young || self.filled < 2 || !matches!(self.was, Mode::Engaging | Mode::Engaged) {
+            return Ok(());
+        }
+        for (j, limits) in self.limits.iter().enumerate() {
+            let v = (self.window[3][j] - self.window[2][j]).abs() / TICK_S;
+            if v > FIRST_SHARE * limits.v_max + ROUNDING_V / TICK_S {
+                return Err(("first second", format!("joint {j} at {v}, v_max {}", limits.v_max)));
+            }
+        }
+        Ok(())
+    }
+
+    /// After the longest stop the robot rests, and stays where it is.
+    fn resting(&mut self, index: u64, robot: &RobotState) -> Result<(), (&'static str, String)> {
+        if index <= self.moving_k + LATE_TICKS + STOP_TICKS + REACTION_TICKS {
+            return Ok(());
+        }
+        let Some(rest) = self.rest else {
+            self.rest = Some(robot.q);
+            return match robot.v.iter().find(|v| v.abs() > RESTING) {
+                Some(v) => Err(("stop bound", format!("still at {v} {STOP_TICKS} ticks after the last permit"))),
+                None => Ok(()),
+            };
+        };
+        match (0..JOINTS).find(|&j| (robot.q[j] - rest[j]).abs() > ROUNDING_Q) {
+            Some(j) => Err(("rest", format!("joint {j} left {} for {} without a permit", rest[j], robot.q[j]))),
+            None => Ok(()),
+        }
+    }
+
+    fn simulated(&mut self, report: &Report) -> Result<(), (&'static str, String)> {
+        let total = report.violations_total();
+        if total == self.checked {
+            return Ok(());
+        }
+        self.checked = total;
+        let Some(first) = report.first_violation() else { return Ok(()) };
+        let name = match first.kind {
+            ViolationKind::Clearance => "clearance",
+            ViolationKind::Position => "executed position",
+            ViolationKind::Velocity => "executed velocity",
+            ViolationKind::Acceleration => "executed acceleration",
+            ViolationKind::Jerk => "executed jerk",
+        };
+        Err((name, format!("index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit)))
+    }
+}

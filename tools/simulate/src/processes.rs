@@ -1,0 +1,50 @@
+//! Which processes are dead or stopped.
+
+use crate::kinds::Who;
+use messages::JOINTS;
+use pipeline::Running;
+
+/// One process.
+#[derive(Clone, Copy, Debug, Default)]
+struct One {
+    /// Runs again from this tick on.
+    down_until: u64,
+    /// It is dead: then a new one is started.
+    dead: bool,
+}
+
+/// All four.
+#[derive(Clone, Debug, Default)]
+pub struct Processes {
+    all: [One; 4],
+    /// Where somebody puts the robot while its driver is dead.
+    pub moved_to: Option<[f64; JOINTS]>,
+}
+
+/// Who is started anew in a tick, in the order of [`Who`].
+pub type Started = [bool; 4];
+
+impl Processes {
+    /// Stops a process for so many ticks from `k` on.
+    pub fn stop(&mut self, who: Who, k: u64, ticks: u64) {
+        let one = &mut self.all[who as usize];
+        one.down_until = one.down_until.max(k + ticks);
+    }
+
+    /// Kills it; it is started anew after so many ticks.
+    pub fn kill(&mut self, who: Who, k: u64, ticks: u64) {
+        self.stop(who, k, ticks);
+        self.all[who as usize].dead = true;
+    }
+
+    /// Who runs in tick `k`, and who is started anew in it.
+    pub fn at(&mut self, k: u64) -> (Running, Started) {
+        let runs = self.all.map(|one| k >= one.down_until);
+        let mut started = [false; 4];
+        for (who, one) in self.all.iter_mut().enumerate() {
+            started[who] = runs[who] && one.dead;
+            one.dead &= !runs[who];
+        }
+        (Running { ingest: runs[0], retarget: runs[1], control: runs[2], driver: runs[3] }, started)
+    }
+}

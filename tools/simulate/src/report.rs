@@ -1,0 +1,126 @@
+//! Figures in words and as JSON.
+
+use crate::campaign::{Failure, Plan, Summary};
+use crate::kinds::KINDS;
+use crate::run::Outcome;
+use crate::schedule::to_text;
+use messages::{Mode, TICK_HZ};
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+
+fn modes(ticks_in: &[u64; Mode::ALL.len()]) -> Value {
+    Value::Object(Mode::ALL.iter().map(|&m| (m.name().to_owned(), json!(ticks_in[m as usize]))).collect())
+}
+
+fn share(ticks_in: &[u64; Mode::ALL.len()], modes: &[Mode]) -> f64 {
+    let of = modes.iter().map(|&mode| ticks_in[mode as usize]).sum::<u64>();
+    of as f64 / ticks_in.iter().sum::<u64>().max(1) as f64
+}
+
+fn failure_json(failure: &Failure) -> Value {
+    json!({
+        "seed": failure.seed,
+        "tick": failure.violation.tick,
+        "invariant": failure.violation.invariant,
+        "detail": failure.violation.detail,
+        "schedule": to_text(&failure.schedule),
+        "schedule_tick": failure.smallest.tick,
+        "schedule_invariant": failure.smallest.invariant,
+        "episodes_drawn": failure.episodes,
+    })
+}
+
+/// A campaign as JSON.
+pub fn json(plan: &Plan, sum: &Summary, wall_s: f64) -> Value {
+    let by_kind: Map<String, Value> =
+        KINDS.iter().zip(sum.fired).map(|(kind, count)| (kind.name.to_owned(), json!(count))).collect();
+    json!({
+        "seeds": plan.seeds,
+        "first_seed": plan.first_seed,
+        "ticks": sum.ticks,
+        "ticks_per_seed": plan.ticks,
+        "violations": sum.failures.len(),
+        "failures": sum.failures.iter().map(failure_json).collect::<Vec<_>>(),
+        "faults_fired": sum.by_id(),
+        "fired_by_kind": by_kind,
+        "fired_at_least": sum.demanded,
+        "fired_too_little": sum.missing.iter().map(|&kind| KINDS[kind].name).collect::<Vec<_>>(),
+        "episodes": sum.episodes,
+        "ticks_engaged": sum.ticks_in[Mode::Engaged as usize],
+        "ticks_in_mode": modes(&sum.ticks_in),
+        "transitions": sum.transitions,
+        "back_after_ms_max": sum.back_after_max as f64 * 1e3 / TICK_HZ as f64,
+        "hash": format!("{:016x}", sum.hash),
+        "wall_s": wall_s,
+        "jobs": plan.jobs,
+    })
+}
+
+/// A campaign in words.
+pub fn words(plan: &Plan, sum: &Summary, wall_s: f64) -> String {
+    let mut out = String::new();
+    for failure in &sum.failures {
+        let _ = writeln!(out, "{}", failure_words(failure, plan));
+    }
+    let us = wall_s * 1e6 * plan.jobs as f64 / sum.ticks.max(1) as f64;
+    let _ = writeln!(
+        out,
+        "{} runs, {} ticks, {} episodes, {:.1} s, {us:.1} us a tick and thread",
+        sum.seeds, sum.ticks, sum.episodes, wall_s
+    );
+    let moving = share(&sum.ticks_in, &[Mode::Engaging, Mode::Engaged, Mode::Recovering]);
+    let engaged = share(&sum.ticks_in, &[Mode::Engaged]);
+    let _ = writeln!(
+        out,
+        "control permitted motion in {:.1} % of its ticks, {:.1} % engaged; {} transitions; back within {:.2} s",
+        100.0 * moving,
+        100.0 * engaged,
+        sum.transitions,
+        sum.back_after_max as f64 / TICK_HZ as f64
+    );
+    let least = (0..KINDS.len()).filter(|kind| plan.kinds.contains(kind)).min_by_key(|&kind| sum.fired[kind]);
+    if let Some(least) = least {
+        let _ = writeln!(
+            out,
+            "every fault fired {} times or more ({}), demanded {}",
+            sum.fired[least], KINDS[least].name, sum.demanded
+        );
+    }
+    for &kind in &sum.missing {
+        let _ = writeln!(out, "{} fired only {} times, demanded {}", KINDS[kind].name, sum.fired[kind], sum.demanded);
+    }
+    let _ = writeln!(out, "{} violations, hash {:016x}", sum.failures.len(), sum.hash);
+    out
+}
+
+fn failure_words(failure: &Failure, plan: &Plan) -> String {
+    let v = &failure.violation;
+    format!(
+        "seed {}, tick {}, invariant {}: {}\n  smallest schedule ({} of {} episodes), tick {}, {}: {}\n  simulate --ticks {} --replay {} --faults {}",
+        failure.seed,
+        v.tick,
+        v.invariant,
+        v.detail,
+        failure.schedule.len(),
+        failure.episodes,
+        failure.smallest.tick,
+        failure.smallest.invariant,
+        failure.smallest.detail,
+        plan.ticks,
+        failure.seed,
+        to_text(&failure.schedule)
+    )
+}
+
+/// A single run in words.
+pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
+    let mut out = String::new();
+    if let Some(v) = &outcome.violation {
+        let _ = writeln!(out, "seed {seed}, tick {}, invariant {}: {}", v.tick, v.invariant, v.detail);
+    }
+    for (kind, count) in KINDS.iter().zip(outcome.fired).filter(|(_, count)| *count > 0) {
+        let _ = writeln!(out, "{} fired {count} times", kind.name);
+    }
+    let _ = writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions, outcome.hash);
+    out
+}

@@ -1,0 +1,404 @@
+//! One run: the world, the person, the operator, the faults of a schedule and the oracle, tick by tick.
+
+use crate::active::Faults;
+use crate::client::Client;
+use crate::hand::Hand;
+use crate::kinds::{Badness, Delivery, Fault, KIND_COUNT, KINDS, Process, Robot, Who};
+use crate::oracle::{Oracle, Seen, Violation};
+use crate::processes::{Processes, Started};
+use crate::schedule::{Episode, QUIET_TICKS};
+use crate::subject::Subject;
+use crate::tampered::{Memory, Tampering};
+use bus::FaultPlan;
+use messages::{JOINTS, Mode, RawSkeleton, TICK_HZ, tick_at};
+use pipeline::{Links, Moment, World};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use sim::Injection;
+
+/// A bug that is planted on purpose, so that a test sees it found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bug {
+    /// Control does not hear the emergency stop while the link of targets is bad.
+    DeafWhileTargetsAreLost,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The first broken promise, with which the run ended.
+    pub violation: Option<Violation>,
+    /// Over everything that was executed.
+    pub hash: u64,
+    /// How often each kind fired.
+    pub fired: [u64; KIND_COUNT],
+    /// Ticks of control in each mode.
+    pub ticks_in: [u64; Mode::ALL.len()],
+    /// Ticks that were run.
+    pub ticks: u64,
+    /// Ticks from the end of the faults to following again; none if it was followed throughout.
+    pub back_after: Option<u64>,
+    /// Mode transitions.
+    pub transitions: u64,
+}
+
+/// A run in progress.
+#[derive(Clone)]
+pub struct Run<'a> {
+    subject: &'a Subject,
+    world: World,
+    client: Client,
+    hand: Hand,
+    faults: Faults,
+    processes: Processes,
+    memory: Memory,
+    oracle: Oracle,
+    bug: Option<Bug>,
+    links_before: [bus::FaultCounts; 5],
+    frames: Vec<RawSkeleton>,
+    accepted: Vec<u64>,
+    /// Robot faults in force, as they were injected.
+    injected: Vec<Episode>,
+    undriven_until: u64,
+    forged_until: u64,
+    seed: u64,
+    k: u64,
+    last: Option<Moment>,
+    transitions: u64,
+    followed_since: Option<u64>,
+}
+
+impl<'a> Run<'a> {
+    /// A robot at rest at home, an operator about to engage.
+    pub fn cold(subject: &'a Subject, seed: u64) -> Self {
+        let world = World::new(&subject.config, seed, Links::default());
+        Self {
+            oracle: Oracle::new(&subject.limits, tick_at(world.now())),
+            world,
+            subject,
+            client: Client::new(subject.player.clone()),
+            hand: Hand::new(),
+            faults: Faults::new(&[]),
+            processes: Processes::default(),
+            memory: Memory::default(),
+            bug: None,
+            links_before: Default::default(),
+            frames: Vec::new(),
+            accepted: Vec::new(),
+            injected: Vec::new(),
+            undriven_until: 0,
+            forged_until: 0,
+            seed,
+            k: 0,
+            last: None,
+            transitions: 0,
+            followed_since: None,
+        }
+    }
+
+    /// A copy with its own future, whose ticks are counted from zero.
+    pub fn branch(&self, seed: u64) -> Self {
+        let mut run = self.clone();
+        run.world.reseed_links(seed);
+        run.client.rebase();
+        run.oracle.ticks_in = Default::default();
+        (run.seed, run.k, run.transitions) = (seed, 0, 0);
+        run
+    }
+
+    /// Runs `ticks` ticks under a schedule.
+    pub fn run(mut self, episodes: &[Episode], ticks: u64, bug: Option<Bug>) -> Outcome {
+        self.faults = Faults::new(episodes);
+        self.bug = bug;
+        let quiet_from = ticks.saturating_sub(QUIET_TICKS);
+        let mut violation = None;
+        while self.k < ticks && violation.is_none() {
+            violation = self.tick().err().or_else(|| self.alive(quiet_from, ticks));
+        }
+        Outcome {
+            violation,
+            hash: self.oracle.hash,
+            fired: self.faults.fired,
+            ticks_in: self.oracle.ticks_in,
+            ticks: self.k,
+            back_after: self.followed_since.map(|k| k.saturating_sub(quiet_from)),
+            transitions: self.transitions,
+        }
+    }
+
+    /// Once the faults are over the robot is back in time, and stays.
+    fn alive(&mut self, quiet_from: u64, ticks: u64) -> Option<Violation> {
+        let (tick, mode) = (self.k - 1, self.oracle.mode());
+        if tick < quiet_from {
+            self.followed_since = None;
+            return None;
+        }
+        let broken = |invariant, detail| Some(Violation { tick, invariant, detail });
+        let follows = matches!(mode, Mode::Engaging | Mode::Engaged);
+        match self.followed_since {
+            None if follows => self.followed_since = Some(tick),
+            None if tick + 1 == ticks => {
+                return broken("liveness", format!("still {} {QUIET_TICKS} ticks after the last fault", mode.name()));
+            }
+            // A fault of before may still have to be seen for the tenth of a second in which inputs go stale.
+            Some(_) if !follows && tick < quiet_from + TICK_HZ / 2 => self.followed_since = None,
+            Some(since) if !follows => {
+                return broken("false stop", format!("{} though nothing is wrong, engaged since {since}", mode.name()));
+            }
+            _ => {}
+        }
+        None
+    }
+
+    /// Advances by one tick.
+    pub fn tick(&mut self) -> Result<(), Violation> {
+        let (k, now) = (self.k, self.world.now());
+        let grid = tick_at(now);
+        if self.faults.advance(k) {
+            self.change_links();
+            self.change_robot();
+        }
+        self.begin_episodes(k);
+        let (running, started) = self.processes.at(k);
+        self.start(started);
+        self.receive(running.ingest);
+        let mut view = self.hand.tick(k, now, running.control, &mut self.faults);
+        if let Some(view) = &mut view {
+            view.estop_edge &= !self.is_deaf();
+        }
+        let told = view.unwrap_or_default();
+        let limits = &self.subject.limits;
+        let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, limits };
+        let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
+        if let Some(skeleton) = &moment.skeleton {
+            self.accepted.push(skeleton.session_nonce);
+        }
+        self.count_links();
+        self.client.listen(k, !self.accepted.is_empty());
+        if let Some(control) = &moment.control {
+            self.hand.read(k, &control.status);
+            self.transitions += u64::from(control.transition.is_some());
+        }
+        self.k += 1;
+        let seen = Seen {
+            tick: k,
+            k: grid,
+            moment: &moment,
+            operator: view,
+            accepted: &self.accepted,
+            control_restarted: started[Who::Control as usize],
+            ingest_restarted: started[Who::Ingest as usize],
+            driver_restarted: started[Who::Driver as usize],
+            undriven: k < self.undriven_until,
+            forged: k < self.forged_until,
+            report: self.world.report(),
+        };
+        let judged = self.oracle.check(&seen);
+        self.last = Some(moment);
+        judged
+    }
+
+    fn is_deaf(&self) -> bool {
+        let lost = |fault| matches!(fault, Fault::Link(2, Badness::Drop));
+        self.bug == Some(Bug::DeafWhileTargetsAreLost) && self.faults.active.iter().any(|active| lost(active.fault))
+    }
+
+    /// The person's frames of this tick reach the door. What comes besides the first finds `ingest` draining.
+    fn receive(&mut self, ingest_runs: bool) {
+        let engaged = self.oracle.mode() == Mode::Engaged;
+        let now = self.world.now();
+        self.accepted.clear();
+        self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
+        for (n, raw) in self.frames.iter().enumerate() {
+            if n > 0 && ingest_runs {
+                self.accepted.extend(self.world.drain_raw(&self.subject.config).map(|accepted| accepted.session_nonce));
+            }
+            self.world.publish(raw);
+        }
+    }
+
+    fn start(&mut self, started: Started) {
+        if started[Who::Ingest as usize] {
+            self.world.restart_ingest();
+        }
+        if started[Who::Retarget as usize] {
+            self.world.restart_retarget();
+        }
+        if started[Who::Control as usize] {
+            self.world.restart_control(&self.subject.config);
+            self.hand.reconnect();
+        }
+        if started[Who::Driver as usize] {
+            let to = self.processes.moved_to.take();
+            let seed = self.seed ^ self.k;
+            if !self.world.restart_driver(&self.subject.config, to.as_ref(), seed) {
+                self.world.restart_driver(&self.subject.config, Some(&self.subject.home), seed);
+            }
+            self.injected.clear();
+            self.change_robot();
+        }
+    }
+
+    fn begin_episodes(&mut self, k: u64) {
+        let (processes, subject) = (&mut self.processes, self.subject);
+        let (forged_until, undriven_until) = (&mut self.forged_until, &mut self.undriven_until);
+        let faults = &mut self.faults;
+        faults.each(
+            |fault| if let Fault::Process(process) = fault { Some(process) } else { None },
+            |active, process| befall(processes, subject, k, active, process),
+        );
+        for active in &faults.active {
+            match active.fault {
+                Fault::Content(_) if KINDS[active.episode.kind].name.ends_with("-target") => *forged_until = k + 300,
+                Fault::Content(crate::kinds::Content::TargetBits) => *forged_until = k + 300,
+                Fault::Robot(Robot::Rejected | Robot::DriveFault | Robot::Stopped | Robot::PowerReturns) => {
+                    *undriven_until = k + 3;
+                }
+                _ => {}
+            }
+        }
+        let robots = |fault| if let Fault::Robot(robot) = fault { Some(robot) } else { None };
+        let sim = self.world.sim_mut();
+        faults.each(robots, |active, robot| {
+            if robot == Robot::EncoderSpike && active.acts() {
+                let (joint, by) = (active.rng.random_range(0..JOINTS), active.rng.random_range(-0.5..0.5));
+                sim.inject(Injection::EncoderSpike { joint, by });
+                return true;
+            }
+            robot != Robot::EncoderSpike
+        });
+    }
+
+    /// What is wrong with the links now: the worst of each kind.
+    fn change_links(&mut self) {
+        let mut plans = [FaultPlan::default(); 5];
+        for active in &self.faults.active {
+            if let Fault::Link(link, badness) = active.fault {
+                let (plan, strength) = (&mut plans[link], active.strength);
+                match badness {
+                    Badness::Drop => plan.drop = plan.drop.max(0.05 + 0.95 * strength * strength),
+                    Badness::Double => plan.duplicate = plan.duplicate.max(0.05 + 0.9 * strength),
+                    Badness::Reorder => {
+                        plan.reorder = plan.reorder.max(0.05 + 0.5 * strength);
+                        plan.reorder_ns = if link < 2 { 60_000_000 } else { 3_000_000 };
+                    }
+                    Badness::Delay => {
+                        plan.delay_max_ns = plan.delay_max_ns.max(100_000 + (20e6 * strength * strength) as u64);
+                    }
+                }
+            }
+        }
+        let [raw, skeleton, target, command, state] = plans;
+        self.world.set_links(Links { raw, skeleton, target, command, state });
+    }
+
+    fn count_links(&mut self) {
+        let counts = self.world.link_counts();
+        for active in &self.faults.active {
+            if let Fault::Link(link, badness) = active.fault {
+                let (now, before) = (&counts[link], &self.links_before[link]);
+                self.faults.fired[active.episode.kind] += match badness {
+                    Badness::Drop => now.dropped - before.dropped,
+                    Badness::Double => now.duplicated - before.duplicated,
+                    Badness::Reorder => now.reordered - before.reordered,
+                    Badness::Delay => now.published - before.published,
+                };
+            }
+        }
+        self.links_before = counts;
+    }
+
+    /// Robot faults that ended are repaired, those in force are injected.
+    fn change_robot(&mut self) {
+        let wanted: Vec<Episode> =
+            self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))).map(|a| a.episode).collect();
+        if wanted == self.injected {
+            return;
+        }
+        self.world.sim_mut().repair();
+        for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
+            inject(self.world.sim_mut(), active.fault, active.episode.param, active.strength);
+        }
+        self.undriven_until = self.undriven_until.max(self.k + 3);
+        self.injected = wanted;
+    }
+
+    /// What happened last.
+    pub fn last(&self) -> Option<&Moment> {
+        self.last.as_ref()
+    }
+
+    /// The mode that control was in last.
+    pub fn mode(&self) -> Mode {
+        self.oracle.mode()
+    }
+
+    /// Whether another client is at the door; of use to tests.
+    pub fn has_stranger(&self) -> bool {
+        self.faults.active.iter().any(|active| active.fault == Fault::Delivery(Delivery::Stranger))
+    }
+}
+
+fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
+    let Fault::Robot(robot) = fault else { return };
+    let mut rng = Pcg64Mcg::seed_from_u64(param ^ 1);
+    let (joint, with) = (rng.random_range(0..JOINTS), rng.random_range(0..JOINTS));
+    sim.inject(match robot {
+        Robot::EncoderSpike => return,
+        Robot::EncoderJump => Injection::EncoderJump { joint, by: strength - 0.5 },
+        Robot::Frozen if param % 2 == 0 => Injection::FrozenEncoder { joint },
+        Robot::Frozen => Injection::FrozenFeedback,
+        Robot::Nan => Injection::NanFeedback { joint },
+        Robot::Inverted => Injection::FeedbackInverted { joint },
+        Robot::Swapped => Injection::FeedbackSwapped { joint, with },
+        Robot::NotFollowed => Injection::NotFollowed { joint },
+        Robot::SignInverted => Injection::SignSwapped { joint },
+        Robot::Rejected => Injection::SetpointsRejected,
+        Robot::DriveFault => Injection::DriveFault { joint },
+        Robot::Stopped => Injection::EmergencyStopPressed,
+        Robot::PowerReturns => Injection::PowerLost { sag: if param % 2 == 0 { 0.0 } else { 0.05 * strength } },
+    });
+}
+
+/// Kills and stops; answers whether something happened in this tick.
+fn befall(
+    processes: &mut Processes,
+    subject: &Subject,
+    k: u64,
+    active: &mut crate::active::Active,
+    process: Process,
+) -> bool {
+    let first = active.age == 0;
+    match process {
+        Process::Kill(who) => {
+            // Once at the beginning, and now and then for as long as it lasts.
+            if !first && active.rng.random_range(0..150) != 0 {
+                return false;
+            }
+            // At least 3 indices lie between two drivers.
+            let dead = active.rng.random_range(4..120);
+            processes.kill(who, k, dead);
+        }
+        Process::Stop(who) => processes.stop(who, k, 1),
+        Process::PauseAll => {
+            for who in [Who::Ingest, Who::Retarget, Who::Control, Who::Driver] {
+                processes.stop(who, k, 1);
+            }
+        }
+        Process::ControlLate => {
+            if active.rng.random_range(0..20) != 0 {
+                return false;
+            }
+            processes.stop(Who::Control, k, active.rng.random_range(1..4));
+        }
+        Process::FoundOutside | Process::FoundClose => {
+            if !first {
+                return false;
+            }
+            processes.kill(Who::Driver, k, active.episode.ticks.max(4));
+            let postures = if process == Process::FoundClose { &subject.close } else { &subject.outside };
+            processes.moved_to = Some(postures[active.rng.random_range(0..postures.len())]);
+        }
+    }
+    true
+}

@@ -1,0 +1,97 @@
+//! Which faults, when and for how long: drawn from a seed, printed and read as text.
+
+use crate::kinds::{KIND_COUNT, KINDS, by_name};
+use messages::TICK_HZ;
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_pcg::Pcg64Mcg;
+
+/// The last ticks of every run are without faults: in 5 s the operator must have the robot back.
+pub const QUIET_TICKS: u64 = 5 * TICK_HZ;
+
+/// The shortest run: some ticks of faults before the quiet ones.
+pub const TICKS_MIN: u64 = QUIET_TICKS + TICK_HZ / 2;
+
+/// Ticks from one storm to the next on average, where the run is long enough: the operator needs 2 s to come back, and
+/// engaging takes 1 to 3 s.
+const BETWEEN_STORMS: u64 = 4500;
+
+/// Episodes of one storm at most.
+const STORM_MAX: usize = 8;
+
+/// One fault for a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Episode {
+    /// Index in [`KINDS`].
+    pub kind: usize,
+    /// First tick.
+    pub start: u64,
+    /// Length, ticks.
+    pub ticks: u64,
+    /// Decides everything else about it, so that an episode is the same whatever stands beside it.
+    pub param: u64,
+}
+
+/// The faults of a run of `ticks` ticks, of these kinds. Storms of 1 to 8 episodes with time to recover between them. `deal`
+/// names kinds that come first, so that a campaign meets all kinds.
+pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episode> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
+    let end = ticks.saturating_sub(QUIET_TICKS);
+    let between = (end / 3).clamp(600, BETWEEN_STORMS);
+    let mut deck = kinds.to_vec();
+    deck.shuffle(&mut rng);
+    let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
+    let mut episodes = Vec::new();
+    let mut at = rng.random_range(0..between / 2);
+    while at < end && !kinds.is_empty() {
+        // Half of the storms are one fault alone.
+        let size = if rng.random::<bool>() { 1 } else { rng.random_range(2..=STORM_MAX) };
+        for _ in 0..size {
+            let Some(kind) = next.next() else { break };
+            let start = at + rng.random_range(0..between / 4);
+            let (low, high) = KINDS[kind].ticks;
+            // Short ones as often as long ones.
+            let (low, high) = (f64::from(low), f64::from(high));
+            let ticks = (low * (high / low).powf(rng.random::<f64>())) as u64;
+            let ticks = ticks.min(end.saturating_sub(start));
+            let param = rng.random::<u64>() >> 32;
+            if ticks > 0 {
+                episodes.push(Episode { kind, start, ticks, param });
+            }
+        }
+        at += rng.random_range(between / 2..between + between / 2);
+    }
+    episodes.sort_by_key(|episode| (episode.start, episode.kind, episode.param));
+    episodes
+}
+
+/// The two kinds that a seed deals first.
+pub fn dealt(seed: u64, kinds: &[usize]) -> Vec<usize> {
+    let count = kinds.len() as u64;
+    if count == 0 { vec![] } else { (0..3).map(|i| kinds[((seed.wrapping_mul(3) + i) % count) as usize]).collect() }
+}
+
+/// As `--faults` takes it.
+pub fn to_text(episodes: &[Episode]) -> String {
+    let one = |e: &Episode| format!("{}@{}+{}:{:x}", KINDS[e.kind].name, e.start, e.ticks, e.param);
+    if episodes.is_empty() { "none".into() } else { episodes.iter().map(one).collect::<Vec<_>>().join(",") }
+}
+
+/// Reads what [`to_text`] wrote; the error says which part is wrong.
+pub fn from_text(text: &str) -> Result<Vec<Episode>, String> {
+    if text == "none" {
+        return Ok(vec![]);
+    }
+    text.split(',').map(one).collect()
+}
+
+fn one(part: &str) -> Result<Episode, String> {
+    let wrong = || format!("{part}: must be name@start+ticks:parameter");
+    let (name, rest) = part.split_once('@').ok_or_else(wrong)?;
+    let (start, rest) = rest.split_once('+').ok_or_else(wrong)?;
+    let (ticks, param) = rest.split_once(':').ok_or_else(wrong)?;
+    let kind = by_name(name).ok_or_else(|| format!("{name}: no such fault; there are {KIND_COUNT}, see --list"))?;
+    let start = start.parse().map_err(|_| wrong())?;
+    let ticks = ticks.parse().map_err(|_| wrong())?;
+    let param = u64::from_str_radix(param, 16).map_err(|_| wrong())?;
+    Ok(Episode { kind, start, ticks, param })
+}

@@ -1,0 +1,115 @@
+//! What is put to the test: the settings and robot of a file, and a run that has engaged, from which others branch.
+
+use crate::run::Run;
+use messages::{JOINTS, Mode, TICK_HZ};
+use motion::CalibrationMode;
+use pipeline::{ConfigError, Overrides, PlayOptions, Player, WorldConfig};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use robot::{Frames, JointLimits, Model};
+use safety::monitor;
+use std::path::Path;
+
+/// Postures in which a robot is found.
+const POSTURES: usize = 16;
+/// How far outside its limits one is found, rad; of the torso a tenth of it, m: recovered in less than a second.
+const OUTSIDE: f64 = 0.02;
+/// How much closer to itself than it may be at a start, m.
+const CLOSER_M: f64 = 0.002;
+/// Ticks of the run from which others branch after it has engaged: a second of motion.
+const MOVED: u64 = TICK_HZ;
+/// Ticks within which it must have engaged: 20 s.
+const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
+
+/// Everything that runs share.
+pub struct Subject {
+    /// Of every stage.
+    pub config: WorldConfig,
+    /// Of the robot.
+    pub limits: [JointLimits; JOINTS],
+    /// Home posture.
+    pub home: [f64; JOINTS],
+    /// The person's motion.
+    pub player: Player,
+    /// Postures a little outside the limits.
+    pub outside: Vec<[f64; JOINTS]>,
+    /// Postures a little too close to itself.
+    pub close: Vec<[f64; JOINTS]>,
+}
+
+impl Subject {
+    /// Of a settings file.
+    pub fn load(config: &Path) -> Result<Self, ConfigError> {
+        let loaded = pipeline::load(config, Overrides::default())?;
+        let model = &loaded.model;
+        let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+        Ok(Self {
+            limits: model.limits,
+            home: model.home,
+            player: Player::new(&motion::builtin(), play, 1, 1),
+            outside: outside(model),
+            close: close(model),
+            config: WorldConfig::recoverable(&loaded)?,
+        })
+    }
+
+    /// A run that has engaged and moved for a second.
+    pub fn engaged(&self) -> Result<Run<'_>, String> {
+        let mut run = Run::cold(self, 1);
+        let mut left = ENGAGED_WITHIN;
+        let mut moved = 0;
+        while moved < MOVED {
+            run.tick().map_err(|v| format!("without any fault: tick {}, {}: {}", v.tick, v.invariant, v.detail))?;
+            moved += u64::from(run.mode() == Mode::Engaged);
+            left -= 1;
+            if left == 0 {
+                return Err("without any fault the robot did not engage".into());
+            }
+        }
+        Ok(run)
+    }
+}
+
+fn outside(model: &Model) -> Vec<[f64; JOINTS]> {
+    let mut rng = Pcg64Mcg::seed_from_u64(43);
+    (0..POSTURES)
+        .map(|_| {
+            let mut q = model.home;
+            let joint = rng.random_range(0..JOINTS);
+            let (limits, stops) = (&model.limits[joint], &model.urdf_limits[joint]);
+            let by = OUTSIDE * if model.prismatic[joint] { 0.1 } else { 1.0 };
+            q[joint] = if rng.random() { limits.q_max + by } else { limits.q_min - by };
+            q[joint] = q[joint].clamp(stops.q_min, stops.q_max);
+            q
+        })
+        .collect()
+}
+
+/// From home towards random postures, until the measured clearance is a little less than a start needs.
+fn close(model: &Model) -> Vec<[f64; JOINTS]> {
+    let mut rng = Pcg64Mcg::seed_from_u64(44);
+    let mut frames = Frames::default();
+    let wanted = model.d_measured_min_m - CLOSER_M;
+    let mut clearance = |q: &[f64; JOINTS]| monitor::measured_clearance(model, &mut frames, q).distance_m;
+    let mut found = Vec::new();
+    for _ in 0..100_000 {
+        let to: [f64; JOINTS] = std::array::from_fn(|j| {
+            let limits = &model.limits[j];
+            rng.random_range(limits.q_min..=limits.q_max)
+        });
+        let at = |s: f64| -> [f64; JOINTS] { std::array::from_fn(|j| model.home[j] + s * (to[j] - model.home[j])) };
+        let (mut low, mut high) = (0.0, 1.0);
+        if clearance(&at(low)) <= wanted || clearance(&at(high)) >= wanted {
+            continue;
+        }
+        for _ in 0..40 {
+            let middle = (low + high) / 2.0;
+            if clearance(&at(middle)) > wanted { low = middle } else { high = middle }
+        }
+        found.push(at(high));
+        if found.len() == POSTURES {
+            break;
+        }
+    }
+    if found.is_empty() { vec![model.home] } else { found }
+}

@@ -1,0 +1,216 @@
+//! What can be wrong with what a stage publishes.
+
+use crate::active::{Active, Faults};
+use crate::kinds::{Content, Fault};
+use messages::{JOINTS, JointCommand, JointTarget, LEFT_ARM, RIGHT_ARM, RobotState, Skeleton, TORSO};
+use pipeline::Tamper;
+use rand::{Rng, RngExt};
+use robot::JointLimits;
+
+/// Commands of the past that are kept: 20 ms.
+const PAST: usize = 30;
+
+/// What is remembered of the messages.
+#[derive(Clone, Default)]
+pub struct Memory {
+    skeleton: Option<Skeleton>,
+    target: Option<JointTarget>,
+    state: Option<RobotState>,
+    commands: Vec<JointCommand>,
+}
+
+/// The faults in force, at the places where messages are published.
+pub struct Tampering<'a> {
+    /// In force.
+    pub faults: &'a mut Faults,
+    /// Of before.
+    pub memory: &'a mut Memory,
+    /// Of the robot.
+    pub limits: &'a [JointLimits; JOINTS],
+}
+
+fn as_content(fault: Fault) -> Option<Content> {
+    if let Fault::Content(content) = fault { Some(content) } else { None }
+}
+
+impl Tamper for Tampering<'_> {
+    fn skeleton(&mut self, skeleton: &mut Skeleton) -> bool {
+        let before = self.memory.skeleton.replace(*skeleton);
+        let mut frozen = None;
+        self.faults.each(as_content, |active, content| match content {
+            Content::SkeletonLies => {
+                skeleton.limbs.iter_mut().for_each(|limb| *limb = unit(active));
+                true
+            }
+            Content::SkeletonBits if active.acts() => {
+                let (limb, axis) = (active.rng.random_range(0..4), active.rng.random_range(0..4));
+                let x = &mut skeleton.limbs[limb][axis];
+                *x = f32::from_bits(x.to_bits() ^ 1 << active.rng.random_range(0..32));
+                true
+            }
+            Content::SkeletonFrozen => {
+                frozen = before;
+                before.is_some()
+            }
+            _ => false,
+        });
+        if let Some(before) = frozen {
+            *skeleton = before;
+            self.memory.skeleton = frozen;
+        }
+        true
+    }
+
+    fn target(&mut self, target: &mut JointTarget) -> bool {
+        let before = self.memory.target.replace(*target);
+        let (mut sent, mut frozen) = (true, None);
+        let limits = self.limits;
+        self.faults.each(as_content, |active, content| match content {
+            Content::TargetFrozen => {
+                frozen = before;
+                before.is_some()
+            }
+            Content::TargetLate => {
+                // 1, 3 or 15 ticks, then on time for as long.
+                let late = [1, 3, 15][(active.episode.param % 3) as usize];
+                let now = active.age / late % 2 == 0;
+                sent &= !now;
+                now
+            }
+            content => alter(active, content, target, limits),
+        });
+        if let Some(before) = frozen {
+            *target = before;
+            self.memory.target = frozen;
+        }
+        sent
+    }
+
+    fn command(&mut self, command: &mut JointCommand) -> bool {
+        let past = &mut self.memory.commands;
+        if past.len() == PAST {
+            past.remove(0);
+        }
+        past.push(*command);
+        self.faults.each(as_content, |active, content| match content {
+            Content::CommandOld if active.acts() => {
+                *command = past[active.rng.random_range(0..past.len())];
+                true
+            }
+            Content::CommandFrozen => {
+                // The command of the beginning of the episode, as long as it is remembered.
+                let back = (active.age as usize).min(past.len() - 1);
+                *command = past[past.len() - 1 - back];
+                back > 0
+            }
+            _ => false,
+        });
+        true
+    }
+
+    fn state(&mut self, state: &mut RobotState) -> bool {
+        let before = self.memory.state.replace(*state);
+        let (mut sent, mut frozen) = (true, None);
+        self.faults.each(as_content, |active, content| match content {
+            Content::StateSilent => {
+                sent = false;
+                true
+            }
+            Content::StateNan => {
+                let joint = active.rng.random_range(0..JOINTS);
+                let value = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][active.rng.random_range(0..3)];
+                state.q_measured[joint] = value;
+                true
+            }
+            Content::StateSwapped => {
+                let joint = (active.episode.param % 7) as usize;
+                state.q_measured.swap(LEFT_ARM.start + joint, RIGHT_ARM.start + (joint + 1) % 7);
+                true
+            }
+            Content::StateFrozen => {
+                frozen = before;
+                before.is_some()
+            }
+            _ => false,
+        });
+        if let Some(before) = frozen {
+            *state = before;
+            self.memory.state = frozen;
+        }
+        sent
+    }
+}
+
+fn unit(active: &mut Active) -> [f32; 4] {
+    let q: [f32; 4] = std::array::from_fn(|_| active.rng.random_range(-1.0..1.0));
+    let norm = q.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
+    q.map(|x| x / norm)
+}
+
+/// Alters a target; false if this kind has nothing to do with targets, or leaves this one alone.
+fn alter(active: &mut Active, content: Content, target: &mut JointTarget, limits: &[JointLimits; JOINTS]) -> bool {
+    let joint = active.rng.random_range(0..JOINTS);
+    match content {
+        Content::TargetNan => target.q[joint] = f64::NAN,
+        Content::TargetInfinite => target.dq[joint] = f64::INFINITY,
+        Content::TargetJump => {
+            // A jump of all joints at a share of the ticks, or once for all.
+            let size = 3.0 * active.strength;
+            let away = active.episode.param % 2 == 0 || active.age / 40 % 2 == 0;
+            if !away {
+                return false;
+            }
+            target.q.iter_mut().enumerate().for_each(|(j, q)| *q += if j % 2 == 0 { size } else { -size });
+        }
+        Content::TargetBeyond => {
+            let sign = if active.episode.param % 2 == 0 { 1.0 } else { -1.0 };
+            target.q = limits.map(|limits| if sign > 0.0 { limits.q_max + 1.0 } else { limits.q_min - 1.0 });
+            target.q[joint] = 50.0 * sign;
+        }
+        Content::TargetFast => {
+            let sign = if active.age % 2 == 0 { 1.0 } else { -1.0 };
+            target.dq = [50.0 * sign; JOINTS];
+            target.q.iter_mut().for_each(|q| *q += sign);
+        }
+        Content::TargetPosture => posture(active, target, limits),
+        Content::TargetTorso => {
+            let up = active.age / 450 % 2 == 0;
+            target.q[TORSO] = if up { limits[TORSO].q_max } else { limits[TORSO].q_min };
+            target.valid_mask |= 1 << TORSO;
+        }
+        Content::TargetBits => {
+            target.q.iter_mut().chain(&mut target.dq).for_each(|x| *x = f64::from_bits(active.rng.next_u64()));
+            target.valid_mask = active.rng.next_u32();
+        }
+        Content::TargetFlips if active.acts() => flip(active, target, joint),
+        _ => return false,
+    }
+    true
+}
+
+/// The same random posture for 0.3 s, then the next.
+fn posture(active: &mut Active, target: &mut JointTarget, limits: &[JointLimits; JOINTS]) {
+    let part = active.episode.param ^ (active.age / 450) << 32;
+    let mut rng = <rand_pcg::Pcg64Mcg as rand::SeedableRng>::seed_from_u64(part);
+    target.q = limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
+    target.dq = [0.0; JOINTS];
+}
+
+/// One to three bits anywhere in what control reads.
+fn flip(active: &mut Active, target: &mut JointTarget, joint: usize) {
+    for _ in 0..active.rng.random_range(1..4) {
+        let bit = active.rng.random_range(0..64);
+        match active.rng.random_range(0..12) {
+            0 => target.valid_mask ^= 1 << (bit % 32),
+            1 => target.flags ^= 1 << (bit % 32),
+            2 => target.session_nonce ^= 1 << bit,
+            3 => target.header.incarnation ^= 1 << (bit % 32),
+            4 => target.header.config_hash ^= 1 << bit,
+            5 => target.input_received.0 ^= 1 << bit,
+            6 => target.header.stamp.0 ^= 1 << bit,
+            7 => target.k ^= 1 << bit,
+            8 => target.dq[joint] = f64::from_bits(target.dq[joint].to_bits() ^ 1 << bit),
+            _ => target.q[joint] = f64::from_bits(target.q[joint].to_bits() ^ 1 << bit),
+        }
+    }
+}
