@@ -12,7 +12,7 @@ const PURE: [&str; 8] = ["messages", "robot", "skeleton", "retarget", "wbc", "sa
 const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix", "getrandom"];
 
 /// For each package of the workspace: the packages of the workspace it may name as a dependency.
-const MAY_DEPEND_ON: [(&str, &[&str]); 24] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 25] = [
     ("messages", &[]),
     ("robot", &["messages"]),
     ("driver", &["messages"]),
@@ -39,6 +39,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 24] = [
     ("dist", &["latency", "motion", "pipeline"]),
     ("latency", &["messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd"]),
     ("simulate", &["messages", "robot", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
+    ("chaos", &["messages", "driver", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),
 ];
 

@@ -38,7 +38,8 @@ impl Children {
         Ok(children)
     }
 
-    fn start_one(
+    /// Starts the process `name` and waits until it is READY; also one that was killed, for the second time.
+    pub fn start_one(
         &mut self,
         name: &'static str,
         instance: &Instance,
@@ -95,6 +96,20 @@ impl Children {
             }
         }
         Err(Failure::new(Exit::Unavailable, format!("{name} was not ready within {} s", READY_WITHIN.as_secs())))
+    }
+
+    /// Process number of `name`, if it was started and not killed.
+    pub fn id(&self, name: &str) -> Option<u32> {
+        self.running.iter().find(|(running, _)| *running == name).map(|(_, child)| child.id())
+    }
+
+    /// kill -9, and waits until the process is gone.
+    pub fn kill(&mut self, name: &str) {
+        if let Some(index) = self.running.iter().position(|(running, _)| *running == name) {
+            let (_, mut child) = self.running.remove(index);
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 
     /// The first process that has ended, if any.

@@ -16,6 +16,7 @@ const HEARTBEAT: Duration = Duration::from_millis(20);
 enum Hand {
     Enable,
     Release,
+    Reset,
 }
 
 /// A virtual operator.
@@ -47,6 +48,11 @@ impl Operator {
     /// Lets the enable go.
     pub fn release(&self) {
         let _ = self.hand.send(Hand::Release);
+    }
+
+    /// Asks for a reset of what is latched.
+    pub fn reset(&self) {
+        let _ = self.hand.send(Hand::Reset);
     }
 
     /// The newest status; nothing before the first reply.
@@ -96,6 +102,7 @@ fn heartbeats(mut client: Client, commands: &Receiver<Hand>, statuses: &Sender<S
         match commands.try_recv() {
             Ok(Hand::Enable) => _ = client.enable(),
             Ok(Hand::Release) => _ = client.release(),
+            Ok(Hand::Reset) => _ = client.reset(),
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => {
                 client.release();

@@ -12,11 +12,26 @@ pub fn die_with_parent() {
 
 /// Sends SIGTERM to the process `id`; one that is gone already is no error.
 pub fn terminate(id: u32) {
+    send(id, libc::SIGTERM);
+}
+
+/// Stops the process `id` where it stands (SIGSTOP), until [`resume`]; one that is gone already is no error.
+pub fn suspend(id: u32) {
+    send(id, libc::SIGSTOP);
+}
+
+/// Lets a suspended process go on (SIGCONT); one that is gone already is no error.
+pub fn resume(id: u32) {
+    send(id, libc::SIGCONT);
+}
+
+fn send(id: u32, signal: i32) {
     let Ok(pid) = libc::pid_t::try_from(id) else { return };
+    // 0 and below would be whole groups.
     if pid > 0 {
         // SAFETY: kill takes two integers by value and touches no memory of ours.
         unsafe {
-            libc::kill(pid, libc::SIGTERM);
+            libc::kill(pid, signal);
         }
     }
 }

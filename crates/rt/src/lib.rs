@@ -23,7 +23,7 @@ pub use allocation::{
     Allocations, CountingAllocator, allocating_aside, allocating_ourselves, allocations, count_allocations,
     watch_allocations,
 };
-pub use children::{die_with_parent, terminate};
+pub use children::{die_with_parent, resume, suspend, terminate};
 pub use clock::{now, sleep_until};
 pub use cpu_time::cpu_time_ns;
 pub use denormals::flush_denormals;

@@ -46,7 +46,7 @@ const STANDING: f64 = 1e-9;
 
 /// State of the checker.
 #[derive(Clone, Debug)]
-pub(crate) struct Checker {
+pub struct Checker {
     /// What the driver executed last.
     last: Setpoint,
     /// What the controllers executed last.
@@ -61,7 +61,7 @@ pub(crate) struct Checker {
 
 impl Checker {
     /// Begins with what is held at the start.
-    pub(crate) fn new(config: &Config, held: Setpoint) -> Self {
+    pub fn new(config: &Config, held: Setpoint) -> Self {
         let mut room = config.body.workspace();
         let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut room);
         Self { last: held, splined: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
@@ -74,7 +74,7 @@ impl Checker {
     }
 
     /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
-    pub(crate) fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
+    pub fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;
         report.steps += 1;
         if config.interface == Interface::Direct {

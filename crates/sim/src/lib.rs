@@ -18,7 +18,7 @@ mod plant;
 mod report;
 mod robot;
 
-pub use checker::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V};
+pub use checker::{Checker, TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V};
 pub use config::{Config, DELAY_MAX_TICKS, Options, SimError};
 pub use injection::Injection;
 pub use interface::Interface;

@@ -67,7 +67,8 @@ pub struct Report {
 }
 
 impl Report {
-    pub(crate) fn new(prismatic: [bool; JOINTS]) -> Self {
+    /// Nothing happened yet; `prismatic` are the joints that slide.
+    pub fn new(prismatic: [bool; JOINTS]) -> Self {
         Self {
             counts: [0; ViolationKind::ALL.len()],
             first: None,

@@ -1,0 +1,48 @@
+//! The command line.
+
+use crate::error::ChaosError;
+use clap::Parser;
+use std::path::PathBuf;
+
+/// More trials than that, at some seconds each, are a slip of the finger: they would take a month.
+const TRIALS_MAX: u64 = 1_000_000;
+
+/// Kills and suspends the real processes, a client and an operator at random moments, and watches the robot come to rest.
+/// Exits with 1 if a promise was broken.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "chaos", version)]
+pub struct Cli {
+    /// Blows with SIGKILL.
+    #[arg(long, value_name = "N", default_value_t = 2000)]
+    pub kills: u64,
+    /// Blows with SIGSTOP and SIGCONT.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub suspends: u64,
+    /// Decides victims and moments; what the machine adds differs from run to run.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Write the figures here as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Settings.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+}
+
+impl Cli {
+    /// Refuses what cannot be done.
+    ///
+    /// # Errors
+    /// Names the option, its value and the bound.
+    pub fn check(&self) -> Result<(), ChaosError> {
+        let total = self.kills.saturating_add(self.suspends);
+        for (option, value, low) in
+            [("--kills", self.kills, 0), ("--suspends", self.suspends, 0), ("--kills and --suspends", total, 1)]
+        {
+            if !(low..=TRIALS_MAX).contains(&value) {
+                return Err(ChaosError::Option { option, value, low, high: TRIALS_MAX });
+            }
+        }
+        Ok(())
+    }
+}

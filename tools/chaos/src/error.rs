@@ -1,0 +1,74 @@
+//! Why chaos cannot begin, or go on.
+
+use std::path::{Path, PathBuf};
+
+/// Why chaos cannot begin, or go on. The text names file, option, value and bound.
+#[derive(Debug, thiserror::Error)]
+pub enum ChaosError {
+    /// An option out of its bounds.
+    #[error("{option} {value} is outside [{low}, {high}]")]
+    Option {
+        /// The option.
+        option: &'static str,
+        /// Its value.
+        value: u64,
+        /// Lowest value allowed.
+        low: u64,
+        /// Highest value allowed.
+        high: u64,
+    },
+    /// Settings, robot or weights are refused.
+    #[error(transparent)]
+    Config(#[from] pipeline::ConfigError),
+    /// A process of teleopd does not start, or its operator socket does not answer.
+    #[error("{}", .0.text)]
+    Start(teleopd::Failure),
+    /// The shared memory cannot be read.
+    #[error(transparent)]
+    Bus(#[from] bus::BusError),
+    /// A process cannot be started or struck, or a file cannot be written.
+    #[error("{what}: {cause}")]
+    Os {
+        /// What was tried.
+        what: String,
+        /// What the system says.
+        cause: String,
+    },
+    /// The robot does not come to a state from which the next trial can begin.
+    #[error("{0}")]
+    Stuck(String),
+    /// A signal ended the run.
+    #[error("interrupted; the robot was stopped")]
+    Interrupted,
+}
+
+impl ChaosError {
+    /// A system call that failed.
+    pub fn os(what: impl Into<String>, cause: impl std::fmt::Display) -> Self {
+        Self::Os { what: what.into(), cause: cause.to_string() }
+    }
+
+    /// A file that cannot be written.
+    pub fn write(file: &Path, cause: impl std::fmt::Display) -> Self {
+        Self::os(PathBuf::from(file).display().to_string(), cause)
+    }
+
+    /// Exit code, of sysexits(3) where it has one.
+    pub fn exit(&self) -> u8 {
+        match self {
+            Self::Option { .. } => 64,
+            Self::Config(_) => 78,
+            Self::Start(failure) => failure.exit as u8,
+            Self::Bus(_) => 69,
+            Self::Os { .. } => 71,
+            Self::Stuck(_) => 1,
+            Self::Interrupted => 130,
+        }
+    }
+}
+
+impl From<teleopd::Failure> for ChaosError {
+    fn from(failure: teleopd::Failure) -> Self {
+        Self::Start(failure)
+    }
+}

@@ -1,0 +1,219 @@
+//! What the trials amount to.
+
+use crate::blow::{Kind, Victim};
+use crate::trial::Outcome;
+use crate::witness::Seen;
+use serde_json::{Map, Value, json};
+use sim::ViolationKind;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Figures of one victim.
+#[derive(Clone, Debug, Default)]
+struct OfVictim {
+    kills: u64,
+    suspends: u64,
+    moving: u64,
+    not_rested: u64,
+    late: u64,
+    bound_ticks: u64,
+    rest_after_ticks: Vec<u64>,
+}
+
+/// Figures of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    victims: BTreeMap<Victim, OfVictim>,
+    /// What the witness saw: violations by kind.
+    witnessed: [u64; ViolationKind::ALL.len()],
+    states: u64,
+    not_finite: u64,
+    moved_without_enable: u64,
+    /// What the driver wrote of itself: violations by kind.
+    recorded: [u64; ViolationKind::ALL.len()],
+    records: u64,
+    oldest_command_us: f64,
+    /// What else went wrong.
+    trouble: Vec<String>,
+}
+
+impl Figures {
+    /// Adds a trial; the robot should have been at rest after `bound_ticks`.
+    pub fn add(&mut self, outcome: &Outcome, bound_ticks: u64) {
+        let of = self.victims.entry(outcome.blow.victim).or_default();
+        match outcome.blow.kind {
+            Kind::Kill { .. } => of.kills += 1,
+            Kind::Suspend { .. } => of.suspends += 1,
+        }
+        of.moving += u64::from(outcome.moving);
+        of.not_rested += u64::from(!outcome.rested);
+        of.late += u64::from(outcome.rest_after_ticks.is_some_and(|ticks| ticks > bound_ticks));
+        of.bound_ticks = bound_ticks;
+        of.rest_after_ticks.extend(outcome.rest_after_ticks);
+    }
+
+    /// Adds what the witness of an instance saw.
+    pub fn add_seen(&mut self, seen: &Seen) {
+        self.states += seen.states;
+        self.not_finite += seen.not_finite;
+        self.moved_without_enable += seen.moved_without_enable;
+        for (sum, count) in self.witnessed.iter_mut().zip(seen.violations) {
+            *sum += count;
+        }
+    }
+
+    /// Adds the driver's own record of an instance.
+    pub fn add_record(&mut self, record: &Value) {
+        self.records += 1;
+        for (sum, kind) in self.recorded.iter_mut().zip(ViolationKind::ALL) {
+            match record["violations"][kind.name()].as_u64() {
+                Some(count) => *sum += count,
+                None => self.trouble.push(format!("the driver's record does not count {}", kind.name())),
+            }
+        }
+        let oldest_us = record["oldest_command_us"].as_f64().unwrap_or(f64::INFINITY);
+        self.oldest_command_us = self.oldest_command_us.max(oldest_us);
+    }
+
+    /// Adds what went wrong.
+    pub fn add_trouble(&mut self, trouble: impl IntoIterator<Item = String>) {
+        self.trouble.extend(trouble);
+    }
+
+    /// Kills so far.
+    pub fn kills(&self) -> u64 {
+        self.victims.values().map(|of| of.kills).sum()
+    }
+
+    /// Suspensions so far.
+    pub fn suspends(&self) -> u64 {
+        self.victims.values().map(|of| of.suspends).sum()
+    }
+
+    /// What must not have happened. Rests that came late are told, not judged: they are times of this machine.
+    pub fn complaints(&self) -> Vec<String> {
+        let mut complaints = self.trouble.clone();
+        let mut zero = |what: String, count: u64| {
+            if count > 0 {
+                complaints.push(format!("{count} {what}"));
+            }
+        };
+        for (kind, (witnessed, recorded)) in ViolationKind::ALL.iter().zip(self.witnessed.iter().zip(self.recorded)) {
+            zero(format!("{} violations were witnessed", kind.name()), *witnessed);
+            zero(format!("{} violations are in the driver's record", kind.name()), recorded);
+        }
+        zero("states were not finite".into(), self.not_finite);
+        zero("states moved although nobody had engaged".into(), self.moved_without_enable);
+        for (victim, of) in &self.victims {
+            zero(format!("blows against {} were not followed by rest", victim.name()), of.not_rested);
+        }
+        complaints
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> Value {
+        let victims = self.victims.iter().map(|(victim, of)| {
+            let mut ticks = of.rest_after_ticks.clone();
+            ticks.sort_unstable();
+            let value = json!({
+                "kills": of.kills,
+                "suspends": of.suspends,
+                "moving": of.moving,
+                "rests": ticks.len(),
+                "not_rested": of.not_rested,
+                "rest_after_ticks": { "p50": ticks.get(ticks.len() / 2), "max": ticks.last() },
+                "bound_ticks": of.bound_ticks,
+                "beyond_bound": of.late,
+            });
+            (victim.name().to_owned(), value)
+        });
+        json!({
+            "kills": self.kills(),
+            "suspends": self.suspends(),
+            "victims": victims.collect::<Map<_, _>>(),
+            "states_witnessed": self.states,
+            "violations_witnessed": by_kind(&self.witnessed),
+            "violations_recorded": by_kind(&self.recorded),
+            "driver_records": self.records,
+            "oldest_command_us": self.oldest_command_us,
+            "not_finite": self.not_finite,
+            "moved_without_enable": self.moved_without_enable,
+            "complaints": self.complaints(),
+        })
+    }
+
+    /// For people.
+    pub fn words(&self) -> String {
+        let value = self.to_json();
+        let mut out = String::new();
+        // Writing to a String cannot fail.
+        let _ = writeln!(out, "{} kills, {} suspensions", self.kills(), self.suspends());
+        let _ = writeln!(
+            out,
+            "{:<10} {:>6} {:>8} {:>7} {:>6} {:>18} {:>6} {:>7}",
+            "", "kills", "suspends", "moving", "rests", "ticks to rest: p50", "max", "beyond bound"
+        );
+        for (name, of) in value["victims"].as_object().into_iter().flatten() {
+            let _ = writeln!(
+                out,
+                "{name:<10} {:>6} {:>8} {:>7} {:>6} {:>18} {:>6} {:>4} of {}",
+                of["kills"],
+                of["suspends"],
+                of["moving"],
+                of["rests"],
+                of["rest_after_ticks"]["p50"],
+                of["rest_after_ticks"]["max"],
+                of["beyond_bound"],
+                of["bound_ticks"]
+            );
+        }
+        let _ = writeln!(out, "witnessed {} states: violations {}", self.states, value["violations_witnessed"]);
+        let _ = writeln!(out, "{} records of drivers: violations {}", self.records, value["violations_recorded"]);
+        let _ = writeln!(out, "oldest command executed {:.0} us after its deadline", self.oldest_command_us);
+        let _ = writeln!(out, "states moved without an enable: {}", self.moved_without_enable);
+        for complaint in self.complaints() {
+            let _ = writeln!(out, "BROKEN: {complaint}");
+        }
+        out
+    }
+}
+
+fn by_kind(counts: &[u64; ViolationKind::ALL.len()]) -> Value {
+    let named = ViolationKind::ALL.iter().zip(counts).map(|(kind, count)| (kind.name().to_owned(), json!(count)));
+    Value::Object(named.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blow::Blow;
+    use std::time::Duration;
+
+    fn outcome(victim: Victim, rest_after_ticks: Option<u64>) -> Outcome {
+        let kind = Kind::Kill { held_on: Duration::ZERO };
+        let blow = Blow { victim, kind, engaged: false, phase: Duration::ZERO };
+        Outcome { blow, moving: true, rest_after_ticks, rested: rest_after_ticks.is_some() }
+    }
+
+    #[test]
+    fn whatever_must_not_happen_is_a_complaint() {
+        let mut figures = Figures::default();
+        figures.add(&outcome(Victim::Control, Some(40)), 752);
+        assert!(figures.complaints().is_empty());
+        figures.add(&outcome(Victim::Ingest, None), 902);
+        figures.add_seen(&Seen { moved_without_enable: 1, violations: [0, 2, 0, 0, 0], ..Seen::default() });
+        figures.add_record(&json!({ "violations": { "position": 3, "velocity": 0, "acceleration": 0, "jerk": 0 } }));
+        let complaints = figures.complaints();
+        for part in ["ingest were not", "1 states moved", "2 velocity", "3 position", "does not count clearance"] {
+            assert!(complaints.iter().any(|one| one.contains(part)), "{part}: {complaints:?}");
+        }
+    }
+
+    #[test]
+    fn a_late_rest_is_counted_and_not_judged() {
+        let mut figures = Figures::default();
+        figures.add(&outcome(Victim::Control, Some(753)), 752);
+        assert_eq!(figures.to_json()["victims"]["control"]["beyond_bound"], 1);
+        assert!(figures.complaints().is_empty());
+    }
+}

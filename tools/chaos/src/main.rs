@@ -1,0 +1,128 @@
+//! See the library. The same program is every process that is struck, the client and the operator too.
+
+use chaos::blow::{Blow, Victim};
+use chaos::cli::Cli;
+use chaos::error::ChaosError;
+use chaos::figures::Figures;
+use chaos::rig::{self, Rig};
+use chaos::trial;
+use chaos::witness::Witness;
+use clap::Parser;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rt::Shutdown;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Counts what the loops allocate after READY, as in the daemon.
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// EX_USAGE of sysexits(3).
+const EX_USAGE: u8 = 64;
+/// Blows that one instance takes before it is ended in order and its driver's record is read.
+const BLOWS_OF_AN_INSTANCE: usize = 20;
+
+fn main() -> ExitCode {
+    let arguments: Vec<_> = std::env::args().collect();
+    let role = arguments.get(1).map_or("", String::as_str);
+    if teleopd::PROCESSES.contains(&role) {
+        return teleopd::main();
+    }
+    let done = match (role, arguments.get(2)) {
+        (rig::CLIENT, Some(folder)) => rig::client_main(Path::new(folder)).map(|()| true),
+        (rig::OPERATOR, Some(folder)) => rig::operator_main(Path::new(folder)).map(|()| true),
+        _ => match Cli::try_parse() {
+            Ok(options) => strike(&options),
+            Err(error) => {
+                // Help and version come this way too, and are no error.
+                let _ = error.print();
+                return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
+            }
+        },
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("chaos: {error}");
+            error.exit().into()
+        }
+    }
+}
+
+/// All blows, in instances of some each; whether every promise was kept.
+fn strike(options: &Cli) -> Result<bool, ChaosError> {
+    options.check()?;
+    if let Some(path) = &options.json {
+        // Before the run, not after it: a file that cannot be written is known now.
+        let opened = std::fs::OpenOptions::new().append(true).create(true).open(path);
+        opened.map_err(|error| ChaosError::write(path, error))?;
+    }
+    let shutdown = Shutdown::on_signals().map_err(|error| ChaosError::os("signals", error))?;
+    let mut figures = Figures::default();
+    for (number, blows) in drawn(options).chunks(BLOWS_OF_AN_INSTANCE).enumerate() {
+        instance(options, blows, &shutdown, &mut figures)?;
+        eprintln!("instance {}: {} kills, {} suspensions so far", number + 1, figures.kills(), figures.suspends());
+        if shutdown.requested() {
+            return Err(ChaosError::Interrupted);
+        }
+    }
+    if let Some(path) = &options.json {
+        std::fs::write(path, format!("{:#}\n", figures.to_json())).map_err(|error| ChaosError::write(path, error))?;
+    }
+    print!("{}", figures.words());
+    Ok(figures.complaints().is_empty())
+}
+
+/// Every victim as often as every other, in random order; but the driver's deaths come last, because each takes the
+/// driver's record of everything before with it.
+fn drawn(options: &Cli) -> Vec<Blow> {
+    let mut dice = Pcg64Mcg::seed_from_u64(options.seed);
+    let mut all = Vec::new();
+    for (count, kill) in [(options.kills, true), (options.suspends, false)] {
+        let first: usize = dice.random_range(0..Victim::ALL.len());
+        for n in 0..count as usize {
+            all.push((Victim::ALL[(first + n) % Victim::ALL.len()], kill));
+        }
+    }
+    all.shuffle(&mut dice);
+    all.sort_by_key(|&(victim, kill)| kill && victim == Victim::Driver);
+    all.into_iter().map(|(victim, kill)| Blow::draw(victim, kill, &mut dice)).collect()
+}
+
+fn stuck(what: &str, blow: Blow) -> ChaosError {
+    ChaosError::Stuck(format!("{what}, before or after {blow:?}"))
+}
+
+fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
+    let mut rig = Rig::start(&options.config)?;
+    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
+    let safety = &loaded.settings.safety;
+    let limits = pipeline::sim_config(&loaded, true)?;
+    let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let mut outcomes = Vec::new();
+    for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
+        let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)
+            .map_err(|error| if let ChaosError::Stuck(what) = error { stuck(&what, blow) } else { error })?;
+        if !outcome.rested {
+            figures.add_trouble([format!("no rest after {blow:?}")]);
+        }
+        outcomes.push(outcome);
+    }
+    let seen = witness.seen();
+    drop(witness);
+    figures.add_seen(&seen);
+    let ended = rig.end();
+    let factor = if ended.realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    for outcome in &outcomes {
+        figures.add(outcome, outcome.blow.victim.rest_within_ticks(safety, factor));
+    }
+    figures.add_trouble(ended.trouble);
+    match ended.record {
+        Some(record) => figures.add_record(&record),
+        None => figures.add_trouble(["a driver left no record".to_owned()]),
+    }
+    Ok(())
+}

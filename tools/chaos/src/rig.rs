@@ -1,0 +1,260 @@
+//! The processes of an instance, a client and an operator, each in a process of its own that can be struck.
+
+use crate::blow::Victim;
+use crate::error::ChaosError;
+use messages::{Mode, Status, TRANSITIONS_KEPT};
+use motion::CalibrationMode;
+use pipeline::{Instance, PlayOptions, Player, Publisher};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use teleopd::{Children, Operator, Place};
+
+/// First argument with which this program is the client that publishes.
+pub const CLIENT: &str = "client";
+/// First argument with which this program is the operator that holds the enable.
+pub const OPERATOR: &str = "operator";
+
+/// Longest time for a mode that must come; only a hang comes near.
+const SOON: Duration = Duration::from_secs(20);
+/// Ticks of control before the enable: it must be seen released for `safety.enable_released_ms`.
+const TICKS_BEFORE_ENABLE: u64 = 600;
+/// Ticks in which an operator's thread has sent all its orders: five heartbeats.
+const TICKS_TO_SEND: u64 = 150;
+
+/// What an instance leaves.
+pub struct Ended {
+    /// Processes that had to be killed, or ended badly.
+    pub trouble: Vec<String>,
+    /// What the driver wrote of itself.
+    pub record: Option<Value>,
+    /// Whether control had real-time scheduling, and no stale time was relaxed.
+    pub realtime: bool,
+}
+
+/// A running instance with everybody around it.
+pub struct Rig {
+    place: Place,
+    instance: Instance,
+    children: Children,
+    client: Child,
+    /// Holds the enable where the operator is the victim.
+    hand: Option<Child>,
+    operator: Operator,
+    _folder: tempfile::TempDir,
+}
+
+impl Rig {
+    /// Starts everything.
+    ///
+    /// # Errors
+    /// If a process does not start.
+    pub fn start(config: &Path) -> Result<Self, ChaosError> {
+        // Short: the path of the operator's socket has a limit of 107 bytes.
+        let folder = tempfile::Builder::new().prefix("chaos-").tempdir();
+        let folder = folder.map_err(|error| ChaosError::write(&std::env::temp_dir(), error))?;
+        let instance = Instance::new(folder.path()).map_err(|error| ChaosError::write(folder.path(), error))?;
+        let place = Place {
+            config: config.to_path_buf(),
+            run_dir: folder.path().to_path_buf(),
+            // The driver is simulated; a kernel without PREEMPT_RT serves as well.
+            engage_without_realtime: true,
+            interface: None,
+        };
+        let children = Children::start(&instance, &place, true)?;
+        let client = role(CLIENT, &instance)?;
+        let operator = Operator::connect(&instance.operator_socket())?;
+        Ok(Self { place, instance, children, client, hand: None, operator, _folder: folder })
+    }
+
+    /// Where the instance lives.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    /// What the processes were started with.
+    pub fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// The operator who watches.
+    pub fn operator(&mut self) -> &mut Operator {
+        &mut self.operator
+    }
+
+    /// Brings the instance to where it can be engaged: nothing latched, nothing in the way.
+    ///
+    /// # Errors
+    /// If it does not come there.
+    pub fn clear(&mut self) -> Result<(), ChaosError> {
+        if self.operator.is_cut_off() {
+            self.operator = Operator::connect(&self.instance.operator_socket())?;
+        }
+        let then = self.operator.status().map_or(0, |status| status.ticks);
+        self.operator.release();
+        let moving = |status: &Status| {
+            !matches!(Mode::from_u32(status.mode), Some(Mode::Disengaged | Mode::Faulted) | None)
+        };
+        // Not before every order was sent: a release that comes late would meet the next enable.
+        if !self.operator.wait(SOON, |status| !moving(status) && status.ticks > then + TICKS_TO_SEND) {
+            return Err(self.stuck("does not end its motion"));
+        }
+        // A reset counts at rest and with the cause gone: asked for until it is taken.
+        for _ in 0..SOON.as_millis() / 100 {
+            if self.operator.mode() == Some(Mode::Faulted) {
+                self.operator.reset();
+            }
+            let ready = |status: &Status| {
+                status.mode == Mode::Disengaged as u32 && status.faults == 0 && status.ticks > TICKS_BEFORE_ENABLE
+            };
+            if self.operator.wait(Duration::from_millis(100), ready) {
+                return Ok(());
+            }
+        }
+        Err(self.stuck("cannot be engaged"))
+    }
+
+    /// Holds the enable, by a program of its own if that is what will be struck, and waits for `mode`.
+    ///
+    /// # Errors
+    /// If the mode does not come.
+    pub fn engage(&mut self, victim: Victim, mode: Mode) -> Result<(), ChaosError> {
+        if victim == Victim::Operator {
+            self.hand = Some(role(OPERATOR, &self.instance)?);
+        } else {
+            self.operator.enable();
+        }
+        let begun = |status: &Status| status.mode != Mode::Disengaged as u32;
+        let ended = |status: &Status| !begun(status) || status.mode == Mode::Faulted as u32;
+        if self.operator.wait(SOON, begun)
+            && self.operator.wait(SOON, |status| status.mode == mode as u32 || ended(status))
+            && self.operator.mode() == Some(mode)
+        {
+            return Ok(());
+        }
+        Err(self.stuck(&format!("never was {}", mode.name())))
+    }
+
+    /// The process number of `victim`.
+    ///
+    /// # Errors
+    /// If it does not run.
+    pub fn id(&self, victim: Victim) -> Result<u32, ChaosError> {
+        let id = match victim {
+            Victim::Client => Some(self.client.id()),
+            Victim::Operator => self.hand.as_ref().map(Child::id),
+            process => self.children.id(process.name()),
+        };
+        id.ok_or_else(|| ChaosError::Stuck(format!("{} does not run", victim.name())))
+    }
+
+    /// kill -9.
+    pub fn kill(&mut self, victim: Victim) {
+        match victim {
+            Victim::Client => end(&mut self.client),
+            Victim::Operator => self.let_go(),
+            process => self.children.kill(process.name()),
+        }
+    }
+
+    /// Starts again what was killed; who held the enable does not come back by itself.
+    ///
+    /// # Errors
+    /// If it does not start.
+    pub fn revive(&mut self, victim: Victim) -> Result<(), ChaosError> {
+        match victim {
+            Victim::Client => self.client = role(CLIENT, &self.instance)?,
+            Victim::Operator => {}
+            process => self.children.start_one(process.name(), &self.instance, &self.place, true)?,
+        }
+        Ok(())
+    }
+
+    /// Nobody holds the enable any more.
+    pub fn release(&mut self) {
+        self.let_go();
+        self.operator.release();
+    }
+
+    fn let_go(&mut self) {
+        if let Some(mut hand) = self.hand.take() {
+            end(&mut hand);
+        }
+    }
+
+    /// Ends everything in order.
+    pub fn end(mut self) -> Ended {
+        self.release();
+        end(&mut self.client);
+        let trouble = self.children.stop();
+        let read = |process: &str| -> Option<Value> {
+            let text = std::fs::read_to_string(self.instance.report(process)).ok()?;
+            serde_json::from_str(&text).ok()
+        };
+        let record = read(Victim::Driver.name());
+        let realtime = read(Victim::Control.name()).is_some_and(|control| control["realtime"] == true);
+        self.instance.retire();
+        Ended { trouble, record, realtime }
+    }
+
+    fn stuck(&mut self, what: &str) -> ChaosError {
+        let status = self.operator.status();
+        let mode = status.and_then(|status| Mode::from_u32(status.mode)).map_or("unknown", Mode::name);
+        let faults = messages::Faults(status.map_or(0, |status| status.faults));
+        let faults: Vec<_> = faults.iter().map(|fault| fault.row().name).collect();
+        let newest = status.map_or(0, |status| status.transition_count as usize);
+        let passed = status.iter().flat_map(|status| {
+            let kept = TRANSITIONS_KEPT.min(newest);
+            (newest - kept..newest).map(|n| status.transitions[n % TRANSITIONS_KEPT].why_name())
+        });
+        let passed: Vec<_> = passed.collect();
+        let (faults, passed) = (faults.join(" "), passed.join(", "));
+        ChaosError::Stuck(format!("the robot {what}: {mode} {faults}, after {passed}"))
+    }
+}
+
+fn end(child: &mut Child) {
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// This program again, as client or operator.
+fn role(name: &str, instance: &Instance) -> Result<Child, ChaosError> {
+    let program = std::env::current_exe().map_err(|error| ChaosError::os("/proc/self/exe", error))?;
+    let mut command = Command::new(program);
+    command.arg(name).arg(instance.run_dir()).stdin(Stdio::null()).stdout(Stdio::null());
+    command.spawn().map_err(|error| ChaosError::os(name, error))
+}
+
+/// The client: publishes the built-in motion in a loop until it is killed.
+///
+/// # Errors
+/// If it cannot publish.
+pub fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
+    rt::die_with_parent();
+    let instance = Instance::unmade(run_dir);
+    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+    let session = u64::from(std::process::id());
+    let player = Player::new(&motion::builtin(), play, session, rt::incarnation());
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now)?;
+    publisher.set_engaged(true);
+    loop {
+        std::thread::park();
+    }
+}
+
+/// The operator: holds the enable until it is killed.
+///
+/// # Errors
+/// If nobody answers.
+pub fn operator_main(run_dir: &Path) -> Result<(), ChaosError> {
+    rt::die_with_parent();
+    let mut operator = Operator::connect(&Instance::unmade(run_dir).operator_socket())?;
+    // A handle that is held when it is first seen is no wish to move: released first.
+    operator.wait(SOON, |_| true);
+    operator.enable();
+    loop {
+        std::thread::park();
+    }
+}

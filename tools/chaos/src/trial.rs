@@ -1,0 +1,125 @@
+//! One blow and what came of it.
+
+use crate::blow::{Blow, Kind, Victim};
+use crate::error::ChaosError;
+use crate::rig::Rig;
+use crate::witness::Witness;
+use messages::{Mode, TICK_HZ, tick_at};
+use pipeline::{SafetySettings, Settings};
+use std::time::{Duration, Instant};
+
+/// Longest wait for a rest that must come; only a robot that does not stop comes near.
+const REST_WITHIN: Duration = Duration::from_secs(5);
+/// How often engaging is tried again: a busy machine starves heartbeats, and then authority is withdrawn, as it must be.
+const TRIES_MAX: u32 = 5;
+/// Time between two looks at the witness.
+const LOOK: Duration = Duration::from_millis(1);
+/// How long a revived process and a resumed one are watched: longer than any stale time of a real-time stream.
+const WATCHED: Duration = Duration::from_millis(250);
+
+/// What came of a blow.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome {
+    /// The blow.
+    pub blow: Blow,
+    /// Whether the robot moved in the tick of the blow.
+    pub moving: bool,
+    /// Ticks from the blow to rest, by the driver's own count; nothing where it was the driver that died, or where nothing
+    /// had to stop.
+    pub rest_after_ticks: Option<u64>,
+    /// Whether the robot came to rest at all where it must.
+    pub rested: bool,
+}
+
+/// Engages, strikes, and watches.
+///
+/// # Errors
+/// If the instance does not come to where it can be struck, or does not come back.
+pub fn run(rig: &mut Rig, witness: &Witness, settings: &Settings, blow: Blow) -> Result<Outcome, ChaosError> {
+    let mode = if blow.engaged { Mode::Engaged } else { Mode::Engaging };
+    let mut tries = 0;
+    loop {
+        rig.clear()?;
+        witness.must_rest(false);
+        match rig.engage(blow.victim, mode) {
+            Err(ChaosError::Stuck(_)) if tries < TRIES_MAX => tries += 1,
+            engaged => break engaged?,
+        }
+        rig.release();
+    }
+    std::thread::sleep(blow.phase);
+    let mut outcome = Outcome { blow, moving: !witness.seen().at_rest(), rest_after_ticks: None, rested: true };
+    match blow.kind {
+        Kind::Kill { held_on } => kill(rig, witness, settings, &mut outcome, held_on)?,
+        Kind::Suspend { length } => suspend(rig, witness, &settings.safety, &mut outcome, length)?,
+    }
+    rig.release();
+    Ok(outcome)
+}
+
+fn kill(
+    rig: &mut Rig,
+    witness: &Witness,
+    settings: &Settings,
+    outcome: &mut Outcome,
+    held_on: Duration,
+) -> Result<(), ChaosError> {
+    let victim = outcome.blow.victim;
+    let struck = tick_at(rt::now());
+    rig.kill(victim);
+    if victim == Victim::Driver {
+        // With it the simulated robot is gone; what is left to be seen is that control noticed.
+        outcome.rested = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
+    } else {
+        wait_rest(witness, outcome, struck);
+    }
+    // Rest is rest: neither the return of the process nor the enable that is still held may end it.
+    witness.must_rest(outcome.rested);
+    std::thread::sleep(held_on);
+    if victim == Victim::Client {
+        // A session that begins while another still holds authority is refused for good.
+        std::thread::sleep(Duration::from_secs_f64(settings.ingest.authority_timeout_ms * 1e-3));
+    }
+    rig.revive(victim)?;
+    std::thread::sleep(WATCHED);
+    Ok(())
+}
+
+fn suspend(
+    rig: &mut Rig,
+    witness: &Witness,
+    safety: &SafetySettings,
+    outcome: &mut Outcome,
+    length: Duration,
+) -> Result<(), ChaosError> {
+    let victim = outcome.blow.victim;
+    let bound_ticks = victim.rest_within_ticks(safety, safety.stale_factor_without_realtime);
+    let id = rig.id(victim)?;
+    let struck = tick_at(rt::now());
+    rt::suspend(id);
+    // A suspended driver executes nothing; any other is a silence like that of a death, if it lasts.
+    let must_rest = victim != Victim::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
+    let resume_at = Instant::now() + length;
+    if must_rest {
+        wait_rest(witness, outcome, struck);
+    }
+    std::thread::sleep(resume_at.saturating_duration_since(Instant::now()));
+    rt::resume(id);
+    std::thread::sleep(WATCHED);
+    Ok(())
+}
+
+/// Waits until the driver says rest, of a tick after the blow.
+fn wait_rest(witness: &Witness, outcome: &mut Outcome, struck: u64) {
+    let give_up = Instant::now() + REST_WITHIN;
+    while Instant::now() < give_up {
+        let seen = witness.seen();
+        // A robot that happens to stand in the tick of the blow may still move on what is under way.
+        if seen.at_rest() && seen.k() > struck + 1 {
+            outcome.rest_after_ticks = Some(seen.k() - struck);
+            return;
+        }
+        std::thread::sleep(LOOK);
+    }
+    outcome.rested = false;
+}

@@ -1,0 +1,43 @@
+//! The command, over real processes and real shared memory; the longer count is the command's own default.
+
+use serde_json::Value;
+use std::process::{Command, Output};
+
+fn chaos(arguments: &[&str]) -> Output {
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/teleop.toml");
+    Command::new(env!("CARGO_BIN_EXE_chaos")).args(arguments).args(["--config", config]).output().expect("chaos runs")
+}
+
+/// Every process, a client and an operator are killed four times each and suspended some more, at random moments of a
+/// moving robot: it comes to rest by certified motion alone, and stays there until it is engaged anew.
+#[test]
+fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_stays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("chaos.json");
+    let output = chaos(&["--kills", "24", "--suspends", "16", "--seed", "3", "--json", file.to_str().unwrap()]);
+    let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{told}");
+    let figures: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).expect("JSON");
+    assert_eq!((&figures["kills"], &figures["suspends"]), (&24.into(), &16.into()));
+    for victim in ["ingest", "retarget", "control", "sim", "client", "operator"] {
+        let of = &figures["victims"][victim];
+        assert_eq!(of["kills"], 4, "{victim}: {told}");
+        // Most blows must have met a moving robot, or they show nothing.
+        assert!(of["moving"].as_u64() >= Some(3), "{victim}: {told}");
+        assert!(victim == "sim" || of["rests"].as_u64() >= Some(4), "{victim}: {told}");
+    }
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+        assert_eq!(figures["violations_witnessed"][kind], 0, "{told}");
+        assert_eq!(figures["violations_recorded"][kind], 0, "{told}");
+    }
+    assert_eq!(figures["moved_without_enable"], 0, "{told}");
+    assert!(figures["states_witnessed"].as_u64() > Some(10_000), "{told}");
+}
+
+#[test]
+fn a_run_without_blows_is_refused_by_name() {
+    let output = chaos(&["--kills", "0"]);
+    assert_eq!(output.status.code(), Some(64));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains("--kills and --suspends 0 is outside [1, 1000000]"), "{told}");
+}
