@@ -93,9 +93,8 @@ impl Rig {
         }
         let then = self.operator.status().map_or(0, |status| status.ticks);
         self.operator.release();
-        let moving = |status: &Status| {
-            !matches!(Mode::from_u32(status.mode), Some(Mode::Disengaged | Mode::Faulted) | None)
-        };
+        let moving =
+            |status: &Status| !matches!(Mode::from_u32(status.mode), Some(Mode::Disengaged | Mode::Faulted) | None);
         // Not before every order was sent: a release that comes late would meet the next enable.
         if !self.operator.wait(SOON, |status| !moving(status) && status.ticks > then + TICKS_TO_SEND) {
             return Err(self.stuck("does not end its motion"));

@@ -28,7 +28,7 @@ pub struct Seen {
     /// States in motion while nobody had the right to move the robot.
     pub moved_without_enable: u64,
     /// Whether nobody has that right now.
-    must_rest: bool,
+    pub(crate) must_rest: bool,
 }
 
 impl Seen {
