@@ -1,0 +1,122 @@
+//! The last check of every command, under any proposal and any seed.
+
+use crate::bytes::Bytes;
+use messages::{JOINTS, Stamp, StopPlan, TICK_S};
+use robot::Model;
+use safety::engage::Permit;
+use safety::gate::{Config, Decision, Proposed, State, Verdict, tick};
+use std::sync::LazyLock;
+
+/// Ticks of one input.
+const TICKS_MAX: usize = 64;
+/// What may be lost to the rounding of units (2^-40) and of doubles.
+const SLACK: f64 = 1e-9;
+
+static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
+    let (toml, urdf) = (crate::robots::TOML, crate::robots::URDF);
+    let model = Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot");
+    let config = Config::new(&model).expect("its limits");
+    (model, config)
+});
+
+const EMPTY: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+
+/// Each tick is a byte that says what is proposed (an honest step, whose jerks follow, or the last state again), how many
+/// of its numbers are overwritten by any 64 bits, and what is permitted.
+pub(crate) fn run(input: &[u8]) {
+    let (model, config) = &*ROBOT;
+    let mut bytes = Bytes::new(input);
+    let mut state = State::at_rest(model.home);
+    // No seed has moved it: all that is sent comes from what was judged.
+    let mut judged = true;
+    let mut k = 1000;
+    for _ in 0..TICKS_MAX {
+        if bytes.is_empty() {
+            return;
+        }
+        let head = bytes.u8();
+        k += 1;
+        let (mut proposed, patches) = (honest(model, &state, k, &mut bytes, head), (head >> 2) % 8);
+        for _ in 0..patches {
+            let (place, bits) = (usize::from(bytes.u8()), bytes.f64());
+            *number(&mut proposed, place) = bits;
+        }
+        proposed.permit = match head >> 5 {
+            0 => Permit::Stop,
+            1 => Permit::Recover,
+            2 => Permit::Follow { speed_scale: bytes.f64() },
+            _ => Permit::Follow { speed_scale: 1.0 },
+        };
+        if head == 0xff {
+            (proposed.k, judged) = (bytes.u64(), false);
+        }
+        if head == 0xfe {
+            state.reseed(&bytes.joints(), &bytes.joints(), &bytes.joints(), &proposed.plan);
+            judged = false;
+        }
+        let before = (state.q(), state.v(), state.a(), state.denials());
+        let out = tick(config, &mut state, Stamp(1), proposed);
+        finite(&out);
+        assert_eq!(state.denials() - before.3, u64::from(!out.accepted()), "every denial is counted");
+        assert!(out.verdict != Verdict::Accept || proposed.permit != Permit::Stop, "moved without a permit");
+        if judged {
+            within(model, &before, &out);
+        }
+    }
+}
+
+/// One tick of these jerks from the last state, and a stop from there; or the last state again.
+fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
+    let (mut q, mut v, mut a) = (state.q(), state.v(), state.a());
+    let mut plan = if head & 3 == 0 { state.plan() } else { EMPTY };
+    for j in 0..JOINTS {
+        if head & 3 == 0 {
+            break;
+        }
+        // Of a joint's jerk limit, -1 to 1.
+        let share = if head & 3 == 3 || j % 4 == 0 { f64::from(bytes.u8() as i8) / 128.0 } else { 0.0 };
+        let (jerk, t) = (share * model.limits[j].j_max, TICK_S);
+        q[j] += v[j] * t + a[j] * t * t / 2.0 + jerk * t * t * t / 6.0;
+        v[j] += a[j] * t + jerk * t * t / 2.0;
+        a[j] += jerk * t;
+        // Loses the acceleration, then the speed; short of the acceleration's limit at small speeds, which is enough here.
+        let most = 0.99 * model.limits[j].j_max;
+        let speed = v[j] + a[j] * a[j].abs() / (2.0 * most);
+        let half = (speed.abs() / most).sqrt();
+        plan.jerk[j] = [-a[j].signum() * most, -speed.signum() * most, speed.signum() * most];
+        plan.duration_s[j] = [a[j].abs() / most, half, half];
+    }
+    Proposed { k, permit: Permit::Stop, q, v, a, plan }
+}
+
+fn number(proposed: &mut Proposed, place: usize) -> &mut f64 {
+    let j = place % JOINTS;
+    match place / JOINTS {
+        0..=2 => &mut proposed.q[j],
+        3..=5 => &mut proposed.v[j],
+        6..=8 => &mut proposed.a[j],
+        i @ 9..=11 => &mut proposed.plan.jerk[j][i - 9],
+        i => &mut proposed.plan.duration_s[j][i % 3],
+    }
+}
+
+fn finite(out: &Decision) {
+    let plan = out.plan.jerk.iter().chain(&out.plan.duration_s).flatten();
+    assert!(out.q.iter().chain(&out.v).chain(&out.a).chain(plan).all(|x| x.is_finite()), "{out:?}");
+}
+
+/// A robot that began at rest within its limits stays within them, whatever is proposed.
+fn within(model: &Model, before: &([f64; JOINTS], [f64; JOINTS], [f64; JOINTS], u64), out: &Decision) {
+    for j in 0..JOINTS {
+        let (limits, t) = (&model.limits[j], TICK_S);
+        let (q, v, a) = (out.q[j], out.v[j], out.a[j]);
+        assert!(q >= limits.q_min - SLACK && q <= limits.q_max + SLACK, "joint {j} at {q}, {limits:?}");
+        assert!(v.abs() <= limits.v_max + SLACK, "joint {j} at {v} per second, {limits:?}");
+        assert!(a.abs() <= limits.a_max + SLACK, "joint {j}: acceleration {a}, {limits:?}");
+        let (dq, dv) = (q - before.0[j], v - before.1[j]);
+        assert!(dq.abs() <= limits.v_max * t + SLACK, "joint {j} jumps by {dq}");
+        assert!(dv.abs() <= limits.a_max * t + SLACK, "joint {j}: speed jumps by {dv}");
+        let da = (a - before.2[j]).abs();
+        assert!(da <= limits.j_max * t + 1e-6, "joint {j}: acceleration jumps by {da}");
+    }
+}

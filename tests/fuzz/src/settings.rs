@@ -1,0 +1,83 @@
+//! `teleop.toml`: any text, and changes of the shipped one.
+
+use crate::bytes::Bytes;
+use pipeline::{ControlConfig, Loaded, SafetySettings, Settings};
+use robot::Model;
+use std::sync::LazyLock;
+
+/// The shipped settings.
+pub(crate) const TEXT: &str = include_str!("../../../config/teleop.toml");
+
+static MODEL: LazyLock<Model> = LazyLock::new(|| {
+    let (toml, urdf) = (crate::robots::TOML, crate::robots::URDF);
+    Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot")
+});
+
+/// The first byte says whether the others are the text or changes of the shipped one, each of which is (length, place,
+/// how much is taken out, what is put in).
+pub(crate) fn run(input: &[u8]) {
+    let Some((&kind, rest)) = input.split_first() else { return };
+    let text = if kind == 0 { String::from_utf8_lossy(rest).into_owned() } else { changed(rest) };
+    let settings = match Settings::parse("teleop.toml", &text) {
+        Ok(settings) => settings,
+        Err(error) => {
+            assert!(error.to_string().contains("teleop.toml"), "names no file: {error}");
+            return;
+        }
+    };
+    let again = toml::to_string(&settings).expect("what was read can be written");
+    assert_eq!(Settings::parse("teleop.toml", &again).expect("and read again"), settings);
+    bounded(&settings);
+    let Ok(model) = MODEL.clone().with_environment("teleop.toml", &settings.environment) else { return };
+    let loaded = Loaded { settings, model, weights: None, hash: 1, files: Vec::new() };
+    // Refused or accepted, but never a surprise.
+    let _ = pipeline::retarget_config(&loaded);
+    let _ = pipeline::sim_config(&loaded, true);
+    if ControlConfig::new(&loaded, true).is_ok() {
+        ceilings(&loaded.settings.safety);
+    }
+}
+
+/// What holds of all settings that are read.
+fn bounded(settings: &Settings) {
+    let (ingest, control, driver) = (&settings.ingest, &settings.control, &settings.driver);
+    assert!((100.0..=60_000.0).contains(&ingest.authority_timeout_ms), "{ingest:?}");
+    assert!(0.0 <= control.grace_us && control.grace_us <= driver.grace_us && driver.grace_us <= 660.0, "{driver:?}");
+    assert!((0.0..=100.0).contains(&settings.retarget.interpolation_delay_ms), "{:?}", settings.retarget);
+    assert!(driver.silence_latch_ms > 0.0 && driver.silence_latch_ms <= 10.0, "{driver:?}");
+}
+
+/// The ceilings of the monitors, written down a second time: no settings with which control starts are looser.
+fn ceilings(safety: &SafetySettings) {
+    let most = [
+        (safety.target_stale_ms, 50.0),
+        (safety.state_late_ms, 50.0),
+        (safety.state_stale_ms, 100.0),
+        (safety.input_stale_ms, 500.0),
+        (safety.operator_silent_ms, 1000.0),
+        (safety.hold_timeout_ms, 60_000.0),
+        (safety.tracking_error_rad, 0.25),
+        (safety.tracking_error_now_rad, 0.5),
+        (safety.tracking_error_m, 0.05),
+        (safety.tracking_error_now_m, 0.1),
+        (safety.tracking_error_ms, 500.0),
+        (f64::from(safety.deadlines_missed_max), 50.0),
+    ];
+    assert!(most.iter().all(|(value, most)| *value > 0.0 && value <= most), "{safety:?}");
+    assert!(safety.enable_released_ms >= 200.0, "{safety:?}");
+}
+
+fn changed(input: &[u8]) -> String {
+    let mut text = TEXT.as_bytes().to_vec();
+    let mut bytes = Bytes::new(input);
+    for _ in 0..8 {
+        if bytes.is_empty() {
+            break;
+        }
+        let length = usize::from(bytes.u8() % 64);
+        let at = usize::from(bytes.u16()) % text.len().max(1);
+        let end = (at + usize::from(bytes.u8())).min(text.len());
+        text.splice(at..end, bytes.take(length).to_vec());
+    }
+    String::from_utf8_lossy(&text).into_owned()
+}

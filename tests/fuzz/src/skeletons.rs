@@ -1,0 +1,139 @@
+//! A client's frames: any bits, alone and among good ones, in any order and at any time.
+
+use crate::bytes::Bytes;
+use messages::{HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
+use skeleton::{Config, DropReason, Input, State, tick};
+use std::sync::LazyLock;
+
+/// Most frames of one input: enough for every rule that counts frames.
+const FRAMES_MAX: usize = 64;
+/// One frame of a camera at 60 Hz, ns.
+const PERIOD_NS: u64 = 16_666_667;
+/// Words of 4 bytes in a frame.
+const WORDS: usize = size_of::<RawSkeleton>() / 4;
+
+/// Good frames of a moving person, at 60 Hz.
+static PERSON: LazyLock<Vec<RawSkeleton>> = LazyLock::new(|| {
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    (0..motion.frames.len()).map(|i| motion::raw_frame(&motion, i, &calibration)).collect()
+});
+
+/// Each frame is three bytes (what it begins as, how many words are overwritten, how much time goes by) and what they ask
+/// for.
+pub(crate) fn run(input: &[u8]) {
+    let mut bytes = Bytes::new(input);
+    let config = Config::default();
+    let mut state = State::new();
+    let mut now = Stamp(1_000_000_000);
+    let mut next = PERSON[0];
+    let (mut at, mut sequence) = (0, 0);
+    let mut last: Option<(u64, Stamp)> = None;
+    for count in 1..=FRAMES_MAX {
+        if bytes.is_empty() {
+            return;
+        }
+        let kind = bytes.u8();
+        at += usize::from(kind >> 4);
+        sequence += 1;
+        match kind & 3 {
+            // The frame before as it was published: a repetition.
+            1 => {}
+            2 => fill(&mut next, &mut bytes),
+            // The person's next moment, or one further on by the upper bits.
+            _ => {
+                next = PERSON[at % PERSON.len()];
+                at += 1;
+                next.session_nonce = 1;
+                next.header.sequence = sequence;
+                next.header.origin = now;
+            }
+        }
+        for _ in 0..bytes.u8() % 8 {
+            let index = usize::from(bytes.u16()) % WORDS;
+            set(&mut next, index, bytes.u32());
+        }
+        now = match bytes.u8() {
+            0..=200 => Stamp(now.0.saturating_add(PERIOD_NS)),
+            step @ 201..=250 => Stamp(now.0.saturating_add(u64::from(step - 200) * 50_000_000)),
+            _ => Stamp(bytes.u64()),
+        };
+        // The frame arrives at once, so that its origin may be now.
+        if kind & 4 != 0 {
+            next.header.origin = now;
+        }
+        let out = tick(&config, &mut state, now, Input { raw: &next });
+        assert_eq!(out.skeleton.is_some(), out.drop.is_none(), "accepted or dropped, never both");
+        let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.dropped(reason)).sum();
+        assert_eq!(state.accepted() + dropped, count as u64, "every frame is counted once");
+        let Some(person) = out.skeleton else { continue };
+        check(&config, now, &next, &person);
+        let newer = last.is_none_or(|(nonce, origin)| nonce != next.session_nonce || origin.0 < next.header.origin.0);
+        assert!(newer, "an old frame was accepted");
+        last = Some((next.session_nonce, next.header.origin));
+    }
+}
+
+/// What holds of every person that leaves.
+fn check(config: &Config, now: Stamp, raw: &RawSkeleton, person: &messages::Skeleton) {
+    assert_eq!((person.header.origin, person.received), (raw.header.origin, now));
+    assert!(now.since(person.header.origin) <= config.age_max_ns, "too old");
+    assert!(person.header.origin.since(now) <= config.future_max_ns, "from the future");
+    let far = |x: &f32| f64::from(x.abs()) <= config.coordinate_max_m;
+    assert!(person.positions.iter().flatten().all(far), "{:?}", person.positions);
+    for limb in 0..LIMBS {
+        let norm = person.limbs[limb].iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
+        assert!((norm - 1.0).abs() <= 1e-6, "limb {limb} has norm {norm}");
+        assert_eq!(person.flags & !(skeleton_flag::ALL | skeleton_flag::CALIBRATED), 0);
+    }
+}
+
+/// A frame of whatever bits; what is missing is zero.
+fn fill(raw: &mut RawSkeleton, bytes: &mut Bytes<'_>) {
+    *raw = RawSkeleton::ZERO;
+    for (index, chunk) in bytes.take(4 * WORDS).chunks(4).enumerate() {
+        let mut four = [0; 4];
+        four[..chunk.len()].copy_from_slice(chunk);
+        set(raw, index, u32::from_le_bytes(four));
+    }
+}
+
+/// Overwrites word `index` of the frame's memory.
+fn set(raw: &mut RawSkeleton, index: usize, word: u32) {
+    let half = |value: &mut u64, upper: bool| {
+        let shift = if upper { 32 } else { 0 };
+        *value = *value & !(0xffff_ffff << shift) | u64::from(word) << shift;
+    };
+    let real = f32::from_bits(word);
+    let (positions, rotations) = (16, 16 + 3 * RAW_JOINTS_MAX);
+    let confidence = rotations + 4 * RAW_JOINTS_MAX;
+    let flags = confidence + RAW_JOINTS_MAX;
+    let hinges = flags + RAW_JOINTS_MAX;
+    let upper = index % 2 == 1;
+    match index {
+        0 | 1 => half(&mut raw.header.sequence, upper),
+        2 | 3 => half(&mut raw.header.stamp.0, upper),
+        4 | 5 => half(&mut raw.header.origin.0, upper),
+        6 | 7 => half(&mut raw.header.config_hash, upper),
+        8 => raw.header.incarnation = word,
+        9 => raw.header.reserved = word,
+        10 | 11 => half(&mut raw.session_nonce, upper),
+        12 => raw.layout = word,
+        13 => raw.operator_id = word,
+        14 => raw.flags = word,
+        15 => raw.joint_count = word,
+        i if i < rotations => raw.positions[(i - positions) / 3][(i - positions) % 3] = real,
+        i if i < confidence => raw.rotations[(i - rotations) / 4][(i - rotations) % 4] = real,
+        i if i < flags => raw.confidence[i - confidence] = real,
+        i if i < hinges => raw.joint_flags[i - flags] = word,
+        i => hinge(&mut raw.calibration, i - hinges, word),
+    }
+}
+
+fn hinge(calibration: &mut HingeCalibration, index: usize, word: u32) {
+    match index {
+        12 => calibration.flags = word,
+        13.. => calibration.samples = word,
+        i => calibration.hinge[i / 3][i % 3] = f32::from_bits(word),
+    }
+}

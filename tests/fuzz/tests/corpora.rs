@@ -1,0 +1,135 @@
+//! Every target over its stored inputs, over good ones, and over seeded changes of both: the same executions each time.
+
+use fuzz_targets::{TARGETS, run, seeds};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::path::Path;
+
+/// Changed inputs that each target is given; `FUZZ_EXECUTIONS` takes more.
+const EXECUTIONS: usize = 1500;
+/// Longest input that is made by changes.
+const LENGTH_MAX: usize = 4096;
+/// Most memory that any input may cost, kB.
+const MEMORY_MAX_KB: u64 = 512 << 10;
+
+fn stored(target: &str) -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let entries = std::fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let mut files: Vec<_> = entries.map(|entry| entry.expect("an entry").path()).collect();
+    files.sort();
+    files.iter().map(|file| std::fs::read(file).expect("a stored input")).collect()
+}
+
+/// An input with one to eight changes of the kinds that libFuzzer makes.
+fn changed(inputs: &[Vec<u8>], rng: &mut Pcg64) -> Vec<u8> {
+    let mut input = inputs[rng.random_range(0..inputs.len())].clone();
+    for _ in 0..rng.random_range(1..=8) {
+        let at = rng.random_range(0..=input.len());
+        let end = (at + rng.random_range(1..=16)).min(input.len());
+        match rng.random_range(0..7) {
+            0 if at < input.len() => input[at] ^= 1 << rng.random_range(0..8),
+            1 if at < input.len() => input[at] = rng.random(),
+            2 => input.insert(at, rng.random()),
+            3 => drop(input.drain(at..end)),
+            4 => {
+                let copy = input[at..end].to_vec();
+                input.splice(at..at, copy);
+            }
+            5 => {
+                let other = &inputs[rng.random_range(0..inputs.len())];
+                let from = rng.random_range(0..=other.len());
+                input.truncate(at);
+                input.extend(&other[from..]);
+            }
+            _ => {
+                let special = [0, 1, 0x7f, 0x80, 0xff][rng.random_range(0..5)];
+                input[at..end].fill(special);
+            }
+        }
+    }
+    input.truncate(LENGTH_MAX);
+    input
+}
+
+/// The most memory that this process ever had, kB; none where /proc is not that of Linux.
+fn peak_kb() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse().ok()
+}
+
+fn exercise(target: &str) {
+    let executions = std::env::var("FUZZ_EXECUTIONS").ok().and_then(|text| text.parse().ok()).unwrap_or(EXECUTIONS);
+    let mut inputs = stored(target);
+    assert!(!inputs.is_empty(), "{target} has no stored input");
+    inputs.extend(seeds::of(target));
+    for input in &inputs {
+        run(target, input);
+    }
+    let mut rng = Pcg64::seed_from_u64(104);
+    for _ in 0..executions {
+        run(target, &changed(&inputs, &mut rng));
+    }
+    let peak = peak_kb().unwrap_or(0);
+    println!("{target}: {} inputs, {executions} changes of them, at most {} MB", inputs.len(), peak >> 10);
+    assert!(peak <= MEMORY_MAX_KB, "{peak} kB");
+}
+
+#[test]
+fn every_target_has_a_test_and_a_fuzzer() {
+    let here = include_str!("corpora.rs");
+    let fuzzers = include_str!("../libfuzzer/Cargo.toml");
+    for (target, _) in TARGETS {
+        assert!(here.contains(&format!("exercise(\"{target}\")")), "{target}");
+        assert!(fuzzers.contains(&format!("name = \"{target}\"")), "{target}");
+    }
+}
+
+#[test]
+fn f001_f002_f003_f014_f018_any_bits_of_a_skeleton_are_dropped_or_good() {
+    exercise("skeleton");
+}
+
+#[test]
+fn f104_any_bytes_of_a_bvh_give_a_motion_or_an_error() {
+    exercise("bvh");
+}
+
+#[test]
+fn f104_any_bytes_of_an_npy_give_a_motion_or_an_error() {
+    exercise("npy");
+}
+
+#[test]
+fn f096_f104_any_bytes_of_an_npz_give_a_motion_or_an_error() {
+    exercise("npz");
+}
+
+#[test]
+fn f099_f100_any_text_of_a_robot_gives_believable_limits_or_an_error() {
+    exercise("robot");
+}
+
+#[test]
+fn f097_f098_any_text_of_settings_is_within_bounds_or_refused() {
+    exercise("settings");
+}
+
+#[test]
+fn f093_f096_any_bytes_of_weights_are_refused_or_what_was_signed() {
+    exercise("weights");
+}
+
+#[test]
+fn f068_f069_any_packets_on_the_operator_socket_leave_one_holder_at_most() {
+    exercise("operator");
+}
+
+#[test]
+fn f071_any_input_keeps_the_state_machine_to_its_rules() {
+    exercise("engage");
+}
+
+#[test]
+fn f039_f040_any_proposal_leaves_what_is_sent_within_the_limits() {
+    exercise("gate");
+}
