@@ -30,10 +30,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         "pipeline",
         &["messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus", "operator"],
     ),
-    (
-        "fuzz-targets",
-        &["messages", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"],
-    ),
+    ("fuzz-targets", &["messages", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"]),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot"]),

@@ -5,7 +5,7 @@
 use crate::bvh::{Pose, RigFrame};
 use crate::error::ArrayError;
 use crate::npy::{Array, Npz};
-use crate::{LoadOptions, builtin};
+use crate::{FRAMES_MAX, LoadOptions, builtin};
 use messages::SMPL_JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
 use skeleton::PARENT;
@@ -82,7 +82,9 @@ fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> 
             return Err(error.in_key("root_orient"));
         }
         let rows = root.chunks_exact(3).zip(pose.chunks_exact(body));
-        return Ok(rows.flat_map(|(root, body)| root.iter().chain(body)).copied().collect());
+        let mut both = Vec::with_capacity(root.len() + pose.len());
+        rows.for_each(|(root, body)| both.extend(root.iter().chain(body)));
+        return Ok(both);
     }
     let Some(poses) = npz.read("poses")? else {
         let missing = "poses, or root_orient and pose_body";
@@ -91,7 +93,9 @@ fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> 
     let expected = "(N, 156) SMPL-H, (N, 165) SMPL-X, (N, 72) SMPL or (N, 66)";
     let width = poses.squeezed().last().copied().unwrap_or(1);
     let rows = matrix(poses, &POSES_WIDTHS, expected).map_err(|error| error.in_key("poses"))?;
-    Ok(rows.chunks_exact(width).flat_map(|row| &row[..BODY_COLUMNS]).copied().collect())
+    let mut body = Vec::with_capacity(rows.len() / width * BODY_COLUMNS);
+    rows.chunks_exact(width).for_each(|row| body.extend_from_slice(&row[..BODY_COLUMNS]));
+    Ok(body)
 }
 
 /// The values of (N, width) for one of these widths, N at least 1, all within bounds.
@@ -108,6 +112,9 @@ fn matrix(array: Array, widths: &[usize], expected: &'static str) -> Result<Vec<
     }
     if frames == 0 {
         return Err(ArrayError::Empty { shape: array.shape });
+    }
+    if frames > FRAMES_MAX {
+        return Err(ArrayError::TooManyFrames { frames, bound: FRAMES_MAX });
     }
     match array.values.iter().position(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
         Some(i) => {

@@ -4,7 +4,7 @@ use crate::canonical::Canonical;
 use crate::error::BvhError;
 use crate::rig::{self, Mapping};
 use crate::scan::{Scan, excerpt};
-use crate::{Frame, Motion, mirror};
+use crate::{FRAMES_MAX, Frame, Motion, mirror};
 use messages::SMPL_JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -15,8 +15,6 @@ const DEPTH_MAX: usize = 128;
 /// Largest length (units of the file) and largest angle (degrees) that is not damage: 10 km in millimetres, and
 /// 27,000 turns.
 const NUMBER_MAX: f64 = 1e7;
-/// Most frames: 100 hours at 240 Hz.
-const FRAMES_MAX: u64 = 100_000_000;
 
 /// Fewest numbers in a frame: a moving root and four limbs; less moves no person, and would let a small file claim many
 /// frames.
@@ -70,12 +68,11 @@ pub(crate) fn parse(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mapping = rig::map(&joints)?;
     let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
     let canonical = Canonical::guess(&frames, joints[0].offset).map_err(|length| BvhError::NoSize { length })?;
-    let frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
     let mut warnings = mapping.warnings;
     warnings.extend(canonical.warning.clone());
     let guesses = canonical.guesses(warnings);
-    let first = frames.first().copied();
-    let frames = frames.get(1..).unwrap_or_default().to_vec();
+    let first = frames.first().map(|frame| canonical.apply(frame));
+    let frames: Vec<Frame> = frames.iter().skip(1).map(|frame| canonical.apply(frame)).collect();
     Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first, has_rotations: true, guesses })
 }
 
@@ -152,7 +149,7 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     scan.expect("MOTION")?;
     scan.expect("Frames:")?;
     let line = scan.line();
-    let frames = scan.count("Frames", FRAMES_MAX)?;
+    let frames = scan.count("Frames", FRAMES_MAX as u64)?;
     if frames < 2 {
         return Err(BvhError::TooFewFrames { line, frames });
     }

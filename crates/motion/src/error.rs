@@ -83,12 +83,20 @@ pub enum ArrayError {
         found: String,
     },
     /// An array beyond the bound.
-    #[error("shape {shape:?} is more than {bound} bytes")]
+    #[error("shape {shape:?} is more than {bound} numbers")]
     TooLarge {
         /// Shape claimed.
         shape: Vec<usize>,
-        /// Bound, bytes.
-        bound: u64,
+        /// Bound, numbers.
+        bound: usize,
+    },
+    /// A longer motion than is read.
+    #[error("{frames} frames, at most {bound} are read")]
+    TooManyFrames {
+        /// Frames of the array.
+        frames: usize,
+        /// Bound.
+        bound: usize,
     },
     /// The file ends before the array does.
     #[error("shape {shape:?} needs {claimed} bytes, and {found} follow")]

@@ -1,8 +1,8 @@
 //! HumanML3D's two formats: joint positions (N, 22, 3) and feature vectors (N, 263); y up, metres, 20 Hz, no rotations.
 
-use crate::LoadOptions;
 use crate::error::ArrayError;
 use crate::npy::{self, Array};
+use crate::{FRAMES_MAX, LoadOptions};
 use messages::SMPL_JOINTS;
 use nalgebra::Vector3;
 use std::fs::File;
@@ -46,6 +46,9 @@ pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<
     };
     if lengths[0] == 0 {
         return Err(ArrayError::Empty { shape: array.shape.clone() });
+    }
+    if lengths[0] > FRAMES_MAX {
+        return Err(ArrayError::TooManyFrames { frames: lengths[0], bound: FRAMES_MAX });
     }
     finite(&array.values, lengths[1] * lengths[2])?;
     match lengths {

@@ -32,8 +32,11 @@ use messages::SMPL_JOINTS;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Largest file that is read: 1 GiB, five hours of a rig of 100 joints at 60 Hz.
-pub const FILE_BYTES_MAX: u64 = 1 << 30;
+/// Largest file that is read: 128 MiB, a quarter of an hour of a rig of 100 joints at 60 Hz.
+pub const FILE_BYTES_MAX: u64 = 1 << 27;
+/// Most frames that are read: 33 minutes at 60 Hz. A frame takes 1.8 kB while it is read, so that no file, whatever it
+/// claims and however it is packed, takes more than 512 MB (`tests/bounds.rs`). Longer recordings come in parts.
+pub const FRAMES_MAX: usize = 120_000;
 /// Sources slower than this are upsampled before they are published, because engaging needs at least 25 Hz.
 pub const RATE_MIN_HZ: f64 = 30.0;
 /// Frame rates that a file or an option may claim: from one frame in 100 s to 100 kHz, faster than any camera.
@@ -135,12 +138,13 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
         _ => read_amass(&name, source, options).map_err(|source| MotionError::Array { file: file(), source })?,
     };
     // The first frame of a BVH belongs to the body too.
-    let mut frames: Vec<Frame> = motion.first.into_iter().chain(std::mem::take(&mut motion.frames)).collect();
-    mirror::settle(&mut frames, options.mirror).map_err(|source| MotionError::Mirror { file: file(), source })?;
-    if motion.first.is_some() {
-        motion.first = Some(frames.remove(0));
+    let has_first = motion.first.is_some();
+    motion.frames.splice(0..0, motion.first);
+    mirror::settle(&mut motion.frames, options.mirror)
+        .map_err(|source| MotionError::Mirror { file: file(), source })?;
+    if has_first {
+        motion.first = Some(motion.frames.remove(0));
     }
-    motion.frames = frames;
     motion.frame_rate_hz = options.frame_rate_hz.unwrap_or(motion.frame_rate_hz);
     Ok(motion)
 }
@@ -176,6 +180,8 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
     let rotation = nalgebra::UnitQuaternion::identity();
     let frames: Vec<bvh::RigFrame> =
         positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
+    // Before the last of the copies is made.
+    drop((array, positions));
     let canonical = Canonical::known(&frames, Up::Y).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];

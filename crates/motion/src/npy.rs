@@ -5,8 +5,11 @@
 use crate::error::ArrayError;
 use std::io::{Read, Seek, Write};
 
-/// Most bytes of one array: (N, 156) of 8 bytes for half an hour at 120 Hz. It bounds what a compressed file can become.
-pub const ARRAY_BYTES_MAX: u64 = 1 << 28;
+/// Most numbers of one array: as many frames as are read, each as wide as those of SMPL-X. Each number becomes 8 bytes,
+/// whatever it is in the file; it bounds what a compressed file can become.
+pub const ARRAY_VALUES_MAX: usize = crate::FRAMES_MAX * 165;
+/// Bytes that are read at a time; a multiple of every number's length.
+const CHUNK_BYTES: usize = 1 << 16;
 /// Longest header; NumPy's own readers take 10,000 characters, and arrays of plain numbers need about 100.
 const HEADER_BYTES_MAX: usize = 10_000;
 /// Most dimensions: NumPy's own bound.
@@ -77,21 +80,28 @@ impl Number {
 pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
     let header = parse_header(&read_header(&mut source)?)?;
     let bytes = header.number.bytes();
-    let too_large = || ArrayError::TooLarge { shape: header.shape.clone(), bound: ARRAY_BYTES_MAX };
+    let too_large = || ArrayError::TooLarge { shape: header.shape.clone(), bound: ARRAY_VALUES_MAX };
     let count = header.shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n)).ok_or_else(too_large)?;
-    let claimed = count.checked_mul(bytes).filter(|&all| all as u64 <= ARRAY_BYTES_MAX).ok_or_else(too_large)?;
-    let mut raw = Vec::new();
-    source
-        .take(claimed as u64)
-        .read_to_end(&mut raw)
-        .map_err(|error| ArrayError::Damaged { cause: error.to_string() })?;
-    if raw.len() < claimed {
-        return Err(ArrayError::Short { shape: header.shape, found: raw.len() as u64, claimed: claimed as u64 });
+    let count = Some(count).filter(|&count| count <= ARRAY_VALUES_MAX).ok_or_else(too_large)?;
+    let claimed = count * bytes;
+    let mut values: Vec<f64> = Vec::new();
+    let mut raw = Vec::with_capacity(CHUNK_BYTES);
+    for at in (0..claimed).step_by(CHUNK_BYTES) {
+        let wanted = CHUNK_BYTES.min(claimed - at);
+        raw.clear();
+        let mut part = source.by_ref().take(wanted as u64);
+        part.read_to_end(&mut raw).map_err(|error| ArrayError::Damaged { cause: error.to_string() })?;
+        if raw.len() < wanted {
+            let found = (at + raw.len()) as u64;
+            return Err(ArrayError::Short { shape: header.shape, found, claimed: claimed as u64 });
+        }
+        if header.big_endian {
+            raw.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
+        }
+        // For as much as has been read, the rest is believed: at most half of what is reserved stands empty.
+        values.reserve_exact(if at == 0 { 0 } else { values.len().min(count - values.len()) });
+        values.extend(raw.chunks_exact(bytes).map(|chunk| header.number.value(chunk)));
     }
-    if header.big_endian {
-        raw.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
-    }
-    let mut values: Vec<f64> = raw.chunks_exact(bytes).map(|chunk| header.number.value(chunk)).collect();
     if header.fortran_order && header.shape.iter().filter(|&&n| n != 1).count() > 1 {
         values = row_major(&values, &header.shape);
     }

@@ -278,7 +278,7 @@ fn files_are_dispatched_by_extension_and_bounded_before_reading() {
     // Sparse: 10 GB that take no room.
     std::fs::File::create(&huge).expect("created").set_len(10_000_000_000).expect("sparse");
     let error = load(&huge).expect_err("too large");
-    assert!(error.to_string().contains("10000000000 bytes, at most 1073741824"), "{error}");
+    assert!(error.to_string().contains("10000000000 bytes, at most 134217728"), "{error}");
 }
 
 #[test]
