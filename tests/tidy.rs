@@ -13,6 +13,7 @@ const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rus
 
 /// For each package of the workspace: the packages of the workspace it may name as a dependency.
 const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
+    ("hazards", &[]),
     ("messages", &[]),
     ("robot", &["messages"]),
     ("driver", &["messages"]),
@@ -276,6 +277,49 @@ fn every_test_that_the_safety_document_names_exists() {
         let source = std::fs::read_to_string(root().join(file)).unwrap_or_default();
         assert!(source.contains(&format!("fn {function}()")), "{}: no test {function:?} in {file:?}", row.name);
     }
+}
+
+/// Ids in a name, as `f021` in `f021_f069_silence_stops`: words of `f` and three digits.
+fn hazard_ids(name: &str) -> impl Iterator<Item = &str> {
+    name.split('_')
+        .filter(|word| word.len() == 4 && word.starts_with('f') && word[1..].bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// The names of all tests whose source is in the tree.
+fn test_names() -> Vec<String> {
+    let mut names = Vec::new();
+    for (_, source) in rust_files() {
+        let mut is_test = false;
+        for line in source.lines().map(str::trim) {
+            if line == "#[test]" {
+                is_test = true;
+            } else if let Some(rest) = line.strip_prefix("fn ").filter(|_| is_test) {
+                names.extend(rest.split('(').next().map(str::to_owned));
+                is_test = false;
+            }
+        }
+    }
+    names
+}
+
+#[test]
+fn every_hazard_has_a_test_and_every_id_in_a_test_is_a_hazard() {
+    let names = test_names();
+    assert!(names.len() > 500, "only {} tests were found", names.len());
+    let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
+    let known: BTreeSet<&str> = hazards::all().map(|hazard| hazard.id).collect();
+    let unknown: Vec<_> = carried.difference(&known).collect();
+    assert!(unknown.is_empty(), "tests name ids that are not in the list: {unknown:?}");
+    let shown = |hazard: &hazards::Hazard| carried.contains(hazard.id);
+    let (struck, bare): (Vec<_>, Vec<_>) = hazards::all()
+        .filter(|hazard| shown(hazard) == matches!(hazard.answer, hazards::Answer::Struck { .. }))
+        .partition(|hazard| shown(hazard));
+    assert!(
+        bare.is_empty(),
+        "no test carries the id of: {:#?}",
+        bare.iter().map(|h| (h.id, h.what)).collect::<Vec<_>>()
+    );
+    assert!(struck.is_empty(), "struck, and still there is a test: {struck:#?}");
 }
 
 #[test]

@@ -1,0 +1,83 @@
+//! What happens between the network and the robot.
+
+use crate::{Hazard, does, struck};
+
+pub(crate) const NUMBERS: &[Hazard] = &[
+    does("f033", "the network says NaN", "stop, hold: a target of such numbers is none", "3 ticks + B"),
+    does("f034", "the network jumps", "followed under all limits, at reduced speed while it saturates", "every tick"),
+    does("f035", "the network is late", "the plan plays from the first missing command", "10 ms + B"),
+    does("f036", "retarget hangs", "control, another process, stops the robot", "10 ms + B"),
+    struck(
+        "f037",
+        "a pose unlike all in training",
+        "the network's answer is only the start of a refinement on the robot's model: an unfamiliar pose costs accuracy, which the limb error shows, and never a limit",
+    ),
+    struck("f038", "an accelerator is lost", "no process uses one: inference is on the CPU"),
+    does("f039", "left and right of different frames", "cannot be: one skeleton makes both arms' target", "every tick"),
+];
+
+pub(crate) const LIMITS: &[Hazard] = &[
+    does("f040", "a target beyond a joint's limits", "approached up to the limit", "overshoot of 0"),
+    does("f041", "a target that asks for too much speed", "followed at the limits", "every tick"),
+    struck(
+        "f042",
+        "a limit is tightened while moving",
+        "limits are read at start and cannot change while a process runs; a process with others cannot engage",
+    ),
+    does(
+        "f043",
+        "a joint starts outside its limits",
+        "cannot engage; recovery moves it inward, 0.1 rad/s at most",
+        "at once",
+    ),
+    does("f044", "the robot starts too close to itself", "cannot engage; recovery only opens", "at once"),
+    does("f045", "arms come close to each other, the body, the base", "certified stop before d_min", "every instant"),
+    does(
+        "f046",
+        "the distance is not known in time",
+        "the check is part of the tick: no distance, no command, the plan plays",
+        "1 tick",
+    ),
+    does("f047", "the optimisation finds nothing", "the certified plan plays; fixed number of steps", "1 tick"),
+    does("f048", "an elbow would flip", "followed under all limits", "every tick"),
+    does(
+        "f049",
+        "the torso takes arms into the table",
+        "obstacles stand in the base's frame, checked as f045",
+        "every instant",
+    ),
+    does("f050", "the stop itself jumps", "the stop is the plan of the last command", "every tick"),
+];
+
+pub(crate) const DRIVER: &[Hazard] = &[
+    does("f051", "the robot's state comes late", "5 ms: stop, hold; 20 ms: stop, latched", "5 or 20 ms + B"),
+    does("f052", "the state stands while the robot is commanded", "stop, latched", "100 ms + B"),
+    does("f053", "an encoder jumps", "stop, latched", "2 ticks + B"),
+    does("f054", "the state is no number, or of other joints", "stop, latched; at start no engagement", "1 tick + B"),
+    does("f055", "the robot does not follow", "stop, latched", "100 ms, at once beyond 0.15 rad, + B"),
+    does("f056", "a joint turns the wrong way", "stop, latched", "0.15 rad of error + B"),
+    does("f057", "a command is not executed", "the plan plays; control goes on from the plan's state", "1 tick"),
+    does("f058", "commands stop coming", "the driver plays the plan, then latches", "1 tick, 10 ms"),
+    does("f059", "commands out of order, twice, too old", "refused", "0 executed"),
+    does("f060", "the robot's emergency stop is pressed", "stop, latched", "2 ticks + B"),
+    does("f061", "an emergency stop while engaging", "stop, latched, in each tick of the blend", "2 ticks + B"),
+    does("f062", "an emergency stop bounces", "one stop, no restart", "1 event"),
+    does("f063", "one arm's drive fails", "all joints stop together, latched", "same tick + B"),
+    does("f064", "motor power returns", "no motion before reset and a new enable", "0 motion"),
+];
+
+pub(crate) const AUTHORITY: &[Hazard] = &[
+    does(
+        "f065",
+        "engaging far from the person's pose",
+        "blends; first second at 5 % of each velocity limit",
+        "every tick",
+    ),
+    does("f066", "the enable is held at start", "nothing: it must be seen released first", "0 engagements"),
+    does("f067", "the enable is let go", "stop, authority withdrawn", "2 ticks + B"),
+    does("f068", "two clients publish", "the first holds the lease, the other is refused", "1 at every tick"),
+    does("f069", "the holder of the lease dies", "as f021; the next one needs a new enable edge", "100 ms + B"),
+    does("f070", "a client returns", "a stranger: authority is withdrawn", "0 motion"),
+    does("f071", "orders contradict each other", "stop beats everything, every combination", "same tick"),
+    does("f072", "reset is held", "counts once", "1 reset"),
+];

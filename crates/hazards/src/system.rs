@@ -1,0 +1,84 @@
+//! What the machine, its files and strangers do.
+
+use crate::{Hazard, does, struck};
+
+/// Why rows of the recorder are struck.
+const NO_RECORDER: &str = "teleopd has no recorder yet; reports are written after the robot is at rest";
+
+pub(crate) const PROCESSES: &[Hazard] = &[
+    does(
+        "f073",
+        "a process is killed at any moment",
+        "the next one stops the robot; nothing engages by itself",
+        "its stale time + B",
+    ),
+    does("f074", "a process is suspended and goes on", "sends nothing older than 2 ticks", "its stale time + B"),
+    does("f075", "a process panics", "aborts, as f073", "its stale time + B"),
+    does("f076", "memory runs out", "locked and allocated before READY; the loops allocate nothing", "0 allocations"),
+    does("f077", "the cores are busy", "SCHED_FIFO; missed ticks play the plan", "1 tick"),
+    does("f078", "deadlines are missed", "one counts, some in a row stop", "deadlines_missed_max + B"),
+    does(
+        "f079",
+        "page faults, slow cores, long interrupts",
+        "measured and told: histograms of every loop",
+        "every tick",
+    ),
+    does("f080", "a lock in the loop waits", "there is none; the ring beside it loses and counts", "0 waits"),
+    does("f081", "descriptors or threads run out", "all are opened before READY", "0 opened later"),
+    does(
+        "f082",
+        "a process fails again and again",
+        "systemd gives up after 3 in 60 s; nothing engages",
+        "0 engagements",
+    ),
+    does("f083", "a process starts without its peers", "waits, and cannot engage", "at once"),
+    does("f084", "the daemon is asked to end", "releases, comes to rest, then ends, the driver last", "B + 5 s"),
+];
+
+pub(crate) const MEMORY: &[Hazard] = &[
+    does("f085", "/dev/shm is full", "does not start, or as f073", "B"),
+    does("f086", "segments of a dead process are left", "cleaned up at the next start", "READY within 20 s"),
+    does("f087", "a folder or segment belongs to others", "does not start, and names it", "at start"),
+    does("f088", "clients take every place", "the holder keeps its own", "every frame"),
+    does("f089", "a client corrupts shared memory", "ingest may die; the core has no segment in common", "100 ms + B"),
+    does("f090", "a client holds samples for ever", "the newest overwrite the oldest", "flat memory"),
+    does("f091", "a client truncates a segment", "ingest may die, as f073", "100 ms + B"),
+    does("f092", "two daemons in one folder", "the second ends with 75", "at start"),
+];
+
+pub(crate) const FILES: &[Hazard] = &[
+    does("f093", "weights are cut, changed, not those of the manifest", "does not start", "every bit"),
+    does("f094", "weights of another robot", "does not start", "at start"),
+    does("f095", "weights change while running", "nothing: read once, hashed as read", "0 effect"),
+    does("f096", "an archive bomb, an absurd header", "refused within bounds", "1 s, 512 MB"),
+    does(
+        "f097",
+        "a key unknown, missing, no number, bounds swapped",
+        "does not start; file, key, value, bound",
+        "at start",
+    ),
+    does("f098", "settings looser than the ceilings", "does not start", "at start"),
+    does("f099", "a URDF with loops, two roots, entities", "does not start", "at start"),
+    does("f100", "a URDF with absurd limits", "does not start", "at start"),
+    does("f101", "the URDF is not the one of the weights", "does not start", "at start"),
+    struck("f102", "the disk is full while recording", NO_RECORDER),
+    struck("f103", "the disk hangs while recording", NO_RECORDER),
+    does("f104", "a motion file is malformed", "refused with file, line, key", "1 s, 512 MB"),
+    does("f105", "an event repeats a million times", "10 lines a second of a kind, the rest is counted", "every kind"),
+];
+
+pub(crate) const INTRUDERS: &[Hazard] = &[
+    does("f106", "another user publishes", "refused by the kernel, and by the door's own check", "0 admitted"),
+    does("f107", "another user reads", "refused by the kernel", "0 read"),
+    does("f108", "a client of the same user writes for another", "other session: authority is withdrawn", "1 tick + B"),
+    does("f109", "ingest lies", "whatever the target, no command breaks a limit", "every tick"),
+    does("f110", "links are planted in the run folder", "not followed", "at start"),
+    does("f111", "an operator's request is forged", "another socket, another group", "0 taken"),
+    does("f112", "a debugger attaches, a core is dumped", "units forbid it: no core, no ptrace", "at start"),
+    does(
+        "f113",
+        "a dependency is not what it was",
+        "locked by hash, licences and sources checked in CI",
+        "every build",
+    ),
+];
