@@ -39,7 +39,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline"]),
-    ("latency", &["messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd"]),
+    ("latency", &["messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
     ("simulate", &["messages", "robot", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
     ("chaos", &["messages", "driver", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),

@@ -12,7 +12,6 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rt::Shutdown;
-use std::path::Path;
 use std::process::ExitCode;
 
 /// Counts what the loops allocate after READY, as in the daemon.
@@ -25,24 +24,21 @@ const EX_USAGE: u8 = 64;
 const BLOWS_OF_AN_INSTANCE: usize = 20;
 
 fn main() -> ExitCode {
-    let arguments: Vec<_> = std::env::args().collect();
-    let role = arguments.get(1).map_or("", String::as_str);
-    if teleopd::PROCESSES.contains(&role) {
+    if std::env::args().nth(1).is_some_and(|role| teleopd::PROCESSES.contains(&role.as_str())) {
         return teleopd::main();
     }
-    let done = match (role, arguments.get(2)) {
-        (rig::CLIENT, Some(folder)) => rig::client_main(Path::new(folder)).map(|()| true),
-        (rig::OPERATOR, Some(folder)) => rig::operator_main(Path::new(folder)).map(|()| true),
-        _ => match Cli::try_parse() {
-            Ok(options) => strike(&options),
-            Err(error) => {
-                // Help and version come this way too, and are no error.
-                let _ = error.print();
-                return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
-            }
-        },
+    if let Some(ended) = rig::role_main(std::env::args().skip(1)) {
+        return ended;
+    }
+    let options = match Cli::try_parse() {
+        Ok(options) => options,
+        Err(error) => {
+            // Help and version come this way too, and are no error.
+            let _ = error.print();
+            return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
+        }
     };
-    match done {
+    match strike(&options) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -115,14 +111,14 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
     drop(witness);
     figures.add_seen(&seen);
     let ended = rig.end();
-    let factor = if ended.realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    let factor = if ended.realtime() { 1.0 } else { safety.stale_factor_without_realtime };
     for outcome in &outcomes {
         figures.add(outcome, outcome.blow.victim.rest_within_ticks(safety, factor));
     }
-    figures.add_trouble(ended.trouble);
-    match ended.record {
-        Some(record) => figures.add_record(&record),
+    match ended.record() {
+        Some(record) => figures.add_record(record),
         None => figures.add_trouble(["a driver left no record".to_owned()]),
     }
+    figures.add_trouble(ended.trouble);
     Ok(())
 }

@@ -5,16 +5,16 @@ use crate::error::ChaosError;
 use messages::{Mode, Status, TRANSITIONS_KEPT};
 use motion::CalibrationMode;
 use pipeline::{Instance, PlayOptions, Player, Publisher};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
-use teleopd::{Children, Operator, Place};
+use teleopd::{Children, Operator, PROCESSES, Place};
 
 /// First argument with which this program is the client that publishes.
-pub const CLIENT: &str = "client";
+const CLIENT: &str = "client";
 /// First argument with which this program is the operator that holds the enable.
-pub const OPERATOR: &str = "operator";
+const OPERATOR: &str = "operator";
 
 /// Longest time for a mode that must come; only a hang comes near.
 const SOON: Duration = Duration::from_secs(20);
@@ -27,10 +27,20 @@ const TICKS_TO_SEND: u64 = 150;
 pub struct Ended {
     /// Processes that had to be killed, or ended badly.
     pub trouble: Vec<String>,
+    /// What each process wrote of itself.
+    pub reports: Map<String, Value>,
+}
+
+impl Ended {
     /// What the driver wrote of itself.
-    pub record: Option<Value>,
+    pub fn record(&self) -> Option<&Value> {
+        self.reports.get(Victim::Driver.name())
+    }
+
     /// Whether control had real-time scheduling, and no stale time was relaxed.
-    pub realtime: bool,
+    pub fn realtime(&self) -> bool {
+        self.reports.get(Victim::Control.name()).is_some_and(|control| control["realtime"] == true)
+    }
 }
 
 /// A running instance with everybody around it.
@@ -135,6 +145,11 @@ impl Rig {
         Err(self.stuck(&format!("never was {}", mode.name())))
     }
 
+    /// The process number of one of teleopd's processes, if it runs.
+    pub fn process(&self, name: &str) -> Option<u32> {
+        self.children.id(name)
+    }
+
     /// The process number of `victim`.
     ///
     /// # Errors
@@ -187,14 +202,13 @@ impl Rig {
         self.release();
         end(&mut self.client);
         let trouble = self.children.stop();
-        let read = |process: &str| -> Option<Value> {
+        let read = |process: &str| -> Option<(String, Value)> {
             let text = std::fs::read_to_string(self.instance.report(process)).ok()?;
-            serde_json::from_str(&text).ok()
+            Some((process.to_owned(), serde_json::from_str(&text).ok()?))
         };
-        let record = read(Victim::Driver.name());
-        let realtime = read(Victim::Control.name()).is_some_and(|control| control["realtime"] == true);
+        let reports = PROCESSES.iter().filter_map(|process| read(process)).collect();
         self.instance.retire();
-        Ended { trouble, record, realtime }
+        Ended { trouble, reports }
     }
 
     fn stuck(&mut self, what: &str) -> ChaosError {
@@ -226,11 +240,26 @@ fn role(name: &str, instance: &Instance) -> Result<Child, ChaosError> {
     command.spawn().map_err(|error| ChaosError::os(name, error))
 }
 
+/// Becomes the client or the operator if that is what `arguments` (without the program's name) ask for; how it ended.
+pub fn role_main(arguments: impl Iterator<Item = String>) -> Option<ExitCode> {
+    let arguments: Vec<_> = arguments.take(2).collect();
+    let [role, folder] = arguments.as_slice() else { return None };
+    let ended = match role.as_str() {
+        CLIENT => client_main(Path::new(folder)),
+        OPERATOR => operator_main(Path::new(folder)),
+        _ => return None,
+    };
+    Some(ended.map_or_else(
+        |error| {
+            eprintln!("{role}: {error}");
+            error.exit().into()
+        },
+        |()| ExitCode::SUCCESS,
+    ))
+}
+
 /// The client: publishes the built-in motion in a loop until it is killed.
-///
-/// # Errors
-/// If it cannot publish.
-pub fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
+fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
     rt::die_with_parent();
     let instance = Instance::unmade(run_dir);
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
@@ -244,10 +273,7 @@ pub fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
 }
 
 /// The operator: holds the enable until it is killed.
-///
-/// # Errors
-/// If nobody answers.
-pub fn operator_main(run_dir: &Path) -> Result<(), ChaosError> {
+fn operator_main(run_dir: &Path) -> Result<(), ChaosError> {
     rt::die_with_parent();
     let mut operator = Operator::connect(&Instance::unmade(run_dir).operator_socket())?;
     // A handle that is held when it is first seen is no wish to move: released first.

@@ -9,6 +9,10 @@ use std::str::FromStr;
 const SECONDS_MIN: f64 = 2.0;
 /// Longest run, a day: the per-second record of a process holds about an hour, everything else any time.
 const SECONDS_MAX: f64 = 86_400.0;
+/// A soak: 18 s for a test, a month at most.
+const SOAK_HOURS: [f64; 2] = [0.005, 744.0];
+/// Blows: engaging alone takes some seconds; one a day at least.
+const STRIKE_EVERY_S: [f64; 2] = [8.0, 86_400.0];
 /// Rates at which `ingest` takes live frames.
 const RATE_HZ: [f64; 2] = [30.0, 240.0];
 /// More busy threads than that are a mistake.
@@ -50,6 +54,13 @@ pub struct Cli {
     /// Skeletons per second; their phase walks through the whole tick, so that the wait for the deadline is sampled evenly.
     #[arg(long, value_name = "HZ", default_value_t = 120.0)]
     pub rate_hz: f64,
+    /// Instead of measuring: run so many hours, strike somebody once a minute, and watch memory, file descriptors,
+    /// threads, segments, and stops that no blow explains.
+    #[arg(long, value_name = "HOURS", conflicts_with_all = ["seconds", "load", "policy", "pin", "plot", "compare", "rate_hz"])]
+    pub soak: Option<f64>,
+    /// Time between two blows of a soak, s.
+    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak")]
+    pub strike_every: f64,
 }
 
 /// Scheduling policy.
@@ -102,6 +113,8 @@ impl Cli {
             ("--seconds", self.seconds, SECONDS_MIN, SECONDS_MAX),
             ("--rate-hz", self.rate_hz, RATE_HZ[0], RATE_HZ[1]),
             ("--load", self.load as f64, 0.0, LOAD_MAX as f64),
+            ("--soak", self.soak.unwrap_or(SOAK_HOURS[1]), SOAK_HOURS[0], SOAK_HOURS[1]),
+            ("--strike-every", self.strike_every, STRIKE_EVERY_S[0], STRIKE_EVERY_S[1]),
         ];
         for (option, value, low, high) in bounds {
             // Written so that NaN is refused too.
@@ -149,6 +162,7 @@ mod tests {
             ("--rate-hz", "29"),
             ("--load", "2000"),
             ("--plot", "a.svg"),
+            ("--soak", "0"),
         ] {
             let error = parsed(&[option, value]).check().expect_err(value);
             assert!(error.to_string().starts_with(option) && error.exit() == 64, "{error}");

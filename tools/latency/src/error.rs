@@ -48,6 +48,9 @@ pub enum LatencyError {
     /// The run ended, and something in it was not as it must be.
     #[error("{0}")]
     Invalid(String),
+    /// A soak's processes, or whom it strikes.
+    #[error(transparent)]
+    Chaos(#[from] chaos::error::ChaosError),
     /// A signal ended the run.
     #[error("interrupted; the robot was stopped")]
     Interrupted,
@@ -80,6 +83,7 @@ impl LatencyError {
             Self::Bus(_) => 69,
             Self::Reference { .. } => 70,
             Self::Invalid(_) => 1,
+            Self::Chaos(error) => error.exit(),
             Self::Interrupted => 130,
             Self::Write { .. } => 73,
         }

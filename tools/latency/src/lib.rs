@@ -7,6 +7,7 @@
 //! - [`reference`](mod@reference): a block of the bare timer.
 //! - [`distribution`], [`figures`], [`measured`]: what comes of it.
 //! - [`report`], [`plot`]: how it is told.
+//! - [`soak`]: hours of it, with somebody struck every minute.
 
 pub mod blocks;
 pub mod cli;
@@ -23,3 +24,4 @@ pub mod reference;
 pub mod report;
 pub mod run;
 pub mod settings;
+pub mod soak;

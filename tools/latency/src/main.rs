@@ -3,11 +3,13 @@
 use clap::Parser;
 use latency::cli::Cli;
 use latency::error::LatencyError;
+use latency::soak::{self, Soak};
 use latency::{plot, reference, report, run};
 use rt::Shutdown;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// Counts what the loops allocate after READY.
 #[global_allocator]
@@ -20,6 +22,9 @@ fn main() -> ExitCode {
     let role = std::env::args().nth(1).unwrap_or_default();
     if teleopd::PROCESSES.contains(&role.as_str()) {
         return teleopd::main();
+    }
+    if let Some(ended) = chaos::rig::role_main(std::env::args().skip(1)) {
+        return ended;
     }
     if role == reference::PROBE {
         reference::probe_main(std::env::args().skip(1));
@@ -49,6 +54,9 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
         std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(|error| unwritten(path, error))?;
     }
     let shutdown = Shutdown::on_signals().map_err(|error| LatencyError::Invalid(error.to_string()))?;
+    if let Some(hours) = options.soak {
+        return soaked(options, hours, &shutdown);
+    }
     let measured = run::run(options, &shutdown)?;
     if let Some(path) = &options.json {
         let text = format!("{:#}\n", measured.to_json(options));
@@ -60,6 +68,21 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
     // Whoever reads may have had enough: no error.
     let _ = std::io::stdout().write_all(report::words(&measured).as_bytes());
     Ok(())
+}
+
+fn soaked(options: &Cli, hours: f64, shutdown: &Shutdown) -> Result<(), LatencyError> {
+    let length = Duration::from_secs_f64(hours * 3600.0);
+    let soak = Soak { length, every: Duration::from_secs_f64(options.strike_every) };
+    let outcome = soak::run(&options.config, soak, shutdown)?;
+    if let Some(path) = &options.json {
+        std::fs::write(path, format!("{:#}\n", outcome.to_json())).map_err(|error| unwritten(path, error))?;
+    }
+    let _ = std::io::stdout().write_all(outcome.words().as_bytes());
+    if shutdown.requested() {
+        return Err(LatencyError::Interrupted);
+    }
+    let complaints = outcome.complaints();
+    if complaints.is_empty() { Ok(()) } else { Err(LatencyError::Invalid(complaints.join("; "))) }
 }
 
 fn unwritten(path: &Path, cause: impl std::fmt::Display) -> LatencyError {

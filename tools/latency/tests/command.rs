@@ -148,3 +148,26 @@ fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
     assert_eq!(output.status.code(), Some(78));
     assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/teleop.toml"));
 }
+
+/// A short soak: what it watches is there, and nothing grows. Stops that no blow explains are a matter of the machine.
+#[test]
+fn f079_f090_a_soak_watches_what_grows() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("soak.json");
+    let output = latency(&["--soak", "0.006", "--strike-every", "8", "--json", json.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let soak: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).expect("JSON");
+    assert!(count(&soak, "/blows") >= 1 && number(&soak, "/engaged_s") > 1.0, "{said}");
+    for process in PROCESSES {
+        for what in ["descriptors", "threads"] {
+            assert_eq!(count(&soak, &format!("/growth/{process}/{what}")), 0, "{soak:#}");
+        }
+        assert!(
+            count(&soak, &format!("/processes/{process}/telemetry/metrics/wake_up/count")) > 0 || process == "ingest"
+        );
+    }
+    assert_eq!(count(&soak, "/segments/first"), count(&soak, "/segments/last"));
+    assert_eq!(count(&soak, "/violations") + count(&soak, "/moved_without_enable"), 0, "{soak:#}");
+    let stops = soak["false_stops"].as_array().map_or(0, Vec::len);
+    assert_eq!(output.status.code(), Some(if stops == 0 { 0 } else { 1 }), "{said}");
+}

@@ -1,0 +1,299 @@
+//! Hours of the real processes: engaged and following, struck once a minute, and watched for whatever grows: memory, file
+//! descriptors, threads, segments. A stop that no blow explains is a false one.
+
+use crate::error::LatencyError;
+use chaos::blow::{Blow, Kind, Victim};
+use chaos::rig::Rig;
+use chaos::trial;
+use chaos::witness::Witness;
+use messages::Mode;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use rt::Shutdown;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use teleopd::PROCESSES;
+
+/// Time between two looks at the processes.
+const LOOK: Duration = Duration::from_secs(1);
+/// A process's resident memory may grow by so much from its tenth of a minute to the end, KiB: its pages are locked and
+/// touched before READY; what is left are pages of the allocator that the thread beside the loop fills once.
+const GROWTH_MAX_KIB: u64 = 512;
+/// After so long a process is warm.
+const WARM_AFTER: Duration = Duration::from_secs(6);
+/// Who is struck in turn, and whether by death. Control and driver live through the whole soak, so that a slow leak has
+/// its time: they are suspended.
+const TURNS: [(Victim, bool); 6] = [
+    (Victim::Ingest, true),
+    (Victim::Control, false),
+    (Victim::Retarget, true),
+    (Victim::Client, true),
+    (Victim::Driver, false),
+    (Victim::Operator, true),
+];
+
+/// How long, and how often somebody is struck.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Soak {
+    /// How long.
+    pub length: Duration,
+    /// Time between two blows.
+    pub every: Duration,
+}
+
+/// What a process holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Holding {
+    resident_kib: u64,
+    descriptors: u64,
+    threads: u64,
+}
+
+impl Holding {
+    fn of(id: u32) -> Option<Self> {
+        let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
+        let number = |key: &str| {
+            let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
+            line?.split_whitespace().next()?.parse().ok()
+        };
+        let descriptors = std::fs::read_dir(format!("/proc/{id}/fd")).ok()?.count() as u64;
+        Some(Self { resident_kib: number("VmRSS")?, descriptors, threads: number("Threads")? })
+    }
+}
+
+/// What one life of a process held when it was warm, and at most since.
+#[derive(Clone, Copy, Debug)]
+struct Life {
+    id: u32,
+    since: Instant,
+    warm: Option<Holding>,
+    most: Holding,
+}
+
+/// What a soak showed.
+#[derive(Debug, Default)]
+pub struct Soaked {
+    seconds: f64,
+    blows: u64,
+    engaged_s: f64,
+    lives: BTreeMap<&'static str, Life>,
+    /// The largest growth of any life, by process.
+    growth: BTreeMap<&'static str, Holding>,
+    segments_first: u64,
+    segments_last: u64,
+    false_stops: Vec<String>,
+    violations: u64,
+    moved_without_enable: u64,
+    states: u64,
+    trouble: Vec<String>,
+    reports: Map<String, Value>,
+}
+
+/// Runs a soak with the settings `config`.
+///
+/// # Errors
+/// If a process does not start, or the robot does not come back after a blow.
+pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
+    let mut rig = Rig::start(config)?;
+    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
+    let limits = pipeline::sim_config(&loaded, true)?;
+    let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let mut dice = Pcg64Mcg::seed_from_u64(1);
+    let begun = Instant::now();
+    let mut soaked = Soaked::default();
+    while begun.elapsed() < soak.length && !shutdown.requested() {
+        let until = (begun.elapsed() + soak.every).min(soak.length);
+        clean(&mut rig, &witness, &mut soaked, begun, until, shutdown)?;
+        if begun.elapsed() < soak.length && !shutdown.requested() {
+            let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
+            let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
+            let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)?;
+            if !outcome.rested {
+                soaked.trouble.push(format!("no rest after {blow:?}"));
+            }
+            soaked.blows += 1;
+            let held = if matches!(blow.kind, Kind::Kill { .. }) { "killed" } else { "suspended" };
+            eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
+        }
+    }
+    rig.clear()?;
+    soaked.segments_last = segments(&rig);
+    soaked.seconds = begun.elapsed().as_secs_f64();
+    let seen = witness.seen();
+    drop(witness);
+    (soaked.violations, soaked.states) = (seen.violations.iter().sum(), seen.states);
+    (soaked.violations, soaked.moved_without_enable) = (soaked.violations + seen.not_finite, seen.moved_without_enable);
+    let ended = rig.end();
+    soaked.trouble.extend(ended.trouble);
+    soaked.reports = ended.reports;
+    Ok(soaked)
+}
+
+/// Follows the person until `until`; every stop in it is a false one.
+fn clean(
+    rig: &mut Rig,
+    witness: &Witness,
+    soaked: &mut Soaked,
+    begun: Instant,
+    until: Duration,
+    shutdown: &Shutdown,
+) -> Result<(), LatencyError> {
+    rig.clear()?;
+    witness.must_rest(false);
+    rig.engage(Victim::Ingest, Mode::Engaged)?;
+    let first = segments(rig);
+    soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
+    let engaged = Instant::now();
+    let mut mode = Some(Mode::Engaged);
+    while begun.elapsed() < until && !shutdown.requested() {
+        std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
+        for name in PROCESSES {
+            soaked.look(name, rig.process(name));
+        }
+        let now = rig.operator().mode();
+        if now != mode && now != Some(Mode::Engaged) {
+            let faults = rig.operator().status().map_or(0, |status| status.faults);
+            let names: Vec<_> = messages::Faults(faults).iter().map(|fault| fault.row().name).collect();
+            let what = now.map_or("no answer", Mode::name);
+            soaked.false_stops.push(format!("{:.0} s: {what} {}", begun.elapsed().as_secs_f64(), names.join(" ")));
+        }
+        mode = now;
+    }
+    soaked.engaged_s += engaged.elapsed().as_secs_f64();
+    rig.release();
+    Ok(())
+}
+
+/// Files of the instance in /dev/shm.
+fn segments(rig: &Rig) -> u64 {
+    let prefixes = [rig.instance().core_domain().prefix, rig.instance().input_domain().prefix];
+    let names = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.filter(|name| prefixes.iter().any(|prefix| name.to_string_lossy().starts_with(prefix))).count() as u64
+}
+
+impl Soaked {
+    fn look(&mut self, name: &'static str, id: Option<u32>) {
+        let Some((id, holding)) = id.and_then(|id| Some((id, Holding::of(id)?))) else { return };
+        let life = self.lives.entry(name).and_modify(|life| {
+            if life.id != id {
+                *life = Life { id, since: Instant::now(), warm: None, most: holding };
+            }
+        });
+        let life = life.or_insert(Life { id, since: Instant::now(), warm: None, most: holding });
+        if life.warm.is_none() && life.since.elapsed() > WARM_AFTER {
+            (life.warm, life.most) = (Some(holding), holding);
+        }
+        let Some(warm) = life.warm else { return };
+        life.most = Holding {
+            resident_kib: life.most.resident_kib.max(holding.resident_kib),
+            descriptors: life.most.descriptors.max(holding.descriptors),
+            threads: life.most.threads.max(holding.threads),
+        };
+        let most = self.growth.entry(name).or_default();
+        most.resident_kib = most.resident_kib.max(life.most.resident_kib - warm.resident_kib);
+        most.descriptors = most.descriptors.max(life.most.descriptors - warm.descriptors);
+        most.threads = most.threads.max(life.most.threads - warm.threads);
+    }
+
+    /// What must not have happened.
+    pub fn complaints(&self) -> Vec<String> {
+        let mut complaints = self.trouble.clone();
+        complaints.extend(self.false_stops.iter().map(|stop| format!("a stop that no blow explains, {stop}")));
+        for (name, grown) in &self.growth {
+            if grown.resident_kib > GROWTH_MAX_KIB {
+                complaints.push(format!("{name} grew by {} KiB, more than {GROWTH_MAX_KIB}", grown.resident_kib));
+            }
+            for (what, count) in [("descriptors", grown.descriptors), ("threads", grown.threads)] {
+                if count > 0 {
+                    complaints.push(format!("{name} has {count} {what} more than when it was warm"));
+                }
+            }
+        }
+        if self.segments_last > self.segments_first {
+            let (last, first) = (self.segments_last, self.segments_first);
+            complaints.push(format!("{last} segments are left of {first}"));
+        }
+        for (what, count) in [("violations", self.violations), ("motions without an enable", self.moved_without_enable)]
+        {
+            if count > 0 {
+                complaints.push(format!("{count} {what} were witnessed"));
+            }
+        }
+        complaints
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> Value {
+        let growth = self.growth.iter().map(|(&name, grown)| {
+            let value = json!({
+                "resident_kib": grown.resident_kib, "descriptors": grown.descriptors, "threads": grown.threads,
+            });
+            (name.to_owned(), value)
+        });
+        json!({
+            "seconds": self.seconds,
+            "blows": self.blows,
+            "engaged_s": self.engaged_s,
+            "states_witnessed": self.states,
+            "violations": self.violations,
+            "moved_without_enable": self.moved_without_enable,
+            "false_stops": self.false_stops,
+            "growth": growth.collect::<Map<_, _>>(),
+            "segments": { "first": self.segments_first, "last": self.segments_last },
+            "processes": self.reports,
+            "complaints": self.complaints(),
+        })
+    }
+
+    /// For people.
+    pub fn words(&self) -> String {
+        let mut out = String::new();
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            out,
+            "{:.0} s, {:.0} s of them engaged and clean; {} blows; {} states witnessed",
+            self.seconds, self.engaged_s, self.blows, self.states
+        );
+        for (name, grown) in &self.growth {
+            let Holding { resident_kib, descriptors, threads } = grown;
+            let _ =
+                writeln!(out, "{name:<10} grew by {resident_kib} KiB, {descriptors} descriptors, {threads} threads");
+        }
+        let _ = writeln!(out, "segments: {} at first, {} at last", self.segments_first, self.segments_last);
+        let _ = writeln!(out, "false stops: {}", self.false_stops.len());
+        for complaint in self.complaints() {
+            let _ = writeln!(out, "BROKEN: {complaint}");
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_read_from_proc() {
+        let own = Holding::of(std::process::id()).expect("this process exists");
+        assert!(own.resident_kib > 100 && own.descriptors >= 3 && own.threads >= 1, "{own:?}");
+        assert_eq!(Holding::of(u32::MAX), None);
+    }
+
+    #[test]
+    fn what_grows_and_what_stops_is_a_complaint() {
+        let mut soaked = Soaked { segments_first: 10, segments_last: 10, ..Soaked::default() };
+        soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB, descriptors: 0, threads: 0 });
+        assert!(soaked.complaints().is_empty());
+        soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB + 1, descriptors: 1, threads: 2 });
+        soaked.segments_last = 11;
+        soaked.false_stops.push("12 s: Holding TargetStale".into());
+        soaked.violations = 1;
+        let told = soaked.complaints().join("; ");
+        for part in ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no blow explains", "1 violations"] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
+}
