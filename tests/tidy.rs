@@ -246,6 +246,28 @@ fn unsafe_stands_only_where_it_may() {
     }
 }
 
+/// How far above an unsafe block its reason may begin.
+const REASON_LINES_MAX: usize = 8;
+
+#[test]
+fn f113_every_unsafe_block_says_why_it_is_sound() {
+    let mut blocks = 0;
+    for (name, text) in rust_files() {
+        let lines: Vec<&str> = text.lines().collect();
+        for (number, line) in lines.iter().enumerate() {
+            let code = line.split("//").next().unwrap_or("");
+            let opens = [concat!("unsafe", " {"), concat!("unsafe", " impl"), concat!("unsafe", " extern")];
+            if !opens.iter().any(|open| code.contains(open)) {
+                continue;
+            }
+            blocks += 1;
+            let above = &lines[number.saturating_sub(REASON_LINES_MAX)..=number];
+            assert!(above.iter().any(|line| line.contains("SAFETY:")), "{name}:{}: no SAFETY comment", number + 1);
+        }
+    }
+    assert!(blocks > 20, "{blocks} found");
+}
+
 #[test]
 fn parry_is_named_in_one_file_of_robot() {
     let naming: Vec<_> = rust_files()

@@ -1,22 +1,15 @@
 //! A client in a thread: publishes a motion through the input domain, exactly as any other client would.
 
+mod shared;
+
 use crate::player::Player;
 use bus::{BusError, Domain, DomainConfig};
 use messages::{RawSkeleton, Service, Stamp};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use shared::Shared;
 use std::sync::mpsc::{RecvError, channel};
+use std::sync::{Arc, atomic};
 use std::thread::JoinHandle;
 use std::time::Duration;
-
-#[derive(Debug, Default)]
-struct Shared {
-    engaged: AtomicBool,
-    stop: AtomicBool,
-    finished: AtomicBool,
-    published: AtomicU64,
-    failures: AtomicU64,
-}
 
 /// A motion that is being published.
 #[derive(Debug)]
@@ -57,28 +50,28 @@ impl Publisher {
 
     /// Says whether the robot follows; the motion begins with the first `true`.
     pub fn set_engaged(&self, engaged: bool) {
-        self.shared.engaged.store(engaged, Ordering::Relaxed);
+        self.shared.set_engaged(engaged);
     }
 
-    /// Whether the last frame has been published.
+    /// Whether the last frame has been published; `progress` and `failures` are final then.
     pub fn finished(&self) -> bool {
-        self.shared.finished.load(Ordering::Relaxed)
+        self.shared.finished()
     }
 
     /// Frames of the motion published, and their number.
     pub fn progress(&self) -> (u64, u64) {
-        (self.shared.published.load(Ordering::Relaxed), self.frames)
+        (self.shared.published(), self.frames)
     }
 
     /// Frames that the bus did not take.
     pub fn failures(&self) -> u64 {
-        self.shared.failures.load(Ordering::Relaxed)
+        self.shared.failures()
     }
 }
 
 impl Drop for Publisher {
     fn drop(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.stop();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -86,12 +79,10 @@ impl Drop for Publisher {
 }
 
 fn publish(mut writer: bus::Writer<RawSkeleton>, mut player: Player, shared: &Shared, now: fn() -> Stamp) {
-    while !shared.stop.load(Ordering::Relaxed) {
-        if let Some((_, frame)) = player.due(now(), shared.engaged.load(Ordering::Relaxed)) {
+    while !shared.stopped() {
+        if let Some((_, frame)) = player.due(now(), shared.engaged()) {
             let failed = writer.publish(&frame).is_err() | writer.notify().is_err();
-            shared.failures.fetch_add(u64::from(failed), Ordering::Relaxed);
-            shared.published.store(player.progress().0, Ordering::Relaxed);
-            shared.finished.store(player.finished(), Ordering::Relaxed);
+            shared.publish(player.progress().0, failed, player.finished());
         }
         let wait_ns = player.next_due().since(now());
         // Short sleeps, so that stopping never waits for a slow frame rate.

@@ -1,6 +1,6 @@
-//! Numbers that a loop stores and others read.
+//! Numbers that a loop stores and others read. `tests/models` looks at every interleaving of it, with atomics of its own.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use super::atomic::{AtomicU64, Ordering};
 
 /// A number of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

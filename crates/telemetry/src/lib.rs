@@ -12,6 +12,8 @@ mod metric;
 mod probe;
 mod series;
 
+use std::sync::atomic;
+
 pub use collector::Collector;
 pub use counter::{Counter, Counters};
 pub use event::{Event, RateLimit};

@@ -1,0 +1,155 @@
+//! What the product is built from: locked, from one registry, under permissive licences, and nothing that reaches a
+//! network. The same rules as `deny.toml`, without `cargo-deny` and without a network.
+
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const REGISTRY: &str = "registry+https://github.com/rust-lang/crates.io-index";
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn toml_file(name: &str) -> toml::Table {
+    let text = std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    text.parse().unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn metadata() -> Value {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let output = Command::new(cargo)
+        .args(["metadata", "--format-version", "1", "--locked", "--offline", "--filter-platform", &platform])
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("metadata is JSON")
+}
+
+fn text<'a>(value: &'a Value, key: &str) -> &'a str {
+    value[key].as_str().unwrap_or("")
+}
+
+/// The strings of an array.
+fn strings(value: &toml::Value) -> BTreeSet<String> {
+    value.as_array().expect("an array").iter().map(|item| item.as_str().expect("a string").to_owned()).collect()
+}
+
+/// Whether an SPDX expression can be met with these licences: `OR` binds less than `AND`, which binds less than `WITH`; a
+/// bare `/` is an old way to write `OR`.
+fn admits(expression: &str, allowed: &BTreeSet<String>) -> bool {
+    let spaced = expression.replace('/', " OR ").replace('(', " ( ").replace(')', " ) ");
+    let words: Vec<&str> = spaced.split_whitespace().collect();
+    let mut at = 0;
+    either(&words, &mut at, allowed) && at == words.len()
+}
+
+fn either(words: &[&str], at: &mut usize, allowed: &BTreeSet<String>) -> bool {
+    let mut met = both(words, at, allowed);
+    while words.get(*at) == Some(&"OR") {
+        *at += 1;
+        met |= both(words, at, allowed);
+    }
+    met
+}
+
+fn both(words: &[&str], at: &mut usize, allowed: &BTreeSet<String>) -> bool {
+    let mut met = one(words, at, allowed);
+    while words.get(*at) == Some(&"AND") {
+        *at += 1;
+        met &= one(words, at, allowed);
+    }
+    met
+}
+
+fn one(words: &[&str], at: &mut usize, allowed: &BTreeSet<String>) -> bool {
+    let Some(word) = words.get(*at) else { return false };
+    *at += 1;
+    if *word == "(" {
+        let met = either(words, at, allowed);
+        *at += 1;
+        return met;
+    }
+    let mut name = (*word).to_owned();
+    if words.get(*at) == Some(&"WITH") {
+        name = format!("{name} WITH {}", words.get(*at + 1).unwrap_or(&""));
+        *at += 2;
+    }
+    allowed.contains(&name)
+}
+
+#[test]
+fn licence_expressions_are_understood() {
+    let allowed = ["MIT", "Apache-2.0 WITH LLVM-exception", "Zlib"].map(str::to_owned).into();
+    for (expression, expected) in [
+        ("MIT", true),
+        ("GPL-3.0", false),
+        ("", false),
+        ("GPL-3.0 OR MIT", true),
+        ("GPL-3.0/MIT", true),
+        ("GPL-3.0 AND MIT", false),
+        ("(GPL-3.0 OR Zlib) AND MIT", true),
+        ("GPL-3.0 OR Zlib AND BSL-1.0", false),
+        ("Apache-2.0 WITH LLVM-exception", true),
+        ("Apache-2.0", false),
+        ("MIT GPL-3.0", false),
+    ] {
+        assert_eq!(admits(expression, &allowed), expected, "{expression}");
+    }
+}
+
+#[test]
+fn f113_every_dependency_is_locked_with_its_hash_and_from_one_registry() {
+    for name in ["Cargo.lock", "tests/fuzz/libfuzzer/Cargo.lock", "tests/models/Cargo.lock"] {
+        let lock = toml_file(name);
+        let packages = lock["package"].as_array().expect("packages");
+        assert!(packages.len() > 10, "{name}: {} packages", packages.len());
+        for package in packages {
+            let Some(source) = package.get("source") else { continue };
+            let package_name = &package["name"];
+            assert_eq!(source.as_str(), Some(REGISTRY), "{name}: {package_name}");
+            let hash = package.get("checksum").and_then(toml::Value::as_str).unwrap_or("");
+            assert!(hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit()), "{name}: {package_name}: {hash}");
+        }
+    }
+}
+
+#[test]
+fn f113_what_has_no_registry_is_a_member_of_this_workspace() {
+    let metadata = metadata();
+    let members = metadata["workspace_members"].as_array().expect("members");
+    for package in metadata["packages"].as_array().expect("packages") {
+        let local = package["source"].is_null();
+        assert_eq!(local, members.contains(&package["id"]), "{}", text(package, "name"));
+        let folder = Path::new(text(package, "manifest_path"));
+        assert!(!local || folder.starts_with(root()), "{}", folder.display());
+    }
+}
+
+#[test]
+fn f113_every_licence_is_on_the_list_of_permissive_ones() {
+    let allowed = strings(&toml_file("deny.toml")["licenses"]["allow"]);
+    for package in metadata()["packages"].as_array().expect("packages") {
+        let (name, licence) = (text(package, "name"), text(package, "license"));
+        assert!(admits(licence, &allowed), "{name}: \"{licence}\" cannot be met with deny.toml's list");
+    }
+}
+
+#[test]
+fn f113_nothing_that_is_banned_is_built() {
+    let deny = toml_file("deny.toml");
+    let banned: BTreeSet<&str> = deny["bans"]["deny"]
+        .as_array()
+        .expect("bans")
+        .iter()
+        .map(|ban| ban["crate"].as_str().expect("a name"))
+        .collect();
+    assert!(banned.len() >= 5, "{banned:?}");
+    for package in metadata()["packages"].as_array().expect("packages") {
+        let name = text(package, "name");
+        assert!(!banned.contains(name), "{name} is banned by deny.toml");
+    }
+}
