@@ -18,6 +18,8 @@ const SHRUNK_MAX: usize = 8;
 const FULL: u64 = 2000 * 60_000;
 /// See `FULL`.
 const FIRINGS: u64 = 1000;
+/// From here on in proportion.
+const PROPORTIONAL: u64 = FULL / 10;
 /// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 10,000 ticks.
 const LEAST: u64 = 50 * 10_000;
 
@@ -99,9 +101,15 @@ impl Summary {
     }
 }
 
-/// How often every kind must fire in so many ticks: 1,000 times in 1.2e8, in proportion below, at least once from 5e5 on.
+/// How often every kind must fire in so many ticks: 1,000 times in 1.2e8 and more, in proportion down to 1.2e7, where chance
+/// still averages out, once from 5e5 on, and below that not at all.
 pub fn demanded(ticks: u64) -> u64 {
-    if ticks < LEAST { 0 } else { (u128::from(ticks) * u128::from(FIRINGS) / u128::from(FULL)).clamp(1, 1000) as u64 }
+    match ticks {
+        0..LEAST => 0,
+        LEAST..PROPORTIONAL => 1,
+        PROPORTIONAL..FULL => ticks * FIRINGS / FULL,
+        FULL.. => FIRINGS,
+    }
 }
 
 /// The run of a seed with a schedule: every other one begins engaged, as a branch of one run.
@@ -171,7 +179,7 @@ fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure
     for (_, episodes, outcome) in outcomes {
         sum.ticks += outcome.ticks;
         sum.episodes += *episodes as u64;
-        sum.transitions += outcome.transitions;
+        sum.transitions += outcome.transitions.len() as u64;
         sum.back_after_max = sum.back_after_max.max(outcome.back_after.unwrap_or(0));
         sum.hash = (sum.hash ^ outcome.hash).wrapping_mul(0x0000_0100_0000_01b3);
         sum.fired.iter_mut().zip(outcome.fired).for_each(|(sum, count)| *sum += count);

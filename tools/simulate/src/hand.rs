@@ -148,7 +148,7 @@ impl Hand {
     fn suffer(&mut self, active: &mut crate::active::Active, of: Of, speaks: &mut bool) -> bool {
         let moving = matches!(self.mode, Mode::Engaging | Mode::Engaged);
         match of {
-            Of::Release if self.view.enable_level && active.rng.random_range(0..100) == 0 => self.let_go(),
+            Of::Release if self.view.enable_level && active.rng.random_range(0..60) == 0 => self.let_go(),
             Of::Silent => {
                 *speaks = false;
                 // Half of the time it is the server that notices, half of the time control's own age.

@@ -115,12 +115,16 @@ fn failure_words(failure: &Failure, plan: &Plan) -> String {
 /// A single run in words.
 pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
     let mut out = String::new();
+    for (tick, made) in &outcome.transitions {
+        let mode = |number| Mode::from_u32(number).map_or("no mode", Mode::name);
+        let _ = writeln!(out, "tick {tick}: {} to {}, {}", mode(made.from), mode(made.to), made.why_name());
+    }
     if let Some(v) = &outcome.violation {
         let _ = writeln!(out, "seed {seed}, tick {}, invariant {}: {}", v.tick, v.invariant, v.detail);
     }
     for (kind, count) in KINDS.iter().zip(outcome.fired).filter(|(_, count)| *count > 0) {
         let _ = writeln!(out, "{} fired {count} times", kind.name);
     }
-    let _ = writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions, outcome.hash);
+    let _ = writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions.len(), outcome.hash);
     out
 }

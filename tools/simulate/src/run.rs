@@ -3,18 +3,21 @@
 use crate::active::Faults;
 use crate::client::Client;
 use crate::hand::Hand;
-use crate::kinds::{Badness, Delivery, Fault, KIND_COUNT, KINDS, Process, Robot, Who};
+use crate::kinds::{Badness, Delivery, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
 use crate::oracle::{Oracle, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
 use crate::subject::Subject;
 use crate::tampered::{Memory, Tampering};
 use bus::FaultPlan;
-use messages::{JOINTS, Mode, RawSkeleton, TICK_HZ, tick_at};
+use messages::{JOINTS, Mode, RawSkeleton, TICK_HZ, Transition, tick_at};
 use pipeline::{Links, Moment, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use sim::Injection;
+
+/// A joint's distance from its target that makes an engagement one from elsewhere, rad: ten times what counts as aligned.
+const ELSEWHERE_RAD: f64 = 0.2;
 
 /// A bug that is planted on purpose, so that a test sees it found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,8 +41,8 @@ pub struct Outcome {
     pub ticks: u64,
     /// Ticks from the end of the faults to following again; none if it was followed throughout.
     pub back_after: Option<u64>,
-    /// Mode transitions.
-    pub transitions: u64,
+    /// Mode transitions, and their ticks of the run.
+    pub transitions: Vec<(u64, Transition)>,
 }
 
 /// A run in progress.
@@ -64,8 +67,10 @@ pub struct Run<'a> {
     seed: u64,
     k: u64,
     last: Option<Moment>,
-    transitions: u64,
+    transitions: Vec<(u64, Transition)>,
     followed_since: Option<u64>,
+    /// The kind that counts engagements far from the person's posture.
+    elsewhere: usize,
 }
 
 impl<'a> Run<'a> {
@@ -91,8 +96,9 @@ impl<'a> Run<'a> {
             seed,
             k: 0,
             last: None,
-            transitions: 0,
+            transitions: Vec::new(),
             followed_since: None,
+            elsewhere: by_name("engage-elsewhere").unwrap_or(0),
         }
     }
 
@@ -102,7 +108,8 @@ impl<'a> Run<'a> {
         run.world.reseed_links(seed);
         run.client.rebase();
         run.oracle.ticks_in = Default::default();
-        (run.seed, run.k, run.transitions) = (seed, 0, 0);
+        (run.seed, run.k) = (seed, 0);
+        run.transitions.clear();
         run
     }
 
@@ -177,7 +184,11 @@ impl<'a> Run<'a> {
         self.client.listen(k, !self.accepted.is_empty());
         if let Some(control) = &moment.control {
             self.hand.read(k, &control.status);
-            self.transitions += u64::from(control.transition.is_some());
+            self.transitions.extend(control.transition.map(|made| (k, made)));
+            let engages = control.transition.is_some_and(|made| made.why == Transition::ENABLED);
+            if engages && self.is_elsewhere(&moment) {
+                self.faults.count(self.elsewhere, 1);
+            }
         }
         self.k += 1;
         let seen = Seen {
@@ -196,6 +207,12 @@ impl<'a> Run<'a> {
         let judged = self.oracle.check(&seen);
         self.last = Some(moment);
         judged
+    }
+
+    /// Whether the person stands elsewhere than the robot.
+    fn is_elsewhere(&self, moment: &Moment) -> bool {
+        let (Some(target), Some(robot)) = (&moment.target, &moment.robot) else { return false };
+        (0..JOINTS).any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
     }
 
     fn is_deaf(&self) -> bool {

@@ -18,6 +18,20 @@ const BETWEEN_STORMS: u64 = 4500;
 /// Episodes of one storm at most.
 const STORM_MAX: usize = 8;
 
+/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn three times as often.
+const RARE: [&str; 10] = [
+    "found-outside",
+    "found-close",
+    "operator-gone",
+    "engage-elsewhere",
+    "reconnect",
+    "release",
+    "estop",
+    "estop-engaging",
+    "corrupt-skeleton",
+    "sequence-wrap",
+];
+
 /// One fault for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Episode {
@@ -36,8 +50,9 @@ pub struct Episode {
 pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episode> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let end = ticks.saturating_sub(QUIET_TICKS);
-    let between = (end / 3).clamp(600, BETWEEN_STORMS);
-    let mut deck = kinds.to_vec();
+    let between = (end / 5).clamp(400, BETWEEN_STORMS);
+    let rare = kinds.iter().filter(|&&kind| RARE.contains(&KINDS[kind].name));
+    let mut deck: Vec<usize> = kinds.iter().chain(rare.clone()).chain(rare).copied().collect();
     deck.shuffle(&mut rng);
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();
