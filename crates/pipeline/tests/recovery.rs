@@ -140,6 +140,18 @@ fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, conte
 }
 
 #[test]
+fn f043_a_joint_found_outside_by_less_than_the_measurement_may_stray_is_recovered_too() {
+    let loaded = loaded();
+    for (joint, by) in [(4, 0.004), (12, 0.001)] {
+        let limits = &loaded.model.limits[joint];
+        let mut start = loaded.model.home;
+        start[joint] = limits.q_max + by;
+        let context = format!("joint {joint} outside by {by}");
+        assert!(recover(&loaded, start, Fault::StartOutsideLimits, &context), "{context}");
+    }
+}
+
+#[test]
 fn joints_outside_their_limits_are_brought_inside() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);

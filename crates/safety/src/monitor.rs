@@ -9,6 +9,9 @@ pub use crate::clearance::Clearance;
 /// an encoder of 14 bits with its noise and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and more of soft margin.)
 const OUTSIDE_MARGIN: f64 = 0.005;
 
+/// Rounding of a commanded position, rad or m, as the simulated robot's checker has it.
+const COMMAND_ROUNDING: f64 = 1e-9;
+
 /// Clearance beyond d_min that a recovery ends with, m: it leaves room to begin the next motion in any direction.
 pub const START_MARGIN_M: f64 = 3e-3;
 
@@ -32,10 +35,20 @@ pub struct Outside {
 
 /// The joint that is measured farthest outside its limits, if one is by more than noise. NaN is outside.
 pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS]) -> Option<Outside> {
+    farthest(model, q_measured, OUTSIDE_MARGIN)
+}
+
+/// The joint that is commanded farthest outside its limits, if one is at all: a driver that starts holds what it measures,
+/// and neither whole-body control nor the gate follows a target from there.
+pub fn commanded_outside(model: &Model, q_commanded: &[f64; JOINTS]) -> Option<Outside> {
+    farthest(model, q_commanded, COMMAND_ROUNDING)
+}
+
+fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
     let mut worst: Option<Outside> = None;
-    for (joint, (limits, q)) in model.limits.iter().zip(q_measured).enumerate() {
+    for (joint, (limits, q)) in model.limits.iter().zip(q).enumerate() {
         let by = q - q.clamp(limits.q_min, limits.q_max);
-        let inside = by.abs() <= OUTSIDE_MARGIN;
+        let inside = by.abs() <= margin;
         let worse = worst.is_none_or(|worst| by.is_nan() || by.abs() > worst.by.abs());
         if !inside && worse {
             worst = Some(Outside { joint, by });

@@ -125,6 +125,7 @@ pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
     for (kind, count) in KINDS.iter().zip(outcome.fired).filter(|(_, count)| *count > 0) {
         let _ = writeln!(out, "{} fired {count} times", kind.name);
     }
-    let _ = writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions.len(), outcome.hash);
+    let _ =
+        writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions.len(), outcome.hash);
     out
 }

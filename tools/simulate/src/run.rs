@@ -169,11 +169,9 @@ impl<'a> Run<'a> {
         let (running, started) = self.processes.at(k);
         self.start(started);
         self.receive(running.ingest);
-        let mut view = self.hand.tick(k, now, running.control, &mut self.faults);
-        if let Some(view) = &mut view {
-            view.estop_edge &= !self.is_deaf();
-        }
-        let told = view.unwrap_or_default();
+        let view = self.hand.tick(k, now, running.control, &mut self.faults);
+        let mut told = view.unwrap_or_default();
+        told.estop_edge &= !self.is_deaf();
         let limits = &self.subject.limits;
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, limits };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);

@@ -181,7 +181,9 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         // These inhibit a start, and are what a recovery ends; in any other motion it is the certificate and
         // `CollisionNear` that watch over the robot.
         let may_start = matches!(state.engage.mode(), Mode::Disengaged | Mode::Recovering);
-        let outside = monitor::outside_limits(&config.model, &robot.q_measured).filter(|_| may_start);
+        let outside = monitor::outside_limits(&config.model, &robot.q_measured)
+            .or_else(|| monitor::commanded_outside(&config.model, &robot.q))
+            .filter(|_| may_start);
         let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
         let recovers = state.engage.mode() == Mode::Recovering;
         state.note_measured(clearance, outside);

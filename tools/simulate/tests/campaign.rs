@@ -1,0 +1,108 @@
+//! Campaigns: the same whatever the threads, clean on the product as it is, and able to find and shrink a planted bug.
+
+use messages::Mode;
+use simulate::campaign::{self, Plan, Summary};
+use simulate::kinds::{KIND_COUNT, KINDS, by_name, named};
+use simulate::run::Bug;
+use simulate::schedule::{self, Episode};
+use simulate::subject::Subject;
+use std::path::Path;
+
+/// The hazards that a deterministic simulation has to show.
+const SHOWN: [u32; 57] = [
+    1, 2, 6, 7, 8, 9, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 23, 24, 25, 26, 27, 29, 31, 33, 34, 35, 43, 44, 45, 46,
+    47, 48, 49, 50, 51, 52, 53, 54, 55, 56, 57, 58, 59, 60, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 74, 78, 109,
+];
+
+fn subject() -> Subject {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    Subject::load(&config).expect("the settings of the repository")
+}
+
+fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {
+    Plan { first_seed: 1, seeds, ticks, jobs, kinds: (0..KIND_COUNT).collect(), bug: None }
+}
+
+fn told(sum: &Summary) -> String {
+    let one = |f: &campaign::Failure| format!("{} {:?} {}", f.seed, f.smallest, schedule::to_text(&f.schedule));
+    sum.failures.iter().map(one).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn a_replay_is_bit_identical_and_another_seed_is_another_run() {
+    let (subject, plan) = (subject(), plan(1, 9000, 1));
+    let engaged = subject.engaged().expect("a clean start");
+    let mut hashes = vec![];
+    for seed in [4, 5] {
+        let drawn = campaign::drawn(seed, &plan);
+        let read = schedule::from_text(&schedule::to_text(&drawn)).expect("what is printed is read");
+        assert_eq!(read, drawn, "a schedule survives its text");
+        let first = campaign::single(&engaged, &subject, seed, &plan, &drawn);
+        let second = campaign::single(&engaged, &subject, seed, &plan, &read);
+        assert_eq!(first, second, "seed {seed}");
+        assert_eq!(first.violation, None, "seed {seed}");
+        hashes.push(first.hash);
+    }
+    assert_ne!(hashes[0], hashes[1], "the seed decides");
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let subject = subject();
+    let one = campaign::run(&subject, &plan(5, 8500, 1), || {}).expect("a campaign");
+    let three = campaign::run(&subject, &plan(5, 8500, 3), || {}).expect("a campaign");
+    assert_eq!(one, three);
+}
+
+#[test]
+fn a_planted_bug_is_found_and_its_schedule_made_small() {
+    let subject = subject();
+    let mut plan = plan(1, 9000, 1);
+    plan.bug = Some(Bug::DeafWhileTargetsAreLost);
+    let episode = |name: &str, start, ticks, param| Episode { kind: by_name(name).expect(name), start, ticks, param };
+    // Only the two in the middle matter, and both are needed.
+    let all = [
+        episode("frame-nan", 10, 100, 1),
+        episode("low-confidence", 20, 60, 2),
+        episode("drop-target", 100, 300, 0),
+        episode("estop-chatter", 150, 60, 4),
+        episode("delay-raw", 120, 500, 5),
+        episode("noise-burst", 160, 90, 6),
+    ];
+    let engaged = subject.engaged().expect("a clean start");
+    let fails = |some: &[Episode]| campaign::single(&engaged, &subject, 2, &plan, some).violation;
+    let found = fails(&all).expect("the bug is found");
+    assert_eq!(found.invariant, "emergency stop");
+    let (smallest, still) = simulate::shrink::smallest(&all, &found, fails);
+    let names: Vec<_> = smallest.iter().map(|episode| KINDS[episode.kind].name).collect();
+    assert_eq!(names, ["drop-target", "estop-chatter"], "{}", schedule::to_text(&smallest));
+    assert_eq!(still.invariant, "emergency stop");
+    let lengths: Vec<_> = smallest.iter().map(|episode| episode.ticks).collect();
+    assert!(lengths[0] < 300 && lengths[1] < 60, "they were made shorter too: {lengths:?}");
+}
+
+#[test]
+fn nothing_that_is_scheduled_breaks_a_promise() {
+    let subject = subject();
+    let sum = campaign::run(&subject, &plan(50, 10_000, 2), || {}).expect("a campaign");
+    assert!(sum.failures.is_empty(), "{}", told(&sum));
+    let missing: Vec<_> = sum.missing.iter().map(|&kind| KINDS[kind].name).collect();
+    assert!(missing.is_empty(), "never fired: {missing:?}");
+    let by_id = sum.by_id();
+    for id in SHOWN {
+        let count = by_id.get(format!("f{id:03}").as_str()).copied().unwrap_or(0);
+        assert!(count > 0, "f{id:03} never fired");
+    }
+    let moving = sum.ticks_in[Mode::Engaging as usize] + sum.ticks_in[Mode::Engaged as usize];
+    assert!(2 * moving > sum.ticks, "the robot moved in {moving} of {} ticks only", sum.ticks);
+}
+
+#[test]
+fn a_schedule_names_what_is_wrong_with_it() {
+    for (text, part) in [("nonsense@1+2:3", "nonsense"), ("frame-nan@1", "frame-nan@1"), ("frame-nan@x+2:3", "@x+2")] {
+        let error = schedule::from_text(text).expect_err(text);
+        assert!(error.contains(part), "{error}");
+    }
+    assert_eq!(schedule::from_text("none"), Ok(vec![]));
+    assert!(named("f109").len() > 1 && named("no such fault").is_empty());
+}
