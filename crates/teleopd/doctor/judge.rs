@@ -3,13 +3,11 @@
 use super::facts::{Cores, Facts, Files, Kernel, Memory, Rights};
 use super::judge_place;
 use super::{Finding, Level};
+use crate::process::NOFILE_LEAST;
 use pipeline::{DriverKind, Settings};
 
 /// Longest resolution of timers, ns: without high-resolution timers it is that of the tick, 1 to 10 ms; a period is 667 us.
 const RESOLUTION_MAX_NS: u64 = 1_000;
-/// Open files of one process, at most: 27 for a writer, a reader and their events (measured, iceoryx2 0.10.0), four such
-/// pairs, and what each of 16 readers and 16 clients adds.
-const NOFILE_LEAST: u64 = 256;
 /// What the units grant.
 const NOFILE_AMPLE: u64 = 1024;
 /// Share of time below which a limit of the kernel may hold up what is real-time: 30 % of spinning and 20 % of work.

@@ -24,6 +24,10 @@ use telemetry::{Collector, Counter, Event, Probe};
 /// fewer (a start of the process shows no tick slower than its median after about 200).
 pub const WARM_TICKS: u64 = 1000;
 
+/// Open files of one process, at most: 27 for a writer, a reader and their events (measured, iceoryx2 0.10.0), four such
+/// pairs, and what each of 16 readers and 16 clients adds.
+pub const NOFILE_LEAST: u64 = 256;
+
 /// Age at which a message is not sent any more: two ticks after its deadline the driver has played its plan for it.
 const OLD_NS: u64 = 2 * 1_000_000_000 / messages::TICK_HZ;
 
@@ -61,6 +65,10 @@ impl Process {
         let started = rt::now();
         rt::die_with_parent();
         telemetry::install_logging();
+        if let Some(limit) = rt::Limits::of_process().nofile.filter(|&limit| limit < NOFILE_LEAST) {
+            let text = format!("{limit} open files are allowed, {NOFILE_LEAST} are needed (ulimit -n, LimitNOFILE=)");
+            return Err(Failure::new(Exit::Unavailable, text));
+        }
         let loaded =
             pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
         let instance = Instance::new(&place.run_dir)

@@ -1,0 +1,138 @@
+//! What a machine runs out of: shared memory, disk, file descriptors. Small file systems of a test's own stand in for full
+//! ones; where the system lets nobody mount them, the test says so and ends.
+
+mod rig;
+
+use messages::Mode;
+use rig::{Rig, SOON, config};
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A process of teleopd with a file system of `size` of its own at `place`; nothing where none can be mounted.
+fn with_small_files_at(place: &Path, size: &str, arguments: &[&str]) -> Option<Child> {
+    let script = "mount -t tmpfs -o size=\"$1\" small \"$2\" || exit 99; shift 2; exec \"$@\"";
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "sh", "-c", script, "sh", size]).arg(place).arg(env!("CARGO_BIN_EXE_teleopd"));
+    command.args(arguments).arg("--config").arg(config());
+    let probe = Command::new("unshare").args(["--mount", "sh", "-c", "mount -t tmpfs small /mnt"]).output();
+    if !probe.is_ok_and(|output| output.status.success()) {
+        println!("skipped: no file system can be mounted here");
+        return None;
+    }
+    Some(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("unshare runs"))
+}
+
+/// Fills the file system on which `folder` stands, as the process `id` sees it.
+fn fill(id: u32, folder: &Path) {
+    let path = Path::new("/proc").join(id.to_string()).join("root").join(folder.strip_prefix("/").unwrap());
+    let mut file = File::create(path.join("fill")).expect("a file in the process's own file system");
+    let block = [7; 4096];
+    let mut written = 0_u64;
+    while file.write_all(&block).is_ok() {
+        written += 4096;
+        assert!(written < 100 << 20, "this is not the small file system");
+    }
+}
+
+fn end(child: Child) -> (Output, String) {
+    let output = child.wait_with_output().expect("the process ends");
+    let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    (output, told)
+}
+
+#[test]
+fn f085_without_room_in_shared_memory_nothing_starts() {
+    let rig = Rig::empty();
+    let folder = rig.folder().to_str().unwrap().to_owned();
+    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "1m", &["sim", "--run-dir", &folder]) else { return };
+    let (output, told) = end(child);
+    assert_eq!(output.status.code(), Some(69), "{told}");
+    assert!(told.contains("/dev/shm: 1048576 bytes are free"), "{told}");
+}
+
+#[test]
+fn f085_shared_memory_that_fills_up_later_disturbs_nobody() {
+    let rig = Rig::empty();
+    let run_dir = rig.folder().join("run");
+    let report = rig.folder().join("report.json");
+    let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
+    let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
+    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "20m", &arguments) else { return };
+    let give_up = Instant::now() + SOON;
+    while !run_dir.join("operator.sock").exists() {
+        assert!(Instant::now() < give_up, "the demo never began");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // All four are ready when the person's client is there; a second later it surely is.
+    std::thread::sleep(Duration::from_secs(1));
+    fill(child.id(), Path::new("/dev/shm"));
+    let (output, told) = end(child);
+    assert!(output.status.success(), "{told}");
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+        assert_eq!(report["violations"][kind], 0, "{report:#}");
+    }
+}
+
+#[test]
+fn f084_a_full_disk_loses_the_figures_and_not_the_stop() {
+    let rig = Rig::empty();
+    let run_dir = rig.folder().join("run");
+    std::fs::create_dir(&run_dir).unwrap();
+    let folder = run_dir.to_str().unwrap().to_owned();
+    let arguments = ["up", "--engage-without-realtime", "--run-dir", &folder];
+    let Some(child) = with_small_files_at(&run_dir, "2m", &arguments) else { return };
+    let seen = Path::new("/proc").join(child.id().to_string()).join("root").join(run_dir.strip_prefix("/").unwrap());
+    let give_up = Instant::now() + SOON;
+    while !seen.join("operator.sock").exists() {
+        assert!(Instant::now() < give_up, "up is not ready");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_secs(2));
+    fill(child.id(), &run_dir);
+    rt::terminate(child.id());
+    let (output, told) = end(child);
+    assert_eq!(output.status.code(), Some(1), "figures that could not be written are no success: {told}");
+    assert!(told.contains("sim.json") && told.contains("No space left"), "{told}");
+}
+
+#[test]
+fn f081_running_processes_open_nothing_more() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let client = rig.client(&motion::builtin(), 11);
+    hand.engage_until(Mode::Engaging);
+    for name in teleopd::PROCESSES {
+        let id = rig.id(name).to_string();
+        let open = std::fs::read_dir(format!("/proc/{id}/fd")).expect("its descriptors").count();
+        let limit = Command::new("prlimit").args(["--pid", &id, &format!("--nofile={open}")]).status();
+        assert!(limit.expect("prlimit runs").success(), "{name} takes a limit of {open} descriptors");
+    }
+    hand.wait_mode(Mode::Engaged);
+    client.set_engaged(true);
+    // Nobody else is let in, and nobody who is in is put out.
+    let other = operator::Client::connect_within(rig.instance.operator_socket(), 300);
+    assert!(other.and_then(|mut other| other.heartbeat()).is_err(), "control had a descriptor to spare");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    hand.release();
+    hand.wait_mode(Mode::Disengaged);
+}
+
+#[test]
+fn f081_too_few_descriptors_are_refused_at_the_start() {
+    let rig = Rig::empty();
+    let output = Command::new("prlimit")
+        .args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "sim", "--config"])
+        .arg(config())
+        .arg("--run-dir")
+        .arg(rig.folder())
+        .output()
+        .expect("prlimit runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{told}");
+    assert!(told.contains("12 open files are allowed, 256 are needed"), "{told}");
+}
