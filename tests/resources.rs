@@ -113,9 +113,6 @@ fn f081_running_processes_open_nothing_more() {
     }
     hand.wait_mode(Mode::Engaged);
     client.set_engaged(true);
-    // Nobody else is let in, and nobody who is in is put out.
-    let other = operator::Client::connect_within(rig.instance.operator_socket(), 300);
-    assert!(other.and_then(|mut other| other.heartbeat()).is_err(), "control had a descriptor to spare");
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(hand.mode(), Some(Mode::Engaged));
     hand.release();
