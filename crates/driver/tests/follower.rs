@@ -74,7 +74,7 @@ fn measured() -> driver::Measured {
 }
 
 #[test]
-fn every_reason_to_refuse_is_met_and_counted() {
+fn f057_f059_every_reason_to_refuse_is_met_and_counted() {
     let far = deadline(K + 6);
     type Break = fn(&mut JointCommand);
     let cases: [(Refusal, Break); 12] = [
@@ -121,7 +121,7 @@ fn a_chain_that_was_left_or_whose_seed_has_passed_is_refused() {
 }
 
 #[test]
-fn an_early_command_is_executed_at_once_and_only_once() {
+fn f059_an_early_command_is_executed_at_once_and_only_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let early = bench.command(K + 6);
@@ -133,7 +133,7 @@ fn an_early_command_is_executed_at_once_and_only_once() {
 }
 
 #[test]
-fn silence_latches_after_ten_milliseconds_and_not_before() {
+fn f058_silence_latches_after_ten_milliseconds_and_not_before() {
     let mut bench = Bench::new();
     for k in K + 1..K + 100 {
         assert_eq!(bench.tick(k, None).faults, Faults::NONE, "silence counts from the first command");
@@ -208,7 +208,7 @@ fn a_restarted_control_resets_nothing() {
 }
 
 #[test]
-fn a_robot_that_takes_no_setpoints_latches_at_once() {
+fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let next = bench.command(K + 6);

@@ -103,7 +103,7 @@ impl Weather {
 }
 
 #[test]
-fn random_weather_is_continuous_and_follows_again() {
+fn f059_random_weather_is_continuous_and_follows_again() {
     let runs = if cfg!(debug_assertions) { 60 } else { 2000 };
     let (mut commands, mut plan_ticks, mut refused, mut latched, mut restarts) = (0, 0, 0, 0, 0);
     for seed in 0..runs {

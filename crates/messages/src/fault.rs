@@ -102,11 +102,13 @@ faults! {
     TargetStale: Hold, 1, "No target arrived for too long.";
     CollisionNear: Hold, 15, "The measured posture is closer to self-collision than allowed.";
     StateLate: Hold, 1, "The robot state is late.";
+    DeadlinesLate: Hold, 1, "Control missed deadlines too often within a second.";
     OperatorSilent: Release, 1, "The enable heartbeat stopped or its client went away.";
     WriterRestarted: Release, 1, "A process upstream restarted.";
     HoldTimeout: Release, 1, "Holding lasted too long.";
     EmergencyStop: Stop, 1, "An operator pressed the emergency stop.";
     StateStale: Stop, 1, "The robot state stopped arriving.";
+    FeedbackInvalid: Stop, 1, "What the robot measures cannot be: it jumps, stands still on the way, or goes the other way.";
     TrackingError: Stop, 1, "The robot does not follow its command.";
     DeadlineMissed: Stop, 1, "Control missed too many deadlines in a row.";
     DriverFault: Stop, 1, "The driver latched a fault.";

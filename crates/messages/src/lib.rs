@@ -26,5 +26,5 @@ pub use skeleton::{
     HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Smpl,
     calibration_flag, raw_flag, skeleton_flag,
 };
-pub use status::{Status, TRANSITIONS_KEPT, Transition};
+pub use status::{Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 pub use time::{Header, Stamp, TICK_HZ, TICK_S, deadline, tick_at};

@@ -65,7 +65,7 @@ pub const SERVICES: [ServiceRow; 6] = [
     row(Service::JointTarget, "teleop/joint_target/1", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/1", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/1", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/2", Domain::Core, "control", 1, 50, 500),
+    row(Service::Status, "teleop/status/3", Domain::Core, "control", 1, 50, 500),
 ];
 
 impl Service {

@@ -7,6 +7,25 @@ use crate::time::{Header, Stamp};
 /// How many of the last mode transitions a `Status` carries.
 pub const TRANSITIONS_KEPT: usize = 16;
 
+/// Bits of `Status::reduced`: why the speed is reduced.
+pub mod reduced_flag {
+    /// The newest skeleton is late.
+    pub const INPUT_LATE: u32 = 1;
+    /// The newest target is late.
+    pub const TARGET_LATE: u32 = 2;
+    /// The target has jumped, and the robot is far behind it.
+    pub const TARGET_JUMPED: u32 = 4;
+    /// Control missed several deadlines in a row.
+    pub const DEADLINES_LATE: u32 = 8;
+    /// Every reason with its name in reports.
+    pub const NAMES: [(u32, &str); 4] = [
+        (INPUT_LATE, "skeleton late"),
+        (TARGET_LATE, "target late"),
+        (TARGET_JUMPED, "target jumped"),
+        (DEADLINES_LATE, "deadlines late"),
+    ];
+}
+
 message! {
     /// One mode transition.
     pub struct Transition v 1 size 24 {
@@ -60,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 2 size 680 {
+    pub struct Status v 3 size 688 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -102,8 +121,8 @@ message! {
         pub nearest_pair_measured: [u32; 2],
         /// One more than the index of the joint that is measured farthest outside its limits; zero if none is.
         pub joint_outside: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// Bits of `reduced_flag`: why the speed is reduced.
+        pub reduced: u32,
         /// A `Mode`.
         pub mode: u32,
         /// Transitions since start; the last `TRANSITIONS_KEPT` are below.

@@ -109,7 +109,7 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     for value in s.nearest_pair.iter_mut().chain(&mut s.nearest_pair_measured) {
         fields.u32(value);
     }
-    for value in [&mut s.joint_outside, &mut s.reserved, &mut s.mode, &mut s.transition_count] {
+    for value in [&mut s.joint_outside, &mut s.reduced, &mut s.mode, &mut s.transition_count] {
         fields.u32(value);
     }
     for transition in &mut s.transitions {

@@ -110,8 +110,10 @@ pub struct DriverSettings {
 #[serde(deny_unknown_fields)]
 pub struct SafetySettings {
     pub target_stale_ms: f64,
+    pub target_late_ms: f64,
     pub state_late_ms: f64,
     pub state_stale_ms: f64,
+    pub input_late_ms: f64,
     pub input_stale_ms: f64,
     pub operator_silent_ms: f64,
     pub enable_released_ms: f64,
@@ -121,7 +123,11 @@ pub struct SafetySettings {
     pub tracking_error_m: f64,
     pub tracking_error_now_m: f64,
     pub tracking_error_ms: f64,
+    pub target_jump_slow_ms: f64,
+    pub target_jump_hold_ms: f64,
+    pub deadlines_missed_slow: u32,
     pub deadlines_missed_max: u32,
+    pub deadlines_late_per_s_max: u32,
     pub stale_factor_without_realtime: f64,
 }
 

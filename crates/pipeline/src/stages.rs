@@ -58,8 +58,10 @@ impl SafetySettings {
     pub(crate) fn thresholds(&self) -> engage::Settings {
         engage::Settings {
             target_stale_ms: self.target_stale_ms,
+            target_late_ms: self.target_late_ms,
             state_late_ms: self.state_late_ms,
             state_stale_ms: self.state_stale_ms,
+            input_late_ms: self.input_late_ms,
             input_stale_ms: self.input_stale_ms,
             operator_silent_ms: self.operator_silent_ms,
             enable_released_ms: self.enable_released_ms,
@@ -69,7 +71,11 @@ impl SafetySettings {
             tracking_error_m: self.tracking_error_m,
             tracking_error_now_m: self.tracking_error_now_m,
             tracking_error_ms: self.tracking_error_ms,
+            target_jump_slow_ms: self.target_jump_slow_ms,
+            target_jump_hold_ms: self.target_jump_hold_ms,
+            deadlines_missed_slow: self.deadlines_missed_slow,
             deadlines_missed_max: self.deadlines_missed_max,
+            deadlines_late_per_s_max: self.deadlines_late_per_s_max,
         }
     }
 }

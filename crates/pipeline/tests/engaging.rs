@@ -62,7 +62,7 @@ fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64
 }
 
 #[test]
-fn from_any_clear_posture_engaging_begins_without_a_jump() {
+fn f065_from_any_clear_posture_engaging_begins_without_a_jump() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut travelled = 0.0;

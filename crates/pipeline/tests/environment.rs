@@ -102,7 +102,7 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
 }
 
 #[test]
-fn the_arms_keep_clear_of_a_table() {
+fn f045_f049_the_arms_keep_clear_of_a_table_while_the_torso_moves() {
     let outcome = attack(&at_a_table(), TICKS, 11, true);
     println!("{} denials, {} ticks within a millimetre of the bound", outcome.denials, outcome.at_the_table);
     assert_eq!((outcome.violations, outcome.denials), (0, 0));

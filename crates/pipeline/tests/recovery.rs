@@ -152,7 +152,7 @@ fn f043_a_joint_found_outside_by_less_than_the_measurement_may_stray_is_recovere
 }
 
 #[test]
-fn joints_outside_their_limits_are_brought_inside() {
+fn f043_joints_outside_their_limits_are_brought_inside() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     for n in 0..6 {
@@ -162,7 +162,7 @@ fn joints_outside_their_limits_are_brought_inside() {
 }
 
 #[test]
-fn postures_too_close_to_themselves_are_opened() {
+fn f044_postures_too_close_to_themselves_are_opened() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(2);
     let mut back = 0;

@@ -19,21 +19,27 @@
 //!
 //! Edges grant authority, levels withdraw it. A stop beats everything else in the same tick. No restart ever engages:
 //! a fresh `State` is Disengaged, and has yet to see the enable released.
+//!
+//! While it follows, the speed may be reduced ([`SLOW`] and below) by what is not bad enough to stop: a late skeleton or
+//! target, a target that jumped, deadlines missed in a row.
 
 mod config;
 mod input;
 mod recovery;
+mod reduced;
 mod watch;
 
 use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
 
 pub use config::{Config, ConfigError, Settings};
 pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, TargetView};
+pub use reduced::SLOW;
 
+use reduced::Reduced;
 use watch::{ModeView, Watch, charged_ns};
 
 /// Share of the velocity limits in the first second of engaging: slow enough to let go before anything has moved far.
-const SPEED_SCALE_FIRST: f64 = 0.05;
+pub const SPEED_SCALE_FIRST: f64 = 0.05;
 /// How long that lasts, ns.
 const FIRST_NS: u64 = 1_000_000_000;
 /// How long the ramp to full speed then takes, ns.
@@ -81,6 +87,7 @@ impl Phase {
 pub struct State {
     phase: Phase,
     watch: Watch,
+    reduced: Reduced,
     latched: Faults,
     /// None until the driver has said which reset edge it saw last.
     reset_count: Option<u32>,
@@ -89,7 +96,13 @@ pub struct State {
 impl State {
     /// Disengaged, nothing seen yet.
     pub fn new() -> Self {
-        Self { phase: Phase::Disengaged, watch: Watch::default(), latched: Faults::NONE, reset_count: None }
+        Self {
+            phase: Phase::Disengaged,
+            watch: Watch::default(),
+            reduced: Reduced::default(),
+            latched: Faults::NONE,
+            reset_count: None,
+        }
     }
 
     /// The mode after the last tick.
@@ -136,10 +149,12 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
             Phase::Disengaged | Phase::Faulted { .. } => false,
         },
         hold_expired: matches!(before, Phase::Holding { elapsed_ns, .. } if elapsed_ns >= config.hold_timeout_ns),
+        jumps_on: state.reduced.jumps_on(config, &input),
     };
     let active = state.watch.judge(config, mode, now, &input);
     let stops = active.of(Response::Stop);
     state.latched = state.latched.union(stops);
+    let (share, why_reduced) = state.reduced.judge(config, state.watch.ages, &input);
 
     let (phase, why) = if stops.is_empty() { next(state, &input, active) } else { stop(state, &input, stops) };
     let asked = input.operator.enable_edge || input.operator.recover_edge;
@@ -154,7 +169,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     state.phase = phase;
     Output {
         mode: phase.mode(),
-        permit: permit(phase),
+        permit: permit(phase, share),
+        reduced: if matches!(phase, Phase::Engaging { .. } | Phase::Engaged) { why_reduced } else { 0 },
         active,
         latched: state.latched,
         transition,
@@ -164,11 +180,11 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     }
 }
 
-/// What a phase permits. Engaged is at full scale at once: it is reached aligned, or with the ramp at its end.
-fn permit(phase: Phase) -> Permit {
+/// What a phase permits at a share of the speed. Engaged is at full scale at once: it is reached aligned, or with the ramp at its end.
+fn permit(phase: Phase, share: f64) -> Permit {
     match phase {
-        Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: speed_scale(elapsed_ns) },
-        Phase::Engaged => Permit::Follow { speed_scale: 1.0 },
+        Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: share * speed_scale(elapsed_ns) },
+        Phase::Engaged => Permit::Follow { speed_scale: share },
         Phase::Recovering { .. } => Permit::Recover,
         Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
     }
@@ -212,7 +228,7 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
         Phase::Engaging { elapsed_ns, settled_ns } => {
-            withdrawn(input, active).unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns))
+            withdrawn(input, active).unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
         }
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
@@ -249,10 +265,11 @@ fn released(input: &Input) -> bool {
     input.operator.release_edge || !input.operator.enable_level
 }
 
-fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64) -> (Phase, u32) {
+fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) -> (Phase, u32) {
     let charged = charged_ns(input.own_gap_ns);
     let elapsed_ns = elapsed_ns.saturating_add(charged);
-    let full_speed = elapsed_ns >= FIRST_NS + RAMP_NS;
+    // What stands because it is made to stand has not settled.
+    let full_speed = elapsed_ns >= FIRST_NS + RAMP_NS && unreduced;
     let settled_ns = if full_speed && input.motion.settled { settled_ns.saturating_add(charged) } else { 0 };
     if elapsed_ns >= FIRST_NS && input.motion.aligned {
         (Phase::Engaged, Transition::ALIGNED)

@@ -1,9 +1,14 @@
 //! Monitors of the measured robot: they turn measurements into what `engage` judges.
 
+mod feedback;
+mod target;
+
 use messages::JOINTS;
 use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
+pub use feedback::{Feedback, Judged, Sample};
+pub use target::{TargetSteps, far_behind};
 
 /// How far outside its limits a joint may be measured before it counts, rad or m: a command may rest at its limit, and
 /// an encoder of 14 bits with its noise and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and more of soft margin.)

@@ -7,7 +7,7 @@ use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
 use support::{Bench, settings, ticks};
 
 #[test]
-fn an_enable_stuck_at_boot_never_engages() {
+fn f066_an_enable_stuck_at_boot_never_engages() {
     let mut bench = Bench::new();
     for _ in 0..ticks(10_000) {
         // Edges without end: a chattering contact on a handle that was never seen released.
@@ -78,7 +78,7 @@ fn silence(stream: fn(&mut Bench) -> &mut bool, mode: Mode) -> u64 {
 }
 
 #[test]
-fn silence_acts_in_time_and_not_before() {
+fn f021_f036_f051_silence_acts_in_time_and_not_before() {
     // The age exceeds n ms at the tick that is the first to lie after it; the stamps are a tick's rounding off.
     let cases: [(&str, u64, u64); 5] = [
         ("target", 10, silence(|b| &mut b.alive.target, Mode::Holding)),
@@ -122,7 +122,7 @@ fn a_writer_that_stamps_the_future_is_silent() {
 }
 
 #[test]
-fn tracking_errors_stop() {
+fn f055_tracking_errors_stop() {
     type Set = fn(&mut Bench, f64);
     let rad: Set = |bench, x| bench.input.robot.tracking_error_rad = x;
     let m: Set = |bench, x| bench.input.robot.tracking_error_m = x;
@@ -179,7 +179,7 @@ fn a_release_while_holding_is_not_forgotten() {
 }
 
 #[test]
-fn an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
+fn f061_an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
     let events: [fn(&mut Bench); 5] = [
         |_| {},
         |b| b.press(),
@@ -203,7 +203,7 @@ fn an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
 }
 
 #[test]
-fn a_reset_is_an_edge_and_engages_nothing() {
+fn f072_a_reset_is_an_edge_and_engages_nothing() {
     let mut bench = Bench::faulted();
     bench.input.operator.reset_edge = true;
     assert_eq!(bench.step().mode, Mode::Faulted, "moving, enable held");

@@ -115,7 +115,7 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
 }
 
 #[test]
-fn a_stop_beats_everything_in_every_combination() {
+fn f071_a_stop_beats_everything_in_every_combination() {
     let mut blocked = Bench::engaging();
     blocked.steps(ticks(3000));
     let mut at_rest = Bench::holding(true);

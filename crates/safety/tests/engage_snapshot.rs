@@ -182,7 +182,15 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::WriterRestarted => input.target.incarnation += 1,
         Fault::HoldTimeout => {}
         Fault::EmergencyStop => input.operator.estop_edge = true,
+        Fault::FeedbackInvalid => input.robot.feedback_invalid = true,
         Fault::TrackingError => input.robot.tracking_error_rad = 0.16,
+        Fault::DeadlinesLate => {
+            for _ in 0..9 {
+                bench.input.deadlines_missed = 1;
+                bench.step();
+            }
+            bench.input.deadlines_missed = 1;
+        }
         Fault::DeadlineMissed => input.deadlines_missed = 10,
         Fault::DriverFault => input.robot.driver_fault = true,
         Fault::GateDenied => input.motion.gate_denied = true,

@@ -87,7 +87,7 @@ fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
 
 /// The gate admits all that the judge admits, and refuses what the judge refuses with twice the gate's slack granted.
 #[test]
-fn the_gate_accepts_exactly_the_largest_admissible_step() {
+fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
     const TWICE_THE_SLACK: f64 = 128.0 / (1_u64 << 40) as f64;
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
@@ -364,7 +364,7 @@ fn towards_collision(model: &Model) -> ([f64; JOINTS], usize, f64, f64) {
 }
 
 #[test]
-fn self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
+fn f045_self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let (q, j, to_contact, slope) = towards_collision(&model);
@@ -411,7 +411,7 @@ fn a_robot_too_close_to_itself_may_rest_but_not_move() {
 }
 
 #[test]
-fn adversarial_steps_break_nothing() {
+fn f041_adversarial_steps_break_nothing() {
     // 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
     for (model, ticks, seed) in [(without_pairs(), 60_000, 1), (model(), 10_000, 2)] {
         let mut adversary = Adversary::new(&model, seed);

@@ -106,7 +106,7 @@ fn a_driver_that_overslept_simulates_the_same_motion() {
 }
 
 #[test]
-fn without_commands_the_plan_is_played_without_a_violation() {
+fn f058_without_commands_the_plan_is_played_without_a_violation() {
     let mut bench = Bench::ideal();
     cruise(&mut bench);
     let k = bench.command.k;

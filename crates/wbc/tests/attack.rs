@@ -28,7 +28,7 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
 }
 
 #[test]
-fn no_attack_breaks_a_limit_or_the_clearance() {
+fn f040_f041_f045_no_attack_breaks_a_limit_or_the_clearance() {
     for seed in 100..105 {
         let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
@@ -143,7 +143,7 @@ fn a_scaled_speed_is_never_exceeded_from_rest() {
 }
 
 #[test]
-fn nonsense_holds_and_a_stop_ends_in_exact_rest() {
+fn f033_nonsense_holds_and_a_stop_ends_in_exact_rest() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let (mut q, dq) = (home(), [0.0; JOINTS]);

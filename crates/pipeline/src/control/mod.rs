@@ -12,8 +12,8 @@ use crate::ConfigError;
 use crate::load::Loaded;
 use driver::Motion;
 use messages::{
-    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, state_flag,
-    target_flag,
+    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, reduced_flag,
+    state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -77,10 +77,14 @@ pub struct ControlState {
     engage: engage::State,
     commander: Commander,
     near: monitor::Near,
+    feedback: monitor::Feedback,
+    steps: monitor::TargetSteps,
     stream: Option<Stream>,
     last_k: Option<u64>,
     target: Option<(JointTarget, Stamp)>,
     robot: Option<(RobotState, Stamp)>,
+    /// Of the newest robot state: what it measured cannot be.
+    feedback_invalid: bool,
     motion: MotionView,
     frames: Frames,
     status: Status,
@@ -121,10 +125,13 @@ impl ControlState {
             engage: engage::State::new(),
             commander: Commander::at_rest(&config.wbc, config.model.home),
             near: monitor::Near::new(),
+            feedback: monitor::Feedback::default(),
+            steps: monitor::TargetSteps::default(),
             stream: None,
             last_k: None,
             target: None,
             robot: None,
+            feedback_invalid: false,
             motion: MotionView::default(),
             frames: Frames::default(),
             status: Status::ZERO,
@@ -145,7 +152,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
         state.target = Some((*target, now));
     }
     if let Some(robot) = input.robot {
-        state.robot = Some((*robot, now));
+        state.take_robot(config, now, robot);
     }
     let echo = state.robot.map(|(echo, _)| echo);
     let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
@@ -175,6 +182,7 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
         input_received: target.input_received,
         implausible: implausible(&target),
+        jumped: input.target.is_some() && state.steps.jumped(&config.model, target.k, &target.q, target.valid_mask),
     });
     let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
@@ -196,6 +204,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
             config_matches: robot.header.config_hash == config.config_hash,
             commanded: robot.flags & state_flag::COMMANDED != 0,
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
+            emergency_stop: robot.flags & state_flag::EMERGENCY_STOP != 0,
+            feedback_invalid: state.feedback_invalid,
             reset_count: robot.reset_count,
             outside_limits: outside.is_some(),
             in_collision,
@@ -249,7 +259,13 @@ fn command(
     decided: &engage::Output,
     target: Option<&JointTarget>,
 ) -> JointCommand {
-    let wanted = target.map(|target| wbc::Target { q: &target.q, dq: &target.dq, valid_mask: target.valid_mask });
+    // A late target is where the person was, not where he goes on to.
+    let late = decided.reduced & reduced_flag::TARGET_LATE != 0;
+    let wanted = target.map(|target| wbc::Target {
+        q: &target.q,
+        dq: if late { &[0.0; JOINTS] } else { &target.dq },
+        valid_mask: target.valid_mask,
+    });
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
     let denied = denied.is_some();
@@ -257,6 +273,7 @@ fn command(
     state.motion = MotionView {
         at_rest: motion.v.iter().chain(&motion.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
         aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
+        behind: wanted.is_some_and(|wanted| monitor::far_behind(&config.model, wanted.q, wanted.valid_mask, &motion.q)),
         settled: motion.v.iter().all(|v| v.abs() <= SETTLED_SPEED),
         gate_denied: denied,
     };
@@ -305,6 +322,22 @@ fn aligned(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> bool {
 }
 
 impl ControlState {
+    /// Takes a new robot state, and passes over a single sample that cannot be.
+    fn take_robot(&mut self, config: &ControlConfig, now: Stamp, robot: &RobotState) {
+        let mut robot = *robot;
+        let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
+        let sample = monitor::Sample {
+            k: robot.executed_k.saturating_add(robot.plan_ticks_played),
+            q: &robot.q,
+            v: &robot.v,
+            q_measured: &robot.q_measured,
+            begins: self.engage.mode() == Mode::Engaging && first_second,
+        };
+        let judged = self.feedback.judge(&config.model, &sample, config.servo_lag_s);
+        (robot.q_measured, self.feedback_invalid) = (judged.q_measured, judged.invalid);
+        self.robot = Some((robot, now));
+    }
+
     /// What the newest measurement amounts to.
     fn note_measured(&mut self, clearance: monitor::Clearance, outside: Option<monitor::Outside>) {
         let status = &mut self.status;
@@ -338,6 +371,7 @@ impl ControlState {
         status.latched = out.latched.0;
         status.fault_counts = out.fault_counts;
         status.speed_scale = out.permit.speed_scale();
+        status.reduced = out.reduced;
         status.realtime = u32::from(config.realtime);
         if let Some(transition) = out.transition {
             status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;

@@ -3,6 +3,7 @@
 use super::ControlConfig;
 use messages::{
     FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Status, TORSO, TRANSITIONS_KEPT,
+    reduced_flag,
 };
 use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
 use robot::Model;
@@ -46,6 +47,11 @@ pub fn note(status: &Status) -> Option<&'static str> {
     }
 }
 
+/// Why the speed is reduced.
+fn reduced(status: &Status) -> Vec<&'static str> {
+    reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
+}
+
 /// A status as JSON; its keys are those of the message.
 pub fn status_json(status: &Status) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
@@ -82,6 +88,7 @@ pub fn status_json(status: &Status) -> Value {
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
         "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),
         "speed_scale": status.speed_scale,
+        "reduced": reduced(status),
         "gate_denials": status.gate_denials,
         "fallbacks": status.fallbacks,
         "operators": status.operators,

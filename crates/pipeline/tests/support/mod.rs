@@ -65,6 +65,11 @@ impl Bench {
         self.robot.follower().motion
     }
 
+    /// What the robot said last.
+    pub fn echo(&self) -> RobotState {
+        self.echo.expect("the robot has spoken")
+    }
+
     /// Why the last transition was made.
     pub fn last_why(&self) -> u32 {
         let kept = messages::TRANSITIONS_KEPT;

@@ -36,10 +36,14 @@ pub enum ConfigError {
 pub struct Settings {
     /// Silence of `retarget` that holds, ms.
     pub target_stale_ms: f64,
+    /// Silence of `retarget` from which on the speed falls, to zero where it holds, ms.
+    pub target_late_ms: f64,
     /// Silence of the driver that holds, ms.
     pub state_late_ms: f64,
     /// Silence of the driver that stops, ms.
     pub state_stale_ms: f64,
+    /// Silence of the human's skeleton from which on the speed falls, to zero where it holds, ms.
+    pub input_late_ms: f64,
     /// Silence of the human's skeleton that holds, ms.
     pub input_stale_ms: f64,
     /// Silence of the operator's heartbeat that releases, ms.
@@ -58,16 +62,26 @@ pub struct Settings {
     pub tracking_error_now_m: f64,
     /// How long the lesser tracking error is tolerated, ms.
     pub tracking_error_ms: f64,
+    /// How long the command may be far behind a target that jumped before it is followed slowly, ms.
+    pub target_jump_slow_ms: f64,
+    /// How long a target may jump again and again before it holds, ms.
+    pub target_jump_hold_ms: f64,
+    /// Missed deadlines in a row that make slow.
+    pub deadlines_missed_slow: u32,
     /// Missed deadlines in a row that stop.
     pub deadlines_missed_max: u32,
+    /// Late ticks within a second that hold.
+    pub deadlines_late_per_s_max: u32,
 }
 
 /// Validated thresholds, in the integers that the tick compares.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
     pub(super) target_stale_ns: u64,
+    pub(super) target_late_ns: u64,
     pub(super) state_late_ns: u64,
     pub(super) state_stale_ns: u64,
+    pub(super) input_late_ns: u64,
     pub(super) input_stale_ns: u64,
     pub(super) operator_silent_ns: u64,
     pub(super) enable_released_ns: u64,
@@ -77,7 +91,11 @@ pub struct Config {
     pub(super) tracking_error_m: f64,
     pub(super) tracking_error_now_m: f64,
     pub(super) tracking_error_ns: u64,
+    pub(super) target_jump_slow_ns: u64,
+    pub(super) target_jump_hold_ns: u64,
+    pub(super) deadlines_missed_slow: u32,
     pub(super) deadlines_missed_max: u32,
+    pub(super) deadlines_late_per_s_max: u32,
 }
 
 /// Relaxation of the real-time streams where scheduling is not real-time: a 2-core machine under load was seen to
@@ -87,11 +105,13 @@ const RELAX_MAX: f64 = 100.0;
 impl Settings {
     /// (key, value, least, most). The ceilings are twice to ten times the shipped figures: a configuration may
     /// adapt to a robot, not switch a monitor off.
-    fn bounds(&self) -> [(&'static str, f64, f64, f64); 13] {
+    fn bounds(&self) -> [(&'static str, f64, f64, f64); 19] {
         [
             ("target_stale_ms", self.target_stale_ms, 1.0, 50.0),
+            ("target_late_ms", self.target_late_ms, 0.5, 50.0),
             ("state_late_ms", self.state_late_ms, 1.0, 50.0),
             ("state_stale_ms", self.state_stale_ms, 2.0, 100.0),
+            ("input_late_ms", self.input_late_ms, 5.0, 500.0),
             ("input_stale_ms", self.input_stale_ms, 10.0, 500.0),
             ("operator_silent_ms", self.operator_silent_ms, 40.0, 1000.0),
             ("enable_released_ms", self.enable_released_ms, 200.0, 5000.0),
@@ -101,7 +121,11 @@ impl Settings {
             ("tracking_error_m", self.tracking_error_m, 0.0005, 0.05),
             ("tracking_error_now_m", self.tracking_error_now_m, 0.0005, 0.1),
             ("tracking_error_ms", self.tracking_error_ms, 1.0, 500.0),
+            ("target_jump_slow_ms", self.target_jump_slow_ms, 1.0, 1000.0),
+            ("target_jump_hold_ms", self.target_jump_hold_ms, 100.0, 5000.0),
+            ("deadlines_missed_slow", f64::from(self.deadlines_missed_slow), 1.0, 50.0),
             ("deadlines_missed_max", f64::from(self.deadlines_missed_max), 1.0, 50.0),
+            ("deadlines_late_per_s_max", f64::from(self.deadlines_late_per_s_max), 1.0, 100.0),
         ]
     }
 
@@ -112,7 +136,12 @@ impl Settings {
                 return Err(ConfigError::OutOfRange { key, value, min, max });
             }
         }
+        let (slow, most) = (f64::from(self.deadlines_missed_slow), f64::from(self.deadlines_missed_max));
         let ordered = [
+            ("target_late_ms", self.target_late_ms, "target_stale_ms", self.target_stale_ms),
+            ("input_late_ms", self.input_late_ms, "input_stale_ms", self.input_stale_ms),
+            ("target_jump_slow_ms", self.target_jump_slow_ms, "target_jump_hold_ms", self.target_jump_hold_ms),
+            ("deadlines_missed_slow", slow, "deadlines_missed_max", most),
             ("state_late_ms", self.state_late_ms, "state_stale_ms", self.state_stale_ms),
             ("tracking_error_rad", self.tracking_error_rad, "tracking_error_now_rad", self.tracking_error_now_rad),
             ("tracking_error_m", self.tracking_error_m, "tracking_error_now_m", self.tracking_error_now_m),
@@ -144,8 +173,10 @@ impl Config {
         let ns = |ms: f64| (ms * 1e6) as u64;
         Ok(Self {
             target_stale_ns: ns(settings.target_stale_ms * factor),
+            target_late_ns: ns(settings.target_late_ms * factor),
             state_late_ns: ns(settings.state_late_ms * factor),
             state_stale_ns: ns(settings.state_stale_ms * factor),
+            input_late_ns: ns(settings.input_late_ms),
             input_stale_ns: ns(settings.input_stale_ms),
             operator_silent_ns: ns(settings.operator_silent_ms),
             enable_released_ns: ns(settings.enable_released_ms),
@@ -155,7 +186,11 @@ impl Config {
             tracking_error_m: settings.tracking_error_m,
             tracking_error_now_m: settings.tracking_error_now_m,
             tracking_error_ns: ns(settings.tracking_error_ms),
+            target_jump_slow_ns: ns(settings.target_jump_slow_ms),
+            target_jump_hold_ns: ns(settings.target_jump_hold_ms),
+            deadlines_missed_slow: (f64::from(settings.deadlines_missed_slow) * factor) as u32,
             deadlines_missed_max: (f64::from(settings.deadlines_missed_max) * factor) as u32,
+            deadlines_late_per_s_max: (f64::from(settings.deadlines_late_per_s_max) * factor) as u32,
         })
     }
 }

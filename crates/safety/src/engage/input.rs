@@ -42,6 +42,8 @@ pub struct TargetView {
     pub input_received: Stamp,
     /// It carries values that no network may produce.
     pub implausible: bool,
+    /// It is new, and farther from the one before than anybody moves.
+    pub jumped: bool,
 }
 
 /// The robot, as its driver tells and as the monitors judge it.
@@ -57,6 +59,10 @@ pub struct RobotView {
     pub commanded: bool,
     /// `state_flag::DRIVER_FAULT`.
     pub driver_fault: bool,
+    /// `state_flag::EMERGENCY_STOP`: pressed at the robot.
+    pub emergency_stop: bool,
+    /// What is measured cannot be.
+    pub feedback_invalid: bool,
     /// The last reset edge that the driver saw.
     pub reset_count: u32,
     /// A measured joint is outside its limits.
@@ -81,6 +87,8 @@ pub struct MotionView {
     pub at_rest: bool,
     /// Every valid joint of the command is near its target.
     pub aligned: bool,
+    /// The command is far from its target.
+    pub behind: bool,
     /// The command moves no more (it may be blocked on its way to the target).
     pub settled: bool,
     /// The gate denied the command.
@@ -139,6 +147,8 @@ pub struct Output {
     pub mode: Mode,
     /// What the robot may do.
     pub permit: Permit,
+    /// Why the speed is reduced, as bits of `reduced_flag`; zero while nothing is followed.
+    pub reduced: u32,
     /// Faults that hold at this tick, debounced.
     pub active: Faults,
     /// Faults that wait for a reset.

@@ -2,6 +2,7 @@
 
 use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ};
 
+use super::reduced::{Ages, Lateness};
 use super::{Config, Input};
 
 /// What a stamp may lie ahead of the tick's own reading of the same clock: another process took it while this one was
@@ -58,6 +59,8 @@ pub(super) struct ModeView {
     pub(super) has_authority: bool,
     /// Holding has lasted longer than it may.
     pub(super) hold_expired: bool,
+    /// The target has jumped again and again.
+    pub(super) jumps_on: bool,
 }
 
 /// The memory of the monitors.
@@ -70,6 +73,8 @@ pub(super) struct Watch {
     target_writer: Identity,
     driver: Identity,
     session: Identity,
+    pub(super) ages: Ages,
+    lateness: Lateness,
     tracking_ns: u64,
     released_ns: u64,
     enable_was_released: bool,
@@ -93,7 +98,9 @@ impl Watch {
     /// The faults that hold at this tick, debounced. Call exactly once a tick.
     pub(super) fn judge(&mut self, config: &Config, mode: ModeView, now: Stamp, input: &Input) -> Faults {
         self.note_enable(config, input);
-        let seen = self.conditions(config, mode, now, input);
+        let late = self.lateness.note(input.k, input.deadlines_missed > 0);
+        let mut seen = self.conditions(config, mode, now, input);
+        seen.set(Fault::DeadlinesLate, late >= config.deadlines_late_per_s_max);
         let mut active = Faults::NONE;
         for row in &FAULTS {
             let held = &mut self.ticks_held[row.fault.index()];
@@ -123,6 +130,7 @@ impl Watch {
         let input_age = self.input.judge(now, input.target.input_received, charged, slept);
         let state_age = self.state.judge(now, input.robot.received, charged, slept);
         let heartbeat_age = self.heartbeat.judge(now, input.operator.heartbeat_received, charged, slept);
+        self.ages = Ages { target_ns: target_age, input_ns: input_age };
         let (has_target, has_state) = (self.target.seen(), self.state.seen());
         let target_stale = target_age > config.target_stale_ns;
         self.operator_alive = input.operator.connected && heartbeat_age <= config.operator_silent_ns;
@@ -138,15 +146,16 @@ impl Watch {
         seen.set(Fault::NoRobotState, !has_state || !input.robot.commanded);
         seen.set(Fault::NoTarget, !has_target || target_stale);
         seen.set(Fault::InputStale, has_target && (input_age > config.input_stale_ns || !input.target.input_fresh));
-        seen.set(Fault::InputImplausible, has_target && input.target.implausible);
+        seen.set(Fault::InputImplausible, has_target && (input.target.implausible || mode.jumps_on));
         seen.set(Fault::TargetStale, has_target && target_stale);
         seen.set(Fault::CollisionNear, has_state && input.robot.collision_near);
         seen.set(Fault::StateLate, has_state && state_age > config.state_late_ns);
         seen.set(Fault::OperatorSilent, mode.has_authority && !self.operator_alive);
         seen.set(Fault::WriterRestarted, self.writer_changed(input));
         seen.set(Fault::HoldTimeout, mode.hold_expired);
-        seen.set(Fault::EmergencyStop, input.operator.estop_edge);
+        seen.set(Fault::EmergencyStop, input.operator.estop_edge || has_state && input.robot.emergency_stop);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
+        seen.set(Fault::FeedbackInvalid, has_state && input.robot.feedback_invalid);
         seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input, charged));
         seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);

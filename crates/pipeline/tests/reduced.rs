@@ -1,0 +1,158 @@
+//! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit breaks.
+
+mod support;
+
+use messages::{Faults, JOINTS, Mode, TICK_HZ, reduced_flag};
+use motion::CalibrationMode;
+use pipeline::{Links, PlayOptions, Player, Running, World, WorldConfig};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use safety::engage::OperatorView;
+use support::{Bench, loaded};
+
+/// Plays the first seconds of the built-in motion at a rate of frames; returns how many ticks were engaged.
+fn clean(frame_rate_hz: f64) -> u64 {
+    let config = WorldConfig::new(&loaded()).expect("the shipped settings");
+    let mut motion = motion::builtin();
+    let step = (motion.frame_rate_hz / frame_rate_hz).max(1.0) as usize;
+    motion.frames = motion.frames.into_iter().step_by(step).collect();
+    motion.frame_rate_hz /= step as f64;
+    // A camera that is faster than the motion was made for shows it faster.
+    let speed = frame_rate_hz / motion.frame_rate_hz;
+    let options = PlayOptions { speed, looped: true, calibration: CalibrationMode::First10s };
+    let mut player = Player::new(&motion, options, 1, 1);
+    let mut world = World::new(&config, 1, Links::default());
+    let (mut mode, mut engaged, mut fastest) = (Mode::Disengaged, 0, 0.0_f64);
+    let mut last: Option<[f64; JOINTS]> = None;
+    for k in 0..14 * TICK_HZ {
+        let now = world.now();
+        if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
+            world.publish(&raw);
+        }
+        let operator = OperatorView {
+            connected: true,
+            enable_level: k >= TICK_HZ,
+            enable_edge: k == TICK_HZ,
+            heartbeat_received: now,
+            ..OperatorView::default()
+        };
+        let moment = world.step(&config, &operator, Running::ALL);
+        let status = moment.control.expect("control runs").status;
+        mode = Mode::from_u32(status.mode).expect("a mode");
+        assert_eq!(status.reduced, 0, "{frame_rate_hz} Hz, tick {k}");
+        engaged += u64::from(mode == Mode::Engaged && status.speed_scale == 1.0);
+        if let (Some(target), Some(last)) = (moment.target, last) {
+            let speed = |j: usize| (target.q[j] - last[j]).abs() * TICK_HZ as f64;
+            fastest = (3..JOINTS).map(speed).fold(fastest, f64::max);
+        }
+        last = moment.target.filter(|target| target.valid_mask != 0).map(|target| target.q);
+    }
+    println!("{frame_rate_hz} Hz: {engaged} ticks engaged, fastest joint of a target {fastest:.1} rad/s");
+    assert_eq!(world.report().violations_total(), 0);
+    engaged
+}
+
+#[test]
+fn f020_f034_f035_clean_motions_at_30_60_and_120_hz_are_never_slowed() {
+    for frame_rate_hz in [30.0, 60.0, 120.0] {
+        assert!(clean(frame_rate_hz) > 8 * TICK_HZ);
+    }
+}
+
+/// Engaged at home.
+fn engaged(seed: u64) -> Bench {
+    let loaded = loaded();
+    let mut bench = Bench::new(&loaded, loaded.model.home, seed);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    bench.press_enable();
+    for _ in 0..5 * TICK_HZ {
+        bench.step();
+        if bench.mode() == Mode::Engaged {
+            return bench;
+        }
+    }
+    panic!("not engaged: {:?}", Faults(bench.status.faults));
+}
+
+fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+    std::array::from_fn(|j| {
+        let limits = &bench.model().limits[j];
+        rng.random_range(limits.q_min..limits.q_max)
+    })
+}
+
+#[test]
+fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_overshot() {
+    let mut rng = Pcg64Mcg::seed_from_u64(22);
+    let mut slowed = 0;
+    for seed in 0..8 {
+        let mut bench = engaged(seed);
+        // Not seen for less than 10 ms of targets, the person comes back elsewhere: small jumps, and flips of an elbow.
+        let mut far = bench.model().home;
+        if seed % 2 == 0 {
+            far = posture(&bench, &mut rng);
+        } else {
+            for joint in [5, 7] {
+                let limits = &bench.model().limits[joint];
+                far[joint] = (far[joint] + std::f64::consts::PI).clamp(limits.q_min, limits.q_max);
+            }
+        }
+        for _ in 0..rng.random_range(1..10) {
+            bench.target = None;
+            bench.step();
+        }
+        bench.target = Some(far);
+        let from = bench.commanded().q;
+        let mut past = 0.0_f64;
+        for _ in 0..4 * TICK_HZ {
+            bench.step();
+            slowed += u64::from(bench.status.reduced & reduced_flag::TARGET_JUMPED != 0);
+            for j in 0..JOINTS {
+                let limits = &bench.model().limits[j];
+                let aim = far[j].clamp(limits.q_min, limits.q_max);
+                past = past.max((bench.commanded().q[j] - aim) * (aim - from[j]).signum());
+            }
+        }
+        println!("seed {seed}: {past:.4} rad beyond the target");
+        // A joint that gives way to another pair may pass its own target: then that is no overshoot of tracking.
+        assert!(past < 1e-2 || bench.status.clearance_command_m < 0.05, "seed {seed}: {past} beyond the target");
+        bench.assert_no_violations(&format!("seed {seed}"));
+    }
+    assert!(slowed > 0);
+}
+
+#[test]
+fn f034_a_target_that_jumps_every_tick_holds_within_a_second() {
+    let mut rng = Pcg64Mcg::seed_from_u64(34);
+    let mut bench = engaged(1);
+    let held = (1..2 * TICK_HZ).find(|_| {
+        bench.target = Some(posture(&bench, &mut rng));
+        bench.step();
+        bench.mode() == Mode::Holding
+    });
+    assert!(held.is_some_and(|ticks| (TICK_HZ - 2..=TICK_HZ + 10).contains(&ticks)), "{held:?}");
+    bench.assert_no_violations("jumps");
+}
+
+#[test]
+fn f033_targets_that_are_no_numbers_hold_within_three_ticks() {
+    for value in [f64::NAN, f64::INFINITY, 1e9] {
+        let mut bench = engaged(1);
+        let mut bad = bench.model().home;
+        bad[5] = value;
+        // One of them is passed over: every joint that has no number plays its stop.
+        for n in 0..50 {
+            bench.target = Some(if n % 5 == 0 { bad } else { bench.model().home });
+            bench.step();
+            assert_eq!(bench.mode(), Mode::Engaged, "{value}, tick {n}");
+        }
+        bench.target = Some(bad);
+        for n in 1..=3 {
+            bench.step();
+            assert_eq!(bench.mode() == Mode::Holding, n == 3, "{value}, tick {n}");
+            assert!(bench.commanded().q.iter().all(|q| q.is_finite()));
+        }
+        bench.assert_no_violations("no numbers");
+    }
+}

@@ -1,0 +1,292 @@
+//! Faults of the robot itself, injected into the simulated one: what control and the driver make of them together.
+
+mod support;
+
+use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, state_flag};
+use sim::Injection;
+use support::{Bench, loaded};
+
+/// Joint that most faults are injected into: the left elbow.
+const ELBOW: usize = 6;
+/// The right elbow.
+const OTHER: usize = 13;
+/// Longest stop, ticks.
+const STOP_TICKS: u64 = TICK_HZ / 2;
+
+/// Swings both elbows about home by 0.4 rad.
+fn swing(bench: &mut Bench, k: u64) {
+    let mut target = bench.model().home;
+    for joint in [ELBOW, OTHER] {
+        target[joint] += 0.4 * (k as f64 * TICK_S * 3.0).sin();
+    }
+    bench.target = Some(target);
+    bench.step();
+}
+
+/// Engaged at home.
+fn engaged() -> Bench {
+    let loaded = loaded();
+    let mut bench = Bench::new(&loaded, loaded.model.home, 1);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    engage(&mut bench);
+    bench
+}
+
+fn engage(bench: &mut Bench) {
+    bench.press_enable();
+    for _ in 0..5 * TICK_HZ {
+        bench.step();
+        if bench.mode() == Mode::Engaged {
+            return;
+        }
+    }
+    panic!("not engaged: {:?} {:?}", bench.mode(), Faults(bench.status.faults));
+}
+
+/// Engaged, with both elbows at 1.2 rad/s.
+fn moving() -> Bench {
+    let mut bench = engaged();
+    for k in 0..TICK_HZ * 21 / 10 {
+        swing(&mut bench, k);
+        assert_eq!(bench.mode(), Mode::Engaged, "{:?}", Faults(bench.status.faults));
+    }
+    for joint in [ELBOW, OTHER] {
+        assert!(bench.commanded().v[joint].abs() > 0.8, "{}", bench.commanded().v[joint]);
+    }
+    bench
+}
+
+/// Ticks until Faulted; then the whole of it comes to rest in time and stays, without a violation.
+fn stops(mut bench: Bench, within: u64, fault: Fault) -> Bench {
+    let taken = (1..=within).find(|k| {
+        swing(&mut bench, 2 * TICK_HZ + k);
+        bench.mode() == Mode::Faulted
+    });
+    assert!(taken.is_some(), "{fault:?}: {:?} after {within} ticks", bench.mode());
+    assert!(Faults(bench.status.latched).has(fault), "{:?}", Faults(bench.status.latched));
+    for k in 0..=STOP_TICKS {
+        swing(&mut bench, k);
+    }
+    let motion = bench.commanded();
+    assert!(motion.v.iter().chain(&motion.a).all(|x| *x == 0.0), "{fault:?}: still moving");
+    bench.assert_no_violations(fault.row().name);
+    bench
+}
+
+#[test]
+fn f052_f053_f054_measurements_that_cannot_be_stop_the_robot() {
+    let cases = [
+        (Injection::FrozenFeedback, 90),
+        (Injection::FrozenEncoder { joint: ELBOW }, 90),
+        (Injection::EncoderJump { joint: ELBOW, by: 0.1 }, 4),
+        (Injection::EncoderJump { joint: OTHER, by: -0.04 }, 4),
+        (Injection::NanFeedback { joint: ELBOW }, 3),
+    ];
+    for (injection, within) in cases {
+        let mut bench = moving();
+        bench.robot.inject(injection);
+        stops(bench, within, Fault::FeedbackInvalid);
+    }
+}
+
+#[test]
+fn f053_a_single_wrong_sample_is_passed_over() {
+    let mut bench = moving();
+    for k in 0..50 {
+        bench.robot.inject(Injection::EncoderSpike { joint: ELBOW, by: 1.0 });
+        for n in 0..3 {
+            swing(&mut bench, 2 * TICK_HZ + 3 * k + n);
+            assert_eq!(bench.mode(), Mode::Engaged, "{:?}", Faults(bench.status.faults));
+        }
+    }
+}
+
+#[test]
+fn f055_a_joint_that_does_not_follow_stops_all() {
+    for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
+        let mut bench = moving();
+        bench.robot.inject(injection);
+        stops(bench, TICK_HZ / 4, Fault::TrackingError);
+    }
+}
+
+#[test]
+fn f056_inverted_and_swapped_feedback_stop_within_a_fiftieth_of_a_radian() {
+    for injection in [
+        Injection::FeedbackInverted { joint: ELBOW },
+        Injection::FeedbackSwapped { joint: ELBOW, with: OTHER },
+        Injection::SignSwapped { joint: ELBOW },
+    ] {
+        let loaded = loaded();
+        let mut bench = Bench::new(&loaded, loaded.model.home, 1);
+        assert!((loaded.model.home[ELBOW] - loaded.model.home[OTHER]).abs() < 1e-3, "home is symmetric");
+        let mut far = loaded.model.home;
+        far[ELBOW] += 0.5;
+        bench.target = Some(far);
+        bench.settle();
+        bench.robot.inject(injection);
+        bench.press_enable();
+        let start = bench.robot.q()[ELBOW];
+        let mut travelled = 0.0_f64;
+        for _ in 0..2 * TICK_HZ {
+            bench.step();
+            travelled = travelled.max((bench.robot.q()[ELBOW] - start).abs());
+        }
+        assert_eq!(bench.mode(), Mode::Faulted, "{injection:?}");
+        assert!(
+            Faults(bench.status.latched).has(Fault::FeedbackInvalid) && travelled < 0.02,
+            "{injection:?}: {travelled}"
+        );
+    }
+}
+
+/// Reset and engaged again; nothing moved before.
+fn recovers(mut bench: Bench) {
+    let still = *bench.robot.q();
+    bench.target = Some(bench.model().home);
+    bench.let_go();
+    for _ in 0..TICK_HZ / 10 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), Mode::Faulted, "nothing resets itself");
+    bench.hand.reset_edge = true;
+    bench.step();
+    bench.hand.reset_edge = false;
+    for _ in 0..TICK_HZ / 2 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), Mode::Disengaged, "{:?}", Faults(bench.status.faults));
+    for (j, (now, then)) in bench.robot.q().iter().zip(&still).enumerate() {
+        assert!((now - then).abs() < 1e-3, "joint {j} moved by {} without anybody's leave", now - then);
+    }
+    engage(&mut bench);
+}
+
+#[test]
+fn f057_a_robot_that_takes_no_commands_stops_and_gets_no_old_ones() {
+    let mut bench = moving();
+    bench.robot.inject(Injection::SetpointsRejected);
+    let mut bench = stops(bench, 4, Fault::DriverFault);
+    bench.robot.repair();
+    recovers(bench);
+}
+
+#[test]
+fn f060_the_robots_own_emergency_stop_stops_and_is_never_undone() {
+    let mut bench = moving();
+    bench.robot.inject(Injection::EmergencyStopPressed);
+    let mut bench = stops(bench, 3, Fault::EmergencyStop);
+    assert_ne!(bench.echo().flags & state_flag::EMERGENCY_STOP, 0);
+    bench.let_go();
+    bench.step();
+    bench.hand.reset_edge = true;
+    bench.step();
+    bench.hand.reset_edge = false;
+    assert_eq!(bench.mode(), Mode::Faulted, "it is still pressed");
+    bench.robot.inject(Injection::EmergencyStopReleased);
+    recovers(bench);
+}
+
+#[test]
+fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
+    let mut bench = moving();
+    bench.robot.inject(Injection::DriveFault { joint: ELBOW });
+    // It shows in the state of this tick, and the driver is on the plan of all joints from the next.
+    swing(&mut bench, 2 * TICK_HZ);
+    let mut plan = bench.commanded();
+    for k in 1..STOP_TICKS {
+        swing(&mut bench, 2 * TICK_HZ + k);
+        plan.play(1);
+        let executed = bench.commanded();
+        let off = (0..JOINTS).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-9, "tick {k}: {off} off the plan of the last command");
+    }
+    let mut bench = stops(bench, 1, Fault::DriverFault);
+    bench.robot.repair();
+    recovers(bench);
+}
+
+#[test]
+fn f064_power_that_returns_with_a_command_present_moves_nothing() {
+    for (sag, seconds) in [(0.0, 1.0), (0.3, 0.01), (0.3, 0.2), (-0.2, 1.0)] {
+        let mut bench = moving();
+        bench.robot.inject(Injection::PowerLost { sag });
+        for k in 0..(seconds * TICK_HZ as f64) as u64 {
+            swing(&mut bench, k);
+        }
+        assert_eq!(bench.mode(), Mode::Faulted);
+        bench.robot.inject(Injection::PowerReturned);
+        let (before, speed) = (*bench.robot.q(), sag.abs());
+        // The enable is held and the person goes on moving.
+        for k in 0..TICK_HZ {
+            swing(&mut bench, k);
+            for (j, (now, then)) in bench.robot.q().iter().zip(&before).enumerate() {
+                // A joint that was falling is caught: as far as it falls in three ticks, and is braked in.
+                let caught = speed * 8.0 * TICK_S + speed * speed / 2.0 + 1e-3;
+                assert!((now - then).abs() < caught, "{sag} {seconds} s, tick {k}: joint {j} moved by {}", now - then);
+            }
+        }
+        assert_eq!(bench.mode(), Mode::Faulted);
+        if seconds < 0.5 || sag == 0.0 {
+            recovers(bench);
+        }
+    }
+}
+
+#[test]
+fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
+    // An encoder that is off by a little, so that a stop towards what is measured would show.
+    for (off, stop) in [(0.0, 0), (0.004, 0), (0.004, 1), (0.0, 2)] {
+        let mut bench = engaged();
+        bench.robot.inject(Injection::EncoderJump { joint: ELBOW, by: off });
+        for k in 0..TICK_HZ * 21 / 10 {
+            swing(&mut bench, k);
+        }
+        let mut plan = bench.commanded();
+        let engaged_at = plan.q[ELBOW];
+        assert!(plan.v[ELBOW].abs() > 0.8);
+        match stop {
+            0 => bench.hand.estop_edge = true,
+            1 => bench.let_go(),
+            _ => bench.target = None,
+        }
+        let target = bench.target;
+        let mut held = 0;
+        for _ in 0..STOP_TICKS + TICK_HZ / 2 {
+            bench.target = target;
+            bench.step();
+            let holds = matches!(bench.mode(), Mode::Faulted | Mode::Holding | Mode::Disengaged);
+            if !holds {
+                plan = bench.commanded();
+                continue;
+            }
+            held += 1;
+            plan.play(1);
+            let executed = bench.commanded();
+            for j in 0..JOINTS {
+                // Not towards zeros, not to what is measured, not to a posture of before.
+                assert!((executed.q[j] - plan.q[j]).abs() < 1e-9, "stop {stop}: joint {j} left its plan");
+            }
+        }
+        assert!(held > STOP_TICKS, "stop {stop}");
+        let rest = bench.commanded();
+        assert!(rest.at_rest() && (rest.q[ELBOW] - engaged_at).abs() > 0.01, "it went on, and came to rest");
+        bench.assert_no_violations("a stop");
+        // And a new engagement begins there, not where the last one began.
+        bench.let_go();
+        bench.step();
+        bench.hand.reset_edge = true;
+        bench.target = Some(bench.model().home);
+        bench.step();
+        bench.hand.reset_edge = false;
+        for _ in 0..TICK_HZ / 4 {
+            bench.step();
+        }
+        bench.press_enable();
+        bench.step();
+        assert_eq!(bench.mode(), Mode::Engaging, "stop {stop}: {:?}", Faults(bench.status.faults));
+        let first = (0..JOINTS).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
+        assert!(first < 1e-7, "stop {stop}: {first}");
+    }
+}

@@ -1,0 +1,142 @@
+//! Reduced speed: what is not bad enough to stop the robot makes it slow.
+
+use messages::{TICK_HZ, reduced_flag};
+
+use super::watch::charged_ns;
+use super::{Config, Input};
+
+/// Share of each velocity limit that is left of a doubtful motion: at 0.9 m of reach a joint of 2.35 rad/s then moves a
+/// hand at 0.21 m/s, which is below the 0.25 m/s that ISO 10218-1 calls reduced speed.
+pub const SLOW: f64 = 0.1;
+
+/// How long the speed takes to come back from zero to full, ns: the time in which the wish to move on is felt as one.
+const RISE_NS: f64 = 500e6;
+
+/// How long the robot stays slow after deadlines were missed in a row, ns.
+const AFTER_DEADLINES_NS: u64 = 1_000_000_000;
+
+/// Jumps that follow each other this closely are one stream of jumps, ns: three frames of the slowest camera (30 Hz).
+const JUMPS_APART_NS: u64 = 100_000_000;
+
+/// Ages of the streams by which speed is judged, ns.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Ages {
+    pub(super) target_ns: u64,
+    pub(super) input_ns: u64,
+}
+
+/// What is remembered of the reasons to be slow.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reduced {
+    share: f64,
+    why: u32,
+    deadlines_ns: u64,
+    jumps: Jumps,
+}
+
+impl Default for Reduced {
+    fn default() -> Self {
+        Self { share: 1.0, why: 0, deadlines_ns: 0, jumps: Jumps::default() }
+    }
+}
+
+/// 1 up to the age `from_ns`, then falling linearly to 0 at `to_ns`.
+fn ramp(age_ns: u64, from_ns: u64, to_ns: u64) -> f64 {
+    let left = to_ns.saturating_sub(age_ns) as f64 / to_ns.saturating_sub(from_ns).max(1) as f64;
+    left.min(1.0)
+}
+
+impl Reduced {
+    /// Share of the speed that this tick allows, 0 to 1, and why it is not 1 (bits of `reduced_flag`). It falls at once
+    /// and rises slowly. Call exactly once a tick.
+    pub(super) fn judge(&mut self, config: &Config, ages: Ages, input: &Input) -> (f64, u32) {
+        let charged = charged_ns(input.own_gap_ns);
+        self.deadlines_ns = if input.deadlines_missed >= config.deadlines_missed_slow {
+            AFTER_DEADLINES_NS
+        } else {
+            self.deadlines_ns.saturating_sub(charged)
+        };
+        let far_behind = self.jumps.behind_ns > config.target_jump_slow_ns;
+        let reasons = [
+            (reduced_flag::INPUT_LATE, ramp(ages.input_ns, config.input_late_ns, config.input_stale_ns)),
+            (reduced_flag::TARGET_LATE, ramp(ages.target_ns, config.target_late_ns, config.target_stale_ns)),
+            (reduced_flag::TARGET_JUMPED, if far_behind { SLOW } else { 1.0 }),
+            (reduced_flag::DEADLINES_LATE, if self.deadlines_ns > 0 { SLOW } else { 1.0 }),
+        ];
+        let (mut share, mut why) = (1.0_f64, 0);
+        for (flag, allowed) in reasons {
+            share = share.min(allowed);
+            why |= if allowed < 1.0 { flag } else { 0 };
+        }
+        let risen = self.share + charged as f64 / RISE_NS;
+        if share > risen {
+            // On its way up it is what it was.
+            (share, why) = (risen, why | self.why);
+        }
+        (self.share, self.why) = (share, why);
+        (share, why)
+    }
+
+    /// Whether nothing reduces the speed.
+    pub(super) fn is_full(&self) -> bool {
+        self.share >= 1.0
+    }
+
+    /// Notes what the target did; true once it has jumped on and on for too long.
+    pub(super) fn jumps_on(&mut self, config: &Config, input: &Input) -> bool {
+        self.jumps.note(input, charged_ns(input.own_gap_ns));
+        self.jumps.jumping_ns > config.target_jump_hold_ns
+    }
+}
+
+/// Jumps of the target. A person who is faster than the robot makes none, however far behind the robot falls.
+#[derive(Clone, Copy, Debug, Default)]
+struct Jumps {
+    jumped: bool,
+    /// How long the command has been far from a target that had jumped.
+    behind_ns: u64,
+    since_last_ns: u64,
+    /// How long jumps have been following each other.
+    jumping_ns: u64,
+}
+
+impl Jumps {
+    fn note(&mut self, input: &Input, charged_ns: u64) {
+        let jumps = input.target.jumped;
+        // What is known of being behind is of the tick before, so it says nothing of a jump that comes now.
+        let behind = jumps || self.jumped && input.motion.behind;
+        self.behind_ns = if behind { self.behind_ns.saturating_add(charged_ns) } else { 0 };
+        self.since_last_ns = if jumps { 0 } else { self.since_last_ns.saturating_add(charged_ns) };
+        let goes_on = jumps || self.jumping_ns > 0 && self.since_last_ns <= JUMPS_APART_NS;
+        self.jumping_ns = if goes_on { self.jumping_ns.saturating_add(charged_ns) } else { 0 };
+        self.jumped = behind;
+    }
+}
+
+/// Parts of a second over which late ticks are counted.
+const PARTS: usize = 10;
+/// Ticks of a part.
+const PART_TICKS: u64 = TICK_HZ / PARTS as u64;
+
+/// How often the own process was late within the last second, which is rounded up by at most a tenth.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lateness {
+    counts: [u32; PARTS],
+    /// Part of time that is counted now.
+    part: u64,
+}
+
+impl Lateness {
+    /// Notes tick `k`; returns how many ticks came late within the second before it.
+    pub(super) fn note(&mut self, k: u64, late: bool) -> u32 {
+        let part = k / PART_TICKS;
+        // A gap of a second and more clears every part.
+        for passed in 1..=part.saturating_sub(self.part).min(PARTS as u64) {
+            self.counts[((self.part + passed) % PARTS as u64) as usize] = 0;
+        }
+        self.part = self.part.max(part);
+        let now = &mut self.counts[(self.part % PARTS as u64) as usize];
+        *now = now.saturating_add(u32::from(late));
+        self.counts.iter().fold(0, |sum, count| sum.saturating_add(*count))
+    }
+}

@@ -1,0 +1,157 @@
+//! Measurements that cannot be are seen, and sound ones never are.
+
+mod support;
+
+use messages::{JOINTS, TICK_S};
+use proptest::prelude::*;
+use robot::Model;
+use safety::monitor::{Feedback, Judged, Sample};
+use std::sync::LazyLock;
+use support::model;
+
+static MODEL: LazyLock<Model> = LazyLock::new(model);
+
+/// A robot that is sent somewhere tick by tick, and what its encoders make of it.
+#[derive(Clone)]
+struct Bench {
+    monitor: Feedback,
+    k: u64,
+    q: [f64; JOINTS],
+    begins: bool,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self { monitor: Feedback::default(), k: 1000, q: MODEL.home, begins: false }
+    }
+
+    /// One tick later, at velocities `v`, with what `encoders` make of where the joints are.
+    fn step(&mut self, v: &[f64; JOINTS], encoders: impl Fn(&mut [f64; JOINTS])) -> Judged {
+        self.k += 1;
+        for (q, v) in self.q.iter_mut().zip(v) {
+            *q += v * TICK_S;
+        }
+        let mut q_measured = self.q;
+        encoders(&mut q_measured);
+        let sample = Sample { k: self.k, q: &self.q, v, q_measured: &q_measured, begins: self.begins };
+        self.monitor.judge(&MODEL, &sample, 0.0)
+    }
+}
+
+fn one(joint: usize, v: f64) -> [f64; JOINTS] {
+    std::array::from_fn(|j| if j == joint { v } else { 0.0 })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn f053_one_sample_that_jumps_is_passed_over_and_the_second_is_invalid(
+        joint in 0..JOINTS, share in -1.0..1.0_f64, by in 0.02..3.0_f64, up in any::<bool>(), before in 1..50_u32,
+    ) {
+        let by = if up { by } else { -by };
+        let v = one(joint, share * MODEL.limits[joint].v_max);
+        let mut bench = Bench::new();
+        for _ in 0..before {
+            let judged = bench.step(&v, |_| {});
+            prop_assert!(!judged.invalid);
+        }
+        let good = bench.q;
+        let judged = bench.step(&v, |q| q[joint] += by);
+        prop_assert_eq!(judged, Judged { q_measured: good, invalid: false });
+        let mut spike = bench.clone();
+        let judged = spike.step(&v, |_| {});
+        prop_assert_eq!(judged, Judged { q_measured: spike.q, invalid: false });
+        let (second, third) = (bench.step(&v, |q| q[joint] += by), bench.step(&v, |q| q[joint] += by));
+        prop_assert!(second.invalid && !third.invalid, "an offset that stays can be reset");
+    }
+
+    /// Anything within the limits, with noise, and with samples missing now and then, is believed.
+    #[test]
+    fn f051_f052_f053_f056_sound_measurements_are_never_invalid(
+        shares in proptest::collection::vec(-1.0..1.0_f64, JOINTS), noise in 0.0..1e-3_f64, lost in 1_u64..9, begins in any::<bool>(),
+    ) {
+        let mut bench = Bench::new();
+        bench.begins = begins;
+        let slow = if begins { 0.05 } else { 1.0 };
+        let v: [f64; JOINTS] = std::array::from_fn(|j| slow * shares[j] * MODEL.limits[j].v_max);
+        for n in 0..600_u64 {
+            if n % 50 == 7 {
+                bench.k += lost;
+                for (q, v) in bench.q.iter_mut().zip(&v) {
+                    *q += v * TICK_S * lost as f64;
+                }
+            }
+            let sign = if n % 2 == 0 { noise } else { -noise };
+            let judged = bench.step(&v, |q| q.iter_mut().for_each(|q| *q += sign));
+            prop_assert!(!judged.invalid, "tick {}", n);
+        }
+    }
+}
+
+#[test]
+fn f052_a_measurement_that_stands_while_its_joint_is_sent_on_is_invalid() {
+    for joint in 0..JOINTS {
+        for share in [0.25, 1.0] {
+            let speed = share * MODEL.limits[joint].v_max;
+            let travel = if MODEL.prismatic[joint] { 0.004 } else { 0.02 };
+            let mut bench = Bench::new();
+            bench.step(&one(joint, speed), |_| {});
+            let frozen = bench.q[joint];
+            let taken = (1..2000).find(|_| bench.step(&one(joint, speed), |q| q[joint] = frozen).invalid);
+            // 50 ms, or 0.02 rad, whichever comes later.
+            let expected = ((travel / speed / TICK_S) as i32).max(74);
+            let taken = taken.unwrap_or_else(|| panic!("joint {joint}: never seen"));
+            assert!((expected..=expected + 2).contains(&taken), "joint {joint} at {speed}: {taken}, not {expected}");
+        }
+        // A robot at rest may measure the same for ever.
+        let mut bench = Bench::new();
+        assert!((0..3000).all(|_| !bench.step(&[0.0; JOINTS], |_| {}).invalid));
+    }
+}
+
+#[test]
+fn f054_what_is_no_number_is_invalid_at_once() {
+    for joint in 0..JOINTS {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut bench = Bench::new();
+            bench.step(&[0.0; JOINTS], |_| {});
+            assert!(bench.step(&[0.0; JOINTS], |q| q[joint] = value).invalid);
+            assert!(!bench.step(&[0.0; JOINTS], |_| {}).invalid, "and well again");
+        }
+    }
+}
+
+#[test]
+fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() {
+    for joint in 0..JOINTS {
+        for sign in [-1.0, 1.0] {
+            let speed = sign * 0.05 * MODEL.limits[joint].v_max;
+            let start = MODEL.home[joint];
+            let other = (joint + 7) % JOINTS;
+            let wrong: [&dyn Fn(&mut [f64; JOINTS]); 2] = [
+                &|q| q[joint] = 2.0 * start - q[joint],
+                // The same posture on both sides, so that nothing jumps.
+                &|q| (q[joint], q[other]) = (start, q[other] + q[joint] - start),
+            ];
+            for encoders in wrong {
+                let mut bench = Bench::new();
+                bench.begins = true;
+                let seen = (0..2000).find(|_| bench.step(&one(joint, speed), encoders).invalid);
+                let travel = (bench.q[joint] - start).abs();
+                assert!(seen.is_some() && travel < 0.02, "joint {joint}: {travel} after {seen:?}");
+            }
+            // Friction that holds back a hundredth of a radian is none of them.
+            let mut bench = Bench::new();
+            bench.begins = true;
+            let stuck = if MODEL.prismatic[joint] { 0.002 } else { 0.01 };
+            for _ in 0..1500 {
+                let judged = bench.step(&one(joint, speed), |q| {
+                    let way = q[joint] - start;
+                    q[joint] = start + way.signum() * (way.abs() - stuck).max(0.0);
+                });
+                assert!(!judged.invalid, "joint {joint}");
+            }
+        }
+    }
+}
