@@ -3,7 +3,7 @@
 use crate::acceptance::{self, Refusal, Rule};
 use crate::chain::Chain;
 use crate::plan::Motion;
-use crate::port::{Measured, Setpoint};
+use crate::port::{Drives, Measured, Setpoint};
 use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, state_flag};
 
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
@@ -53,6 +53,8 @@ pub struct State {
     silent: Option<u64>,
     /// Ticks in a row in which the drives did not follow.
     undriven: u64,
+    /// What is measured is held since the drives complained.
+    holds_measured: bool,
     /// `origin` of the last accepted command.
     origin: Stamp,
     /// Incarnation and reset count of the last command listened to.
@@ -76,6 +78,7 @@ impl State {
             mode: 0,
             silent: None,
             undriven: 0,
+            holds_measured: false,
             origin: Stamp::NONE,
             reset: None,
             seen: None,
@@ -220,7 +223,7 @@ pub fn tick_each(
     state.play(input.due_k.saturating_sub(state.index()), &mut each);
     let advanced = state.index() - index_before;
     if advanced > 0 {
-        state.hold_undriven(driven, input.measured, &mut each);
+        state.hold_undriven(input.port_fault, input.measured, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
@@ -297,12 +300,18 @@ impl State {
         }
     }
 
-    /// Holds what is measured where the drives have not followed for long enough. The state is latched, so at least one
-    /// tick of a plan lies between the last accepted command and the identity that is given here: it is new.
-    fn hold_undriven(&mut self, driven: bool, measured: Option<&Measured>, each: &mut impl FnMut(&Step)) {
-        self.undriven = if driven { 0 } else { self.undriven.saturating_add(1) };
-        let Some(measured) = measured.filter(|_| self.undriven >= UNDRIVEN_TICKS) else { return };
+    /// Holds what is measured where the robot as a whole has not followed for long enough; and, once, where a drive reports
+    /// a fault and the stop of the others has ended, because that joint has stopped where it could. The state is latched,
+    /// so at least one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
+    fn hold_undriven(&mut self, refused: bool, measured: Option<&Measured>, each: &mut impl FnMut(&Step)) {
+        let drives = measured.map_or(Drives::SOUND, |measured| measured.drives);
+        let undriven = refused || !drives.powered || drives.emergency_stop;
+        self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
+        self.holds_measured &= undriven || drives.fault;
+        let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
+        let Some(measured) = measured.filter(|_| stopped || self.undriven >= UNDRIVEN_TICKS) else { return };
         if measured.q.iter().all(|q| q.is_finite()) {
+            self.holds_measured = true;
             self.motion = Motion::rest(measured.q);
             (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
             each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });

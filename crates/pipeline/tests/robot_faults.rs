@@ -13,11 +13,14 @@ const OTHER: usize = 13;
 /// Longest stop, ticks.
 const STOP_TICKS: u64 = TICK_HZ / 2;
 
-/// Swings both elbows about home by 0.4 rad.
+/// Ticks of swinging after which both elbows are fastest.
+const FAST: u64 = TICK_HZ * 21 / 10;
+
+/// Swings both elbows about home by 0.2 rad.
 fn swing(bench: &mut Bench, k: u64) {
     let mut target = bench.model().home;
     for joint in [ELBOW, OTHER] {
-        target[joint] += 0.4 * (k as f64 * TICK_S * 3.0).sin();
+        target[joint] += 0.2 * (k as f64 * TICK_S * 3.0).sin();
     }
     bench.target = Some(target);
     bench.step();
@@ -44,15 +47,15 @@ fn engage(bench: &mut Bench) {
     panic!("not engaged: {:?} {:?}", bench.mode(), Faults(bench.status.faults));
 }
 
-/// Engaged, with both elbows at 1.2 rad/s.
+/// Engaged, with both elbows at 0.6 rad/s.
 fn moving() -> Bench {
     let mut bench = engaged();
-    for k in 0..TICK_HZ * 21 / 10 {
+    for k in 0..FAST {
         swing(&mut bench, k);
         assert_eq!(bench.mode(), Mode::Engaged, "{:?}", Faults(bench.status.faults));
     }
     for joint in [ELBOW, OTHER] {
-        assert!(bench.commanded().v[joint].abs() > 0.8, "{}", bench.commanded().v[joint]);
+        assert!(bench.commanded().v[joint].abs() > 0.4, "{}", bench.commanded().v[joint]);
     }
     bench
 }
@@ -60,10 +63,10 @@ fn moving() -> Bench {
 /// Ticks until Faulted; then the whole of it comes to rest in time and stays, without a violation.
 fn stops(mut bench: Bench, within: u64, fault: Fault) -> Bench {
     let taken = (1..=within).find(|k| {
-        swing(&mut bench, 2 * TICK_HZ + k);
+        swing(&mut bench, FAST + k);
         bench.mode() == Mode::Faulted
     });
-    assert!(taken.is_some(), "{fault:?}: {:?} after {within} ticks", bench.mode());
+    assert!(taken.is_some(), "{fault:?}: {:?} after {within} ticks, {}", bench.mode(), bench.status.tracking_error);
     assert!(Faults(bench.status.latched).has(fault), "{:?}", Faults(bench.status.latched));
     for k in 0..=STOP_TICKS {
         swing(&mut bench, k);
@@ -96,7 +99,7 @@ fn f053_a_single_wrong_sample_is_passed_over() {
     for k in 0..50 {
         bench.robot.inject(Injection::EncoderSpike { joint: ELBOW, by: 1.0 });
         for n in 0..3 {
-            swing(&mut bench, 2 * TICK_HZ + 3 * k + n);
+            swing(&mut bench, FAST + 3 * k + n);
             assert_eq!(bench.mode(), Mode::Engaged, "{:?}", Faults(bench.status.faults));
         }
     }
@@ -107,7 +110,8 @@ fn f055_a_joint_that_does_not_follow_stops_all() {
     for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
         let mut bench = moving();
         bench.robot.inject(injection);
-        stops(bench, TICK_HZ / 4, Fault::TrackingError);
+        // 0.05 rad at 0.4 rad/s, and 100 ms.
+        stops(bench, TICK_HZ / 3, Fault::TrackingError);
     }
 }
 
@@ -193,11 +197,15 @@ fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
     let mut bench = moving();
     bench.robot.inject(Injection::DriveFault { joint: ELBOW });
     // It shows in the state of this tick, and the driver is on the plan of all joints from the next.
-    swing(&mut bench, 2 * TICK_HZ);
+    swing(&mut bench, FAST);
     let mut plan = bench.commanded();
     for k in 1..STOP_TICKS {
-        swing(&mut bench, 2 * TICK_HZ + k);
+        swing(&mut bench, FAST + k);
         plan.play(1);
+        if plan.at_rest() {
+            // From here on the joint is held where its brake has stopped it.
+            break;
+        }
         let executed = bench.commanded();
         let off = (0..JOINTS).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-9, "tick {k}: {off} off the plan of the last command");
@@ -240,12 +248,12 @@ fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
     for (off, stop) in [(0.0, 0), (0.004, 0), (0.004, 1), (0.0, 2)] {
         let mut bench = engaged();
         bench.robot.inject(Injection::EncoderJump { joint: ELBOW, by: off });
-        for k in 0..TICK_HZ * 21 / 10 {
+        for k in 0..FAST {
             swing(&mut bench, k);
         }
         let mut plan = bench.commanded();
         let engaged_at = plan.q[ELBOW];
-        assert!(plan.v[ELBOW].abs() > 0.8);
+        assert!(plan.v[ELBOW].abs() > 0.4);
         match stop {
             0 => bench.hand.estop_edge = true,
             1 => bench.let_go(),

@@ -5,9 +5,9 @@ use messages::{TICK_HZ, reduced_flag};
 use super::watch::charged_ns;
 use super::{Config, Input};
 
-/// Share of each velocity limit that is left of a doubtful motion: at 0.9 m of reach a joint of 2.35 rad/s then moves a
-/// hand at 0.21 m/s, which is below the 0.25 m/s that ISO 10218-1 calls reduced speed.
-pub const SLOW: f64 = 0.1;
+/// Share of each velocity limit that is left of a doubtful motion: shoulder (0.68 rad/s, 0.9 m from the hand) and elbow
+/// (0.82 rad/s, 0.45 m) together then move a hand at 0.25 m/s, which ISO 10218-1 calls reduced speed.
+pub const SLOW: f64 = 0.25;
 
 /// How long the speed takes to come back from zero to full, ns: the time in which the wish to move on is felt as one.
 const RISE_NS: f64 = 500e6;
