@@ -62,13 +62,16 @@ fn strike(options: &Cli) -> Result<bool, ChaosError> {
         instance(options, blows, &shutdown, &mut figures)?;
         eprintln!("instance {}: {} kills, {} suspensions so far", number + 1, figures.kills(), figures.suspends());
         if shutdown.requested() {
-            return Err(ChaosError::Interrupted);
+            break;
         }
     }
     if let Some(path) = &options.json {
         std::fs::write(path, format!("{:#}\n", figures.to_json())).map_err(|error| ChaosError::write(path, error))?;
     }
     print!("{}", figures.words());
+    if shutdown.requested() {
+        return Err(ChaosError::Interrupted);
+    }
     Ok(figures.complaints().is_empty())
 }
 

@@ -6,7 +6,7 @@ use chaos::blow::{Blow, Kind, Victim};
 use chaos::rig::Rig;
 use chaos::trial;
 use chaos::witness::Witness;
-use messages::Mode;
+use messages::{Mode, Status, TRANSITIONS_KEPT};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rt::Shutdown;
@@ -147,20 +147,13 @@ fn clean(
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
-    let mut mode = Some(Mode::Engaged);
+    let mut told = rig.operator().status().map_or(0, |status| status.transition_count);
     while begun.elapsed() < until && !shutdown.requested() {
         std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
         for name in PROCESSES {
             soaked.look(name, rig.process(name));
         }
-        let now = rig.operator().mode();
-        if now != mode && now != Some(Mode::Engaged) {
-            let faults = rig.operator().status().map_or(0, |status| status.faults);
-            let names: Vec<_> = messages::Faults(faults).iter().map(|fault| fault.row().name).collect();
-            let what = now.map_or("no answer", Mode::name);
-            soaked.false_stops.push(format!("{:.0} s: {what} {}", begun.elapsed().as_secs_f64(), names.join(" ")));
-        }
-        mode = now;
+        soaked.note_stops(begun.elapsed(), rig.operator().status(), &mut told);
     }
     soaked.engaged_s += engaged.elapsed().as_secs_f64();
     rig.release();
@@ -175,6 +168,21 @@ fn segments(rig: &Rig) -> u64 {
 }
 
 impl Soaked {
+    /// Adds the transitions after number `told` that left Engaged; one that went on by itself was a stop all the same.
+    fn note_stops(&mut self, at: Duration, status: Option<Status>, told: &mut u32) {
+        let Some(status) = status else {
+            return self.false_stops.push(format!("{:.0} s: no answer", at.as_secs_f64()));
+        };
+        let kept = TRANSITIONS_KEPT as u32;
+        for number in (*told).max(status.transition_count.saturating_sub(kept))..status.transition_count {
+            let transition = status.transitions[(number % kept) as usize];
+            if transition.from == Mode::Engaged as u32 {
+                self.false_stops.push(format!("{:.0} s: {}", at.as_secs_f64(), transition.why_name()));
+            }
+        }
+        *told = status.transition_count;
+    }
+
     fn look(&mut self, name: &'static str, id: Option<u32>) {
         let Some((id, holding)) = id.and_then(|id| Some((id, Holding::of(id)?))) else { return };
         let life = self.lives.entry(name).and_modify(|life| {
@@ -274,12 +282,28 @@ impl Soaked {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::{Fault, Layout, Transition};
 
     #[test]
     fn a_process_is_read_from_proc() {
         let own = Holding::of(std::process::id()).expect("this process exists");
         assert!(own.resident_kib > 100 && own.descriptors >= 3 && own.threads >= 1, "{own:?}");
         assert_eq!(Holding::of(u32::MAX), None);
+    }
+
+    #[test]
+    fn a_stop_is_noted_once_with_its_cause() {
+        let mut status: Status = Layout::ZERO;
+        let step =
+            |from: Mode, to: Mode, why: u32| Transition { from: from as u32, to: to as u32, why, ..Layout::ZERO };
+        status.transitions[0] = step(Mode::Engaging, Mode::Engaged, Transition::ALIGNED);
+        status.transitions[1] = step(Mode::Engaged, Mode::Holding, Fault::TargetStale as u32);
+        status.transitions[2] = step(Mode::Holding, Mode::Engaging, Transition::CLEARED);
+        status.transition_count = 3;
+        let (mut soaked, mut told) = (Soaked::default(), 1);
+        soaked.note_stops(Duration::from_secs(7), Some(status), &mut told);
+        soaked.note_stops(Duration::from_secs(8), Some(status), &mut told);
+        assert_eq!(soaked.false_stops, ["7 s: TargetStale"]);
     }
 
     #[test]
