@@ -4,17 +4,18 @@ use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
 use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Status};
 use rustix::io::Errno;
-use rustix::net::sockopt::{self, Timeout};
-use rustix::net::{self, AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType};
+use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// How long a reply is waited for: ten polls of a server that polls at 50 Hz.
 const TIMEOUT_MS: u64 = 200;
 
 /// Replies to earlier requests that may lie in the socket; the kernel queues fewer than this.
 const LATE_REPLIES_MAX: usize = 1024;
+
+/// Whose socket it is.
+pub(crate) const DAEMON: &str = "teleopd control";
 
 /// A connection to `control`, and the hand's counters.
 pub struct Client {
@@ -33,28 +34,7 @@ impl Client {
     /// As `connect`, with another time to wait for each reply.
     pub fn connect_within(path: impl AsRef<Path>, timeout_ms: u64) -> Result<Self, OperatorError> {
         let path = path.as_ref().to_path_buf();
-        let address = SocketAddrUnix::new(&path).map_err(|_| OperatorError::PathTooLong { path: path.clone() })?;
-        let os = |action| {
-            let path = path.clone();
-            move |source| OperatorError::Os { path, action, source }
-        };
-        let socket = net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
-            .map_err(os("make a Unix SEQPACKET socket"))?;
-        for which in [Timeout::Recv, Timeout::Send] {
-            sockopt::set_socket_timeout(&socket, which, Some(Duration::from_millis(timeout_ms.max(1))))
-                .map_err(os("set the timeout of the socket"))?;
-        }
-        net::connect(&socket, &address).map_err(|errno| {
-            let path = path.clone();
-            match errno {
-                Errno::NOENT | Errno::NOTDIR => OperatorError::NoSocket { path },
-                Errno::CONNREFUSED => OperatorError::NobodyAnswers { path },
-                Errno::ACCESS | Errno::PERM => OperatorError::PermissionDenied { path },
-                Errno::AGAIN | Errno::TIMEDOUT | Errno::INPROGRESS => OperatorError::Timeout { path, timeout_ms },
-                Errno::PROTOTYPE => OperatorError::NotASocket { path },
-                source => OperatorError::Os { path, action: "connect", source },
-            }
-        })?;
+        let socket = doors::connect(&path, DAEMON, timeout_ms)?;
         let request = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
         Ok(Self { path, socket, request, timeout_ms })
     }

@@ -1,67 +1,12 @@
-//! The bytes on the socket: the fields of the message in their order, little-endian, without padding, which on the
-//! machines that teleopd runs on is the memory layout of the message.
+//! The bytes on the socket: the fields of the message in their order (`doors::Fields`).
 
+use doors::{Fields, Put, Take};
 use messages::{HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
 /// Length of a status.
 pub const STATUS_BYTES: usize = size_of::<Status>();
-
-/// Both directions of one field list, so that they cannot differ in order.
-trait Fields {
-    fn u32(&mut self, value: &mut u32);
-    fn u64(&mut self, value: &mut u64);
-
-    fn f64(&mut self, value: &mut f64) {
-        let mut bits = value.to_bits();
-        self.u64(&mut bits);
-        *value = f64::from_bits(bits);
-    }
-}
-
-/// Puts fields into a buffer.
-struct Put<'a> {
-    bytes: &'a mut [u8],
-    at: usize,
-}
-
-impl Fields for Put<'_> {
-    fn u32(&mut self, value: &mut u32) {
-        self.bytes[self.at..self.at + 4].copy_from_slice(&value.to_le_bytes());
-        self.at += 4;
-    }
-
-    fn u64(&mut self, value: &mut u64) {
-        self.bytes[self.at..self.at + 8].copy_from_slice(&value.to_le_bytes());
-        self.at += 8;
-    }
-}
-
-/// Takes fields out of a buffer, whose length was checked before.
-struct Take<'a> {
-    bytes: &'a [u8],
-    at: usize,
-}
-
-impl Take<'_> {
-    fn next<const N: usize>(&mut self) -> [u8; N] {
-        let mut out = [0; N];
-        out.copy_from_slice(&self.bytes[self.at..self.at + N]);
-        self.at += N;
-        out
-    }
-}
-
-impl Fields for Take<'_> {
-    fn u32(&mut self, value: &mut u32) {
-        *value = u32::from_le_bytes(self.next());
-    }
-
-    fn u64(&mut self, value: &mut u64) {
-        *value = u64::from_le_bytes(self.next());
-    }
-}
 
 fn request_fields(fields: &mut impl Fields, request: &mut OperatorRequest) {
     let OperatorRequest { version, enable_level, enable_count, release_count, reset_count, estop_count, sequence } =
@@ -126,7 +71,7 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
 /// The bytes of a request.
 pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     let mut bytes = [0; REQUEST_BYTES];
-    request_fields(&mut Put { bytes: &mut bytes, at: 0 }, &mut { *request });
+    request_fields(&mut Put::new(&mut bytes), &mut { *request });
     bytes
 }
 
@@ -136,14 +81,14 @@ pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     if bytes.len() != REQUEST_BYTES {
         return None;
     }
-    request_fields(&mut Take { bytes, at: 0 }, &mut request);
+    request_fields(&mut Take::new(bytes), &mut request);
     (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
 }
 
 /// The bytes of a status.
 pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
     let mut bytes = [0; STATUS_BYTES];
-    status_fields(&mut Put { bytes: &mut bytes, at: 0 }, &mut { *status });
+    status_fields(&mut Put::new(&mut bytes), &mut { *status });
     bytes
 }
 
@@ -153,6 +98,6 @@ pub fn decode_status(bytes: &[u8]) -> Option<Status> {
     if bytes.len() != STATUS_BYTES {
         return None;
     }
-    status_fields(&mut Take { bytes, at: 0 }, &mut status);
+    status_fields(&mut Take::new(bytes), &mut status);
     Some(status)
 }

@@ -9,7 +9,7 @@
 //!   new edge.
 //! - Release, reset and emergency stop are accepted from every connection.
 //!
-//! Access is the file system's: the socket has mode 0660.
+//! The socket is a door (`doors::Listener`): mode 0660 and a group of its own.
 
 mod client;
 mod codec;
@@ -21,4 +21,4 @@ pub use client::Client;
 pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
 pub use error::OperatorError;
 pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
-pub use server::Server;
+pub use server::{Deed, Order, Server};

@@ -1,14 +1,16 @@
 //! The end of the socket in `control`.
 
+use crate::client::DAEMON;
 use crate::codec::{self, REQUEST_BYTES};
 use crate::error::OperatorError;
 use crate::merge::{CLIENTS_MAX, LEASE_NS, Merge, OperatorView, Seat};
+use doors::{Admission, Listener};
 use messages::{Stamp, Status};
-use rustix::fs::{self, FileType, FlockOperation, Mode, OFlags};
+use rt::Peer;
 use rustix::io::Errno;
-use rustix::net::{self, AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType};
+use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Requests that one connection may have taken in one poll. At 50 Hz and a poll of 1 ms there is at most one; the rest
 /// waits in the kernel.
@@ -17,47 +19,59 @@ const REQUESTS_MAX: usize = 8;
 /// Age of the last request at which a connection may be put out if a new one finds no place: ten heartbeats.
 const IDLE_NS: u64 = 200_000_000;
 
+/// Orders that are kept until they are taken; more are only counted.
+const ORDERS_MAX: usize = 32;
+
+/// What one process did at the socket, for the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deed {
+    /// It connected.
+    Connected,
+    /// It is neither the daemon's user nor a member of the socket's group, and was put out.
+    Forbidden,
+    /// It pressed the enable, and holds it.
+    Enabled,
+    /// It pressed the recovery, and holds it.
+    Recovers,
+    /// It pressed the emergency stop.
+    EmergencyStop,
+    /// It pressed reset.
+    Reset,
+}
+
+/// A deed and who did it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Order {
+    /// What was done.
+    pub deed: Deed,
+    /// The process that connected.
+    pub peer: Peer,
+}
+
 /// The server. Bound once; polling neither blocks nor allocates.
 pub struct Server {
-    path: PathBuf,
-    socket: OwnedFd,
-    /// Held as long as the server lives: of two that start at once, one finds it locked.
-    _lock: OwnedFd,
-    clients: [Option<(OwnedFd, Seat)>; CLIENTS_MAX],
+    listener: Listener,
+    clients: [Option<(OwnedFd, Peer, Seat)>; CLIENTS_MAX],
     merge: Merge,
     lease_ns: u64,
+    orders: [Option<Order>; ORDERS_MAX],
 }
 
 impl Server {
-    /// Listens on `path`, mode 0660. A socket file on which nobody answers is replaced, anything else is left alone. A
-    /// file `path`.lock beside it keeps two servers from replacing each other.
+    /// Listens on `path`, mode 0660, group of the process. A socket file on which nobody answers is replaced, anything else
+    /// is left alone. A file `path`.lock beside it keeps two servers from replacing each other.
     pub fn bind(path: impl AsRef<Path>) -> Result<Self, OperatorError> {
-        let path = path.as_ref().to_path_buf();
-        let address = SocketAddrUnix::new(&path).map_err(|_| OperatorError::PathTooLong { path: path.clone() })?;
-        let lock = lock(&path)?;
-        remove_stale(&path, &address)?;
-        let os = |action| {
-            let path = path.clone();
-            move |source| OperatorError::Os { path, action, source }
-        };
-        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let socket = net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)
-            .map_err(os("make a Unix SEQPACKET socket"))?;
-        net::bind(&socket, &address).map_err(|errno| match errno {
-            Errno::ACCESS | Errno::PERM => OperatorError::PermissionDenied { path: path.clone() },
-            source => OperatorError::Os { path: path.clone(), action: "bind the socket", source },
-        })?;
-        // Before `listen`, so that nobody connects under the mode that the umask gave.
-        fs::chmod(&path, Mode::RUSR | Mode::WUSR | Mode::RGRP | Mode::WGRP)
-            .map_err(os("set the mode of the socket"))?;
-        net::listen(&socket, CLIENTS_MAX as i32).map_err(os("listen on the socket"))?;
+        Self::bind_for(path, None)
+    }
+
+    /// As `bind`, for the members of `group`.
+    pub fn bind_for(path: impl AsRef<Path>, group: Option<u32>) -> Result<Self, OperatorError> {
         Ok(Self {
-            path,
-            socket,
-            _lock: lock,
+            listener: Listener::bind(path.as_ref(), DAEMON, group, CLIENTS_MAX)?,
             clients: [const { None }; CLIENTS_MAX],
             merge: Merge::default(),
             lease_ns: LEASE_NS,
+            orders: [None; ORDERS_MAX],
         })
     }
 
@@ -86,6 +100,17 @@ impl Server {
         self.merge.view
     }
 
+    /// Hands out what was done since the last time, and by whom.
+    pub fn take_orders(&mut self, use_order: impl FnMut(Order)) {
+        self.orders.iter_mut().filter_map(Option::take).for_each(use_order);
+    }
+
+    fn note(&mut self, deed: Deed, peer: Peer) {
+        if let Some(free) = self.orders.iter_mut().find(|order| order.is_none()) {
+            *free = Some(Order { deed, peer });
+        }
+    }
+
     fn connections(&self) -> u32 {
         self.clients.iter().flatten().count() as u32
     }
@@ -93,12 +118,19 @@ impl Server {
     /// Takes what waits at the door; at most one full house per poll.
     fn accept(&mut self, now: Stamp) {
         for _ in 0..CLIENTS_MAX {
-            let Ok(socket) = net::accept_with(&self.socket, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) else {
-                return;
-            };
-            match self.free_place(now) {
-                Some(index) => self.clients[index] = Some((socket, Seat::new(now))),
-                None => self.merge.view.connections_refused += 1,
+            match self.listener.accept() {
+                None => return,
+                Some(Admission::Forbidden(_, peer)) => {
+                    self.merge.view.connections_refused += 1;
+                    self.note(Deed::Forbidden, peer);
+                }
+                Some(Admission::Admitted(socket, peer)) => match self.free_place(now) {
+                    Some(index) => {
+                        self.clients[index] = Some((socket, peer, Seat::new(now)));
+                        self.note(Deed::Connected, peer);
+                    }
+                    None => self.merge.view.connections_refused += 1,
+                },
             }
         }
     }
@@ -109,7 +141,7 @@ impl Server {
         if let Some(index) = self.clients.iter().position(Option::is_none) {
             return Some(index);
         }
-        let silent = |index: usize| self.clients[index].as_ref().map_or(0, |(_, seat)| now.since(seat.heard));
+        let silent = |index: usize| self.clients[index].as_ref().map_or(0, |(_, _, seat)| now.since(seat.heard));
         (0..CLIENTS_MAX)
             .filter(|&index| self.merge.holder != Some(index) && silent(index) > IDLE_NS)
             .max_by_key(|&index| silent(index))
@@ -117,7 +149,27 @@ impl Server {
 
     /// Takes the requests of one connection; `false` if it is gone or makes no sense.
     fn serve(&mut self, index: usize, now: Stamp, reply: &[u8]) -> bool {
-        let Some((socket, seat)) = &mut self.clients[index] else {
+        let Some((_, peer, _)) = self.clients[index] else {
+            return true;
+        };
+        let before = self.merge.view;
+        let stays = self.take_requests(index, now, reply);
+        let view = self.merge.view;
+        for (is, was, deed) in [
+            (view.enable_edges, before.enable_edges, Deed::Enabled),
+            (view.recover_edges, before.recover_edges, Deed::Recovers),
+            (view.estop_edges, before.estop_edges, Deed::EmergencyStop),
+            (view.reset_edges, before.reset_edges, Deed::Reset),
+        ] {
+            if is > was {
+                self.note(deed, peer);
+            }
+        }
+        stays
+    }
+
+    fn take_requests(&mut self, index: usize, now: Stamp, reply: &[u8]) -> bool {
+        let Some((socket, _, seat)) = &mut self.clients[index] else {
             return true;
         };
         for _ in 0..REQUESTS_MAX {
@@ -144,55 +196,5 @@ impl Server {
             let _ = net::send(&*socket, reply, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
         }
         true
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        // While the lock is still held; if it fails, the next server finds a stale file and replaces it.
-        let _ = fs::unlink(&self.path);
-    }
-}
-
-/// Locks `path`.lock.
-fn lock(path: &Path) -> Result<OwnedFd, OperatorError> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".lock");
-    let flags = OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW;
-    let file = fs::open(name.as_os_str(), flags, Mode::RUSR | Mode::WUSR).map_err(|errno| {
-        let directory = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_path_buf();
-        match errno {
-            Errno::NOENT | Errno::NOTDIR => OperatorError::NoDirectory { path: directory },
-            Errno::ACCESS | Errno::PERM | Errno::ROFS => OperatorError::PermissionDenied { path: directory },
-            source => OperatorError::Os { path: name.clone().into(), action: "open the lock file", source },
-        }
-    })?;
-    match fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) => Ok(file),
-        Err(Errno::WOULDBLOCK) => Err(OperatorError::InUse { path: path.to_path_buf() }),
-        Err(source) => Err(OperatorError::Os { path: name.into(), action: "lock the lock file", source }),
-    }
-}
-
-/// Removes a socket on which nobody answers. The lock is held: no server is just about to listen on it.
-fn remove_stale(path: &Path, address: &SocketAddrUnix) -> Result<(), OperatorError> {
-    let os = |action| move |source| OperatorError::Os { path: path.to_path_buf(), action, source };
-    let kind = match fs::lstat(path) {
-        Ok(stat) => FileType::from_raw_mode(stat.st_mode),
-        Err(Errno::NOENT) => return Ok(()),
-        Err(source) => return Err(os("examine the socket")(source)),
-    };
-    if kind != FileType::Socket {
-        return Err(OperatorError::NotASocket { path: path.to_path_buf() });
-    }
-    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-    let probe = net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)
-        .map_err(os("make a Unix SEQPACKET socket"))?;
-    match net::connect(&probe, address) {
-        Err(Errno::CONNREFUSED) => fs::unlink(path).map_err(os("remove the stale socket")),
-        // Of another type: somebody else's socket, which refuses ours by type and not for want of a listener.
-        Ok(()) | Err(Errno::AGAIN | Errno::PROTOTYPE) => Err(OperatorError::InUse { path: path.to_path_buf() }),
-        Err(Errno::ACCESS | Errno::PERM) => Err(OperatorError::PermissionDenied { path: path.to_path_buf() }),
-        Err(source) => Err(os("ask whether somebody answers on the socket")(source)),
     }
 }

@@ -1,5 +1,6 @@
 //! The socket itself: who may bind, who may connect, whose word counts.
 
+use doors::DoorError;
 use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
 use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
@@ -267,7 +268,7 @@ fn a_socket_of_mode_0660_that_goes_with_its_server() {
     drop(house.server);
     assert!(!path.exists());
     let error = Client::connect(&path).err().unwrap();
-    assert!(matches!(error, OperatorError::NoSocket { .. }));
+    assert!(matches!(error, OperatorError::Door(DoorError::NoSocket { .. })));
     assert!(error.to_string().contains("is teleopd control running?"), "{error}");
 }
 
@@ -276,7 +277,7 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("control.sock");
     let server = Server::bind(&path).unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::InUse { .. }));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::InUse { .. })));
     drop(server);
 
     // Left behind by a server that was killed: bound once, and nobody listens.
@@ -284,19 +285,19 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     let dead = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&dead, &address).unwrap();
     drop(dead);
-    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::NobodyAnswers { .. }));
+    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::Door(DoorError::NobodyAnswers { .. })));
     drop(Server::bind(&path).unwrap());
 
     // Somebody else listens, without our lock.
     let foreign = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&foreign, &address).unwrap();
     rustix::net::listen(&foreign, 1).unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::InUse { .. }));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::InUse { .. })));
     assert!(path.exists());
     std::fs::remove_file(&path).unwrap();
 
     std::fs::write(&path, "precious").unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::NotASocket { .. }));
+    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::NotASocket { .. })));
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
 }
 
@@ -304,10 +305,10 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
 fn a_missing_folder_and_a_long_path_are_named() {
     let folder = TempDir::new().unwrap();
     let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
-    assert!(matches!(&error, OperatorError::NoDirectory { path } if path.ends_with("absent")), "{error}");
+    assert!(matches!(&error, OperatorError::Door(DoorError::NoDirectory { path, .. }) if path.ends_with("absent")), "{error}");
     let long = folder.path().join("x".repeat(120));
-    assert!(matches!(Server::bind(&long).err().unwrap(), OperatorError::PathTooLong { .. }));
-    assert!(matches!(Client::connect(&long).err().unwrap(), OperatorError::PathTooLong { .. }));
+    assert!(matches!(Server::bind(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));
+    assert!(matches!(Client::connect(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));
 }
 
 #[test]
@@ -320,5 +321,5 @@ fn a_forbidden_socket_is_named() {
     let path = folder.path().join("control.sock");
     let _server = Server::bind(&path).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o0)).unwrap();
-    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::PermissionDenied { .. }));
+    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::Door(DoorError::PermissionDenied { .. })));
 }

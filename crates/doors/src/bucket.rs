@@ -1,0 +1,79 @@
+//! How many frames a second one publisher may bring.
+
+use messages::Stamp;
+
+/// Frames a second of one publisher that are looked at: the fastest supported tracker sends 240.
+pub const RATE_MAX_HZ: u64 = 250;
+/// Frames that may come at once. Assumption: what a network or a busy machine holds back for 64 ms.
+pub const BURST: u64 = 16;
+
+/// Time that earns one frame, ns.
+const PERIOD_NS: u64 = 1_000_000_000 / RATE_MAX_HZ;
+
+/// A token bucket, kept as the time up to which its tokens are spent (GCRA, ITU-T I.371).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bucket {
+    spent_until: Stamp,
+}
+
+impl Bucket {
+    /// Takes a token; `false` if there is none.
+    pub fn take(&mut self, now: Stamp) -> bool {
+        let admitted = now >= self.next();
+        if admitted {
+            self.spent_until = self.spent_until.max(now).plus_ns(PERIOD_NS);
+        }
+        admitted
+    }
+
+    /// When there is a token again.
+    pub fn next(&self) -> Stamp {
+        Stamp(self.spent_until.0.saturating_sub((BURST - 1) * PERIOD_NS))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn f023_a_burst_passes_and_then_250_a_second() {
+        let (mut bucket, start) = (Bucket::default(), Stamp(5_000_000_000));
+        let at_once = (0..1000).filter(|_| bucket.take(start)).count();
+        assert_eq!(at_once as u64, BURST);
+        let mut passed = 0;
+        // 10 kHz for ten seconds.
+        for i in 1..=100_000 {
+            passed += u64::from(bucket.take(start.plus_ns(i * 100_000)));
+        }
+        assert_eq!(passed, 10 * RATE_MAX_HZ);
+    }
+
+    #[test]
+    fn a_240_hz_tracker_loses_nothing() {
+        let mut bucket = Bucket::default();
+        let period_ns = 1_000_000_000 / 240;
+        assert!((0..100_000_u64).all(|i| bucket.take(Stamp(1 + i * period_ns))));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+        #[test]
+        fn f023_no_window_ever_holds_more_than_the_burst_and_the_rate(steps in prop::collection::vec(0_u64..20_000_000, 1..400)) {
+            let (mut bucket, mut now, mut taken) = (Bucket::default(), Stamp(1), Vec::new());
+            for step in steps {
+                now = now.plus_ns(step);
+                if bucket.take(now) {
+                    taken.push(now);
+                }
+            }
+            for (i, from) in taken.iter().enumerate() {
+                for (j, to) in taken.iter().enumerate().skip(i) {
+                    let most = BURST + to.since(*from) / PERIOD_NS;
+                    prop_assert!((j - i) as u64 <= most, "{} frames in {} ns", j - i + 1, to.since(*from));
+                }
+            }
+        }
+    }
+}

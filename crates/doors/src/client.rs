@@ -1,0 +1,114 @@
+//! The end of the skeleton socket in a client.
+
+use crate::error::DoorError;
+use crate::frame::encode_frame;
+use crate::listener::connect;
+use crate::protocol::{ANSWER_BYTES, Answer, Hello, Word};
+use messages::RawSkeleton;
+use rustix::io::Errno;
+use rustix::net::{self, RecvFlags, SendFlags};
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+
+/// How long the answer to a hello is waited for: a hundred rounds of `ingest`.
+const TIMEOUT_MS: u64 = 1000;
+/// Answers that may lie in the socket; the kernel queues fewer than this.
+const ANSWERS_MAX: usize = 1024;
+const DAEMON: &str = "teleopd ingest";
+
+/// A session at the door.
+#[derive(Debug)]
+pub struct Client {
+    path: PathBuf,
+    socket: OwnedFd,
+    session_nonce: u64,
+    told: Word,
+}
+
+impl Client {
+    /// Connects to the socket of `ingest` at `path` and says hello; an answer is waited for at most 1 s.
+    pub fn attach(path: impl AsRef<Path>) -> Result<Self, DoorError> {
+        let path = path.as_ref().to_path_buf();
+        let socket = connect(&path, DAEMON, TIMEOUT_MS)?;
+        let mut client = Self { path, socket, session_nonce: 0, told: Word::Granted };
+        match net::send(&client.socket, &Hello::OURS.encode(), SendFlags::NOSIGNAL) {
+            // Turned away already: the answer says why.
+            Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => {}
+            Err(errno) => return Err(client.failed("say hello", errno)),
+        }
+        let answer = client.receive(RecvFlags::empty())?.ok_or(DoorError::Timeout {
+            path: client.path.clone(),
+            daemon: DAEMON,
+            timeout_ms: TIMEOUT_MS,
+        })?;
+        (client.session_nonce, client.told) = (answer.session_nonce, answer.word);
+        Ok(client)
+    }
+
+    /// Sends `frame` as one of this session, without waiting: while the daemon does not read, frames are lost.
+    pub fn publish(&mut self, frame: &RawSkeleton) -> Result<(), DoorError> {
+        self.listen()?;
+        let bytes = encode_frame(&RawSkeleton { session_nonce: self.session_nonce, ..*frame });
+        match net::send(&self.socket, &bytes, SendFlags::NOSIGNAL | SendFlags::DONTWAIT) {
+            Ok(_) => Ok(()),
+            Err(errno @ (Errno::PIPE | Errno::CONNRESET)) => {
+                self.listen()?;
+                Err(self.failed("send a frame", errno))
+            }
+            Err(errno) => Err(self.failed("send a frame", errno)),
+        }
+    }
+
+    /// Takes what the daemon has said; a refusal is an error.
+    pub fn listen(&mut self) -> Result<(), DoorError> {
+        for _ in 0..ANSWERS_MAX {
+            match self.receive(RecvFlags::DONTWAIT)? {
+                Some(answer) => self.told = answer.word,
+                None => break,
+            }
+        }
+        Ok(())
+    }
+
+    /// What the daemon said last.
+    pub fn told(&self) -> Word {
+        self.told
+    }
+
+    /// The number of this session, which every frame carries.
+    pub fn session_nonce(&self) -> u64 {
+        self.session_nonce
+    }
+
+    /// One answer; nothing if none comes in time. A refusal is an error.
+    fn receive(&self, flags: RecvFlags) -> Result<Option<Answer>, DoorError> {
+        let mut bytes = [0; ANSWER_BYTES + 1];
+        let mut resets = 0;
+        loop {
+            match net::recv(&self.socket, &mut bytes[..], flags) {
+                Ok((length, _)) => {
+                    let closed = || DoorError::Closed { path: self.path.clone(), daemon: DAEMON };
+                    let answer = Answer::decode(&bytes[..length]).ok_or_else(closed)?;
+                    if answer.word.is_refusal() {
+                        return Err(DoorError::Refused { path: self.path.clone(), word: answer.word });
+                    }
+                    return Ok(Some(answer));
+                }
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => return Ok(None),
+                // The kernel reports that the daemon left packets unread before it delivers the daemon's last answer.
+                Err(Errno::CONNRESET) if resets == 0 => resets = 1,
+                Err(errno) => return Err(self.failed("receive an answer", errno)),
+            }
+        }
+    }
+
+    fn failed(&self, action: &'static str, errno: Errno) -> DoorError {
+        let path = self.path.clone();
+        match errno {
+            Errno::AGAIN => DoorError::Timeout { path, daemon: DAEMON, timeout_ms: TIMEOUT_MS },
+            Errno::PIPE | Errno::CONNRESET | Errno::NOTCONN => DoorError::Closed { path, daemon: DAEMON },
+            source => DoorError::Os { path, action, source },
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Bytes on a socket: the fields of a message in their order, little-endian, without padding, which on the machines that
+//! teleopd runs on is the memory layout of the message.
+
+/// Both directions of one field list, so that they cannot differ in order.
+pub trait Fields {
+    /// The next four bytes.
+    fn u32(&mut self, value: &mut u32);
+    /// The next eight bytes.
+    fn u64(&mut self, value: &mut u64);
+
+    /// The next four bytes as a number.
+    fn f32(&mut self, value: &mut f32) {
+        let mut bits = value.to_bits();
+        self.u32(&mut bits);
+        *value = f32::from_bits(bits);
+    }
+
+    /// The next eight bytes as a number.
+    fn f64(&mut self, value: &mut f64) {
+        let mut bits = value.to_bits();
+        self.u64(&mut bits);
+        *value = f64::from_bits(bits);
+    }
+}
+
+/// Puts fields into a buffer.
+pub struct Put<'a> {
+    bytes: &'a mut [u8],
+    at: usize,
+}
+
+impl<'a> Put<'a> {
+    /// From the start of `bytes`, which must hold all fields.
+    pub fn new(bytes: &'a mut [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+}
+
+impl Fields for Put<'_> {
+    fn u32(&mut self, value: &mut u32) {
+        self.bytes[self.at..self.at + 4].copy_from_slice(&value.to_le_bytes());
+        self.at += 4;
+    }
+
+    fn u64(&mut self, value: &mut u64) {
+        self.bytes[self.at..self.at + 8].copy_from_slice(&value.to_le_bytes());
+        self.at += 8;
+    }
+}
+
+/// Takes fields out of a buffer, whose length was checked before.
+pub struct Take<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Take<'a> {
+    /// From the start of `bytes`, which must hold all fields.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    fn next<const N: usize>(&mut self) -> [u8; N] {
+        let mut out = [0; N];
+        out.copy_from_slice(&self.bytes[self.at..self.at + N]);
+        self.at += N;
+        out
+    }
+}
+
+impl Fields for Take<'_> {
+    fn u32(&mut self, value: &mut u32) {
+        *value = u32::from_le_bytes(self.next());
+    }
+
+    fn u64(&mut self, value: &mut u64) {
+        *value = u64::from_le_bytes(self.next());
+    }
+}

@@ -1,0 +1,249 @@
+//! What is said at the door for skeletons beside the frames themselves.
+
+use crate::bucket::RATE_MAX_HZ;
+use crate::fields::{Fields, Put, Take};
+use messages::{Layout, Message, RawSkeleton};
+
+/// First word of every hello and answer: "TPSK" in memory order.
+const MAGIC: u32 = u32::from_le_bytes(*b"TPSK");
+/// Version of this protocol.
+const PROTOCOL: u32 = 1;
+
+/// Length of a hello.
+pub const HELLO_BYTES: usize = 32;
+/// Length of an answer.
+pub const ANSWER_BYTES: usize = 24;
+
+/// A client's first packet: what it is going to send.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hello {
+    /// `MAGIC`.
+    pub magic: u32,
+    /// `PROTOCOL`.
+    pub protocol: u32,
+    /// Version of `RawSkeleton`.
+    pub version: u32,
+    /// Length of a frame.
+    pub bytes: u32,
+    /// Hash over names, types, offsets and sizes of the fields of `RawSkeleton`.
+    pub layout: u64,
+    /// Zero.
+    pub reserved: u64,
+}
+
+impl Hello {
+    /// What this build speaks.
+    pub const OURS: Self = Self {
+        magic: MAGIC,
+        protocol: PROTOCOL,
+        version: RawSkeleton::VERSION,
+        bytes: size_of::<RawSkeleton>() as u32,
+        layout: RawSkeleton::HASH,
+        reserved: 0,
+    };
+
+    fn fields(&mut self, fields: &mut impl Fields) {
+        for value in [&mut self.magic, &mut self.protocol, &mut self.version, &mut self.bytes] {
+            fields.u32(value);
+        }
+        fields.u64(&mut self.layout);
+        fields.u64(&mut self.reserved);
+    }
+
+    /// Its bytes.
+    pub fn encode(mut self) -> [u8; HELLO_BYTES] {
+        let mut bytes = [0; HELLO_BYTES];
+        self.fields(&mut Put::new(&mut bytes));
+        bytes
+    }
+
+    /// Why a client that opens with `bytes` is refused.
+    pub fn refusal(bytes: &[u8]) -> Option<Word> {
+        let mut hello = Self::OURS;
+        if bytes.len() != HELLO_BYTES {
+            return Some(Word::NoHello);
+        }
+        hello.fields(&mut Take::new(bytes));
+        if hello.magic != MAGIC {
+            Some(Word::NoHello)
+        } else if hello != Self::OURS {
+            Some(Word::OtherLayout)
+        } else {
+            None
+        }
+    }
+}
+
+/// What the daemon says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Word {
+    /// Frames are taken; the answer carries the session number. Nobody moves the robot at the moment.
+    Granted = 1,
+    /// As `Granted`, but another client holds the lease.
+    GrantedButHeld = 2,
+    /// This client holds the lease.
+    Holder = 3,
+    /// Another client holds the lease, or held it when this session began: its frames go nowhere.
+    NotHolder = 4,
+    /// More frames than the rate: only the newest are looked at.
+    OverQuota = 5,
+    /// All places are taken.
+    Full = 16,
+    /// Neither the daemon's user nor in the group of the socket.
+    Forbidden = 17,
+    /// The first packet is no hello.
+    NoHello = 18,
+    /// No hello in time.
+    Late = 19,
+    /// Another version or layout of the frame.
+    OtherLayout = 20,
+    /// A packet that has not the length of a frame.
+    WrongSize = 21,
+    /// A frame with a session number that was not given to this connection.
+    ForgedSession = 22,
+    /// Silent for long, and another client needed the place.
+    Idle = 23,
+}
+
+impl Word {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::Granted,
+        Self::GrantedButHeld,
+        Self::Holder,
+        Self::NotHolder,
+        Self::OverQuota,
+        Self::Full,
+        Self::Forbidden,
+        Self::NoHello,
+        Self::Late,
+        Self::OtherLayout,
+        Self::WrongSize,
+        Self::ForgedSession,
+        Self::Idle,
+    ];
+
+    /// Whether the connection ends with it.
+    pub fn is_refusal(self) -> bool {
+        self as u32 >= Self::Full as u32
+    }
+
+    /// A short name, for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Granted => "granted",
+            Self::GrantedButHeld => "granted_but_held",
+            Self::Holder => "holder",
+            Self::NotHolder => "not_holder",
+            Self::OverQuota => "over_quota",
+            Self::Full => "full",
+            Self::Forbidden => "forbidden",
+            Self::NoHello => "no_hello",
+            Self::Late => "late",
+            Self::OtherLayout => "other_layout",
+            Self::WrongSize => "wrong_size",
+            Self::ForgedSession => "forged_session",
+            Self::Idle => "idle",
+        }
+    }
+
+    /// In words, for whoever is told.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Granted => "frames are taken",
+            Self::GrantedButHeld => "frames are taken, but another client holds the lease",
+            Self::Holder => "this client holds the lease",
+            Self::NotHolder => {
+                "another client holds the lease, or held it when this session began: connect again after it has left"
+            }
+            Self::OverQuota => "more than 250 frames a second: only the newest are looked at",
+            Self::Full => "all places are taken",
+            Self::Forbidden => "neither the daemon's user nor a member of the socket's group",
+            Self::NoHello => "the first packet is no hello of this protocol",
+            Self::Late => "no hello within a second",
+            Self::OtherLayout => "client and daemon are of different versions: another layout of the frame",
+            Self::WrongSize => "a packet that has not the length of a frame",
+            Self::ForgedSession => "a frame with a session number that was not given to this connection",
+            Self::Idle => "silent for long, and another client needed the place",
+        }
+    }
+}
+
+/// A packet of the daemon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// What it says.
+    pub word: Word,
+    /// The session number that every frame of this connection must carry; 0 in a refusal.
+    pub session_nonce: u64,
+    /// Frames a second that are looked at.
+    pub rate_max_hz: u32,
+}
+
+impl Answer {
+    /// `word` to the session `session_nonce`.
+    pub fn new(word: Word, session_nonce: u64) -> Self {
+        Self { word, session_nonce, rate_max_hz: RATE_MAX_HZ as u32 }
+    }
+
+    /// Its bytes.
+    pub fn encode(self) -> [u8; ANSWER_BYTES] {
+        let mut bytes = [0; ANSWER_BYTES];
+        let mut put = Put::new(&mut bytes);
+        for mut value in [MAGIC, self.word as u32, self.rate_max_hz, 0] {
+            put.u32(&mut value);
+        }
+        put.u64(&mut { self.session_nonce });
+        bytes
+    }
+
+    /// The answer in `bytes`; `None` if they are none.
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        if bytes.len() != ANSWER_BYTES {
+            return None;
+        }
+        let (mut take, mut words, mut session_nonce) = (Take::new(bytes), [0; 4], 0);
+        words.iter_mut().for_each(|word| take.u32(word));
+        take.u64(&mut session_nonce);
+        let [magic, word, rate_max_hz, _] = words;
+        let word = Word::ALL.into_iter().find(|known| *known as u32 == word)?;
+        (magic == MAGIC).then_some(Self { word, session_nonce, rate_max_hz })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_answer_survives_and_nothing_else_is_one() {
+        for word in Word::ALL {
+            let answer = Answer::new(word, 77);
+            assert_eq!(Answer::decode(&answer.encode()), Some(answer));
+        }
+        assert_eq!(Answer::decode(&[0; ANSWER_BYTES]), None);
+        assert_eq!(Answer::decode(&Answer::new(Word::Holder, 1).encode()[1..]), None);
+    }
+
+    #[test]
+    fn f018_a_hello_of_another_version_layout_or_size_is_refused() {
+        assert_eq!(Hello::refusal(&Hello::OURS.encode()), None);
+        let changes: [fn(&mut Hello); 5] = [
+            |hello| hello.protocol += 1,
+            |hello| hello.version += 1,
+            |hello| hello.bytes += 4,
+            |hello| hello.layout ^= 1,
+            |hello| hello.reserved = 1,
+        ];
+        for change in changes {
+            let mut hello = Hello::OURS;
+            change(&mut hello);
+            assert_eq!(Hello::refusal(&hello.encode()), Some(Word::OtherLayout), "{hello:?}");
+        }
+        let other = Hello { magic: 0, ..Hello::OURS };
+        assert_eq!(Hello::refusal(&other.encode()), Some(Word::NoHello));
+        assert_eq!(Hello::refusal(&Hello::OURS.encode()[1..]), Some(Word::NoHello));
+        assert_eq!(Hello::refusal(&[]), Some(Word::NoHello));
+    }
+}

@@ -1,0 +1,81 @@
+//! What is remembered of one connection.
+
+use crate::bucket::Bucket;
+use crate::protocol::{Answer, Word};
+use messages::Stamp;
+use rt::Peer;
+use rustix::net::{self, SendFlags};
+use std::os::fd::OwnedFd;
+
+/// How often a client is told again what keeps its frames from going through: twice a second.
+const TELL_EVERY_NS: u64 = 500_000_000;
+
+/// One connection.
+#[derive(Debug)]
+pub(crate) struct Seat {
+    pub(crate) socket: OwnedFd,
+    pub(crate) peer: Peer,
+    /// Counts the connections of this server.
+    pub(crate) connection: u64,
+    /// The session number; 0 before the hello.
+    pub(crate) session_nonce: u64,
+    pub(crate) since: Stamp,
+    /// The last packet.
+    pub(crate) heard: Stamp,
+    pub(crate) bucket: Bucket,
+    /// Not read before.
+    pub(crate) muted_until: Stamp,
+    /// A frame that found no token lies in the buffer.
+    pub(crate) pending: bool,
+    standing: Option<(Word, Stamp)>,
+    told_of_quota: Option<Stamp>,
+}
+
+impl Seat {
+    pub(crate) fn new(socket: OwnedFd, peer: Peer, connection: u64, now: Stamp) -> Self {
+        Self {
+            socket,
+            peer,
+            connection,
+            session_nonce: 0,
+            since: now,
+            heard: now,
+            bucket: Bucket::default(),
+            muted_until: Stamp::NONE,
+            pending: false,
+            standing: None,
+            told_of_quota: None,
+        }
+    }
+
+    /// Sends `word`; to a client that does not read it is lost.
+    pub(crate) fn say(&self, word: Word) {
+        let nonce = if word.is_refusal() { 0 } else { self.session_nonce };
+        say(&self.socket, Answer::new(word, nonce));
+    }
+
+    /// Tells whether the client holds the lease: when that changes, and again while it does not.
+    pub(crate) fn tell_standing(&mut self, now: Stamp, word: Word) {
+        let last = self.standing;
+        let again = word == Word::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
+        if again || last.map(|(word, _)| word) != Some(word) {
+            self.say(word);
+            self.standing = Some((word, now));
+        }
+    }
+
+    /// Tells that frames are passed over; `true` if it was told now.
+    pub(crate) fn tell_quota(&mut self, now: Stamp) -> bool {
+        let due = self.told_of_quota.is_none_or(|at| now.since(at) >= TELL_EVERY_NS);
+        if due {
+            self.say(Word::OverQuota);
+            self.told_of_quota = Some(now);
+        }
+        due
+    }
+}
+
+/// Sends an answer without waiting; whoever does not read loses it and nothing else.
+pub(crate) fn say(socket: &OwnedFd, answer: Answer) {
+    let _ = net::send(socket, &answer.encode(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+}

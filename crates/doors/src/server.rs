@@ -1,0 +1,290 @@
+//! The end of the skeleton socket in `ingest`.
+
+use crate::error::DoorError;
+use crate::frame::{FRAME_BYTES, decode_frame};
+use crate::listener::{Admission, Listener};
+use crate::nonce::draw_nonce;
+use crate::protocol::{Answer, HELLO_BYTES, Hello, Word};
+use crate::seat::{Seat, say};
+use messages::{RawSkeleton, Stamp};
+use rt::Peer;
+use rustix::io::Errno;
+use rustix::net::{self, RecvFlags};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::Path;
+
+/// Connections at once.
+pub const CONNECTIONS_MAX: usize = 8;
+/// A connection that has not said hello for so long is closed: 1 s.
+pub const HELLO_WITHIN_NS: u64 = 1_000_000_000;
+/// Age of its last packet at which a connection may be put out for a new one. Assumption: 5 s; no tracker pauses for so
+/// long.
+pub const IDLE_NS: u64 = 5_000_000_000;
+
+/// Packets of one connection that are read in one round: the kernel queues 11 (net.unix.max_dgram_qlen) unless it is told
+/// otherwise.
+const DRAIN_MAX: usize = 32;
+/// Notices that are kept until they are taken; more are only counted.
+const NOTICES_MAX: usize = 16;
+/// One byte more than a frame, so that a longer packet shows.
+const BUFFER_BYTES: usize = FRAME_BYTES + 1;
+const DAEMON: &str = "teleopd ingest";
+
+/// Where a frame came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// Counts the connections of this server from 1.
+    pub connection: u64,
+    /// The process that connected.
+    pub peer: Peer,
+    /// Drawn here for this connection.
+    pub session_nonce: u64,
+}
+
+/// What became of a frame, for its sender to know.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// Its session holds the lease.
+    Holder,
+    /// Another does.
+    NotHolder,
+}
+
+/// Something worth a line in the log: who was let in, who was not, who sends too much.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// What was said.
+    pub word: Word,
+    /// To whom.
+    pub peer: Peer,
+}
+
+/// The server. Bound once; polling neither blocks nor allocates.
+#[derive(Debug)]
+pub struct Server {
+    listener: Listener,
+    seats: [Option<Seat>; CONNECTIONS_MAX],
+    buffers: Box<[[u8; BUFFER_BYTES]; CONNECTIONS_MAX]>,
+    /// The seat whose frames were last told to be the holder's: served first.
+    holder: usize,
+    connections: u64,
+    over_quota: u64,
+    said: [u64; Word::ALL.len()],
+    notices: [Option<Notice>; NOTICES_MAX],
+}
+
+impl Server {
+    /// Listens on `path`, as `Listener::bind`.
+    pub fn bind(path: &Path, group: Option<u32>) -> Result<Self, DoorError> {
+        let listener = Listener::bind(path, DAEMON, group, CONNECTIONS_MAX)?;
+        let buffers = vec![[0; BUFFER_BYTES]; CONNECTIONS_MAX].into_boxed_slice();
+        Ok(Self {
+            listener,
+            seats: [const { None }; CONNECTIONS_MAX],
+            buffers: buffers.try_into().expect("as many as there are places"),
+            holder: 0,
+            connections: 0,
+            over_quota: 0,
+            said: [0; Word::ALL.len()],
+            notices: [None; NOTICES_MAX],
+        })
+    }
+
+    /// Takes new connections and what has arrived, the holder's first; hands at most the rate of frames of each connection to
+    /// `use_frame`. `held`: somebody holds the lease. `now` is the time of CLOCK_MONOTONIC.
+    pub fn poll(&mut self, now: Stamp, held: bool, mut use_frame: impl FnMut(Arrival, &RawSkeleton) -> Standing) {
+        let first = self.holder;
+        for index in (first..CONNECTIONS_MAX).chain(0..first) {
+            if let Err(refusal) = self.serve(index, now, held, &mut use_frame) {
+                self.close(index, refusal);
+            }
+        }
+        self.accept(now);
+    }
+
+    /// Descriptors of which one that becomes readable is worth a poll, and how many of them; the rest repeats the first.
+    pub fn descriptors(&self, now: Stamp) -> ([BorrowedFd<'_>; CONNECTIONS_MAX + 1], usize) {
+        let (mut all, mut count) = ([self.listener.as_fd(); CONNECTIONS_MAX + 1], 1);
+        for seat in self.seats.iter().flatten().filter(|seat| seat.muted_until <= now) {
+            all[count] = seat.socket.as_fd();
+            count += 1;
+        }
+        (all, count)
+    }
+
+    /// When a connection that sent too much is read again, if there is one.
+    pub fn next_due(&self, now: Stamp) -> Option<Stamp> {
+        self.seats.iter().flatten().map(|seat| seat.muted_until).filter(|&until| until > now).min()
+    }
+
+    /// Hands out what is worth a line in the log since the last time.
+    pub fn take_notices(&mut self, use_notice: impl FnMut(Notice)) {
+        self.notices.iter_mut().filter_map(Option::take).for_each(use_notice);
+    }
+
+    /// Frames that were passed over because a connection sent more than the rate.
+    pub fn over_quota(&self) -> u64 {
+        self.over_quota
+    }
+
+    /// How often `word` was said when a connection began or ended.
+    pub fn said(&self, word: Word) -> u64 {
+        self.said[place(word)]
+    }
+
+    /// Open connections.
+    pub fn connections(&self) -> usize {
+        self.seats.iter().flatten().count()
+    }
+
+    fn note(&mut self, word: Word, peer: Peer) {
+        self.said[place(word)] += 1;
+        if let Some(free) = self.notices.iter_mut().find(|notice| notice.is_none()) {
+            *free = Some(Notice { word, peer });
+        }
+    }
+
+    fn close(&mut self, index: usize, refusal: Option<Word>) {
+        if let (Some(seat), Some(word)) = (self.seats[index].take(), refusal) {
+            seat.say(word);
+            self.note(word, seat.peer);
+        }
+    }
+
+    /// Takes what waits at the door; at most one full house per round.
+    fn accept(&mut self, now: Stamp) {
+        for _ in 0..CONNECTIONS_MAX {
+            let (socket, peer, refusal) = match self.listener.accept() {
+                None => return,
+                Some(Admission::Forbidden(socket, peer)) => (socket, peer, Word::Forbidden),
+                Some(Admission::Admitted(socket, peer)) => match self.free_place(now) {
+                    None => (socket, peer, Word::Full),
+                    Some(index) => {
+                        self.close(index, Some(Word::Idle));
+                        self.connections += 1;
+                        self.seats[index] = Some(Seat::new(socket, peer, self.connections, now));
+                        continue;
+                    }
+                },
+            };
+            say(&socket, Answer::new(refusal, 0));
+            self.note(refusal, peer);
+        }
+    }
+
+    /// A free place, if need be that of the connection that has been silent longest: eight forgotten clients must not keep a
+    /// person out.
+    fn free_place(&self, now: Stamp) -> Option<usize> {
+        if let Some(index) = self.seats.iter().position(Option::is_none) {
+            return Some(index);
+        }
+        let silent = |index: usize| self.seats[index].as_ref().map_or(0, |seat| now.since(seat.heard));
+        (0..CONNECTIONS_MAX).filter(|&index| silent(index) > IDLE_NS).max_by_key(|&index| silent(index))
+    }
+
+    /// Reads one connection. An error ends it, and is told.
+    fn serve(
+        &mut self,
+        index: usize,
+        now: Stamp,
+        held: bool,
+        use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
+    ) -> Result<(), Option<Word>> {
+        match &self.seats[index] {
+            Some(seat) if seat.session_nonce == 0 => self.greet(index, now, held),
+            Some(seat) if seat.muted_until <= now => self.drain(index, now, use_frame),
+            _ => Ok(()),
+        }
+    }
+
+    /// Waits for the hello and answers it.
+    fn greet(&mut self, index: usize, now: Stamp, held: bool) -> Result<(), Option<Word>> {
+        let Some(seat) = &mut self.seats[index] else { return Ok(()) };
+        let mut bytes = [0; HELLO_BYTES + 1];
+        match net::recv(&seat.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
+            Ok((0, _)) => Err(None),
+            Ok((length, _)) => match Hello::refusal(&bytes[..length]) {
+                Some(word) => Err(Some(word)),
+                None => {
+                    (seat.session_nonce, seat.heard) = (draw_nonce(), now);
+                    seat.say(if held { Word::GrantedButHeld } else { Word::Granted });
+                    let peer = seat.peer;
+                    self.note(Word::Granted, peer);
+                    Ok(())
+                }
+            },
+            Err(Errno::AGAIN | Errno::INTR) if now.since(seat.since) > HELLO_WITHIN_NS => Err(Some(Word::Late)),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(()),
+            Err(_) => Err(None),
+        }
+    }
+
+    /// Reads what has arrived, at most `DRAIN_MAX` packets. While there are tokens every frame is used, in its order; of the
+    /// others the newest waits for the next token.
+    fn drain(
+        &mut self,
+        index: usize,
+        now: Stamp,
+        use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
+    ) -> Result<(), Option<Word>> {
+        let Some(seat) = &mut self.seats[index] else { return Ok(()) };
+        let buffer = &mut self.buffers[index];
+        // Whoever sent too much before is first read empty, so that the token buys its newest frame.
+        let mut hurried = seat.pending;
+        for _ in 0..DRAIN_MAX {
+            match net::recv(&seat.socket, &mut buffer[..], RecvFlags::DONTWAIT) {
+                Ok((0, _)) => return Err(None),
+                Ok((FRAME_BYTES, _)) => {}
+                Ok(_) => return Err(Some(Word::WrongSize)),
+                Err(Errno::INTR | Errno::CONNRESET) => continue,
+                Err(Errno::AGAIN) => break,
+                Err(_) => return Err(None),
+            }
+            self.over_quota += u64::from(seat.pending);
+            (seat.heard, seat.pending) = (now, true);
+            if !hurried && seat.bucket.take(now) {
+                if deliver(seat, buffer, now, use_frame)? {
+                    self.holder = index;
+                }
+            } else {
+                hurried = true;
+            }
+        }
+        if seat.pending {
+            if seat.bucket.take(now) {
+                if deliver(seat, buffer, now, use_frame)? {
+                    self.holder = index;
+                }
+            } else {
+                seat.muted_until = seat.bucket.next();
+                if seat.tell_quota(now) {
+                    let peer = seat.peer;
+                    self.note(Word::OverQuota, peer);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Hands the frame in the buffer over; whether its session holds the lease.
+fn deliver(
+    seat: &mut Seat,
+    buffer: &[u8; BUFFER_BYTES],
+    now: Stamp,
+    use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
+) -> Result<bool, Option<Word>> {
+    seat.pending = false;
+    let frame = decode_frame(&buffer[..FRAME_BYTES]).ok_or(Some(Word::WrongSize))?;
+    if frame.session_nonce != seat.session_nonce {
+        return Err(Some(Word::ForgedSession));
+    }
+    let arrival = Arrival { connection: seat.connection, peer: seat.peer, session_nonce: seat.session_nonce };
+    let standing = use_frame(arrival, &frame);
+    seat.tell_standing(now, if standing == Standing::Holder { Word::Holder } else { Word::NotHolder });
+    Ok(standing == Standing::Holder)
+}
+
+fn place(word: Word) -> usize {
+    Word::ALL.iter().position(|known| *known == word).unwrap_or_default()
+}
