@@ -25,11 +25,15 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("rt", &["messages"]),
     ("bus", &["messages"]),
     ("telemetry", &["messages", "rt"]),
-    ("operator", &["messages"]),
+    ("doors", &["messages", "rt"]),
+    ("operator", &["messages", "doors", "rt"]),
     ("motion", &["messages", "skeleton"]),
     (
         "pipeline",
-        &["messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus", "operator"],
+        &[
+            "messages", "robot", "driver", "skeleton", "retarget", "wbc", "safety", "sim", "motion", "bus", "doors",
+            "operator",
+        ],
     ),
     ("fuzz-targets", &["messages", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"]),
     ("replay", &["*"]),

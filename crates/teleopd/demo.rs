@@ -10,7 +10,7 @@ use crate::report::Report;
 use bus::{Domain, Reader};
 use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
 use motion::CalibrationMode;
-use pipeline::{Instance, PlayOptions, Player, Publisher};
+use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher};
 use rt::Shutdown;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -60,7 +60,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let play = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(&motion, play, nonce, rt::incarnation());
-    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(bus_failure)?;
+    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
     let mut operator = Operator::connect(&instance.operator_socket())?;
     let mut show = Show::new(&instance, &place, options.quiet)?;
     let mut run = Run { children: &mut children, operator: &mut operator, publisher: &publisher, shutdown: &shutdown };
@@ -266,5 +266,12 @@ impl Show {
 
     fn end(&mut self) {
         self.quiet = true;
+    }
+}
+
+fn client_failure(error: ClientError) -> Failure {
+    match error {
+        ClientError::Bus(error) => bus_failure(error),
+        error => Failure::new(Exit::Unavailable, error),
     }
 }

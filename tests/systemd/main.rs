@@ -146,7 +146,7 @@ fn mode(machine: &Machine, run_dir: &str) -> String {
 #[ignore = "a part of the tests with a machine, started by its systemd"]
 fn client() {
     let Some(run_dir) = std::env::var_os("TELEOP_TEST_CLIENT").map(PathBuf::from) else { return };
-    let instance = Instance::new(&run_dir).expect("the running instance");
+    let instance = Instance::unmade(&run_dir);
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let player = Player::new(&motion::builtin(), play, 1, rt::incarnation());
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).expect("a client");

@@ -52,7 +52,7 @@ pub(crate) type EventService = event::PortFactory<Ipc>;
 /// Where a domain lives; every running instance needs its own pair.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DomainConfig {
-    /// Folder of sockets and service descriptions, absolute; created (0750) if it is missing.
+    /// Folder of sockets and service descriptions, absolute; created (0700) if it is missing.
     pub root: PathBuf,
     /// What the names in /dev/shm begin with: lower-case letters, digits, `_`, `-`.
     pub prefix: String,
@@ -274,7 +274,7 @@ fn transport_config(config: &DomainConfig) -> Result<Config, BusError> {
 }
 
 fn create_root(config: &DomainConfig) -> Result<(), BusError> {
-    let created = std::fs::DirBuilder::new().recursive(true).mode(0o750).create(&config.root);
+    let created = std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&config.root);
     created.map_err(|error| BusError::Root { path: config.root.clone(), reason: error.to_string() })
 }
 

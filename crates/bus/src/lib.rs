@@ -20,6 +20,6 @@ pub use error::{BusError, PublishError};
 pub use faulty::{FaultCounts, FaultPlan, Faulty};
 pub use local::Channel;
 pub use port::{Latest, Publish};
-pub use reader::{PublisherId, Reader, Sample, Wake, WakingReader};
+pub use reader::{ALSO_MAX, PublisherId, Reader, Sample, Wake, WakingReader};
 pub use shared_memory::SHARED_MEMORY_NEEDED_BYTES;
 pub use writer::Writer;

@@ -51,8 +51,12 @@ impl Listener {
         // Group and mode before `listen`, so that nobody connects under those that process and umask gave.
         let made = fs::lstat(&path).map_err(os("examine the socket"))?;
         if let Some(gid) = group.filter(|&gid| gid != made.st_gid) {
-            fs::chown(&path, None, Some(Gid::from_raw(gid)))
-                .map_err(|source| DoorError::Group { path: path.clone(), gid, daemon, source })?;
+            fs::chown(&path, None, Some(Gid::from_raw(gid))).map_err(|source| DoorError::Group {
+                path: path.clone(),
+                gid,
+                daemon,
+                source,
+            })?;
         }
         fs::chmod(&path, Mode::RUSR | Mode::WUSR | Mode::RGRP | Mode::WGRP)
             .map_err(os("set the mode of the socket"))?;

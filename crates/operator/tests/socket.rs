@@ -305,7 +305,10 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
 fn a_missing_folder_and_a_long_path_are_named() {
     let folder = TempDir::new().unwrap();
     let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
-    assert!(matches!(&error, OperatorError::Door(DoorError::NoDirectory { path, .. }) if path.ends_with("absent")), "{error}");
+    assert!(
+        matches!(&error, OperatorError::Door(DoorError::NoDirectory { path, .. }) if path.ends_with("absent")),
+        "{error}"
+    );
     let long = folder.path().join("x".repeat(120));
     assert!(matches!(Server::bind(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));
     assert!(matches!(Client::connect(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));

@@ -5,37 +5,86 @@ use messages::{RawSkeleton, Stamp};
 /// Sessions that are remembered as refused; older ones fall out, which only lets a client of long ago try again.
 const REFUSED_KEPT: usize = 32;
 
-/// Who holds authority over the input.
+/// By which way a client comes in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Door {
+    /// The input domain in shared memory: the daemon's own user.
+    #[default]
+    SharedMemory,
+    /// The skeleton socket: other users.
+    Socket,
+}
+
+impl Door {
+    /// Its name in logs and reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SharedMemory => "shared memory",
+            Self::Socket => "socket",
+        }
+    }
+}
+
+/// What a session is known by; two that differ in anything are two. Only the kernel's and the daemon's own numbers keep a
+/// client from passing for another, so they stand beside the number that the client may choose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Claim {
+    /// The way in.
+    pub door: Door,
+    /// User of the process; on shared memory the daemon's.
+    pub uid: u32,
+    /// The process, as far as it is known.
+    pub pid: u32,
+    /// The publisher's port on the bus, or the connection.
+    pub port: u128,
+    /// The session: on the socket the daemon's number, on shared memory the client's. 0 is none.
+    pub session_nonce: u64,
+}
+
+/// Who holds authority over the input: an exclusive lease, across both doors.
 #[derive(Clone, Debug, Default)]
 pub struct Authority {
-    holder: Option<u64>,
+    holder: Option<Claim>,
     last_seen: Stamp,
-    refused: [u64; REFUSED_KEPT],
+    refused: [Claim; REFUSED_KEPT],
     refused_count: usize,
     frames_refused: u64,
+    grants: u64,
 }
 
 impl Authority {
-    /// Whether the frame's session holds authority. A session that once was refused stays refused: a client that wants
-    /// to take over must start a new session after the holder has left, and `control` then asks for a new enable edge.
+    /// Whether the frame's session holds authority, where sessions are known by the client's number alone.
     pub fn admits(&mut self, now: Stamp, raw: &RawSkeleton, timeout_ns: u64) -> bool {
-        let session = raw.session_nonce;
-        if self.holder == Some(session) {
+        self.admits_claim(now, Claim { session_nonce: raw.session_nonce, ..Claim::default() }, timeout_ns)
+    }
+
+    /// Whether a frame of `claim` may move the robot. The lease goes to the first whose frame arrives while nobody's has for
+    /// `timeout_ns`. A session that once was refused stays refused: a client that wants to take over must start a new
+    /// session after the holder has left, and `control` then asks for a new enable edge. A holder that returns finds its
+    /// lease unless another has taken it.
+    pub fn admits_claim(&mut self, now: Stamp, claim: Claim, timeout_ns: u64) -> bool {
+        if self.holder == Some(claim) {
             self.last_seen = now;
             return true;
         }
-        let free = self.holder.is_none() || now.since(self.last_seen) > timeout_ns;
-        if free && !self.refused.contains(&session) && session != 0 {
-            self.holder = Some(session);
+        let known = self.refused.contains(&claim);
+        if !self.is_held(now, timeout_ns) && !known && claim.session_nonce != 0 {
+            self.holder = Some(claim);
             self.last_seen = now;
+            self.grants += 1;
             return true;
         }
-        if !self.refused.contains(&session) {
-            self.refused[self.refused_count % REFUSED_KEPT] = session;
+        if !known {
+            self.refused[self.refused_count % REFUSED_KEPT] = claim;
             self.refused_count += 1;
         }
         self.frames_refused += 1;
         false
+    }
+
+    /// Whether a holder's frame came within the last `timeout_ns`.
+    pub fn is_held(&self, now: Stamp, timeout_ns: u64) -> bool {
+        self.holder.is_some() && now.since(self.last_seen) <= timeout_ns
     }
 
     /// Frames of clients without authority.
@@ -43,8 +92,13 @@ impl Authority {
         self.frames_refused
     }
 
-    /// The session that holds authority.
-    pub fn holder(&self) -> Option<u64> {
+    /// How often the lease was granted.
+    pub fn grants(&self) -> u64 {
+        self.grants
+    }
+
+    /// The session that holds authority, or held it last.
+    pub fn holder(&self) -> Option<Claim> {
         self.holder
     }
 }
@@ -87,5 +141,58 @@ mod tests {
     #[test]
     fn a_session_without_nonce_gets_nothing() {
         assert!(!Authority::default().admits(at(0), &frame(0), TIMEOUT_NS));
+    }
+
+    fn claim(door: Door, port: u128, session_nonce: u64) -> Claim {
+        Claim { door, uid: 0, pid: 1, port, session_nonce }
+    }
+
+    #[test]
+    fn f068_one_session_number_from_two_ports_or_two_doors_is_two_clients() {
+        let mut authority = Authority::default();
+        assert!(authority.admits_claim(at(0), claim(Door::Socket, 1, 7), TIMEOUT_NS));
+        for other in [claim(Door::SharedMemory, 1, 7), claim(Door::Socket, 2, 7), claim(Door::Socket, 1, 8)] {
+            assert!(!authority.admits_claim(at(1), other, TIMEOUT_NS), "{other:?}");
+        }
+        assert!(authority.admits_claim(at(2), claim(Door::Socket, 1, 7), TIMEOUT_NS));
+        assert_eq!(authority.grants(), 1);
+    }
+
+    #[test]
+    fn f069_the_lease_ends_by_silence_alone_and_a_holder_that_returns_finds_it() {
+        let mut authority = Authority::default();
+        assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
+        assert!(authority.is_held(at(1000), TIMEOUT_NS));
+        assert!(!authority.is_held(at(1001), TIMEOUT_NS));
+        assert!(authority.admits(at(9000), &frame(7), TIMEOUT_NS), "nobody took it");
+        assert!(!authority.admits(at(10_000), &frame(8), TIMEOUT_NS));
+        assert!(authority.admits(at(10_001), &frame(9), TIMEOUT_NS));
+        assert!(!authority.admits(at(10_002), &frame(7), TIMEOUT_NS));
+        assert_eq!(authority.grants(), 2);
+    }
+
+    #[test]
+    fn f068_there_is_one_holder_at_every_moment_whoever_publishes() {
+        let mut authority = Authority::default();
+        let mut last: Option<(Claim, Stamp)> = None;
+        // A linear congruential generator (Knuth, MMIX) draws who publishes and when.
+        let mut seed = 1_u64;
+        let mut draw = |below: u64| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) % below
+        };
+        let mut now = at(0);
+        for _ in 0..200_000 {
+            now = now.plus_ns(draw(600_000_000) / (1 + draw(20)));
+            let door = if draw(2) == 0 { Door::Socket } else { Door::SharedMemory };
+            let one = claim(door, u128::from(draw(3)), 1 + draw(200));
+            if authority.admits_claim(now, one, TIMEOUT_NS) {
+                if let Some((holder, seen)) = last {
+                    assert!(holder == one || now.since(seen) > TIMEOUT_NS, "{holder:?} lost it to {one:?}");
+                }
+                last = Some((one, now));
+            }
+        }
+        assert!(authority.grants() > 100, "{}", authority.grants());
     }
 }

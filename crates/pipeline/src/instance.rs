@@ -1,5 +1,6 @@
 //! Where an instance of teleopd lives: its folder, its operator socket, its two shared-memory domains.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// The folder of an instance that was given none.
@@ -13,12 +14,15 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// The instance whose folder is `run_dir`, created with mode 0750 if missing; the path is made absolute so that
-    /// processes started elsewhere agree on it.
+    /// The instance whose folder is `run_dir`, created if missing with mode 0751: other users may pass through to a socket
+    /// whose name they know, and see nothing else. The path is made absolute so that processes started elsewhere agree on
+    /// it. Refused is a folder in which another user could put or replace something: one that belongs to neither this user
+    /// nor root, that others may write to, or that is a link of another user.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
         let mut builder = std::fs::DirBuilder::new();
-        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o750);
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o751);
         builder.recursive(true).create(run_dir)?;
+        refuse_foreign(run_dir)?;
         Ok(Self::at(run_dir.canonicalize()?))
     }
 
@@ -41,6 +45,11 @@ impl Instance {
     /// Operator socket of `control`.
     pub fn operator_socket(&self) -> PathBuf {
         self.run_dir.join("operator.sock")
+    }
+
+    /// Skeleton socket of `ingest`.
+    pub fn skeleton_socket(&self) -> PathBuf {
+        self.run_dir.join("skeleton.sock")
     }
 
     /// What `control` holds locked as long as it owns that socket.
@@ -77,5 +86,52 @@ impl Instance {
     // Shared-memory names have no folders: the prefix keeps instances and domains apart there.
     fn domain(&self, name: &str) -> bus::DomainConfig {
         bus::DomainConfig { root: self.run_dir.join(name), prefix: format!("teleop_{name}_{}_", self.tag) }
+    }
+}
+
+/// Whether the folder, and the link that leads to it, are this user's or root's alone.
+fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
+    let own_uid = rustix::process::geteuid().as_raw();
+    for (found, what) in [(run_dir.symlink_metadata()?, "link"), (run_dir.metadata()?, "folder")] {
+        let (uid, mode) = (found.uid(), found.mode() & 0o7777);
+        if uid != own_uid && uid != 0 {
+            let text = format!("the {what} belongs to user {uid}, who could put sockets of its own there");
+            return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
+        }
+        if found.is_dir() && mode & 0o022 != 0 {
+            let text = format!("other users may write to the {what} (mode {mode:04o}): chmod go-w, or another folder");
+            return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt, chown, symlink};
+
+    #[test]
+    fn f110_a_folder_or_link_of_another_user_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("run");
+        let instance = Instance::new(&place).unwrap();
+        assert_eq!(instance.run_dir().metadata().unwrap().permissions().mode() & 0o777 & !0o751, 0);
+        std::fs::set_permissions(&place, std::fs::Permissions::from_mode(0o777)).unwrap();
+        let error = Instance::new(&place).unwrap_err().to_string();
+        assert!(error.contains("may write") && error.contains("0777"), "{error}");
+        std::fs::set_permissions(&place, std::fs::Permissions::from_mode(0o751)).unwrap();
+        let link = folder.path().join("link");
+        symlink(&place, &link).unwrap();
+        assert_eq!(Instance::new(&link).unwrap().run_dir(), place.canonicalize().unwrap());
+        if !rustix::process::geteuid().is_root() {
+            return println!("skipped: only root can make files of another user");
+        }
+        std::os::unix::fs::lchown(&link, Some(65534), None).unwrap();
+        let error = Instance::new(&link).unwrap_err().to_string();
+        assert!(error.contains("the link belongs to user 65534"), "{error}");
+        chown(&place, Some(65534), None).unwrap();
+        let error = Instance::new(&place).unwrap_err().to_string();
+        assert!(error.contains("belongs to user 65534"), "{error}");
     }
 }

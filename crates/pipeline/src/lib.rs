@@ -16,7 +16,7 @@ mod stages;
 mod tamper;
 mod world;
 
-pub use authority::Authority;
+pub use authority::{Authority, Claim, Door};
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, Stream, status_json,
     status_note, tick as control_tick,
@@ -28,10 +28,11 @@ pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
 pub use player::{PlayOptions, Player};
-pub use publisher::Publisher;
+pub use publisher::{ClientError, Publisher, Way};
 pub use settings::{
-    ControlSettings, DriverKind, DriverSettings, FileKey, HandOff, IngestSettings, Method, MetricsSettings, Policy,
-    RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, HandOff, IngestSettings, Method,
+    MetricsSettings, Policy, RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings,
+    SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
@@ -69,6 +70,20 @@ pub enum ConfigError {
         low: f64,
         /// Highest value allowed.
         high: f64,
+    },
+    /// Two values that do not fit together.
+    #[error("{file}: {key} = {value} is below {least}, {because}")]
+    TooShort {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// The value.
+        value: f64,
+        /// Lowest value allowed.
+        least: f64,
+        /// Where that comes from.
+        because: &'static str,
     },
     /// The robot file or URDF is refused.
     #[error("{cause}")]

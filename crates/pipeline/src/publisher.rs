@@ -1,48 +1,119 @@
-//! A client in a thread: publishes a motion through the input domain, exactly as any other client would.
+//! A client in a thread: publishes a motion through the input domain or the skeleton socket, exactly as any other client
+//! would.
 
 mod shared;
 
 use crate::player::Player;
-use bus::{BusError, Domain, DomainConfig};
+use bus::{BusError, Domain, DomainConfig, Writer};
+use doors::DoorError;
 use messages::{RawSkeleton, Service, Stamp};
 use shared::Shared;
+use std::path::PathBuf;
 use std::sync::mpsc::{RecvError, channel};
-use std::sync::{Arc, atomic};
+use std::sync::{Arc, Mutex, atomic};
 use std::thread::JoinHandle;
 use std::time::Duration;
+
+/// What the daemon said last.
+type Told = Arc<Mutex<Option<String>>>;
+
+/// Where a motion is published to.
+#[derive(Clone, Debug)]
+pub enum Way {
+    /// The input domain, in shared memory.
+    Domain(DomainConfig),
+    /// The skeleton socket of `ingest`.
+    Socket(PathBuf),
+}
+
+/// Why a client cannot publish.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The input domain cannot be entered.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The bus did not take a frame.
+    #[error(transparent)]
+    Frame(#[from] bus::PublishError),
+    /// The door is closed.
+    #[error(transparent)]
+    Door(#[from] DoorError),
+}
+
+/// An open way.
+enum Port {
+    Bus(Box<(Writer<RawSkeleton>, Domain)>),
+    Socket(doors::Client),
+}
+
+impl Port {
+    fn open(way: Way) -> Result<Self, ClientError> {
+        Ok(match way {
+            Way::Domain(config) => {
+                let domain = Domain::open(config, "replay")?;
+                Self::Bus(Box::new((domain.writer(Service::RawSkeleton)?, domain)))
+            }
+            Way::Socket(path) => Self::Socket(doors::Client::attach(path)?),
+        })
+    }
+
+    fn publish(&mut self, frame: &RawSkeleton) -> Result<(), ClientError> {
+        match self {
+            Self::Bus(port) => {
+                port.0.publish(frame)?;
+                port.0.notify()?;
+            }
+            Self::Socket(client) => client.publish(frame)?,
+        }
+        Ok(())
+    }
+
+    /// What the daemon said last, where it says anything.
+    fn told(&self) -> Option<&'static str> {
+        match self {
+            Self::Bus(_) => None,
+            Self::Socket(client) => Some(client.told().meaning()),
+        }
+    }
+}
 
 /// A motion that is being published.
 #[derive(Debug)]
 pub struct Publisher {
     shared: Arc<Shared>,
+    told: Told,
     frames: u64,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Publisher {
     /// Starts to publish `player`'s motion into `domain`; `now` reads CLOCK_MONOTONIC.
-    pub fn start(domain: DomainConfig, player: Player, now: fn() -> Stamp) -> Result<Self, BusError> {
+    pub fn start(domain: DomainConfig, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
+        Self::start_on(Way::Domain(domain), player, now)
+    }
+
+    /// As `start`, on any way. On the socket the session is the one that `ingest` gives.
+    pub fn start_on(way: Way, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
         let shared = Arc::new(Shared::default());
-        let (frames, twin) = (player.progress().1, Arc::clone(&shared));
+        let told = Told::default();
+        let (frames, twin, said) = (player.progress().1, Arc::clone(&shared), Arc::clone(&told));
         let (opened, outcome) = channel();
         let thread = std::thread::Builder::new()
             .name("client".into())
             .spawn(move || {
                 // The port is made here because it cannot change its thread.
-                let ports = Domain::open(domain, "replay")
-                    .and_then(|domain| Ok((domain.writer::<RawSkeleton>(Service::RawSkeleton)?, domain)));
-                match ports {
-                    Ok((writer, _domain)) => {
+                match Port::open(way) {
+                    Ok(port) => {
                         let _ = opened.send(Ok(()));
-                        publish(writer, player, &twin, now);
+                        publish(port, player, &twin, &said, now);
                     }
                     Err(error) => _ = opened.send(Err(error)),
                 }
             })
             .expect("a thread can be started");
-        // The thread always answers: opening a domain ends within 5 s, in success or not.
+        // The thread always answers: opening a domain ends within 5 s, attaching to a socket within 1 s, in success or not.
         match outcome.recv() {
-            Ok(Ok(())) => Ok(Self { shared, frames, thread: Some(thread) }),
+            Ok(Ok(())) => Ok(Self { shared, told, frames, thread: Some(thread) }),
             Ok(Err(error)) => Err(error),
             Err(RecvError) => unreachable!("the client's thread answers before it ends"),
         }
@@ -63,7 +134,12 @@ impl Publisher {
         (self.shared.published(), self.frames)
     }
 
-    /// Frames that the bus did not take.
+    /// What the daemon said last of this client, or why the last frame was not taken; nothing on shared memory.
+    pub fn told(&self) -> Option<String> {
+        self.told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()
+    }
+
+    /// Frames that were not taken.
     pub fn failures(&self) -> u64 {
         self.shared.failures()
     }
@@ -78,11 +154,13 @@ impl Drop for Publisher {
     }
 }
 
-fn publish(mut writer: bus::Writer<RawSkeleton>, mut player: Player, shared: &Shared, now: fn() -> Stamp) {
+fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &Told, now: fn() -> Stamp) {
     while !shared.stopped() {
         if let Some((_, frame)) = player.due(now(), shared.engaged()) {
-            let failed = writer.publish(&frame).is_err() | writer.notify().is_err();
-            shared.publish(player.progress().0, failed, player.finished());
+            let outcome = port.publish(&frame);
+            shared.publish(player.progress().0, outcome.is_err(), player.finished());
+            let said = outcome.err().map(|error| error.to_string()).or_else(|| port.told().map(str::to_owned));
+            *told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = said;
         }
         let wait_ns = player.next_due().since(now());
         // Short sleeps, so that stopping never waits for a slow frame rate.

@@ -16,7 +16,9 @@ pub struct Settings {
     pub weights: FileKey,
     /// Retargeting.
     pub retarget: RetargetSettings,
-    /// The door for clients.
+    /// Who may come in.
+    pub doors: DoorSettings,
+    /// What clients bring.
     pub ingest: IngestSettings,
     /// The control process.
     pub control: ControlSettings,
@@ -71,6 +73,16 @@ pub struct RetargetSettings {
     pub resampling: Resampling,
     pub interpolation_delay_ms: f64,
     pub smoothing_ms: f64,
+}
+
+/// Groups of the sockets; an empty name is the group of the daemon's process.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct DoorSettings {
+    /// Whose members may publish skeletons.
+    pub skeleton_group: String,
+    /// Whose members may command.
+    pub operator_group: String,
 }
 
 #[allow(missing_docs)]
@@ -226,6 +238,9 @@ pub struct SimSettings {
     pub encoder_step_rad: f64,
 }
 
+/// The longest stop of any robot, ms (`limits.stop_time_max_ms` of a robot file may not exceed it).
+const STOP_LONGEST_MS: f64 = 500.0;
+
 impl Settings {
     /// Parses and bounds `text`; `file` is named in errors.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
@@ -262,6 +277,17 @@ impl Settings {
             if !(value >= low && value <= high) {
                 return Err(ConfigError::Bound { file: file.to_owned(), key: key.to_owned(), value, low, high });
             }
+        }
+        // The lease must not pass on while the robot still moves for the client that fell silent.
+        let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);
+        if !(value >= least) {
+            return Err(ConfigError::TooShort {
+                file: file.to_owned(),
+                key: "ingest.authority_timeout_ms".to_owned(),
+                value,
+                least,
+                because: "safety.input_stale_ms and the longest stop, 500 ms",
+            });
         }
         Ok(())
     }

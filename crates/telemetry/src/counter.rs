@@ -25,11 +25,17 @@ pub enum Counter {
     Faults,
     /// Latched faults, as bits of `Faults` (control).
     Latched,
+    /// Frames of clients without authority (ingest).
+    WithoutAuthority,
+    /// Frames passed over because their publisher sent more than the rate (ingest).
+    OverQuota,
+    /// Connections turned away at a door.
+    Refused,
 }
 
 impl Counter {
     /// All of them; the index of each is its place.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 13] = [
         Self::Ticks,
         Self::MissedDeadlines,
         Self::PublishFailures,
@@ -40,6 +46,9 @@ impl Counter {
         Self::Mode,
         Self::Faults,
         Self::Latched,
+        Self::WithoutAuthority,
+        Self::OverQuota,
+        Self::Refused,
     ];
 }
 

@@ -22,11 +22,40 @@ pub enum Event {
         /// Frames of such clients so far.
         frames: u64,
     },
+    /// The lease passed to a client.
+    Lease {
+        /// By which way it comes in.
+        door: &'static str,
+        /// Its user.
+        uid: u32,
+        /// Its process.
+        pid: u32,
+    },
+    /// Somebody came to a door, was turned away, or sends too much.
+    Visitor {
+        /// What was said.
+        what: &'static str,
+        /// Whether it is worth a warning.
+        refused: bool,
+        /// The user.
+        uid: u32,
+        /// The process.
+        pid: u32,
+    },
+    /// Somebody did something at the operator's socket.
+    Order {
+        /// What was done.
+        what: &'static str,
+        /// The user.
+        uid: u32,
+        /// The process.
+        pid: u32,
+    },
 }
 
 impl Event {
     /// Kinds of event.
-    pub const KINDS: usize = 4;
+    pub const KINDS: usize = 7;
 
     /// Which kind: lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -35,12 +64,23 @@ impl Event {
             Self::Gap { .. } => 1,
             Self::PublishFailed => 2,
             Self::WithoutAuthority { .. } => 3,
+            Self::Lease { .. } => 4,
+            Self::Visitor { .. } => 5,
+            Self::Order { .. } => 6,
         }
     }
 
     /// What a kind is called when its lines are held back.
     pub(crate) fn kind_name(kind: usize) -> &'static str {
-        ["changes of mode", "gaps", "failures to publish", "clients without authority"][kind]
+        [
+            "changes of mode",
+            "gaps",
+            "failures to publish",
+            "clients without authority",
+            "leases",
+            "visitors",
+            "orders of operators",
+        ][kind]
     }
 
     pub(crate) fn log(&self, process: &str) {
@@ -60,6 +100,18 @@ impl Event {
                 "{process}: a client without authority publishes, another was first; start it anew a second after that \
                  one has left"
             ),
+            Self::Lease { door, uid, pid } => {
+                tracing::info!(uid, pid, "{process}: the lease is held by process {pid} of user {uid}, by {door}");
+            }
+            Self::Visitor { what, refused: false, uid, pid } => {
+                tracing::info!(uid, pid, "{process}: process {pid} of user {uid}: {what}");
+            }
+            Self::Visitor { what, refused: true, uid, pid } => {
+                tracing::warn!(uid, pid, "{process}: process {pid} of user {uid}: {what}");
+            }
+            Self::Order { what, uid, pid } => {
+                tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");
+            }
         }
     }
 }
@@ -150,7 +202,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0]);
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0]);
         assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const REQUEST_BYTES: usize = 4096;
 
 /// Counters as they are exposed: name, help, counter or gauge.
-const EXPOSED: [(Counter, &str, &str); 9] = [
+const EXPOSED: [(Counter, &str, &str); 12] = [
     (Counter::Ticks, "ticks_total", "Rounds of the loop."),
     (Counter::MissedDeadlines, "missed_deadlines_total", "Indices of the grid that were skipped."),
     (Counter::PublishFailures, "publish_failures_total", "Messages that the bus did not take."),
@@ -24,6 +24,9 @@ const EXPOSED: [(Counter, &str, &str); 9] = [
     (Counter::Allocations, "loop_allocations_total", "Allocations of the loop since READY, without the transport's."),
     (Counter::TransportAllocations, "transport_allocations_total", "Allocations of the transport in the loop."),
     (Counter::RingDropped, "telemetry_dropped_total", "Samples that found the ring full."),
+    (Counter::WithoutAuthority, "frames_without_authority_total", "Frames of clients that do not hold the lease."),
+    (Counter::OverQuota, "frames_over_quota_total", "Frames passed over: their publisher sent more than 250 Hz."),
+    (Counter::Refused, "connections_refused_total", "Connections turned away at the socket."),
     (Counter::Faults, "faults_active", "Active faults, as bits."),
     (Counter::Latched, "faults_latched", "Latched faults, as bits."),
 ];

@@ -1,14 +1,14 @@
 //! Whole-body control and the safety gate, woken by the target of each tick or by its own deadline; owns the operator
 //! socket.
 
-use super::{Process, WARM_TICKS, bus_failure};
+use super::{Process, WARM_TICKS, bus_failure, door_group};
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
-use operator::Server;
+use operator::{Deed, OperatorError, Order, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, OperatorEdges};
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
@@ -28,10 +28,10 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     pipeline::Names::of(&config.model).write(process.instance.run_dir()).map_err(|error| {
         Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))
     })?;
-    let server = Server::bind(process.instance.operator_socket()).map_err(|error| {
-        let exit =
-            if matches!(error, operator::OperatorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
-        Failure::new(exit, error)
+    let group = door_group(place, "doors.operator_group", &process.loaded.settings.doors.operator_group)?;
+    let server = Server::bind_for(process.instance.operator_socket(), group).map_err(|error| {
+        let in_use = matches!(error, OperatorError::Door(doors::DoorError::InUse { .. }));
+        Failure::new(if in_use { Exit::TempFail } else { Exit::Unavailable }, error)
     })?;
     // One threshold for a silent operator, wherever it is noticed.
     let server = server.with_lease_ns((process.loaded.settings.safety.operator_silent_ms * 1e6) as u64);
@@ -201,7 +201,13 @@ impl Control {
             self.process.publish(&mut self.statuses, &out.status);
         }
         if k.is_multiple_of(SERVE_EVERY) {
-            self.edges.note(&self.server.poll(rt::now(), &self.status));
+            let view = self.server.poll(rt::now(), &self.status);
+            self.edges.note(&view);
+            let probe = &mut self.process.probe;
+            probe.counters().set(Counter::Refused, view.connections_refused + view.requests_refused);
+            self.server.take_orders(|Order { deed, peer }| {
+                probe.event(Event::Order { what: deed_name(deed), uid: peer.uid, pid: peer.pid });
+            });
         }
     }
 
@@ -210,5 +216,16 @@ impl Control {
         figures["timeline"] = self.timeline.to_json();
         figures["status"] = pipeline::status_json(&self.status);
         self.process.leave(figures)
+    }
+}
+
+fn deed_name(deed: Deed) -> &'static str {
+    match deed {
+        Deed::Connected => "connected",
+        Deed::Forbidden => "refused: neither the daemon's user nor a member of the socket's group",
+        Deed::Enabled => "pressed the enable",
+        Deed::Recovers => "pressed the recovery",
+        Deed::EmergencyStop => "pressed the emergency stop",
+        Deed::Reset => "pressed reset",
     }
 }

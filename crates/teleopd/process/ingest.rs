@@ -1,16 +1,18 @@
-//! Takes skeletons from clients, one of which holds authority, and publishes what validation leaves of them.
+//! Takes skeletons from clients, one of which holds the lease, and publishes what validation leaves of them. Clients of the
+//! daemon's own user come in by shared memory, those of other users by a socket.
 
-use super::{Process, bus_failure};
+use super::{Process, bus_failure, door_group};
 use crate::cli::Place;
-use crate::exit::Failure;
-use bus::{Domain, Writer};
-use messages::{RawSkeleton, Service, Skeleton, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, HandOff};
+use crate::exit::{Exit, Failure};
+use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
+use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_nonce};
+use messages::{RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
+use pipeline::{Authority, Claim, HandOff};
 use serde_json::json;
 use std::time::Duration;
-use telemetry::{Event, Metric};
+use telemetry::{Counter, Event, Metric};
 
-/// How long a silent door is waited at before the loop goes round: a tenth of the shortest authority timeout.
+/// How long silent doors are waited at before the loop goes round: a tenth of the shortest authority timeout.
 const WAIT: Duration = Duration::from_millis(10);
 
 /// Of the frames of clients without authority, the first and every so manieth is told in the log: ten seconds at 60 Hz.
@@ -21,13 +23,19 @@ const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
 /// Runs until shutdown.
 pub fn run(place: &Place) -> Result<(), Failure> {
     let mut process = Process::start("ingest", place, |_| None)?;
+    let group = door_group(place, "doors.skeleton_group", &process.loaded.settings.doors.skeleton_group)?;
     let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
     let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
     let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
+    // Last, because nobody else may write skeletons now: the socket belongs to this process.
+    let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
-    let mut door = Door {
+    let mut hall = Hall {
         authority: Authority::default(),
+        session_nonce: 0,
+        quotas: Quotas::default(),
+        uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
         config: skeleton::Config::default(),
         state: skeleton::State::new(),
@@ -42,28 +50,63 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             let k = tick_at(rt::now().plus_ns(HALF_PERIOD_NS));
             process.shutdown.sleep_until(deadline(k).plus_ns(HALF_PERIOD_NS));
         } else {
-            rt::allocating_aside(|| clients.wait(WAIT));
+            wait(&mut clients, &socket);
         }
+        let now = rt::now();
+        let held = hall.authority.is_held(now, hall.timeout_ns);
+        socket.poll(now, held, |from, frame| hall.take_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
-            clients.drain(|sample| rt::allocating_ourselves(|| door.take(&mut process, &sample.message)))
+            clients.drain(|sample| rt::allocating_ourselves(|| hall.take_sample(&mut process, &sample)))
         });
+        hall.tell(&mut process, &mut socket);
         process.alive();
     }
-    let dropped: serde_json::Map<_, _> = skeleton::DropReason::ALL
-        .iter()
-        .filter(|&&reason| door.state.dropped(reason) > 0)
-        .map(|&reason| (reason.name().to_owned(), json!(door.state.dropped(reason))))
-        .collect();
-    process.leave(json!({
-        "accepted": door.state.accepted(),
-        "dropped": dropped,
-        "without_authority": door.authority.frames_refused(),
-    }))
+    process.leave(hall.figures(&socket))
 }
 
-/// What a frame passes: authority, validation, the core domain.
-struct Door {
+fn door_failure(error: DoorError) -> Failure {
+    let exit = if matches!(error, DoorError::InUse { .. }) { Exit::TempFail } else { Exit::Unavailable };
+    Failure::new(exit, error)
+}
+
+/// Waits for either door, and at most until a connection that sent too much may be read again.
+fn wait(clients: &mut WakingReader<RawSkeleton>, socket: &Server) {
+    let now = rt::now();
+    let (descriptors, count) = socket.descriptors(now);
+    let wait = socket.next_due(now).map_or(WAIT, |due| Duration::from_nanos(due.since(now)).min(WAIT));
+    rt::allocating_aside(|| clients.wait_also(wait, &descriptors[..count]));
+}
+
+/// The token buckets of the publishers on shared memory, as many as there are places.
+#[derive(Default)]
+struct Quotas {
+    of: [(Option<PublisherId>, Bucket, Stamp); Service::RawSkeleton.row().writers_max],
+    over: u64,
+}
+
+impl Quotas {
+    /// Whether `publisher` has a token left; a new one takes the place of the one that was silent longest.
+    fn admits(&mut self, now: Stamp, publisher: PublisherId) -> bool {
+        let known = self.of.iter().position(|(id, ..)| *id == Some(publisher));
+        let oldest = (0..self.of.len()).min_by_key(|&i| self.of[i].2).unwrap_or_default();
+        let place = &mut self.of[known.unwrap_or(oldest)];
+        if known.is_none() {
+            *place = (Some(publisher), Bucket::default(), now);
+        }
+        place.2 = now;
+        let admitted = place.1.take(now);
+        self.over += u64::from(!admitted);
+        admitted
+    }
+}
+
+/// What a frame passes behind the doors: authority, validation, the core domain.
+struct Hall {
     authority: Authority,
+    /// The session of the lease, drawn here, by which the core knows it: no client can continue another's.
+    session_nonce: u64,
+    quotas: Quotas,
+    uid: u32,
     timeout_ns: u64,
     config: skeleton::Config,
     state: skeleton::State,
@@ -71,24 +114,93 @@ struct Door {
     sequence: u64,
 }
 
-impl Door {
-    fn take(&mut self, process: &mut Process, raw: &RawSkeleton) {
+impl Hall {
+    fn take_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
         let now = rt::now();
+        if self.quotas.admits(now, sample.publisher) {
+            let claim = Claim {
+                door: pipeline::Door::SharedMemory,
+                uid: self.uid,
+                pid: sample.process,
+                port: sample.publisher.0,
+                session_nonce: sample.message.session_nonce,
+            };
+            self.take(process, now, claim, &sample.message);
+        }
+    }
+
+    fn take_packet(&mut self, process: &mut Process, from: Arrival, frame: &RawSkeleton) -> Standing {
+        let claim = Claim {
+            door: pipeline::Door::Socket,
+            uid: from.peer.uid,
+            pid: from.peer.pid,
+            port: u128::from(from.connection),
+            session_nonce: from.session_nonce,
+        };
+        if self.take(process, rt::now(), claim, frame) { Standing::Holder } else { Standing::NotHolder }
+    }
+
+    /// Whether the frame's session holds the lease.
+    fn take(&mut self, process: &mut Process, now: Stamp, claim: Claim, raw: &RawSkeleton) -> bool {
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
-        if !self.authority.admits(now, raw, self.timeout_ns) {
+        let grants = self.authority.grants();
+        if !self.authority.admits_claim(now, claim, self.timeout_ns) {
             let frames = self.authority.frames_refused();
             if frames % TOLD_EVERY == 1 {
                 process.probe.event(Event::WithoutAuthority { frames });
             }
-            return;
+            return false;
         }
-        let Some(person) = skeleton::tick(&self.config, &mut self.state, now, skeleton::Input { raw }).skeleton else {
-            return;
+        if self.authority.grants() != grants {
+            self.session_nonce = draw_nonce();
+            process.probe.event(Event::Lease { door: claim.door.name(), uid: claim.uid, pid: claim.pid });
+        }
+        let raw = RawSkeleton { session_nonce: self.session_nonce, ..*raw };
+        let input = skeleton::Input { raw: &raw };
+        let Some(person) = skeleton::tick(&self.config, &mut self.state, now, input).skeleton else {
+            return true;
         };
         self.sequence += 1;
         let stamp = rt::now();
         let header = process.header(self.sequence, stamp, raw.header.origin);
         process.publish(&mut self.skeletons, &Skeleton { header, ..person });
         process.probe.record(Metric::IngestWork, now, stamp);
+        true
     }
+
+    /// Counters and log lines of this round.
+    fn tell(&self, process: &mut Process, socket: &mut Server) {
+        let counters = process.probe.counters();
+        counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
+        counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
+        let refused = Word::ALL.into_iter().filter(|word| word.is_refusal());
+        counters.set(Counter::Refused, refused.map(|word| socket.said(word)).sum());
+        socket.take_notices(|Notice { word, peer }| {
+            let refused = word.is_refusal() || word == Word::OverQuota;
+            process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
+        });
+    }
+
+    fn figures(&self, socket: &Server) -> serde_json::Value {
+        let reasons = skeleton::DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.dropped(reason)));
+        let words = Word::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
+        let holder = self.authority.holder().map(|claim| {
+            let Claim { door, uid, pid, .. } = claim;
+            json!({ "door": door.name(), "uid": uid, "pid": pid })
+        });
+        json!({
+            "accepted": self.state.accepted(),
+            "dropped": counted(reasons),
+            "without_authority": self.authority.frames_refused(),
+            "over_quota": { "shared memory": self.quotas.over, "socket": socket.over_quota() },
+            "leases": self.authority.grants(),
+            "holder": holder,
+            "connections": counted(words),
+        })
+    }
+}
+
+/// What happened at all, and how often.
+fn counted(all: impl Iterator<Item = (&'static str, u64)>) -> serde_json::Map<String, serde_json::Value> {
+    all.filter(|(_, count)| *count > 0).map(|(name, count)| (name.to_owned(), json!(count))).collect()
 }

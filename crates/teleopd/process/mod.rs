@@ -204,3 +204,21 @@ pub fn bus_failure(error: bus::BusError) -> Failure {
     let exit = if error.is_occupied() { Exit::TempFail } else { Exit::Unavailable };
     Failure::new(exit, error)
 }
+
+/// The group of a door by its name; the process's own for none. An unknown one is refused.
+pub fn door_group(place: &Place, key: &'static str, name: &str) -> Result<Option<u32>, Failure> {
+    if name.is_empty() {
+        return Ok(None);
+    }
+    match doors::group_id(name) {
+        Some(gid) => Ok(Some(gid)),
+        None => {
+            let text = format!(
+                "{}: {key} = {name:?}: this machine has no such group: make it (groupadd --system {name}), or leave it \
+                 empty for the daemon's own",
+                place.config.display()
+            );
+            Err(Failure::new(Exit::Config, text))
+        }
+    }
+}

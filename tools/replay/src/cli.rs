@@ -29,6 +29,10 @@ pub struct Cli {
     /// Folder of the running instance.
     #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
     pub run_dir: PathBuf,
+    /// Publish by this socket of ingest (skeleton.sock in the folder of the instance) in place of shared memory: as any user
+    /// in the socket's group. The operator's socket is looked for beside it.
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["offline", "run_dir"])]
+    pub socket: Option<PathBuf>,
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {

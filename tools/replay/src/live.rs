@@ -1,12 +1,13 @@
-//! Publishes through the input domain; the first frame is held until the robot follows.
+//! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
 use operator::Client;
-use pipeline::{Instance, PlayOptions, Player, Publisher};
+use pipeline::{Instance, PlayOptions, Player, Publisher, Way};
 use rt::Shutdown;
+use std::path::Path;
 use std::time::Duration;
 
 /// How often the mode is asked for and the progress is drawn.
@@ -15,21 +16,27 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
-    if !cli.run_dir.is_dir() {
-        let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
-        return Err(Failure::unavailable(text));
-    }
-    let instance = Instance::new(&cli.run_dir)
-        .map_err(|error| Failure::unavailable(format!("{}: {error}", cli.run_dir.display())))?;
+    let instance = match &cli.socket {
+        Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
+        None if cli.run_dir.is_dir() => Instance::unmade(&cli.run_dir),
+        None => {
+            let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
+            return Err(Failure::unavailable(text));
+        }
+    };
+    let way = match &cli.socket {
+        Some(socket) => Way::Socket(socket.clone()),
+        None => Way::Domain(instance.input_domain()),
+    };
     let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
-    let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(Failure::unavailable)?;
+    let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     let mut control = Client::connect(instance.operator_socket()).ok();
     if control.is_none() {
-        println!("no operator socket in {}: playing at once", instance.run_dir().display());
+        println!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
         publisher.set_engaged(true);
     } else {
         println!("holding the first frame until the robot is engaged (`teleopctl engage`)");
@@ -38,7 +45,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
         bar.set_style(style);
     }
-    let mut mode = None;
+    let (mut mode, mut told) = (None, None);
     while !shutdown.requested() && !publisher.finished() {
         if let Some(client) = &mut control {
             match client.heartbeat() {
@@ -53,12 +60,16 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                 Err(error) => bar.println(error.to_string()),
             }
         }
+        if publisher.told() != told {
+            told = publisher.told();
+            told.iter().for_each(|told| bar.println(told));
+        }
         bar.set_position(publisher.progress().0);
         std::thread::sleep(LOOK);
     }
     bar.finish();
     if publisher.failures() > 0 {
-        return Err(Failure::failed(format!("{} frames were not taken by the bus", publisher.failures())));
+        return Err(Failure::failed(format!("{} frames were not taken", publisher.failures())));
     }
     Ok(())
 }
