@@ -130,7 +130,7 @@ fn a_run_folder_that_others_may_write_or_own_is_a_problem() {
     std::fs::create_dir(&patient.run_dir).expect("a folder");
     let set = |mode| std::fs::set_permissions(&patient.run_dir, std::fs::Permissions::from_mode(mode)).expect("a mode");
     set(0o777);
-    patient.shows("run folder", "problem", &["0777", "chmod 0750"], "");
+    patient.shows("run folder", "problem", &["0777", "chmod 0751"], "");
     set(0o750);
     patient.shows("run folder", "ok", &["0750"], "");
     let own = std::fs::metadata(&patient.run_dir).expect("a folder").uid();

@@ -214,7 +214,7 @@ fn a_killed_supervisor_leaves_the_robot_at_rest() {
 }
 
 #[test]
-fn a_second_client_gets_no_authority() {
+fn f068_a_second_client_gets_no_authority() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let first = rig.client(&motion::builtin(), 17);
@@ -241,7 +241,7 @@ fn a_second_client_gets_no_authority() {
 }
 
 #[test]
-fn a_second_writer_of_the_core_domain_is_refused() {
+fn f092_a_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
     rig.start("sim");
     rig.start("control");

@@ -161,7 +161,13 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
         None => println!("skipped: there is no systemd-sysusers"),
         Some(_) => {
             let of = |file: &str| std::fs::read_to_string(tree.join("etc").join(file)).unwrap_or_default();
-            assert!(of("passwd").contains("teleop:") && of("group").contains("teleop-operator:"), "{}", of("passwd"));
+            assert!(
+                of("passwd").contains("teleop:")
+                    && of("group").contains("teleop-operator:")
+                    && of("group").contains("teleop-skeleton:"),
+                "{}",
+                of("passwd")
+            );
         }
     }
 

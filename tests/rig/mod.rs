@@ -1,11 +1,13 @@
 //! An instance of real processes for a test: a folder of its own, processes started singly, a hand, a client, and eyes.
 #![allow(dead_code)]
 
+pub mod user;
+
 use bus::{Domain, Reader};
 use messages::{Fault, Faults, Mode, RobotState, Service, Status};
 use motion::{CalibrationMode, Motion};
 use operator::Client;
-use pipeline::{Instance, PlayOptions, Player, Publisher};
+use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Way};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -189,6 +191,37 @@ impl Rig {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         let player = Player::new(motion, play, session, rt::incarnation());
         Publisher::start(self.instance.input_domain(), player, rt::now).expect("a client")
+    }
+
+    /// The same by the skeleton socket; the session is the daemon's.
+    pub fn socket_client(&self, motion: &Motion) -> Result<Publisher, ClientError> {
+        let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+        let player = Player::new(motion, play, 0, rt::incarnation());
+        Publisher::start_on(Way::Socket(self.instance.skeleton_socket()), player, rt::now)
+    }
+
+    /// Lets other users pass through the folder, as that of an installed instance does.
+    pub fn open_to_others(&self) {
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o711);
+        std::fs::set_permissions(self.folder(), mode).expect("the folder is ours");
+    }
+
+    /// Whether a process that was started still runs.
+    pub fn runs(&mut self, name: &str) -> bool {
+        self.child(name).try_wait().expect("its state").is_none()
+    }
+
+    /// Waits for a process to end by itself, and says how.
+    pub fn ended(&mut self, name: &str) -> std::process::ExitStatus {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if let Some(status) = self.child(name).try_wait().expect("its state") {
+                self.children.retain(|(running, _)| running != name);
+                return status;
+            }
+            assert!(Instant::now() < give_up, "{name} does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     pub fn eyes(&self) -> Eyes {

@@ -31,13 +31,16 @@ cat > etc/passwd <<'END'
 root:x:0:0::/root:/bin/sh
 teleop:x:990:990::/:/sbin/nologin
 operator:x:1000:1000::/tmp:/sbin/nologin
+tracker:x:1001:1001::/tmp:/sbin/nologin
 nobody:x:65534:65534::/:/sbin/nologin
 END
 cat > etc/group <<'END'
 root:x:0:
 teleop:x:990:
 teleop-operator:x:991:
+teleop-skeleton:x:992:
 operator:x:1000:
+tracker:x:1001:
 nogroup:x:65534:
 END
 : > etc/fstab
@@ -47,6 +50,8 @@ cp -r "$repository/config/teleop.toml" "$repository/config/robots" etc/teleop/
 cp -r "$repository/weights" etc/weights
 # The simulated robot may do without real-time scheduling, which this machine may lack.
 sed -i 's/^engage_without_realtime = false/engage_without_realtime = true/' etc/teleop/teleop.toml
+# Trackers have a group of their own, as examples/client.conf says.
+sed -i 's/^skeleton_group = ""/skeleton_group = "teleop-skeleton"/' etc/teleop/teleop.toml
 
 # As little as systemd needs to come up, then the units under test, unchanged.
 for unit in basic sysinit shutdown; do
@@ -57,6 +62,7 @@ cp -r "$repository"/config/systemd/system/* etc/systemd/system/
 cp -r "$repository"/config/systemd/user/* etc/systemd/user/
 cat > etc/systemd/system/client.service <<'END'
 [Service]
+User=tracker
 Environment=TELEOP_TEST_CLIENT=/run/teleop
 ExecStart=/usr/bin/client --exact client --ignored --nocapture
 END

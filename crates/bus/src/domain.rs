@@ -95,7 +95,10 @@ impl Domain {
             Some(Err(error)) => {
                 Err(BusError::Node { root: config.root, prefix: config.prefix, cause: node_failure(error) })
             }
-            Some(Ok(node)) => Ok(Self { node, config }),
+            Some(Ok(node)) => {
+                shared_memory::close_to_others(&config.prefix);
+                Ok(Self { node, config })
+            }
         }
     }
 

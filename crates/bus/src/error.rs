@@ -157,7 +157,7 @@ pub enum PublishError {
 /// The folder of a domain without its shared memory: the writer's /dev/shm is another one.
 fn hint(cause: &str) -> &'static str {
     if cause.contains("HangsInCreation") {
-        "; its owner has another /dev/shm, as the systemd units have: run the client with theirs (examples/client.conf)"
+        "; its owner has another /dev/shm, as the systemd units have: come in by skeleton.sock (examples/client.conf)"
     } else {
         ""
     }

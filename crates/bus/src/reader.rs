@@ -206,3 +206,34 @@ impl<M: Message> Latest<M> for WakingReader<M> {
         WakingReader::latest(self)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::{Domain, DomainConfig};
+    use messages::{JointTarget, Layout, Service};
+
+    #[test]
+    fn f090_a_sample_that_is_held_for_ever_holds_up_nobody() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let prefix = format!("t{}_held_", std::process::id());
+        let config = DomainConfig { root: folder.path().join("root"), prefix: prefix.clone() };
+        let domain = Domain::open(config, "test").expect("a domain");
+        let mut writer = domain.writer::<JointTarget>(Service::JointTarget).expect("a writer");
+        let greedy = domain.reader::<JointTarget>(Service::JointTarget).expect("a reader");
+        let mut other = domain.reader::<JointTarget>(Service::JointTarget).expect("a reader");
+        writer.publish(&JointTarget::ZERO).expect("it goes out");
+        let held = greedy.subscriber.receive().expect("a sample").expect("the first");
+        for k in 1..=10_000 {
+            writer.publish(&JointTarget { k, ..JointTarget::ZERO }).expect("it goes out");
+            assert_eq!(other.latest().map(|target| target.k), Some(k));
+        }
+        assert_eq!(held.payload().0.k, 0);
+        assert!(greedy.subscriber.receive().is_err(), "more than one it does not get");
+        drop((held, greedy, other, writer, domain));
+        for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Room in the shared-memory filesystem.
 
 use crate::error::BusError;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 
 /// Where POSIX shared memory lives on Linux (shm_overview(7)).
@@ -22,6 +23,19 @@ fn check_room_in(path: &Path, needed_bytes: u64) -> Result<(), BusError> {
         return Err(BusError::SharedMemoryFull { path: path.to_owned(), free_bytes, needed_bytes });
     }
     Ok(())
+}
+
+/// Takes the rights of other users from what lies there under `prefix`. All but one file is made without any; the transport
+/// makes the counter of its nodes for everybody. What belongs to another user is left alone: the transport refuses it.
+pub(crate) fn close_to_others(prefix: &str) {
+    let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) else { return };
+    for entry in entries.flatten().filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())) {
+        let open = entry.metadata().is_ok_and(|metadata| metadata.is_file() && metadata.mode() & 0o077 != 0);
+        if open {
+            let own = std::fs::Permissions::from_mode(0o600);
+            let _ = std::fs::set_permissions(entry.path(), own);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Where an instance of teleopd lives: its folder, its operator socket, its two shared-memory domains.
 
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// The folder of an instance that was given none.
@@ -19,9 +19,11 @@ impl Instance {
     /// it. Refused is a folder in which another user could put or replace something: one that belongs to neither this user
     /// nor root, that others may write to, or that is a link of another user.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
-        let mut builder = std::fs::DirBuilder::new();
-        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o751);
-        builder.recursive(true).create(run_dir)?;
+        if !run_dir.exists() {
+            std::fs::create_dir_all(run_dir)?;
+            // Whatever the umask says.
+            std::fs::set_permissions(run_dir, std::fs::Permissions::from_mode(0o751))?;
+        }
         refuse_foreign(run_dir)?;
         Ok(Self::at(run_dir.canonicalize()?))
     }
@@ -98,8 +100,8 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
             let text = format!("the {what} belongs to user {uid}, who could put sockets of its own there");
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
-        if found.is_dir() && mode & 0o022 != 0 {
-            let text = format!("other users may write to the {what} (mode {mode:04o}): chmod go-w, or another folder");
+        if found.is_dir() && mode & 0o002 != 0 {
+            let text = format!("other users may write to the {what} (mode {mode:04o}): chmod o-w, or another folder");
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
     }
@@ -109,14 +111,14 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::{PermissionsExt, chown, symlink};
+    use std::os::unix::fs::{chown, symlink};
 
     #[test]
     fn f110_a_folder_or_link_of_another_user_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("run");
         let instance = Instance::new(&place).unwrap();
-        assert_eq!(instance.run_dir().metadata().unwrap().permissions().mode() & 0o777 & !0o751, 0);
+        assert_eq!(instance.run_dir().metadata().unwrap().permissions().mode() & 0o777, 0o751);
         std::fs::set_permissions(&place, std::fs::Permissions::from_mode(0o777)).unwrap();
         let error = Instance::new(&place).unwrap_err().to_string();
         assert!(error.contains("may write") && error.contains("0777"), "{error}");

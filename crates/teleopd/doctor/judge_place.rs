@@ -35,13 +35,15 @@ pub fn place(facts: &Facts) -> Vec<Finding> {
 }
 
 fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) -> Finding {
+    // Users of other groups pass through the folder of the instance to its sockets; the bus is this user's alone.
+    let right = if check == "run folder" { "0751" } else { "0700" };
     match *folder {
-        Folder::Missing { can_be_made: true } => Finding::ok(check, format!("{path}: will be made, mode 0750")),
+        Folder::Missing { can_be_made: true } => Finding::ok(check, format!("{path}: will be made, mode {right}")),
         Folder::Missing { can_be_made: false } => Finding::problem(
             check,
             format!("{path}: missing, and this user cannot make it"),
             format!(
-                "sudo install -d -m 0750 -o \"$USER\" {path}, or another --run-dir (the units make /run/teleop \
+                "sudo install -d -m {right} -o \"$USER\" {path}, or another --run-dir (the units make /run/teleop \
                  themselves when they start)"
             ),
         ),
@@ -56,17 +58,17 @@ fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) ->
         Folder::Is { usable: false, mode, .. } => Finding::problem(
             check,
             format!("{path}: mode {mode:04o} keeps its own user out"),
-            format!("chmod 0750 {path}"),
+            format!("chmod {right} {path}"),
         ),
         Folder::Is { mode, .. } if mode & 0o002 != 0 => Finding::problem(
             check,
             format!("{path}: mode {mode:04o}, any user of the machine may replace the operator's socket in it"),
-            format!("chmod 0750 {path}"),
+            format!("chmod {right} {path}"),
         ),
         Folder::Is { mode, .. } if mode & 0o020 != 0 => Finding::note(
             check,
             format!("{path}: mode {mode:04o}, its group may replace the operator's socket in it"),
-            format!("chmod 0750 {path}"),
+            format!("chmod {right} {path}"),
         ),
         Folder::Is { mode, .. } => Finding::ok(check, format!("{path}, mode {mode:04o}")),
     }

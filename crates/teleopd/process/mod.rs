@@ -64,6 +64,7 @@ impl Process {
     ) -> Result<Self, Failure> {
         let started = rt::now();
         rt::die_with_parent();
+        keep_private();
         telemetry::install_logging();
         if let Some(limit) = rt::Limits::of_process().nofile.filter(|&limit| limit < NOFILE_LEAST) {
             let text = format!("{limit} open files are allowed, {NOFILE_LEAST} are needed (ulimit -n, LimitNOFILE=)");
@@ -197,6 +198,15 @@ impl Process {
         std::fs::write(&path, figures.to_string())
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", path.display())))
     }
+}
+
+/// Whatever this process writes is for its user and group; its memory, which holds what a person did, goes into no core
+/// file.
+fn keep_private() {
+    rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o027));
+    let none = rustix::process::Rlimit { current: Some(0), maximum: Some(0) };
+    // Lowering a limit is always allowed.
+    let _ = rustix::process::setrlimit(rustix::process::Resource::Core, none);
 }
 
 /// The bus refuses: another instance has the place, or the place cannot be used.

@@ -1,0 +1,124 @@
+//! What a process of the same user can do to a domain, and what it cannot.
+
+mod support;
+
+use bus::{BusError, Domain, Reader, Writer};
+use messages::{Layout, RawSkeleton, Service, Skeleton};
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::{FileExt, PermissionsExt};
+use support::{Place, shared_memory_bytes};
+
+fn raw(sequence: u64) -> RawSkeleton {
+    let mut raw = RawSkeleton::ZERO;
+    raw.header.sequence = sequence;
+    raw.positions[95] = [sequence as f32; 3];
+    raw
+}
+
+fn client(domain: &Domain) -> Writer<RawSkeleton> {
+    domain.writer(Service::RawSkeleton).expect("a place")
+}
+
+/// The files in /dev/shm of a domain, and their modes.
+fn files(prefix: &str) -> Vec<(std::path::PathBuf, u32)> {
+    let entries = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
+    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
+    ours.map(|entry| (entry.path(), entry.metadata().map_or(0, |data| data.permissions().mode() & 0o777))).collect()
+}
+
+#[test]
+fn f106_f107_no_file_of_a_domain_is_open_to_another_user() {
+    let place = Place::new("modes");
+    let domain = place.open();
+    let mut reader: Reader<RawSkeleton> = domain.reader(Service::RawSkeleton).expect("a reader");
+    let mut writer = client(&domain);
+    writer.publish(&raw(1)).expect("it goes out");
+    assert!(reader.latest().is_some());
+    let files = files(&place.config().prefix);
+    assert!(files.len() >= 4, "{files:?}");
+    assert!(files.iter().all(|(_, mode)| mode & 0o077 == 0), "{files:?}");
+    let root = std::fs::metadata(place.root()).expect("the root").permissions().mode();
+    assert_eq!(root & 0o777, 0o700);
+    // A second process of the same user finds its way all the same.
+    drop(place.open());
+}
+
+#[test]
+fn f019_what_is_validated_is_a_copy_that_the_writer_cannot_change() {
+    let place = Place::new("copy");
+    let domain = place.open();
+    let mut reader: Reader<RawSkeleton> = domain.reader(Service::RawSkeleton).expect("a reader");
+    let mut writer = client(&domain);
+    let data = |path: &std::path::Path| path.to_string_lossy().ends_with(".data");
+    for sequence in 1..=20 {
+        writer.publish(&raw(sequence)).expect("it goes out");
+        let taken = reader.drain(|sample| {
+            // A writer that breaks the rules overwrites what it has sent; only the memory of the samples, so that both live.
+            for (path, _) in files(&place.config().prefix).into_iter().filter(|(path, _)| data(path)) {
+                let file = OpenOptions::new().read(true).write(true).open(path).expect("the same user");
+                let mut bytes = vec![0; file.metadata().expect("a size").len() as usize];
+                file.read_at(&mut bytes, 0).expect("it reads");
+                let value = (sequence as f32).to_le_bytes();
+                let places: Vec<_> = (0..bytes.len() - 4).step_by(4).filter(|&i| bytes[i..i + 4] == value).collect();
+                assert!(places.len() >= 3, "the frame lies there");
+                places.iter().for_each(|&i| _ = file.write_at(&[0xff; 4], i as u64).expect("it writes"));
+            }
+            assert_eq!(sample.message, raw(sequence));
+        });
+        assert_eq!(taken, 1);
+    }
+}
+
+#[test]
+fn f088_a_client_that_takes_every_place_leaves_the_first_one_its_own() {
+    let place = Place::new("places");
+    let (ours, theirs) = (place.open(), place.open());
+    let mut reader: Reader<RawSkeleton> = ours.reader(Service::RawSkeleton).expect("a reader");
+    let mut holder = client(&theirs);
+    let rogue = place.open();
+    let mut taken = Vec::new();
+    let error = loop {
+        match rogue.writer::<RawSkeleton>(Service::RawSkeleton) {
+            Ok(writer) => taken.push(writer),
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(error, BusError::WriterExists { writers_max: 8, .. }), "{error:?}");
+    assert_eq!(taken.len(), 7);
+    for sequence in 1..=1000 {
+        taken.iter_mut().for_each(|writer| _ = writer.publish(&raw(u64::MAX)));
+        holder.publish(&raw(sequence)).expect("it goes out");
+        let mut seen = false;
+        for _ in 0..2 {
+            reader.drain(|sample| seen |= sample.message.header.sequence == sequence);
+        }
+        assert!(seen, "frame {sequence} of the first client");
+    }
+}
+
+#[test]
+fn f090_readers_that_never_read_cost_a_fixed_amount_of_memory() {
+    let place = Place::new("unread");
+    let domain = place.open();
+    let mut writer = client(&domain);
+    let idle: Vec<Reader<RawSkeleton>> = (0..8).map(|_| domain.reader(Service::RawSkeleton).expect("one")).collect();
+    writer.publish(&raw(0)).expect("it goes out");
+    let before = shared_memory_bytes(&place.config().prefix);
+    for sequence in 1..=100_000 {
+        writer.publish(&raw(sequence)).expect("a full buffer gives way to the newest");
+    }
+    assert_eq!(shared_memory_bytes(&place.config().prefix), before);
+    drop(idle);
+}
+
+#[test]
+fn f018_another_message_under_the_same_name_is_refused() {
+    let place = Place::new("type");
+    let domain = place.open();
+    let error = domain.writer::<Skeleton>(Service::RawSkeleton).expect_err("another layout");
+    assert!(matches!(error, BusError::WrongMessage { .. }), "{error:?}");
+    // The folder itself is what keeps others out; a file that stands in its way is an error in words.
+    File::create(place.root().join("in the way")).expect("a file");
+    let config = bus::DomainConfig { root: place.root().join("in the way"), prefix: place.config().prefix };
+    assert!(matches!(Domain::open(config, "test"), Err(BusError::Root { .. })));
+}

@@ -1,0 +1,68 @@
+//! No poll allocates once the server has started.
+#![allow(unsafe_code, reason = "a counting allocator has to implement GlobalAlloc")]
+
+use doors::{ANSWER_BYTES, Answer, Hello, Server, Standing, encode_frame};
+use messages::{Layout as _, RawSkeleton, Stamp};
+use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static COUNT: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: forwards to the system allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let path = folder.path().join("skeleton.sock");
+    let mut server = Server::bind(&path, None).unwrap();
+    let address = SocketAddrUnix::new(&path).unwrap();
+    let before = COUNT.with(Cell::get);
+    let (mut used, mut now) = (0, Stamp(1));
+    for _ in 0..100 {
+        let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+        rustix::net::connect(&socket, &address).unwrap();
+        rustix::net::send(&socket, &Hello::OURS.encode(), SendFlags::empty()).unwrap();
+        server.poll(now, false, |_, _| Standing::Holder);
+        server.poll(now, false, |_, _| Standing::Holder);
+        let mut bytes = [0; ANSWER_BYTES];
+        rustix::net::recv(&socket, &mut bytes[..], RecvFlags::DONTWAIT).unwrap();
+        let session_nonce = Answer::decode(&bytes).unwrap().session_nonce;
+        let frame = encode_frame(&RawSkeleton { session_nonce, ..RawSkeleton::ZERO });
+        for round in 0..40 {
+            now = now.plus_ns(1_000_000);
+            let _ = rustix::net::send(&socket, &frame, SendFlags::DONTWAIT);
+            server.poll(now, round % 2 == 0, |_, _| {
+                used += 1;
+                if round % 3 == 0 { Standing::Holder } else { Standing::NotHolder }
+            });
+            server.descriptors(now);
+            server.take_notices(|_| {});
+        }
+        rustix::net::send(&socket, b"no frame", SendFlags::DONTWAIT).unwrap();
+        now = now.plus_ns(1_000_000_000);
+        server.poll(now, true, |_, _| Standing::Holder);
+        assert_eq!(server.connections(), 0);
+    }
+    assert_eq!(COUNT.with(Cell::get), before);
+    assert!(used > 1000 && server.over_quota() > 1000, "{used} {}", server.over_quota());
+}

@@ -1,0 +1,336 @@
+//! The skeleton socket: who is let in, what is refused, and what nobody can do to the others.
+
+use doors::{
+    Answer, Arrival, BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, HELLO_WITHIN_NS, Hello, IDLE_NS, Server,
+    Standing, Word, encode_frame,
+};
+use messages::{Layout, RawSkeleton, Stamp};
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+const MS: u64 = 1_000_000;
+
+/// A server with a clock that stands still unless told otherwise; the first session that publishes holds the lease.
+struct House {
+    folder: TempDir,
+    server: Server,
+    now: Stamp,
+    holder: Option<u64>,
+    used: Vec<(Arrival, u64)>,
+}
+
+impl House {
+    fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        let server = Server::bind(&folder.path().join("skeleton.sock"), None).unwrap();
+        Self { folder, server, now: Stamp(1_000_000_000), holder: None, used: Vec::new() }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("skeleton.sock")
+    }
+
+    fn poll(&mut self) {
+        let (holder, used) = (&mut self.holder, &mut self.used);
+        self.server.poll(self.now, holder.is_some(), |from, frame| {
+            used.push((from, frame.header.sequence));
+            let holds = *holder.get_or_insert(from.session_nonce) == from.session_nonce;
+            if holds { Standing::Holder } else { Standing::NotHolder }
+        });
+    }
+
+    fn later(&mut self, ns: u64) {
+        self.now = self.now.plus_ns(ns);
+        self.poll();
+    }
+
+    /// Connected, and nothing said.
+    fn raw(&self) -> Raw {
+        let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+        rustix::net::connect(&socket, &SocketAddrUnix::new(self.path()).unwrap()).unwrap();
+        Raw { socket, nonce: 0, sequence: 0 }
+    }
+
+    /// Past the hello.
+    fn guest(&mut self) -> Raw {
+        let mut raw = self.raw();
+        raw.send(&Hello::OURS.encode());
+        self.poll();
+        self.poll();
+        let answer = raw.answer().expect("an answer");
+        assert!(matches!(answer.word, Word::Granted | Word::GrantedButHeld), "{answer:?}");
+        raw.nonce = answer.session_nonce;
+        raw
+    }
+}
+
+struct Raw {
+    socket: OwnedFd,
+    nonce: u64,
+    sequence: u64,
+}
+
+impl Raw {
+    fn send(&self, bytes: &[u8]) {
+        rustix::net::send(&self.socket, bytes, SendFlags::NOSIGNAL).unwrap();
+    }
+
+    fn frame(&mut self) -> Result<usize, Errno> {
+        let mut frame = RawSkeleton { session_nonce: self.nonce, ..RawSkeleton::ZERO };
+        frame.header.sequence = self.sequence + 1;
+        let flags = SendFlags::NOSIGNAL | SendFlags::DONTWAIT;
+        let sent = rustix::net::send(&self.socket, &encode_frame(&frame), flags);
+        self.sequence += u64::from(sent.is_ok());
+        sent
+    }
+
+    fn answer(&self) -> Option<Answer> {
+        let mut bytes = [0; 64];
+        for _ in 0..2 {
+            match rustix::net::recv(&self.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
+                Ok((length, _)) => return Answer::decode(&bytes[..length]),
+                Err(Errno::CONNRESET) => {}
+                Err(_) => return None,
+            }
+        }
+        None
+    }
+
+    /// The last thing that was said.
+    fn told(&self) -> Option<Word> {
+        std::iter::from_fn(|| self.answer()).last().map(|answer| answer.word)
+    }
+
+    fn is_closed(&self) -> bool {
+        let mut byte = [0; 64];
+        loop {
+            match rustix::net::recv(&self.socket, &mut byte[..], RecvFlags::DONTWAIT) {
+                Ok((0, _)) => return true,
+                Err(Errno::AGAIN) => return false,
+                Err(Errno::CONNRESET) | Ok(_) => {}
+                Err(errno) => panic!("{errno}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn f070_every_connection_has_a_session_number_of_its_own_that_the_daemon_draws() {
+    let mut house = House::new();
+    let mut seen: Vec<u64> = (0..100).map(|_| house.guest().nonce).collect();
+    assert!(seen.iter().all(|&nonce| nonce != 0));
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), 100);
+}
+
+#[test]
+fn f068_the_first_is_told_that_it_holds_and_the_others_twice_a_second_that_they_do_not() {
+    let mut house = House::new();
+    let (mut first, mut second) = (house.guest(), house.guest());
+    let mut told = Vec::new();
+    for _ in 0..100 {
+        first.frame().unwrap();
+        house.later(10 * MS);
+        second.frame().unwrap();
+        house.later(10 * MS);
+        told.extend(second.answer().map(|answer| answer.word));
+    }
+    assert_eq!(first.told(), Some(Word::Holder));
+    assert_eq!(told, [Word::NotHolder; 4], "in two seconds");
+    assert_eq!(house.used.len(), 200);
+    let third = house.raw();
+    third.send(&Hello::OURS.encode());
+    house.poll();
+    house.poll();
+    assert_eq!(third.told(), Some(Word::GrantedButHeld));
+}
+
+#[test]
+fn f068_a_forged_session_number_ends_the_connection() {
+    let mut house = House::new();
+    let (mut holder, mut forger) = (house.guest(), house.guest());
+    holder.frame().unwrap();
+    house.poll();
+    forger.nonce = holder.nonce;
+    forger.frame().unwrap();
+    house.poll();
+    assert_eq!(forger.told(), Some(Word::ForgedSession));
+    assert!(forger.is_closed());
+    assert_eq!(house.used.len(), 1, "nothing of it went through");
+}
+
+#[test]
+fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
+    let mut house = House::new();
+    // The bytes of an engage order of the operator's socket: a version, a level, counters.
+    let mut engage = [0; 32];
+    (engage[0], engage[4], engage[8], engage[24]) = (1, 1, 1, 1);
+    let other = Hello { layout: 1, ..Hello::OURS };
+    let openings: [(&[u8], Word); 5] = [
+        (&engage, Word::NoHello),
+        (b"x", Word::NoHello),
+        (&[0; 65536], Word::NoHello),
+        (&other.encode(), Word::OtherLayout),
+        (&encode_frame(&RawSkeleton::ZERO), Word::NoHello),
+    ];
+    for (bytes, word) in openings {
+        let raw = house.raw();
+        raw.send(bytes);
+        house.poll();
+        house.poll();
+        assert_eq!(raw.told(), Some(word));
+        assert!(raw.is_closed());
+    }
+    for bytes in [&engage[..], &[0; FRAME_BYTES - 1], &[0; FRAME_BYTES + 1], &[0; 65536]] {
+        let guest = house.guest();
+        guest.send(bytes);
+        house.poll();
+        assert_eq!(guest.told(), Some(Word::WrongSize));
+        assert!(guest.is_closed());
+    }
+    assert_eq!((house.used.len(), house.server.connections()), (0, 0));
+    assert_eq!(house.server.said(Word::WrongSize), 4);
+}
+
+#[test]
+fn f088_the_ninth_is_told_and_half_open_connections_lose_their_places() {
+    let mut house = House::new();
+    let silent: Vec<_> = (0..CONNECTIONS_MAX).map(|_| (house.raw(), house.poll()).0).collect();
+    let ninth = house.raw();
+    house.poll();
+    assert_eq!(ninth.told(), Some(Word::Full));
+    house.later(HELLO_WITHIN_NS + 1);
+    assert!(silent.iter().all(|raw| raw.told() == Some(Word::Late) && raw.is_closed()));
+    house.guest();
+}
+
+#[test]
+fn f088_forgotten_guests_make_room_and_busy_ones_do_not() {
+    let mut house = House::new();
+    let mut guests: Vec<_> = (0..CONNECTIONS_MAX).map(|_| house.guest()).collect();
+    for _ in 0..60 {
+        for guest in &mut guests[1..] {
+            guest.frame().unwrap();
+        }
+        house.later(IDLE_NS / 50);
+    }
+    let late = house.raw();
+    late.send(&Hello::OURS.encode());
+    house.poll();
+    house.poll();
+    assert_eq!(late.told(), Some(Word::GrantedButHeld));
+    assert_eq!(guests[0].told(), Some(Word::Idle));
+    assert!(guests[1..].iter().all(|guest| !guest.is_closed()));
+    let more = house.raw();
+    house.poll();
+    assert_eq!(more.told(), Some(Word::Full), "nobody else was idle");
+}
+
+#[test]
+fn f088_a_thousand_connects_leave_the_holder_alone() {
+    let mut house = House::new();
+    let mut holder = house.guest();
+    for round in 0..1000 {
+        let raw = house.raw();
+        if round % 3 == 0 {
+            drop(raw);
+        } else {
+            raw.send(&[7; 100]);
+        }
+        holder.frame().unwrap();
+        house.later(10 * MS);
+    }
+    assert_eq!(house.used.len(), 1000, "every frame of the holder was used in its round");
+    house.poll();
+    assert_eq!(house.server.connections(), 1);
+    assert_eq!(holder.told(), Some(Word::Holder));
+}
+
+#[test]
+fn f090_a_client_that_never_reads_loses_answers_and_nothing_else() {
+    let mut house = House::new();
+    let (mut holder, mut deaf) = (house.guest(), house.guest());
+    for _ in 0..3000 {
+        deaf.frame().unwrap();
+        holder.frame().unwrap();
+        house.later(10 * MS);
+    }
+    assert_eq!(house.used.len(), 6000);
+    assert!(!holder.is_closed());
+}
+
+#[test]
+fn f023_of_a_flood_the_newest_frame_is_used_250_times_a_second_and_the_other_client_is_served_each_time() {
+    let mut house = House::new();
+    let (mut holder, mut flood) = (house.guest(), house.guest());
+    holder.frame().unwrap();
+    house.poll();
+    let (mut newest, mut lagged) = (0, 0);
+    // Ten seconds of 1 ms rounds; the flood fills the kernel's queue in each, the holder sends at 100 Hz.
+    for round in 0..10_000_u64 {
+        while flood.frame().is_ok() {}
+        let holds = round % 10 == 0;
+        if holds {
+            holder.frame().unwrap();
+        }
+        let before = house.used.len();
+        house.later(MS);
+        let used = &house.used[before..];
+        if holds {
+            assert!(used.iter().any(|(from, _)| from.session_nonce == holder.nonce), "round {round}");
+        }
+        for (_, sequence) in used.iter().filter(|(from, _)| from.session_nonce == flood.nonce) {
+            assert!(*sequence > newest, "never an older one after a newer one");
+            newest = *sequence;
+            lagged += u64::from(*sequence < flood.sequence - 40 && round > 100);
+        }
+    }
+    let of = |nonce: u64| house.used.iter().filter(|(from, _)| from.session_nonce == nonce).count() as u64;
+    assert_eq!(of(holder.nonce), 1001);
+    let most = BURST + 2500;
+    assert!((2300..=most).contains(&of(flood.nonce)), "{}", of(flood.nonce));
+    assert_eq!(lagged, 0, "what is used is what the kernel's queue held last");
+    assert!(house.server.over_quota() > 20_000, "{}", house.server.over_quota());
+    assert_eq!(flood.told(), Some(Word::OverQuota));
+    assert_eq!(holder.told(), Some(Word::Holder));
+}
+
+#[test]
+fn f025_a_burst_of_held_back_frames_comes_through_in_its_order() {
+    let mut house = House::new();
+    let mut guest = house.guest();
+    for _ in 0..8 {
+        guest.frame().unwrap();
+    }
+    house.poll();
+    let sequences: Vec<_> = house.used.iter().map(|(_, sequence)| *sequence).collect();
+    assert_eq!(sequences, [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert_eq!(house.server.over_quota(), 0);
+}
+
+#[test]
+fn a_client_attaches_publishes_and_hears_why_it_is_put_out() {
+    let mut house = House::new();
+    let path = house.path();
+    let attaching = std::thread::spawn(move || Client::attach(path));
+    while !attaching.is_finished() {
+        house.poll();
+        std::thread::yield_now();
+    }
+    let mut client = attaching.join().unwrap().unwrap();
+    client.publish(&RawSkeleton::ZERO).unwrap();
+    house.poll();
+    client.listen().unwrap();
+    assert_eq!((client.told(), house.used.len()), (Word::Holder, 1));
+    assert_eq!(house.used[0].0.session_nonce, client.session_nonce());
+    assert_eq!(house.used[0].0.peer.pid, std::process::id());
+    let path = house.path();
+    drop(house);
+    let error = (0..3).find_map(|_| client.publish(&RawSkeleton::ZERO).err()).expect("nobody is there");
+    assert!(matches!(error, DoorError::Closed { .. }), "{error}");
+    assert!(matches!(Client::attach(path), Err(DoorError::NoSocket { .. })));
+}

@@ -1,0 +1,442 @@
+//! Who comes in by which door, and who holds the lease: real processes, and other users of the machine.
+
+mod rig;
+
+use doors::{Client, DoorError, Hello, Word};
+use messages::{Fault, Mode, RawSkeleton};
+use motion::CalibrationMode;
+use pipeline::{ClientError, PlayOptions, Player, Publisher, Way};
+use rig::user::{User, can_be_another};
+use rig::{Hand, Rig, assert_no_violations};
+use rustix::net::{RecvFlags, SendFlags};
+use std::io::ErrorKind;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Groups that every Linux has, for skeletons and for operators.
+const GROUPS: [&str; 2] = ["daemon", "sys"];
+/// A user that no machine has.
+const SOMEBODY: u32 = 42_424;
+/// Names the socket to the client in a process of its own.
+const CLIENT_OF: &str = "TELEOP_TEST_CLIENT_OF";
+
+/// All four processes, with a group for each socket, in a folder that others may pass through; and the groups' numbers.
+fn open_house() -> Option<(Rig, u32, u32)> {
+    let [Some(skeletons), Some(operators)] = GROUPS.map(doors::group_id) else {
+        println!("skipped: this machine has not the groups {GROUPS:?}");
+        return None;
+    };
+    let skeleton = format!("skeleton_group = \"{}\"", GROUPS[0]);
+    let operator = format!("operator_group = \"{}\"", GROUPS[1]);
+    let mut rig = Rig::with_settings(&[("skeleton_group = \"\"", &skeleton), ("operator_group = \"\"", &operator)]);
+    rig.open_to_others();
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    Some((rig, skeletons, operators))
+}
+
+/// The shared memory of an instance, by the names of its two domains.
+fn segments(rig: &Rig) -> Vec<PathBuf> {
+    let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
+    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
+    let ours = all.filter(|entry| prefixes.iter().any(|p| entry.file_name().to_string_lossy().starts_with(p)));
+    ours.map(|entry| entry.path()).collect()
+}
+
+/// Whether `path` gives itself away to whoever asks, in any manner.
+fn opens(path: &Path) -> bool {
+    let refused = |error: std::io::Error| {
+        assert_eq!(error.kind(), ErrorKind::PermissionDenied, "{}: {error}", path.display());
+    };
+    let read = std::fs::File::open(path).map_err(refused).is_ok();
+    read | std::fs::OpenOptions::new().write(true).open(path).map_err(refused).is_ok()
+}
+
+fn is_forbidden<T>(outcome: Result<T, DoorError>) -> bool {
+    matches!(outcome, Err(DoorError::PermissionDenied { .. }))
+}
+
+#[test]
+fn f106_f107_f111_strangers_open_nothing_and_connect_to_nothing() {
+    if !can_be_another() {
+        return;
+    }
+    let Some((mut rig, skeletons, _)) = open_house() else { return };
+    let _client = rig.client(&motion::builtin(), 31);
+    rig.hand().wait_mode(Mode::Disengaged);
+    let (skeleton, operator) = (rig.instance.skeleton_socket(), rig.instance.operator_socket());
+    let segments = segments(&rig);
+    assert!(segments.len() > 10, "{segments:?}");
+    let places = ["core", "input"].map(|name| rig.folder().join(name));
+    let files = ["names.json", "operator.sock.lock", "skeleton.sock.lock"].map(|name| rig.folder().join(name));
+    let ids = teleopd::PROCESSES.map(|name| rig.id(name));
+    for uid in SOMEBODY..SOMEBODY + 20 {
+        User::stranger(uid).does(|| {
+            assert!(segments.iter().all(|path| !opens(path)), "shared memory");
+            assert!(files.iter().all(|path| !opens(path)), "files");
+            assert!(places.iter().all(|path| std::fs::read_dir(path).is_err()));
+            assert!(std::fs::read_dir(rig.folder()).is_err() && std::fs::write(rig.folder().join("x"), "").is_err());
+            assert!(is_forbidden(Client::attach(&skeleton)));
+            assert!(operator::Client::connect(&operator).is_err());
+            // f112: what another user may do to the processes themselves.
+            assert!(ids.iter().all(|id| std::fs::File::open(format!("/proc/{id}/mem")).is_err()));
+        });
+    }
+    // The files of a socket that somebody opened to all: the daemon asks the kernel who it is.
+    for path in [&skeleton, &operator] {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o666)).unwrap();
+    }
+    User::stranger(SOMEBODY).does(|| {
+        let refused = Client::attach(&skeleton).expect_err("a stranger");
+        assert!(matches!(refused, DoorError::Refused { word: Word::Forbidden, .. }), "{refused}");
+        let mut client = operator::Client::connect(&operator).expect("the file lets everybody connect");
+        assert!(client.estop().heartbeat().is_err(), "and control puts him out");
+    });
+    let member = User { uid: SOMEBODY, gid: SOMEBODY, groups: &[skeletons] };
+    member.does(|| assert!(operator::Client::connect(&operator).unwrap().enable().heartbeat().is_err()));
+    let status = rig.hand().wait_mode(Mode::Disengaged);
+    assert_eq!(status.fault_counts[Fault::EmergencyStop.index()], 0);
+    rig.end("ingest");
+    let report = rig.instance.report("ingest");
+    assert!(std::fs::read_to_string(&report).unwrap().contains("\"forbidden\":1"));
+    User::stranger(SOMEBODY).does(|| assert!(!opens(&report)));
+}
+
+#[test]
+fn f106_f111_members_come_in_by_their_own_door_and_by_no_other() {
+    if !can_be_another() {
+        return;
+    }
+    let Some((mut rig, skeletons, operators)) = open_house() else { return };
+    let (skeleton, operator) = (rig.instance.skeleton_socket(), rig.instance.operator_socket());
+    for path in [&skeleton, &operator] {
+        let found = std::fs::metadata(path).unwrap();
+        assert!(found.file_type().is_socket() && found.permissions().mode() & 0o777 == 0o660);
+    }
+    let by_group = |group| [User { uid: SOMEBODY, gid: group, groups: &[] }, User::stranger(SOMEBODY)];
+    for member in
+        by_group(skeletons).into_iter().take(1).chain([User { groups: &[skeletons], ..User::stranger(SOMEBODY) }])
+    {
+        member.does(|| {
+            assert_eq!(Client::attach(&skeleton).expect("a member").told(), Word::Granted);
+            assert!(operator::Client::connect(&operator).is_err(), "no operator");
+        });
+    }
+    for member in [by_group(operators)[0], User { groups: &[operators], ..User::stranger(SOMEBODY) }] {
+        member.does(|| {
+            operator::Client::connect(&operator).expect("a member").heartbeat().expect("a status");
+            assert!(is_forbidden(Client::attach(&skeleton)), "no tracker");
+        });
+    }
+    let control = rig.log("control");
+    assert!(control.contains(&format!("of user {SOMEBODY}: connected")), "{control}");
+    let ingest = rig.end("ingest");
+    assert_eq!(ingest["connections"]["granted"], 2, "{ingest:#}");
+}
+
+#[test]
+fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_logged_with_its_user() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let order = messages::OperatorRequest {
+        version: messages::OPERATOR_VERSION,
+        enable_level: 1,
+        enable_count: 1,
+        release_count: 0,
+        reset_count: 1,
+        estop_count: 1,
+        sequence: 1,
+    };
+    // In place of the hello, and after it.
+    for greets in [false, true] {
+        let socket = doors::connect(&rig.instance.skeleton_socket(), "ingest", 1000).unwrap();
+        let mut answer = [0; 64];
+        if greets {
+            rustix::net::send(&socket, &Hello::OURS.encode(), SendFlags::empty()).unwrap();
+            rustix::net::recv(&socket, &mut answer[..], RecvFlags::empty()).unwrap();
+        }
+        rustix::net::send(&socket, &operator::encode_request(&order), SendFlags::empty()).unwrap();
+        let (length, _) = rustix::net::recv(&socket, &mut answer[..], RecvFlags::empty()).unwrap();
+        let word = doors::Answer::decode(&answer[..length]).map(|answer| answer.word);
+        assert_eq!(word, Some(if greets { Word::WrongSize } else { Word::NoHello }));
+    }
+    let status = hand.wait("ticking", |status| status.ticks > 100);
+    assert_eq!((status.mode, status.transition_count), (Mode::Disengaged as u32, 0));
+    hand.estop();
+    hand.wait_mode(Mode::Faulted);
+    let said = format!("process {} of user", std::process::id());
+    let give_up = Instant::now() + rig::SOON;
+    while !rig.log("control").lines().any(|line| line.contains(&said) && line.contains("pressed the emergency stop")) {
+        assert!(Instant::now() < give_up, "{}", rig.log("control"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    rig.end("ingest");
+}
+
+#[test]
+fn f068_one_lease_across_both_doors_whoever_comes_second() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let first = rig.socket_client(&motion::builtin()).expect("the door is open");
+    hand.engage_until(Mode::Engaged);
+    first.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    let (by_socket, by_bus) = (rig.socket_client(&motion::builtin()).unwrap(), rig.client(&motion::builtin(), 41));
+    by_socket.set_engaged(true);
+    by_bus.set_engaged(true);
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(hand.mode(), Some(Mode::Engaged), "nobody else disturbs");
+    assert_eq!(first.told().as_deref(), Some(Word::Holder.meaning()));
+    assert_eq!(by_socket.told().as_deref(), Some(Word::NotHolder.meaning()));
+    assert_eq!(first.failures(), 0);
+    let ingest = rig.end("ingest");
+    assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"socket".into()), "{ingest:#}");
+    assert_eq!(ingest["holder"]["pid"], std::process::id());
+    assert!(ingest["without_authority"].as_u64().unwrap() > 150, "{ingest:#}");
+    assert_eq!(ingest["telemetry"]["allocations"]["loop"], 0, "{ingest:#}");
+    assert_no_violations(&rig.end("sim"));
+}
+
+/// Another writer is another client, whatever number it calls its session by.
+#[test]
+fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let first = rig.client(&motion::builtin(), 42);
+    hand.wait("free to engage", |status| status.faults == 0);
+    let twin = rig.client(&motion::builtin(), 42);
+    std::thread::sleep(Duration::from_secs(1));
+    drop((first, twin));
+    let ingest = rig.end("ingest");
+    assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"shared memory".into()));
+    assert!(ingest["without_authority"].as_u64().unwrap() > 30, "{ingest:#}");
+}
+
+/// No test by itself: the client of the test below, in a process that can be killed and suspended.
+#[test]
+fn a_client_in_a_process_of_its_own() {
+    let Some(socket) = std::env::var_os(CLIENT_OF) else { return };
+    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+    let player = Player::new(&motion::builtin(), play, 0, rt::incarnation());
+    let client = Publisher::start_on(Way::Socket(socket.into()), player, rt::now).expect("the door is open");
+    client.set_engaged(true);
+    loop {
+        std::thread::sleep(Duration::from_secs(1));
+    }
+}
+
+/// A client in a process, killed when the test ends.
+struct Process(Child);
+
+impl Process {
+    fn start(rig: &Rig) -> Self {
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--exact", "a_client_in_a_process_of_its_own", "--test-threads=1"]);
+        command.env(CLIENT_OF, rig.instance.skeleton_socket()).stdout(Stdio::null()).stderr(Stdio::null());
+        Self(command.spawn().expect("the client starts"))
+    }
+
+    fn signal(&self, signal: nix::sys::signal::Signal) {
+        let pid = nix::unistd::Pid::from_raw(self.0.id() as i32);
+        nix::sys::signal::kill(pid, signal).expect("the client lives");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Attaches until the newcomer is told that it holds the lease; answers after how long.
+fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
+    let since = Instant::now();
+    loop {
+        let newcomer = rig.socket_client(&motion::builtin()).expect("the door is open");
+        newcomer.set_engaged(true);
+        std::thread::sleep(Duration::from_millis(60));
+        if newcomer.told().as_deref() == Some(Word::Holder.meaning()) {
+            return (newcomer, since.elapsed());
+        }
+        assert!(since.elapsed() < rig::SOON, "the lease never ends");
+    }
+}
+
+#[test]
+fn f069_f070_a_newcomer_waits_for_the_end_of_the_lease_and_moves_nothing_without_a_new_enable() {
+    use nix::sys::signal::Signal;
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let mut rig = Rig::whole();
+        let (hand, mut eyes) = (rig.hand(), rig.eyes());
+        let holder = Process::start(&rig);
+        hand.engage_until(Mode::Engaged);
+        eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+        holder.signal(signal);
+        let (_newcomer, after) = wait_for_lease(&rig);
+        assert!(after > Duration::from_millis(900), "{signal}: the lease passed on after {after:?}");
+        // The robot was at rest before anybody else could hold the lease; the enable is held all the while.
+        let rest = eyes.wait_at_rest();
+        hand.wait_mode(Mode::Disengaged);
+        std::thread::sleep(Duration::from_millis(1500));
+        assert_eq!(eyes.wait_at_rest().q, rest.q, "{signal}");
+        if signal == Signal::SIGSTOP {
+            holder.signal(Signal::SIGCONT);
+            std::thread::sleep(Duration::from_millis(500));
+        }
+        assert_eq!(hand.mode(), Some(Mode::Disengaged));
+        hand.release();
+        std::thread::sleep(Duration::from_millis(300));
+        hand.engage_until(Mode::Engaged);
+        let ingest = rig.end("ingest");
+        assert_eq!(ingest["leases"], 2, "{ingest:#}");
+        assert_eq!(ingest["holder"]["pid"], std::process::id(), "{ingest:#}");
+        assert_no_violations(&rig.end("sim"));
+    }
+}
+
+#[test]
+fn f070_a_client_that_connects_again_engages_nothing() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let first = rig.socket_client(&motion::builtin()).expect("the door is open");
+    hand.engage_until(Mode::Engaged);
+    first.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    drop(first);
+    let (_again, _) = wait_for_lease(&rig);
+    hand.wait_mode(Mode::Disengaged);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(hand.mode(), Some(Mode::Disengaged), "the enable is still held, and counts no more");
+    eyes.wait_at_rest();
+    let control = rig.end("control");
+    let modes: Vec<_> = control["mode_transitions"].as_array().unwrap().iter().map(|one| one["to"].clone()).collect();
+    assert_eq!(modes, ["Engaging", "Engaged", "Holding", "Disengaged"], "{control:#}");
+    assert_no_violations(&rig.end("sim"));
+}
+
+/// Publishes as fast as `period` and the door allow, until told to end; answers how many frames were offered and taken.
+fn flood(socket: &Path, period: Duration, end: &AtomicBool) -> (u64, u64) {
+    let mut client = Client::attach(socket).expect("the door is open");
+    let (mut offered, mut taken, mut next) = (0_u64, 0, Instant::now());
+    let mut frame = motion::raw_frame(&motion::builtin(), 0, &<messages::HingeCalibration as messages::Layout>::ZERO);
+    while !end.load(Ordering::Relaxed) {
+        offered += 1;
+        frame.header.sequence = offered;
+        (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
+        taken += u64::from(client.publish(&RawSkeleton { ..frame }).is_ok());
+        next += period;
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+    (offered, taken)
+}
+
+fn resident_kb(id: u32) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{id}/status")).expect("its status");
+    let line = text.lines().find(|line| line.starts_with("VmRSS:")).expect("a size");
+    line.split_whitespace().nth(1).and_then(|number| number.parse().ok()).expect("a number")
+}
+
+#[test]
+fn f023_a_flood_of_10_khz_by_another_client_costs_the_holder_nothing() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let holder = rig.socket_client(&motion::builtin()).expect("the door is open");
+    hand.engage_until(Mode::Engaged);
+    holder.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    let (socket, end, id) = (rig.instance.skeleton_socket(), AtomicBool::new(false), rig.id("ingest"));
+    let (before_kb, stale) = (resident_kb(id), hand.raised(Fault::InputStale));
+    let (offered, taken) = std::thread::scope(|scope| {
+        let flooding = scope.spawn(|| flood(&socket, Duration::from_micros(100), &end));
+        std::thread::sleep(Duration::from_secs(4));
+        assert_eq!(hand.mode(), Some(Mode::Engaged));
+        end.store(true, Ordering::Relaxed);
+        flooding.join().expect("no panic")
+    });
+    let after_kb = resident_kb(id);
+    assert_eq!(hand.raised(Fault::InputStale), stale, "no frame of the holder came late");
+    assert_eq!((holder.failures(), holder.told().as_deref()), (0, Some(Word::Holder.meaning())));
+    drop(holder);
+    let ingest = rig.end("ingest");
+    let over = ingest["over_quota"]["socket"].as_u64().unwrap();
+    println!("offered {offered}, taken {taken}, over quota {over}, {before_kb} -> {after_kb} kB, {ingest:#}");
+    assert!(offered > 2000 && over > 1000, "offered {offered}, passed over {over}");
+    let looked_at = ingest["without_authority"].as_u64().unwrap();
+    assert!(looked_at <= 16 + 250 * 5, "{looked_at} frames of the flood were looked at");
+    assert!(after_kb <= before_kb + 256, "{before_kb} -> {after_kb} kB");
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn f070_unknown_groups_and_a_lease_that_is_too_short_are_refused_by_file_key_and_value() {
+    let rig = Rig::with_settings(&[("skeleton_group = \"\"", "skeleton_group = \"no-such-group-here\"")]);
+    let output = rig.run("ingest");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    for part in ["teleop.toml", "doors.skeleton_group", "no-such-group-here"] {
+        assert!(said.contains(part), "{said}");
+    }
+    drop(rig);
+    let rig = Rig::with_settings(&[("authority_timeout_ms = 1000.0", "authority_timeout_ms = 500.0")]);
+    let output = rig.run("ingest");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("ingest.authority_timeout_ms = 500 is below 600"), "{said}");
+}
+
+#[test]
+fn f092_f110_links_files_and_other_servers_in_the_place_of_a_socket_are_left_alone() {
+    let mut rig = Rig::empty();
+    let (socket, elsewhere) = (rig.instance.skeleton_socket(), rig.folder().join("elsewhere"));
+    let refused = |rig: &Rig, code: i32, part: &str| {
+        let output = rig.run("ingest");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(said.contains(part), "{said}");
+    };
+    std::fs::write(&elsewhere, "precious").unwrap();
+    symlink(&elsewhere, &socket).unwrap();
+    refused(&rig, 69, "is not a socket");
+    std::fs::remove_file(&socket).unwrap();
+    let lock = rig.folder().join("skeleton.sock.lock");
+    let _ = std::fs::remove_file(&lock);
+    symlink(&elsewhere, &lock).unwrap();
+    refused(&rig, 69, "lock");
+    std::fs::remove_file(&lock).unwrap();
+    assert_eq!(std::fs::read_to_string(&elsewhere).unwrap(), "precious");
+    // Another server on the path; it keeps its socket.
+    let squatter = doors::Server::bind(&socket, None).unwrap();
+    refused(&rig, 75, "another teleopd ingest");
+    drop(squatter);
+    rig.start("ingest");
+    refused(&rig, 75, "already running");
+    assert!(matches!(rig.socket_client(&motion::builtin()), Ok(_) | Err(ClientError::Door(_))));
+    rig.end("ingest");
+    assert!(!socket.exists(), "it goes with its server");
+}
+
+#[test]
+fn f112_no_core_file_and_no_segment_of_the_input_domain_in_the_core_processes() {
+    let mut rig = Rig::whole();
+    let client = rig.client(&motion::builtin(), 51);
+    let hand: Hand = rig.hand();
+    hand.wait("free to engage", |status| status.faults == 0);
+    let input = rig.instance.input_domain().prefix;
+    for name in teleopd::PROCESSES {
+        let id = rig.id(name);
+        let limits = std::fs::read_to_string(format!("/proc/{id}/limits")).unwrap();
+        let core = limits.lines().find(|line| line.starts_with("Max core file size")).expect("a limit");
+        assert_eq!(core.split_whitespace().filter(|word| *word == "0").count(), 2, "{name}: {core}");
+        let maps = std::fs::read_to_string(format!("/proc/{id}/maps")).unwrap();
+        let open = std::fs::read_dir(format!("/proc/{id}/fd")).unwrap().flatten();
+        let open: String =
+            open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).map(|p| p.display().to_string()).collect();
+        assert_eq!(maps.contains(&input) || open.contains(&input), name == "ingest", "{name}");
+    }
+    drop(client);
+}

@@ -1,0 +1,172 @@
+//! What a process of the daemon's own user can do to the shared memory of the input domain, and a compromised `ingest` to
+//! the core: the robot ends at rest, and nothing but `ingest` dies.
+
+mod rig;
+
+use bus::Domain;
+use messages::{Layout, Mode, RawSkeleton, Service, Skeleton, skeleton_flag};
+use rand::{RngExt, SeedableRng};
+use rig::{Rig, assert_no_violations};
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::FileExt;
+use std::os::unix::process::ExitStatusExt;
+use std::time::{Duration, Instant};
+
+/// SIGBUS of signal(7): memory whose file was cut off.
+const SIGBUS: i32 = 7;
+/// The processes that no client shares memory with.
+const CORE: [&str; 3] = ["sim", "control", "retarget"];
+
+/// The shared memory of the input domain, open for writing.
+fn input_segments(rig: &Rig) -> Vec<File> {
+    let prefix = rig.instance.input_domain().prefix;
+    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
+    let ours = all.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+    ours.filter_map(|entry| OpenOptions::new().read(true).write(true).open(entry.path()).ok()).collect()
+}
+
+/// Engaged and moving for a client of the socket, so that what happens to shared memory happens to `ingest` alone.
+fn moving() -> (Rig, rig::Hand, rig::Eyes, pipeline::Publisher) {
+    let rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let client = rig.socket_client(&motion::builtin()).expect("the door is open");
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    (rig, hand, eyes, client)
+}
+
+fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &rig::Hand, eyes: &mut rig::Eyes) {
+    hand.wait_mode(Mode::Disengaged);
+    eyes.wait_at_rest();
+    assert!(CORE.iter().all(|name| rig.runs(name)));
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn f091_segments_that_a_client_cuts_off_end_ingest_alone_and_the_robot_at_rest() {
+    let (mut rig, hand, mut eyes, _client) = moving();
+    let segments = input_segments(&rig);
+    assert!(segments.len() >= 2, "{} segments", segments.len());
+    segments.iter().for_each(|file| file.set_len(0).expect("the same user may"));
+    let ended = rig.ended("ingest");
+    assert_eq!(ended.signal(), Some(SIGBUS), "{ended}: {}", rig.log("ingest"));
+    hand.wait_mode(Mode::Holding);
+    assert_the_core_lives_and_rests(&mut rig, &hand, &mut eyes);
+}
+
+#[test]
+fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core() {
+    let (mut rig, hand, mut eyes, client) = moving();
+    let segments = input_segments(&rig);
+    let sizes: Vec<u64> = segments.iter().map(|file| file.metadata().map_or(0, |data| data.len())).collect();
+    let mut random = rand_pcg::Pcg64::seed_from_u64(89);
+    let mut flips = 0_u64;
+    while flips < 1_000_000 {
+        let which = random.random_range(0..segments.len());
+        if sizes[which] == 0 {
+            continue;
+        }
+        let (mut byte, at) = ([0], random.random_range(0..sizes[which]));
+        if segments[which].read_at(&mut byte, at).is_ok() {
+            byte[0] ^= 1 << random.random_range(0..8);
+            let _ = segments[which].write_at(&byte, at);
+        }
+        flips += 1;
+        if flips % 50_000 == 0 {
+            assert!(CORE.iter().all(|name| rig.runs(name)), "after {flips} flips");
+        }
+    }
+    println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
+    // Dead, hung or alive: without the person the robot rests.
+    drop(client);
+    if rig.runs("ingest") {
+        rig.kill("ingest");
+    }
+    assert_the_core_lives_and_rests(&mut rig, &hand, &mut eyes);
+}
+
+#[test]
+fn f088_a_client_that_takes_all_places_of_the_bus_does_not_disturb_the_holder() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let holder = rig.client(&motion::builtin(), 88);
+    hand.engage_until(Mode::Engaged);
+    holder.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    let stale = hand.raised(messages::Fault::InputStale);
+    let rogue = Domain::open(rig.instance.input_domain(), "rogue").expect("the same user");
+    let mut places: Vec<bus::Writer<RawSkeleton>> =
+        std::iter::from_fn(|| rogue.writer(Service::RawSkeleton).ok()).collect();
+    assert_eq!(places.len(), 7, "eight in all");
+    let mut frame = motion::raw_frame(&motion::builtin(), 0, &messages::HingeCalibration::ZERO);
+    let until = Instant::now() + Duration::from_secs(3);
+    // Each at about 1 kHz: 7 kHz together, and each wakes ingest.
+    while Instant::now() < until {
+        for (session, writer) in places.iter_mut().enumerate() {
+            frame.session_nonce = 1000 + session as u64;
+            frame.header.sequence += 1;
+            (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
+            let _ = writer.publish(&frame).is_ok() && writer.notify().is_ok();
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    assert_eq!(hand.raised(messages::Fault::InputStale), stale);
+    drop(holder);
+    let ingest = rig.end("ingest");
+    assert_eq!((&ingest["leases"], &ingest["publish_failures"]), (&1.into(), &0.into()), "{ingest:#}");
+    assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 1000, "{ingest:#}");
+    assert_no_violations(&rig.end("sim"));
+}
+
+/// A unit quaternion, x y z w, from four draws.
+fn rotation(random: &mut impl RngExt) -> [f32; 4] {
+    let q: [f32; 4] = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+    let norm = q.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-3);
+    q.map(|x| x / norm)
+}
+
+#[test]
+fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its_limits() {
+    let mut rig = Rig::empty();
+    for name in CORE {
+        rig.start(name);
+    }
+    let hand = rig.hand();
+    let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
+    let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
+    let loaded = pipeline::load(&rig::config(), pipeline::Overrides { engage_without_realtime: true, interface: None });
+    let config_hash = loaded.expect("settings").hash;
+    let mut random = rand_pcg::Pcg64::seed_from_u64(109);
+    let mut skeleton = Skeleton::ZERO;
+    (skeleton.header.config_hash, skeleton.header.incarnation, skeleton.session_nonce) = (config_hash, 1, 1);
+    skeleton.flags = skeleton_flag::ALL | skeleton_flag::CALIBRATED;
+    skeleton.limbs = [[0.0, 0.0, 0.0, 1.0]; 4];
+    let (mut engaged, until) = (0_u64, Instant::now() + Duration::from_secs(8));
+    let mut asked = false;
+    while Instant::now() < until {
+        skeleton.header.sequence += 1;
+        let now = rt::now();
+        (skeleton.header.stamp, skeleton.header.origin, skeleton.received) = (now, now, now);
+        // Valid numbers, and no person: any rotation in any frame, or one that trembles.
+        if engaged > 0 && skeleton.header.sequence % 7 == 0 {
+            skeleton.limbs = std::array::from_fn(|_| rotation(&mut random));
+        }
+        writer.publish(&skeleton).and_then(|_| writer.notify()).expect("it goes out");
+        let status = hand.status();
+        engaged += u64::from(status.is_some_and(|status| status.mode == Mode::Engaged as u32));
+        if !asked && status.is_some_and(|status| status.faults == 0 && status.ticks > 750) {
+            hand.enable();
+            asked = true;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(engaged > 100, "engaged for {engaged} frames, {:?}", hand.status().map(|status| status.faults));
+    drop(writer);
+    hand.wait_mode(Mode::Disengaged);
+    rig.end("control");
+    let sim = rig.end("sim");
+    assert_no_violations(&sim);
+    assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
+}

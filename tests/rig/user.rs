@@ -1,0 +1,46 @@
+//! Another user: a thread with other credentials. Linux keeps them per thread, and what it opens and connects to is checked
+//! by them.
+
+use rustix::process::geteuid;
+use rustix::thread::{set_thread_groups, set_thread_res_gid, set_thread_res_uid};
+use rustix::{process::Gid, process::Uid};
+
+/// Whether this test may be somebody else; if not, says so.
+pub fn can_be_another() -> bool {
+    let can = geteuid().is_root();
+    if !can {
+        println!("skipped: only root can act as another user");
+    }
+    can
+}
+
+/// Who acts.
+#[derive(Clone, Copy, Debug)]
+pub struct User<'a> {
+    pub uid: u32,
+    pub gid: u32,
+    /// Supplementary groups.
+    pub groups: &'a [u32],
+}
+
+impl User<'_> {
+    /// A user of this number in no group but one that nobody else has.
+    pub fn stranger(uid: u32) -> Self {
+        Self { uid, gid: uid, groups: &[] }
+    }
+
+    /// Does `work` as this user, on a thread of its own.
+    pub fn does<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        std::thread::scope(|scope| {
+            let acting = scope.spawn(|| {
+                let (uid, gid) = (Uid::from_raw(self.uid), Gid::from_raw(self.gid));
+                let groups: Vec<_> = self.groups.iter().map(|&group| Gid::from_raw(group)).collect();
+                set_thread_groups(&groups).expect("groups");
+                set_thread_res_gid(gid, gid, gid).expect("a group");
+                set_thread_res_uid(uid, uid, uid).expect("a user");
+                work()
+            });
+            acting.join().expect("no panic")
+        })
+    }
+}
