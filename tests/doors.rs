@@ -56,6 +56,15 @@ fn opens(path: &Path) -> bool {
     read | std::fs::OpenOptions::new().write(true).open(path).map_err(refused).is_ok()
 }
 
+/// Waits for a line in the log of `control`, which another thread than its loop writes.
+fn wait_for_log(rig: &Rig, is_it: &dyn Fn(&str) -> bool) {
+    let give_up = Instant::now() + rig::SOON;
+    while !rig.log("control").lines().any(is_it) {
+        assert!(Instant::now() < give_up, "{}", rig.log("control"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 fn is_forbidden<T>(outcome: Result<T, DoorError>) -> bool {
     matches!(outcome, Err(DoorError::PermissionDenied { .. }))
 }
@@ -132,8 +141,8 @@ fn f106_f111_members_come_in_by_their_own_door_and_by_no_other() {
             assert!(is_forbidden(Client::attach(&skeleton)), "no tracker");
         });
     }
-    let control = rig.log("control");
-    assert!(control.contains(&format!("of user {SOMEBODY}: connected")), "{control}");
+    let said = format!("of user {SOMEBODY}: connected");
+    wait_for_log(&rig, &|line| line.contains(&said));
     let ingest = rig.end("ingest");
     assert_eq!(ingest["connections"]["granted"], 2, "{ingest:#}");
 }
@@ -169,11 +178,7 @@ fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_log
     hand.estop();
     hand.wait_mode(Mode::Faulted);
     let said = format!("process {} of user", std::process::id());
-    let give_up = Instant::now() + rig::SOON;
-    while !rig.log("control").lines().any(|line| line.contains(&said) && line.contains("pressed the emergency stop")) {
-        assert!(Instant::now() < give_up, "{}", rig.log("control"));
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_for_log(&rig, &|line| line.contains(&said) && line.contains("pressed the emergency stop"));
     rig.end("ingest");
 }
 

@@ -26,6 +26,9 @@ pub enum ChaosError {
     /// The shared memory cannot be read.
     #[error(transparent)]
     Bus(#[from] bus::BusError),
+    /// The client cannot publish.
+    #[error(transparent)]
+    Client(#[from] pipeline::ClientError),
     /// A process cannot be started or struck, or a file cannot be written.
     #[error("{what}: {cause}")]
     Os {
@@ -59,7 +62,7 @@ impl ChaosError {
             Self::Option { .. } => 64,
             Self::Config(_) => 78,
             Self::Start(failure) => failure.exit as u8,
-            Self::Bus(_) => 69,
+            Self::Bus(_) | Self::Client(_) => 69,
             Self::Os { .. } => 71,
             Self::Stuck(_) => 1,
             Self::Interrupted => 130,
