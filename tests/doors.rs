@@ -378,7 +378,7 @@ fn f023_a_flood_of_10_khz_by_another_client_costs_the_holder_nothing() {
 }
 
 #[test]
-fn f070_unknown_groups_and_a_lease_that_is_too_short_are_refused_by_file_key_and_value() {
+fn f069_unknown_groups_and_a_lease_that_is_too_short_are_refused_by_file_key_and_value() {
     let rig = Rig::with_settings(&[("skeleton_group = \"\"", "skeleton_group = \"no-such-group-here\"")]);
     let output = rig.run("ingest");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -73,7 +73,7 @@ fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core()
             let _ = segments[which].write_at(&byte, at);
         }
         flips += 1;
-        if flips % 50_000 == 0 {
+        if flips.is_multiple_of(50_000) {
             assert!(CORE.iter().all(|name| rig.runs(name)), "after {flips} flips");
         }
     }
@@ -150,7 +150,7 @@ fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its
         let now = rt::now();
         (skeleton.header.stamp, skeleton.header.origin, skeleton.received) = (now, now, now);
         // Valid numbers, and no person: any rotation in any frame, or one that trembles.
-        if engaged > 0 && skeleton.header.sequence % 7 == 0 {
+        if engaged > 0 && skeleton.header.sequence.is_multiple_of(7) {
             skeleton.limbs = std::array::from_fn(|_| rotation(&mut random));
         }
         writer.publish(&skeleton).and_then(|_| writer.notify()).expect("it goes out");

@@ -93,7 +93,7 @@ fn copied_once<M: Message>(payload: &Payload<M>) -> M {
     let from = std::ptr::from_ref(payload).cast::<u64>();
     let mut copy = M::ZERO;
     let into = std::ptr::from_mut(&mut copy).cast::<u64>();
-    const { assert!(size_of::<M>() % size_of::<u64>() == 0 && align_of::<M>() == align_of::<u64>()) };
+    const { assert!(size_of::<M>().is_multiple_of(size_of::<u64>()) && align_of::<M>() == align_of::<u64>()) };
     for i in 0..words {
         // SAFETY: `Payload<M>` is transparent over `M`, which has no padding and whole words of the alignment of u64 (asserted
         // above); both pointers stay inside it, and every bit pattern is a valid value.

@@ -280,7 +280,7 @@ impl Settings {
         }
         // The lease must not pass on while the robot still moves for the client that fell silent.
         let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);
-        if !(value >= least) {
+        if value < least {
             return Err(ConfigError::TooShort {
                 file: file.to_owned(),
                 key: "ingest.authority_timeout_ms".to_owned(),
