@@ -281,7 +281,7 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
 }
 
 #[test]
-fn a_typo_in_the_settings_is_refused_with_its_key() {
+fn f097_f098_a_typo_in_the_settings_is_refused_with_its_key() {
     let folder = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(config()).unwrap();
     let robot = repository().join("config/robots/tiago_dual.toml");
@@ -315,7 +315,7 @@ fn a_typo_in_the_settings_is_refused_with_its_key() {
 }
 
 #[test]
-fn weights_of_another_robot_are_refused() {
+fn f094_weights_of_another_robot_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let robots = repository().join("config/robots");
     let robot_text = std::fs::read_to_string(robots.join("tiago_dual.toml")).unwrap();

@@ -285,7 +285,7 @@ fn the_frame_rate_can_be_given() {
 }
 
 #[test]
-fn damage_is_named_with_file_and_shape() {
+fn f104_damage_is_named_with_file_and_shape() {
     let folder = folder();
     let good = npy_bytes("<f4", false, "(2, 22, 3)", &[0; 528]);
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
@@ -318,7 +318,7 @@ fn damage_is_named_with_file_and_shape() {
 }
 
 #[test]
-fn damaged_archives_are_named() {
+fn f096_f104_damaged_archives_are_named() {
     let folder = folder();
     let zeros = |shape: &str, bytes: usize| npy_bytes("<f8", false, shape, &vec![0; bytes]);
     let rate = npy_bytes("<f8", false, "()", &60f64.to_le_bytes());
@@ -408,7 +408,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn mutated_files_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8), cut in any::<prop::sample::Index>()) {
+    fn f104_mutated_files_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8), cut in any::<prop::sample::Index>()) {
         let folder = folder();
         let mut motion = short();
         motion.frames.truncate(4);

@@ -215,7 +215,7 @@ fn missing_joints_are_named() {
 }
 
 #[test]
-fn damage_is_named_with_its_line() {
+fn f104_damage_is_named_with_its_line() {
     let good = write_bvh(&short());
     let frame_line = good.lines().count();
     let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
@@ -265,7 +265,7 @@ fn a_rig_without_size_gives_no_scale() {
 }
 
 #[test]
-fn files_are_dispatched_by_extension_and_bounded_before_reading() {
+fn f104_files_are_dispatched_by_extension_and_bounded_before_reading() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clip.BVH");
     save_bvh(&short(), &path).expect("saved");

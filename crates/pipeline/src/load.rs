@@ -3,6 +3,7 @@
 use crate::settings::{Method, RobotInterface, Settings};
 use crate::{ConfigError, fnv_continue};
 use robot::Model;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// The largest text file that is read: a URDF of 5 MB is the bound of `robot`, and the others are smaller.
@@ -76,7 +77,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let weights_path = folder.join(&settings.weights.file);
     let (tensors, manifest) = (with_extension(&weights_path, "safetensors"), with_extension(&weights_path, "toml"));
     let weights = if settings.retarget.method == Method::Network || manifest.exists() {
-        Some(load_weights(&weights_path, &model)?)
+        Some(read_weights(&weights_path, &model)?)
     } else {
         None
     };
@@ -87,10 +88,12 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     hash = fnv_continue(hash, settings.sim.interface.name().as_bytes());
     hash = fnv_continue(hash, &model.hash.to_le_bytes());
     let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
-    if weights.is_some() {
-        hash = fnv_continue(hash, &read_bytes(&manifest, TEXT_BYTES_MAX)?);
+    // The very text that was judged: the file may be another by now.
+    if let Some((_, text)) = &weights {
+        hash = fnv_continue(hash, text.as_bytes());
         files.extend([manifest, tensors]);
     }
+    let weights = weights.map(|(weights, _)| weights);
     Ok(Loaded { settings, model, weights, hash, files })
 }
 
@@ -106,16 +109,23 @@ pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     Ok((model, urdf_path))
 }
 
-/// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot.
+/// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot. Both are copied into memory first, and
+/// the copies are what is judged and used: what becomes of the files afterwards changes nothing.
 pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, ConfigError> {
+    read_weights(base, model).map(|(weights, _)| weights)
+}
+
+/// The weights, and the manifest's text.
+fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
     // Either name will do: that of the tensors, or what they and the manifest share.
     let stem = base.to_str().and_then(|text| text.strip_suffix(".safetensors"));
     let base = stem.map_or(base, Path::new);
     let manifest = read_text(&with_extension(base, "toml"))?;
     let tensors_path = with_extension(base, "safetensors");
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
-    retarget::Weights::from_bytes(&manifest, &tensors, model)
-        .map_err(|error| ConfigError::Weights { file: tensors_path.display().to_string(), cause: error.to_string() })
+    let weights = retarget::Weights::from_bytes(&manifest, &tensors, model)
+        .map_err(|error| ConfigError::Weights { file: tensors_path.display().to_string(), cause: error.to_string() })?;
+    Ok((weights, manifest))
 }
 
 // Unlike Path::with_extension, keeps a dot that belongs to the name.
@@ -134,13 +144,18 @@ pub fn read_text(path: &Path) -> Result<String, ConfigError> {
 
 fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
     let refuse = |cause: String| ConfigError::Read { file: path.display().to_string(), cause };
-    let metadata = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?;
-    if !metadata.is_file() {
+    let failed = |error: std::io::Error| refuse(error.to_string());
+    // Before it is opened: opening a pipe would wait for whoever writes into it.
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(refuse("is not a regular file".into()));
     }
-    let length = metadata.len();
-    if length > most {
+    let file = std::fs::File::open(path).map_err(failed)?;
+    let length = file.metadata().map_err(failed)?.len();
+    let mut bytes = Vec::new();
+    // A file may grow while it is read: never more than one byte beyond the bound is taken from it.
+    file.take(most + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if length > most || bytes.len() as u64 > most {
         return Err(refuse(format!("has {length} bytes, more than the {most} that are read")));
     }
-    std::fs::read(path).map_err(|error| refuse(error.to_string()))
+    Ok(bytes)
 }

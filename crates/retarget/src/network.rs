@@ -1,6 +1,7 @@
 //! The three networks of the shared latent space at batch one or two, allocation-free. The widest vectors of the
 //! processor are used; those with fused multiply-add give the same bits, the portable ones differ by rounding.
 
+pub(crate) mod golden;
 mod kernel;
 mod perceptron;
 

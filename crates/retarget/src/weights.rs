@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
-use crate::network::{Dense, HIDDEN_MAX, LATENT, Layers, Network, WIDTH_MAX};
+use crate::network::{Dense, HIDDEN_MAX, LATENT, Layers, Network, WIDTH_MAX, golden};
 
 /// The only format of the manifest so far.
 pub const FORMAT: u32 = 1;
@@ -71,6 +71,14 @@ pub enum WeightsError {
         shape: Vec<usize>,
         /// The shape that the manifest promises.
         expected: Vec<usize>,
+    },
+    /// The networks do not compute on this machine what their weights say.
+    #[error(
+        "the networks err by {error} on fixed inputs, at most 1e-3 is allowed: weights out of range, or a fault of this processor"
+    )]
+    Golden {
+        /// The largest error: of a latent, as a part of its size where that is above 1, or of a joint, rad.
+        error: f64,
     },
     /// A weight is NaN or infinite.
     #[error("tensor {name} has {value} at index {index}; every weight has to be finite")]
@@ -208,7 +216,9 @@ impl Weights {
             return Err(WeightsError::Sha256 { actual, expected: manifest.sha256 });
         }
         let layers = read_layers(bytes, &manifest)?;
-        Ok(Self { network: Network::new(&layers, &identity.arm), manifest })
+        let network = Network::new(&layers, &identity.arm);
+        golden::error(&network, &layers).map_err(|error| WeightsError::Golden { error })?;
+        Ok(Self { network, manifest })
     }
 }
 

@@ -4,7 +4,9 @@ mod support;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{Dense, Manifest, Network, Weights, interpolate_latent, read_layers, sha256_hex, write_weights};
+use retarget::{
+    Dense, Manifest, Network, Weights, WeightsError, interpolate_latent, read_layers, sha256_hex, write_weights,
+};
 use support::{arm, identity, layers, random_q, weights};
 
 fn naive(layers: &[Dense], input: &[f64]) -> Vec<f64> {
@@ -163,10 +165,17 @@ const CASES: &[Case] = &[
     ("unknown key", "unknown field", |_, m| set(m, "speed", "1")),
     ("no manifest", "missing field", |_, m| m.clear()),
     ("no TOML", "manifest", |_, m| m.push_str("= =")),
+    ("two tensors in one place", "tensors", |bytes, m| {
+        forge(bytes, m, "\"data_offsets\":[96,", "\"data_offsets\":[ 0,")
+    }),
+    ("a pickle", "tensors", |bytes, m| {
+        *bytes = b"\x80\x04\x95\x10\x00\x00\x00\x00\x00\x00\x00\x8c\x05posix\x94".to_vec();
+        sign(bytes, m);
+    }),
 ];
 
 #[test]
-fn a_weights_file_with_any_flaw_is_refused_by_name() {
+fn f093_f094_f096_a_weights_file_with_any_flaw_is_refused_by_name() {
     for (what, words, spoil) in CASES {
         let layers = layers(2, 3, 24);
         let (mut bytes, mut text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
@@ -177,7 +186,55 @@ fn a_weights_file_with_any_flaw_is_refused_by_name() {
 }
 
 #[test]
-fn a_tensor_that_no_layer_uses_is_refused() {
+fn f093_a_hundred_thousand_flipped_bits_are_all_refused() {
+    let layers = layers(2, 1, 8);
+    let (mut bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+    let mut rng = Pcg64::seed_from_u64(93);
+    for _ in 0..100_000 {
+        let (at, bit) = (rng.random_range(0..bytes.len()), 1 << rng.random_range(0..8));
+        bytes[at] ^= bit;
+        let refused = Weights::read(&text, &bytes, &identity());
+        assert!(matches!(refused, Err(WeightsError::Sha256 { .. })), "bit {bit} of byte {at}");
+        bytes[at] ^= bit;
+    }
+    assert!(Weights::read(&text, &bytes, &identity()).is_ok());
+}
+
+#[test]
+fn f093_a_flipped_bit_of_the_manifest_is_refused_or_changes_no_network() {
+    let layers = layers(2, 1, 8);
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+    let latent = [[0.25; 8]];
+    let expected = Weights::read(&text, &bytes, &identity()).unwrap().network.decode(&latent);
+    let mut refused = 0;
+    for at in 0..text.len() {
+        for bit in 0..8 {
+            let mut flipped = text.clone().into_bytes();
+            flipped[at] ^= 1 << bit;
+            let read = String::from_utf8(flipped).ok().map(|text| Weights::read(&text, &bytes, &identity()));
+            match read {
+                Some(Ok(weights)) => assert_eq!(weights.network.decode(&latent), expected, "bit {bit} of byte {at}"),
+                _ => refused += 1,
+            }
+        }
+    }
+    assert!(refused > 4 * text.len(), "{refused} of {} were refused", 8 * text.len());
+}
+
+#[test]
+fn f094_networks_that_do_not_compute_what_their_weights_say_are_refused() {
+    // Finite weights whose sums are not: the fixed inputs show it.
+    let mut layers = layers(2, 1, 8);
+    for network in [&mut layers.human, &mut layers.decoder] {
+        network[0].weight.fill(3e38);
+    }
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
+    let error = Weights::read(&text, &bytes, &identity()).unwrap_err();
+    assert!(matches!(error, WeightsError::Golden { .. }), "{error}");
+}
+
+#[test]
+fn f096_a_tensor_that_no_layer_uses_is_refused() {
     let mut layers = layers(2, 3, 24);
     let manifest = Manifest::new(&identity(), &layers);
     layers.decoder.push(Dense { inputs: 5, outputs: 1, weight: vec![0.0; 5], bias: vec![0.0] });
@@ -187,7 +244,7 @@ fn a_tensor_that_no_layer_uses_is_refused() {
 }
 
 #[test]
-fn random_bytes_never_panic_the_reader() {
+fn f093_random_bytes_never_panic_the_reader() {
     let mut rng = Pcg64::seed_from_u64(12);
     let layers = layers(2, 1, 8);
     let (good, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();

@@ -23,7 +23,7 @@ fn the_arm_of_the_shipped_robot_is_the_one_that_was_worked_out_by_hand() {
 }
 
 #[test]
-fn weights_belong_to_an_arm_and_not_to_a_comment() {
+fn f094_f101_weights_belong_to_an_arm_and_not_to_a_comment() {
     let model = shipped(|text| text);
     let layers = support::layers(1, 2, 16);
     let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::of(&model), &layers)).unwrap();
@@ -36,6 +36,15 @@ fn weights_belong_to_an_arm_and_not_to_a_comment() {
     longer.limits[5].q_max -= 0.01;
     let error = Weights::from_bytes(&text, &bytes, &longer).unwrap_err().to_string();
     assert!(error.contains("robot_hash"), "{error}");
+}
+
+#[test]
+fn f094_the_shipped_weights_compute_here_what_they_say() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights/");
+    let text = std::fs::read_to_string(format!("{folder}tiago_dual.toml")).expect("shipped");
+    let bytes = std::fs::read(format!("{folder}tiago_dual.safetensors")).expect("shipped");
+    let weights = Weights::from_bytes(&text, &bytes, &shipped(|text| text));
+    assert!(weights.is_ok(), "{:?}", weights.err());
 }
 
 #[test]

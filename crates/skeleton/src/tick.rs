@@ -26,6 +26,8 @@ pub struct Output {
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     session: Option<Session>,
+    /// The newest origin that was accepted, of whatever session: a change of session there and back makes no old frame new.
+    newest: Stamp,
     dropped: [u64; DROP_REASONS],
     accepted: u64,
 }
@@ -39,7 +41,7 @@ impl Default for State {
 impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { session: None, dropped: [0; DROP_REASONS], accepted: 0 }
+        Self { session: None, newest: Stamp::NONE, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
     /// Frames dropped so far for this reason.
@@ -57,8 +59,9 @@ impl State {
 ///
 /// `now` is when the frame arrived, on the same clock as its origin.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    match look(config, &mut state.session, now, input.raw) {
+    match look(config, &mut state.session, state.newest, now, input.raw) {
         Ok(skeleton) => {
+            state.newest = skeleton.header.origin;
             state.accepted = state.accepted.saturating_add(1);
             Output { skeleton: Some(skeleton), drop: None }
         }
@@ -70,7 +73,13 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
 }
 
-fn look(config: &Config, session: &mut Option<Session>, now: Stamp, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
+fn look(
+    config: &Config,
+    session: &mut Option<Session>,
+    newest: Stamp,
+    now: Stamp,
+    raw: &RawSkeleton,
+) -> Result<Skeleton, DropReason> {
     check_envelope(config, now, raw)?;
     let first = session.is_none();
     let current = session.get_or_insert_with(|| Session::new(raw));
@@ -83,6 +92,9 @@ fn look(config: &Config, session: &mut Option<Session>, now: Stamp, raw: &RawSke
         return Err(DropReason::OperatorChanged);
     }
     current.check_order(config, raw)?;
+    if raw.header.origin <= newest {
+        return Err(DropReason::Backwards);
+    }
     let person = Person::read(config, raw)?;
     current.check(config, now, raw, &person)?;
     let limbs = limbs_from_positions_rotations(

@@ -296,3 +296,17 @@ fn zeros_are_no_person() {
     let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO });
     assert_eq!(out.drop, Some(DropReason::Layout));
 }
+
+#[test]
+fn f014_a_session_there_and_back_makes_no_old_frame_new() {
+    let mut state = running(12);
+    let frame = |i: u64| raw(&standing(i as f64 / 60.0), i);
+    assert_eq!(feed(&mut state, &RawSkeleton { session_nonce: 8, ..frame(12) }), Some(DropReason::SessionChanged));
+    assert_eq!(feed(&mut state, &frame(13)), Some(DropReason::SessionChanged));
+    let now = frame(13).header.origin.plus_ns(1_000_000);
+    for old in [9, 10, 11] {
+        let out = tick(&Config::default(), &mut state, now, Input { raw: &frame(old) });
+        assert_eq!(out.drop, Some(DropReason::Backwards), "frame {old}");
+    }
+    assert_eq!(feed(&mut state, &frame(14)), None);
+}

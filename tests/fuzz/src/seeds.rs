@@ -46,7 +46,15 @@ fn skeletons() -> Vec<Vec<u8>> {
         with(&[1, 0, 0]),
         with(&[0, 0, 220]),
         with(&[2, 0, 0]),
+        // Another session and back, and then an old frame of the first one.
+        with(&there_and_back()),
     ]
+}
+
+/// After 24 frames that begin at 1 s: two changes of session, and the origin of the 23rd frame.
+fn there_and_back() -> Vec<u8> {
+    let origin = (1_000_000_000 + 22 * 16_666_667_u32).to_le_bytes();
+    [[0, 1, 10, 0, 9, 0, 0, 0, 0].as_slice(), &[0, 0, 0], &[0, 1, 4, 0], &origin, &[0]].concat()
 }
 
 /// An array of f4.

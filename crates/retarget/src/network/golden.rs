@@ -1,0 +1,61 @@
+//! Whether the networks compute here what they are meant to: 64 fixed inputs, against a plain sum in f64. What is compared
+//! is the code for this processor's vectors, on this processor, with the weights at hand.
+
+use super::{Dense, LATENT, Latent, Layers, Network, OVERREACH};
+use crate::arm::{ARM_Q, ArmQ, FEATURES};
+
+/// Inputs that are tried.
+const INPUTS: usize = 64;
+/// Largest error of a latent, as a part of its size where that is above 1, and of a joint, rad: 0.06 degrees. The shipped
+/// weights err by 2e-5, which is the rounding of single precision over seven layers; a wrong sum errs by far more.
+const ERROR_MAX: f64 = 1e-3;
+
+/// The largest error, if it is more than may be.
+pub(crate) fn error(network: &Network, layers: &Layers) -> Result<(), f64> {
+    let mut worst = 0.0_f64;
+    for n in 0..INPUTS {
+        // Spread over [-1, 1], as features and normalised positions are.
+        let wave = |i: usize| ((1 + n) as f64 * (1.0 + 0.37 * i as f64)).sin();
+        let features: [f32; FEATURES] = std::array::from_fn(|i| wave(i) as f32);
+        let q: ArmQ = std::array::from_fn(|j| network.mid[j] + network.half[j] * wave(j));
+        let latent = network.encode_human(&[features])[0];
+        let given: Vec<f64> = features.iter().map(|x| f64::from(*x)).collect();
+        worst = farther(worst, latents(&latent, &plain(&layers.human, &given)));
+        let normalised: Vec<f64> = (0..ARM_Q).map(|j| (q[j] - network.mid[j]) / network.half[j]).collect();
+        let robot = network.encode_robot(&[q])[0];
+        worst = farther(worst, latents(&robot, &plain(&layers.robot, &normalised)));
+        let given: Vec<f64> = latent.iter().map(|x| f64::from(*x)).collect();
+        let y = plain(&layers.decoder, &given);
+        let decoded = network.decode(&[latent])[0];
+        for j in 0..ARM_Q {
+            let wanted = network.mid[j] + OVERREACH * network.half[j] * y[j].tanh();
+            let wanted = wanted.max(network.q_min[j]).min(network.q_max[j]);
+            worst = farther(worst, (decoded[j] - wanted).abs());
+        }
+    }
+    if worst <= ERROR_MAX { Ok(()) } else { Err(worst) }
+}
+
+/// The greater of both; NaN is the greatest.
+fn farther(a: f64, b: f64) -> f64 {
+    if b.is_nan() || b > a { b } else { a }
+}
+
+fn latents(got: &Latent, wanted: &[f64]) -> f64 {
+    let error = |i: usize| (f64::from(got[i]) - wanted[i]).abs() / wanted[i].abs().max(1.0);
+    (0..LATENT).map(error).fold(0.0, farther)
+}
+
+/// Every layer as a sum of products; x / (1 + e^-x) behind all but the last.
+fn plain(layers: &[Dense], input: &[f64]) -> Vec<f64> {
+    let mut x = input.to_vec();
+    for (i, layer) in layers.iter().enumerate() {
+        let rows = layer.weight.chunks_exact(layer.inputs).zip(&layer.bias);
+        let sum = |(row, bias): (&[f32], &f32)| {
+            f64::from(*bias) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
+        };
+        let hidden = i + 1 < layers.len();
+        x = rows.map(sum).map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
+    }
+    x
+}
