@@ -11,8 +11,10 @@ const TICKS_MAX: usize = 512;
 fn config() -> Config {
     let settings = Settings {
         target_stale_ms: 10.0,
+        target_late_ms: 2.0,
         state_late_ms: 5.0,
         state_stale_ms: 20.0,
+        input_late_ms: 50.0,
         input_stale_ms: 100.0,
         operator_silent_ms: 200.0,
         enable_released_ms: 200.0,
@@ -22,7 +24,11 @@ fn config() -> Config {
         tracking_error_m: 0.01,
         tracking_error_now_m: 0.03,
         tracking_error_ms: 100.0,
+        target_jump_slow_ms: 250.0,
+        target_jump_hold_ms: 1000.0,
+        deadlines_missed_slow: 3,
         deadlines_missed_max: 10,
+        deadlines_late_per_s_max: 10,
     };
     Config::new(&settings).expect("the shipped figures")
 }
@@ -94,7 +100,7 @@ fn one(config: &Config, state: &mut State, view: &mut Input, mode: &mut Mode, fr
 fn set(view: &mut Input, field: u8, bits: u64) {
     let (flag, word, real) = (bits & 1 == 1, bits as u32, f64::from_bits(bits));
     let (operator, target, robot, motion) = (&mut view.operator, &mut view.target, &mut view.robot, &mut view.motion);
-    match field % 40 {
+    match field % 44 {
         0 => view.k = bits,
         1 => view.own_gap_ns = bits,
         2 => view.deadlines_missed = word,
@@ -131,6 +137,10 @@ fn set(view: &mut Input, field: u8, bits: u64) {
         33 => motion.aligned = flag,
         34 => motion.settled = flag,
         35 => motion.gate_denied = flag,
+        40 => target.jumped = flag,
+        41 => motion.behind = flag,
+        42 => robot.feedback_invalid = flag,
+        43 => robot.emergency_stop = flag,
         // The press of an enable, which takes two fields.
         36..=38 => (operator.enable_level, operator.enable_edge) = (true, true),
         _ => (operator.recover_level, operator.recover_edge) = (true, true),

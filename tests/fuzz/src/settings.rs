@@ -51,8 +51,10 @@ fn bounded(settings: &Settings) {
 fn ceilings(safety: &SafetySettings) {
     let most = [
         (safety.target_stale_ms, 50.0),
+        (safety.target_late_ms, 50.0),
         (safety.state_late_ms, 50.0),
         (safety.state_stale_ms, 100.0),
+        (safety.input_late_ms, 500.0),
         (safety.input_stale_ms, 500.0),
         (safety.operator_silent_ms, 1000.0),
         (safety.hold_timeout_ms, 60_000.0),
@@ -61,7 +63,11 @@ fn ceilings(safety: &SafetySettings) {
         (safety.tracking_error_m, 0.05),
         (safety.tracking_error_now_m, 0.1),
         (safety.tracking_error_ms, 500.0),
+        (safety.target_jump_slow_ms, 1000.0),
+        (safety.target_jump_hold_ms, 5000.0),
+        (f64::from(safety.deadlines_missed_slow), 50.0),
         (f64::from(safety.deadlines_missed_max), 50.0),
+        (f64::from(safety.deadlines_late_per_s_max), 100.0),
     ];
     assert!(most.iter().all(|(value, most)| *value > 0.0 && value <= most), "{safety:?}");
     assert!(safety.enable_released_ms >= 200.0, "{safety:?}");
