@@ -1,5 +1,5 @@
 //! All stages in one thread with virtual time: the same ticks that the processes run, in the same order, over slots that
-//! may be faulty. Used by `replay --offline` and by the simulation test.
+//! may be faulty. Used by `replay --offline` and by `simulate`.
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::load::Loaded;
@@ -242,11 +242,6 @@ impl World {
     /// What the simulated robot counted by itself.
     pub fn report(&self) -> &sim::Report {
         self.sim.report()
-    }
-
-    /// The simulated robot.
-    pub fn sim(&self) -> &sim::State {
-        &self.sim
     }
 
     /// The robot's faults, to be injected by tests.

@@ -31,8 +31,8 @@ pub struct Cli {
     /// Write the figures here as JSON.
     #[arg(long)]
     pub json: Option<PathBuf>,
-    /// Only faults with this name or identity; may be given several times.
-    #[arg(long)]
+    /// Only faults with these names or identities.
+    #[arg(long, value_name = "ID", num_args = 1..)]
     pub fault: Vec<String>,
     /// Run this seed alone, and tell what happens.
     #[arg(long, value_name = "SEED")]

@@ -35,6 +35,41 @@ pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Opt
             raw.rotations[joint(active)].iter_mut().for_each(|x| *x *= scale);
         }
         Frame::SignFlip => raw.rotations[joint(active)].iter_mut().for_each(|x| *x = -*x),
+        Frame::LimbLength
+        | Frame::LimbCreep
+        | Frame::Teleport
+        | Frame::WalkAway
+        | Frame::SidesSwapped
+        | Frame::Mirrored
+        | Frame::Unit
+        | Frame::Axes => reshape(frame, active, raw),
+        Frame::LowConfidence => {
+            let joint = ARMS[active.rng.random_range(0..2)][active.rng.random_range(0..3)];
+            raw.confidence[joint] = active.rng.random_range(0.0..0.5);
+        }
+        Frame::Frozen | Frame::Torn => return last.is_some_and(|last| repeat(frame, raw, last)),
+        Frame::JointsMissing if active.episode.param % 2 == 0 => {
+            raw.joint_count = active.rng.random_range(0..SMPL_JOINTS as u32);
+        }
+        Frame::JointsMissing => {
+            let side = (active.episode.param / 2 % 2) as usize;
+            ARMS[side].into_iter().for_each(|joint| raw.confidence[joint] = 0.0);
+        }
+        Frame::OperatorChange => raw.operator_id ^= 1 + active.rng.random_range(0..3),
+        Frame::Noise => noise(active, raw),
+        Frame::Layout => match active.rng.random_range(0..3) {
+            0 => raw.layout = active.rng.next_u32(),
+            1 => raw.joint_count = active.rng.next_u32(),
+            _ => raw.flags = active.rng.next_u32() | 4,
+        },
+        Frame::BitFlips => flip(active, raw),
+    }
+    true
+}
+
+/// Alters the body as a whole.
+fn reshape(frame: Frame, active: &mut Active, raw: &mut RawSkeleton) {
+    match frame {
         Frame::LimbLength => {
             let factor = active.rng.random_range(0.5..1.5);
             stretch(raw, active.rng.random_range(0..2), factor);
@@ -71,28 +106,8 @@ pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Opt
                 _ => *p = [p[0], -p[1], -p[2]],
             });
         }
-        Frame::LowConfidence => {
-            let joint = ARMS[active.rng.random_range(0..2)][active.rng.random_range(0..3)];
-            raw.confidence[joint] = active.rng.random_range(0.0..0.5);
-        }
-        Frame::Frozen | Frame::Torn => return last.is_some_and(|last| repeat(frame, raw, last)),
-        Frame::JointsMissing if active.episode.param % 2 == 0 => {
-            raw.joint_count = active.rng.random_range(0..SMPL_JOINTS as u32);
-        }
-        Frame::JointsMissing => {
-            let side = (active.episode.param / 2 % 2) as usize;
-            ARMS[side].into_iter().for_each(|joint| raw.confidence[joint] = 0.0);
-        }
-        Frame::OperatorChange => raw.operator_id ^= 1 + active.rng.random_range(0..3),
-        Frame::Noise => noise(active, raw),
-        Frame::Layout => match active.rng.random_range(0..3) {
-            0 => raw.layout = active.rng.next_u32(),
-            1 => raw.joint_count = active.rng.next_u32(),
-            _ => raw.flags = active.rng.next_u32() | 4,
-        },
-        Frame::BitFlips => flip(active, raw),
+        _ => {}
     }
-    true
 }
 
 fn joint(active: &mut Active) -> usize {

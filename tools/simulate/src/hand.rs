@@ -1,6 +1,6 @@
 //! The operator's hand: engages, holds, lets go, resets and engages again, as a sensible person would.
 
-use crate::active::Faults;
+use crate::active::{Active, Faults};
 use crate::kinds::{Fault, Hand as Of};
 use messages::{Fault as Reason, Faults as Reasons, Mode, Stamp, Status, TICK_HZ};
 use pipeline::OperatorEdges;
@@ -145,10 +145,10 @@ impl Hand {
         })
     }
 
-    fn suffer(&mut self, active: &mut crate::active::Active, of: Of, speaks: &mut bool) -> bool {
+    fn suffer(&mut self, active: &mut Active, of: Of, speaks: &mut bool) -> bool {
         let moving = matches!(self.mode, Mode::Engaging | Mode::Engaged);
         match of {
-            Of::Release if self.view.enable_level && active.rng.random_range(0..60) == 0 => self.let_go(),
+            Of::Release if self.view.enable_level && active.rng.random_range(0..20) == 0 => self.let_go(),
             Of::Silent => {
                 *speaks = false;
                 // Half of the time it is the server that notices, half of the time control's own age.
@@ -166,8 +166,8 @@ impl Hand {
                 }
                 return false;
             }
-            Of::Stop if moving && active.rng.random_range(0..150) == 0 => self.view.estop_edges += 1,
-            Of::StopEngaging if self.mode == Mode::Engaging && active.rng.random_range(0..200) == 0 => {
+            Of::Stop if moving && active.rng.random_range(0..40) == 0 => self.view.estop_edges += 1,
+            Of::StopEngaging if self.mode == Mode::Engaging && active.rng.random_range(0..60) == 0 => {
                 self.view.estop_edges += 1;
             }
             Of::StopChatter if active.rng.random_range(0..5) == 0 => {

@@ -1,9 +1,9 @@
 //! One run: the world, the person, the operator, the faults of a schedule and the oracle, tick by tick.
 
-use crate::active::Faults;
+use crate::active::{Active, Faults};
 use crate::client::Client;
 use crate::hand::Hand;
-use crate::kinds::{Badness, Delivery, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
+use crate::kinds::{Badness, Content, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
 use crate::oracle::{Oracle, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
@@ -66,7 +66,6 @@ pub struct Run<'a> {
     forged_until: u64,
     seed: u64,
     k: u64,
-    last: Option<Moment>,
     transitions: Vec<(u64, Transition)>,
     followed_since: Option<u64>,
     /// The kind that counts engagements far from the person's posture.
@@ -95,7 +94,6 @@ impl<'a> Run<'a> {
             forged_until: 0,
             seed,
             k: 0,
-            last: None,
             transitions: Vec::new(),
             followed_since: None,
             elsewhere: by_name("engage-elsewhere").unwrap_or(0),
@@ -202,9 +200,7 @@ impl<'a> Run<'a> {
             forged: k < self.forged_until,
             report: self.world.report(),
         };
-        let judged = self.oracle.check(&seen);
-        self.last = Some(moment);
-        judged
+        self.oracle.check(&seen)
     }
 
     /// Whether the person stands elsewhere than the robot.
@@ -265,7 +261,7 @@ impl<'a> Run<'a> {
         for active in &faults.active {
             match active.fault {
                 Fault::Content(_) if KINDS[active.episode.kind].name.ends_with("-target") => *forged_until = k + 300,
-                Fault::Content(crate::kinds::Content::TargetBits) => *forged_until = k + 300,
+                Fault::Content(Content::TargetBits) => *forged_until = k + 300,
                 Fault::Robot(Robot::Rejected | Robot::DriveFault | Robot::Stopped | Robot::PowerReturns) => {
                     *undriven_until = k + 3;
                 }
@@ -292,9 +288,9 @@ impl<'a> Run<'a> {
                 let (plan, strength) = (&mut plans[link], active.strength);
                 match badness {
                     Badness::Drop => plan.drop = plan.drop.max(0.05 + 0.95 * strength * strength),
-                    Badness::Double => plan.duplicate = plan.duplicate.max(0.05 + 0.9 * strength),
+                    Badness::Double => plan.duplicate = plan.duplicate.max(0.3 + 0.7 * strength),
                     Badness::Reorder => {
-                        plan.reorder = plan.reorder.max(0.05 + 0.5 * strength);
+                        plan.reorder = plan.reorder.max(0.1 + 0.5 * strength);
                         plan.reorder_ns = if link < 2 { 60_000_000 } else { 3_000_000 };
                     }
                     Badness::Delay => {
@@ -338,19 +334,9 @@ impl<'a> Run<'a> {
         self.injected = wanted;
     }
 
-    /// What happened last.
-    pub fn last(&self) -> Option<&Moment> {
-        self.last.as_ref()
-    }
-
     /// The mode that control was in last.
     pub fn mode(&self) -> Mode {
         self.oracle.mode()
-    }
-
-    /// Whether another client is at the door; of use to tests.
-    pub fn has_stranger(&self) -> bool {
-        self.faults.active.iter().any(|active| active.fault == Fault::Delivery(Delivery::Stranger))
     }
 }
 
@@ -376,13 +362,7 @@ fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
 }
 
 /// Kills and stops; answers whether something happened in this tick.
-fn befall(
-    processes: &mut Processes,
-    subject: &Subject,
-    k: u64,
-    active: &mut crate::active::Active,
-    process: Process,
-) -> bool {
+fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Active, process: Process) -> bool {
     let first = active.age == 0;
     match process {
         Process::Kill(who) => {

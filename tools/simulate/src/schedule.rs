@@ -19,7 +19,7 @@ const BETWEEN_STORMS: u64 = 4500;
 const STORM_MAX: usize = 8;
 
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn three times as often.
-const RARE: [&str; 10] = [
+const RARE: [&str; 12] = [
     "found-outside",
     "found-close",
     "operator-gone",
@@ -29,6 +29,8 @@ const RARE: [&str; 10] = [
     "estop",
     "estop-engaging",
     "corrupt-skeleton",
+    "double-skeleton",
+    "reorder-skeleton",
     "sequence-wrap",
 ];
 
