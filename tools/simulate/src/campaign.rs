@@ -21,7 +21,9 @@ const FIRINGS: u64 = 1000;
 /// From here on in proportion.
 const PROPORTIONAL: u64 = FULL / 10;
 /// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 10,000 ticks.
-const LEAST: u64 = 50 * 10_000;
+const LEAST: u64 = SEEDS_LEAST * 10_000;
+/// Runs that deal every kind at least once: three each.
+const SEEDS_LEAST: u64 = 50;
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -101,10 +103,11 @@ impl Summary {
     }
 }
 
-/// How often every kind must fire in so many ticks: 1,000 times in 1.2e8 and more, in proportion down to 1.2e7, where chance
-/// still averages out, once from 5e5 on, and below that not at all.
-pub fn demanded(ticks: u64) -> u64 {
+/// How often every kind must fire in so many runs of so many ticks together: 1,000 times in 1.2e8 ticks and more, in
+/// proportion down to 1.2e7, where chance still averages out, once from 50 runs and 5e5 ticks on, and below that not at all.
+pub fn demanded(seeds: u64, ticks: u64) -> u64 {
     match ticks {
+        _ if seeds < SEEDS_LEAST => 0,
         0..LEAST => 0,
         LEAST..PROPORTIONAL => 1,
         PROPORTIONAL..FULL => ticks * FIRINGS / FULL,
@@ -169,7 +172,7 @@ fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure
         failures,
         fired: [0; KIND_COUNT],
         missing: vec![],
-        demanded: demanded(plan.seeds.saturating_mul(plan.ticks)),
+        demanded: demanded(plan.seeds, plan.seeds.saturating_mul(plan.ticks)),
         ticks_in: [0; Mode::ALL.len()],
         episodes: 0,
         transitions: 0,
