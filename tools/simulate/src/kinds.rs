@@ -358,7 +358,7 @@ kinds! {
     "operator-silent" ["f067"] Op(Hand::Silent), 100..900;
     "operator-gone" [] Op(Hand::Disconnect), 60..900;
     "estop" ["f050" "f060"] Op(Hand::Stop), 300..900;
-    "estop-engaging" ["f061"] Op(Hand::StopEngaging), 1500..6000;
+    "estop-engaging" ["f061"] Op(Hand::StopEngaging), 600..6000;
     "estop-chatter" ["f062"] Op(Hand::StopChatter), 30..300;
     "engage-elsewhere" ["f065"] Op(Hand::Elsewhere), 300..2000;
     "enable-stuck" ["f066"] Op(Hand::Stuck), 300..1500;

@@ -19,6 +19,8 @@ const BETWEEN_STORMS: u64 = 4500;
 const STORM_MAX: usize = 8;
 
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn three times as often.
+const RARE_MORE: usize = 2;
+/// See above.
 const RARE: [&str; 12] = [
     "found-outside",
     "found-close",
@@ -33,6 +35,11 @@ const RARE: [&str; 12] = [
     "reorder-skeleton",
     "sequence-wrap",
 ];
+
+/// What an operator does while the robot engages, undisturbed at first: every second seed begins with one of these alone.
+const ALONE: [&str; 3] = ["estop-engaging", "estop", "release"];
+/// Ticks of it, after the operator of a run that begins at rest has enabled.
+const ALONE_TICKS: (u64, u64) = (500, 1100);
 
 /// One fault for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,11 +61,18 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
     let end = ticks.saturating_sub(QUIET_TICKS);
     let between = (end / 5).clamp(400, BETWEEN_STORMS);
     let rare = kinds.iter().filter(|&&kind| RARE.contains(&KINDS[kind].name));
-    let mut deck: Vec<usize> = kinds.iter().chain(rare.clone()).chain(rare).copied().collect();
+    let rare_count = rare.clone().count();
+    let mut deck: Vec<usize> = kinds.iter().chain(rare.cycle().take(RARE_MORE * rare_count)).copied().collect();
     deck.shuffle(&mut rng);
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();
     let mut at = rng.random_range(0..between / 2);
+    let first = by_name(ALONE[(seed / 2 % 3) as usize]).filter(|kind| seed % 2 == 1 && kinds.contains(kind));
+    if let Some(kind) = first.filter(|_| ALONE_TICKS.1 < end) {
+        let (start, param) = (ALONE_TICKS.0, rng.random::<u64>() >> 32);
+        episodes.push(Episode { kind, start, ticks: ALONE_TICKS.1 - start, param });
+        at += ALONE_TICKS.1;
+    }
     while at < end && !kinds.is_empty() {
         // Half of the storms are one fault alone.
         let size = if rng.random::<bool>() { 1 } else { rng.random_range(2..=STORM_MAX) };
