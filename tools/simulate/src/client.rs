@@ -124,13 +124,16 @@ impl Client {
             }
             Delivery::Drift => {
                 let drift_ns = (active.age * 1_000_000_000 / TICK_HZ) / 2000;
-                origin =
-                    if active.episode.param % 2 == 0 { origin.plus_ns(drift_ns) } else { Stamp(origin.0 - drift_ns) };
+                origin = if active.episode.param.is_multiple_of(2) {
+                    origin.plus_ns(drift_ns)
+                } else {
+                    Stamp(origin.0 - drift_ns)
+                };
                 drift_ns > 0
             }
             Delivery::ClockStep => {
                 let step_ns = (active.strength * 90e6) as u64;
-                let ahead = active.episode.param % 2 == 0;
+                let ahead = active.episode.param.is_multiple_of(2);
                 origin = if ahead { origin.plus_ns(step_ns) } else { Stamp(origin.0 - step_ns) };
                 true
             }

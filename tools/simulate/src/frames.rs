@@ -48,7 +48,7 @@ pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Opt
             raw.confidence[joint] = active.rng.random_range(0.0..0.5);
         }
         Frame::Frozen | Frame::Torn => return last.is_some_and(|last| repeat(frame, raw, last)),
-        Frame::JointsMissing if active.episode.param % 2 == 0 => {
+        Frame::JointsMissing if active.episode.param.is_multiple_of(2) => {
             raw.joint_count = active.rng.random_range(0..SMPL_JOINTS as u32);
         }
         Frame::JointsMissing => {
@@ -92,7 +92,7 @@ fn reshape(frame: Frame, active: &mut Active, raw: &mut RawSkeleton) {
                 raw.rotations.swap(left, right);
             }
         }
-        Frame::Mirrored if active.episode.param % 2 == 0 => raw.flags |= raw_flag::MIRRORED,
+        Frame::Mirrored if active.episode.param.is_multiple_of(2) => raw.flags |= raw_flag::MIRRORED,
         Frame::Mirrored => raw.positions[..SMPL_JOINTS].iter_mut().for_each(|p| p[1] = -p[1]),
         Frame::Unit => {
             let unit = [1000.0, 100.0, 39.37, 3.281, 0.001][(active.episode.param % 5) as usize];

@@ -152,10 +152,10 @@ impl Hand {
             Of::Silent => {
                 *speaks = false;
                 // Half of the time it is the server that notices, half of the time control's own age.
-                if active.episode.param % 2 == 0 && self.silent == LEASE {
+                if active.episode.param.is_multiple_of(2) && self.silent == LEASE {
                     self.lose();
                 }
-                return self.silent % LOOK == 0;
+                return self.silent.is_multiple_of(LOOK);
             }
             Of::Disconnect => {
                 *speaks = false;
@@ -182,7 +182,7 @@ impl Hand {
             }
             Of::Stuck => {
                 self.view.enable_level = active.age + 1 < active.episode.ticks;
-                let pressed = active.age % 100 == 0;
+                let pressed = active.age.is_multiple_of(100);
                 self.view.enable_edges += u64::from(pressed);
                 (self.act, self.since) = (Act::Idle, 0);
                 return pressed;

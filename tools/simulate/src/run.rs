@@ -347,7 +347,7 @@ fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
     sim.inject(match robot {
         Robot::EncoderSpike => return,
         Robot::EncoderJump => Injection::EncoderJump { joint, by: strength - 0.5 },
-        Robot::Frozen if param % 2 == 0 => Injection::FrozenEncoder { joint },
+        Robot::Frozen if param.is_multiple_of(2) => Injection::FrozenEncoder { joint },
         Robot::Frozen => Injection::FrozenFeedback,
         Robot::Nan => Injection::NanFeedback { joint },
         Robot::Inverted => Injection::FeedbackInverted { joint },
@@ -357,7 +357,9 @@ fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
         Robot::Rejected => Injection::SetpointsRejected,
         Robot::DriveFault => Injection::DriveFault { joint },
         Robot::Stopped => Injection::EmergencyStopPressed,
-        Robot::PowerReturns => Injection::PowerLost { sag: if param % 2 == 0 { 0.0 } else { 0.05 * strength } },
+        Robot::PowerReturns => {
+            Injection::PowerLost { sag: if param.is_multiple_of(2) { 0.0 } else { 0.05 * strength } }
+        }
     });
 }
 

@@ -73,7 +73,7 @@ impl Tamper for Tampering<'_> {
             Content::TargetLate => {
                 // 1, 3 or 15 ticks, then on time for as long.
                 let late = [1, 3, 15][(active.episode.param % 3) as usize];
-                let now = active.age / late % 2 == 0;
+                let now = (active.age / late).is_multiple_of(2);
                 sent &= !now;
                 now
             }
@@ -156,25 +156,25 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, limits
         Content::TargetJump => {
             // A jump of all joints at a share of the ticks, or once for all.
             let size = 3.0 * active.strength;
-            let away = active.episode.param % 2 == 0 || active.age / 40 % 2 == 0;
+            let away = active.episode.param.is_multiple_of(2) || (active.age / 40).is_multiple_of(2);
             if !away {
                 return false;
             }
-            target.q.iter_mut().enumerate().for_each(|(j, q)| *q += if j % 2 == 0 { size } else { -size });
+            target.q.iter_mut().enumerate().for_each(|(j, q)| *q += if j.is_multiple_of(2) { size } else { -size });
         }
         Content::TargetBeyond => {
-            let sign = if active.episode.param % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if active.episode.param.is_multiple_of(2) { 1.0 } else { -1.0 };
             target.q = limits.map(|limits| if sign > 0.0 { limits.q_max + 1.0 } else { limits.q_min - 1.0 });
             target.q[joint] = 50.0 * sign;
         }
         Content::TargetFast => {
-            let sign = if active.age % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if active.age.is_multiple_of(2) { 1.0 } else { -1.0 };
             target.dq = [50.0 * sign; JOINTS];
             target.q.iter_mut().for_each(|q| *q += sign);
         }
         Content::TargetPosture => posture(active, target, limits),
         Content::TargetTorso => {
-            let up = active.age / 450 % 2 == 0;
+            let up = (active.age / 450).is_multiple_of(2);
             target.q[TORSO] = if up { limits[TORSO].q_max } else { limits[TORSO].q_min };
             target.valid_mask |= 1 << TORSO;
         }
