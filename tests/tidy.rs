@@ -35,7 +35,10 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "operator",
         ],
     ),
-    ("fuzz-targets", &["messages", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"]),
+    (
+        "fuzz-targets",
+        &["messages", "doors", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"],
+    ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot"]),

@@ -3,6 +3,7 @@
 //! and over seeded changes of them (`tests/corpora.rs`).
 
 mod bytes;
+mod door;
 mod engage;
 mod files;
 mod gate;
@@ -17,8 +18,9 @@ mod weights;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 11] = [
     ("skeleton", skeletons::run),
+    ("door", door::run),
     ("bvh", files::bvh),
     ("npy", files::npy),
     ("npz", files::npz),

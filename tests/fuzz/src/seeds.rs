@@ -7,6 +7,7 @@ use motion::{Frame, Motion, npy};
 pub fn of(target: &str) -> Vec<Vec<u8>> {
     match target {
         "skeleton" => skeletons(),
+        "door" => vec![vec![0; doors::HELLO_BYTES], doors::Hello::OURS.encode().to_vec()],
         "bvh" => vec![motion::write_bvh(&short()).into()],
         "npy" => vec![positions(), features()],
         "npz" => archives(),

@@ -90,6 +90,11 @@ fn f001_f002_f003_f014_f018_any_bits_of_a_skeleton_are_dropped_or_good() {
 }
 
 #[test]
+fn f018_any_packet_at_the_door_is_a_whole_frame_or_refused() {
+    exercise("door");
+}
+
+#[test]
 fn f104_any_bytes_of_a_bvh_give_a_motion_or_an_error() {
     exercise("bvh");
 }

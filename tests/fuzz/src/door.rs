@@ -1,0 +1,33 @@
+//! The door for skeletons of other users: what a client says, and what it is told.
+
+use doors::{ANSWER_BYTES, Answer, FRAME_BYTES, HELLO_BYTES, Hello, decode_frame, encode_frame};
+
+/// The bytes as a packet of each kind, and the frame that they become if they are made as long as one.
+pub(crate) fn run(input: &[u8]) {
+    let ours = Hello::OURS.encode();
+    assert_eq!(Hello::refusal(input).is_none(), input == ours, "only our own hello is admitted");
+    let mut hello = ours;
+    let length = input.len().min(HELLO_BYTES);
+    hello[..length].iter_mut().zip(input).for_each(|(byte, change)| *byte ^= change);
+    assert_eq!(Hello::refusal(&hello).is_none(), hello == ours, "only our own hello is admitted");
+
+    if let Some(answer) = Answer::decode(input) {
+        assert_eq!(Answer::decode(&answer.encode()).map(|again| again.word), Some(answer.word));
+    }
+    assert!(input.len() == ANSWER_BYTES || Answer::decode(input).is_none());
+
+    assert_eq!(decode_frame(input).is_some(), input.len() == FRAME_BYTES, "a frame of another length");
+    let mut bytes = [0; FRAME_BYTES];
+    let length = input.len().min(FRAME_BYTES);
+    bytes[..length].copy_from_slice(&input[..length]);
+    let frame = decode_frame(&bytes).expect("as long as a frame");
+    assert!(same(&encode_frame(&frame), &bytes), "a byte of a frame was lost");
+}
+
+/// Bit for bit, but for a signalling NaN, which a processor may make quiet.
+fn same(a: &[u8], b: &[u8]) -> bool {
+    a.chunks(4).zip(b.chunks(4)).all(|(a, b)| {
+        let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+        word(a) == word(b) || f32::from_bits(word(a)).is_nan() && f32::from_bits(word(b)).is_nan()
+    })
+}
