@@ -1,0 +1,121 @@
+//! What the files of an instance may not be: settings with any key too much, too few or out of bounds, and weights that
+//! change while they are in use.
+
+use pipeline::{ControlConfig, Loaded, Overrides, Settings, load, load_weights};
+use std::path::{Path, PathBuf};
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn shipped() -> toml::Table {
+    std::fs::read_to_string(repository().join("config/teleop.toml")).expect("shipped").parse().expect("TOML")
+}
+
+fn refusal(table: &toml::Table) -> String {
+    let text = toml::to_string(table).expect("a table is TOML");
+    match Settings::parse("teleop.toml", &text) {
+        Ok(settings) => thresholds(settings),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// What control says to these settings, for those that are its own to judge.
+fn thresholds(settings: Settings) -> String {
+    let loaded = load(&repository().join("config/teleop.toml"), Overrides::default()).expect("shipped");
+    let loaded = Loaded { settings, ..loaded };
+    let sim = pipeline::sim_config(&loaded, true).map(|_| ());
+    let retarget = pipeline::retarget_config(&loaded).map(|_| ());
+    let refused = ControlConfig::new(&loaded, true).map(|_| ()).and(sim).and(retarget);
+    refused.map_or_else(|error| error.to_string(), |()| "accepted".into())
+}
+
+/// Every key of every table, as (table, key).
+fn keys() -> Vec<(String, String)> {
+    let all = shipped();
+    let keys = all.iter().filter(|(table, _)| *table != "environment");
+    keys.flat_map(|(table, keys)| keys.as_table().expect("a table").keys().map(|key| (table.clone(), key.clone())))
+        .collect()
+}
+
+fn changed(table: &str, key: &str, value: Option<toml::Value>) -> toml::Table {
+    let mut all = shipped();
+    let inner = all[table].as_table_mut().expect("a table");
+    match value {
+        Some(value) => _ = inner.insert(key.into(), value),
+        None => _ = inner.remove(key),
+    }
+    all
+}
+
+#[test]
+fn f097_every_missing_and_every_unknown_key_is_refused_by_name() {
+    assert_eq!(refusal(&shipped()), "accepted");
+    assert!(keys().len() > 40, "{:?}", keys());
+    for (table, key) in keys() {
+        let missing = refusal(&changed(&table, &key, None));
+        assert!(missing.contains("teleop.toml") && missing.contains(&key), "{table}.{key}: {missing}");
+        let unknown = refusal(&changed(&table, &format!("{key}_x"), Some(1.into())));
+        assert!(unknown.contains(&format!("{key}_x")), "{table}.{key}: {unknown}");
+    }
+    for table in shipped().keys().filter(|table| *table != "environment") {
+        let mut all = shipped();
+        all.remove(table);
+        assert!(refusal(&all).contains(table.as_str()), "{table}");
+    }
+    let mut all = shipped();
+    all.insert("saftey".into(), toml::Table::new().into());
+    assert!(refusal(&all).contains("saftey"));
+}
+
+#[test]
+fn f097_f098_no_number_may_be_nan_infinite_negative_or_beyond_its_ceiling() {
+    let mut numbers = 0;
+    for (table, key) in keys() {
+        let shipped = &shipped()[&table][&key];
+        let values: &[toml::Value] = match shipped {
+            toml::Value::Float(_) => &[f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0, 1e300].map(toml::Value::Float),
+            toml::Value::Integer(_) if key != "seed" => &[toml::Value::Integer(-1), toml::Value::Integer(1 << 40)],
+            _ => continue,
+        };
+        numbers += 1;
+        for value in values {
+            let said = refusal(&changed(&table, &key, Some(value.clone())));
+            assert!(said.contains(&key) || said.contains("teleop.toml"), "{table}.{key} = {value}: {said}");
+            assert_ne!(said, "accepted", "{table}.{key} = {value}");
+        }
+    }
+    assert!(numbers > 25, "{numbers}");
+}
+
+#[test]
+fn f097_limits_in_the_wrong_order_are_refused_and_not_swapped() {
+    for (key, value) in [("state_late_ms", 30.0), ("tracking_error_rad", 0.2), ("tracking_error_m", 0.04)] {
+        let said = refusal(&changed("safety", key, Some(value.into())));
+        assert!(said.contains(key) && said.contains("must be below"), "{key}: {said}");
+    }
+}
+
+#[test]
+fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let base = folder.path().join("weights");
+    for extension in ["safetensors", "toml"] {
+        let from = repository().join("weights/tiago_dual").with_extension(extension);
+        std::fs::copy(from, base.with_extension(extension)).expect("copied");
+    }
+    let model = pipeline::load_model(&repository().join("config/robots/tiago_dual.toml")).expect("shipped").0;
+    let weights = load_weights(&base, &model).expect("accepted");
+    let latent = [[0.25; retarget::LATENT]];
+    let before = weights.network.decode(&latent);
+
+    // Overwritten in place, and then cut to nothing: a map of the file would show it, or end the process.
+    let tensors = base.with_extension("safetensors");
+    let length = std::fs::metadata(&tensors).expect("there").len() as usize;
+    std::fs::write(&tensors, vec![0x3f; length]).expect("overwritten");
+    assert_eq!(weights.network.decode(&latent), before);
+    std::fs::File::options().write(true).open(&tensors).and_then(|file| file.set_len(0)).expect("cut");
+    assert_eq!(weights.network.decode(&latent), before);
+    // The next start sees it.
+    assert!(load_weights(&base, &model).is_err_and(|error| error.to_string().contains("sha256")));
+}
