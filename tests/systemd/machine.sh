@@ -50,6 +50,11 @@ cp -r "$repository/config/teleop.toml" "$repository/config/robots" etc/teleop/
 cp -r "$repository/weights" etc/weights
 # The simulated robot may do without real-time scheduling, which this machine may lack.
 sed -i 's/^engage_without_realtime = false/engage_without_realtime = true/' etc/teleop/teleop.toml
+# A user who is in no such group has settings of his own.
+cp etc/teleop/teleop.toml etc/teleop/user.toml
+mkdir -p tmp/.config/teleop
+echo TELEOP_CONFIG=/etc/teleop/user.toml > tmp/.config/teleop/environment
+chmod -R a+rX tmp/.config
 # Trackers have a group of their own, as examples/client.conf says.
 sed -i 's/^skeleton_group = ""/skeleton_group = "teleop-skeleton"/' etc/teleop/teleop.toml
 
