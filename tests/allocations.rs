@@ -22,7 +22,7 @@ fn the_counter_counts() {
 }
 
 #[test]
-fn no_stage_allocates_in_a_tick() {
+fn f076_no_stage_allocates_in_a_tick() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
     let loaded = pipeline::load(&path, Overrides::default()).expect("settings");
     let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");

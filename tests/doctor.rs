@@ -125,7 +125,7 @@ fn files_that_are_broken_are_problems() {
 }
 
 #[test]
-fn a_run_folder_that_others_may_write_or_own_is_a_problem() {
+fn f087_a_run_folder_that_others_may_write_or_own_is_a_problem() {
     let patient = Patient::new();
     std::fs::create_dir(&patient.run_dir).expect("a folder");
     let set = |mode| std::fs::set_permissions(&patient.run_dir, std::fs::Permissions::from_mode(mode)).expect("a mode");
@@ -164,7 +164,7 @@ fn limits_are_those_of_the_process() {
 }
 
 #[test]
-fn a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
+fn f086_a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
     let mut rig = Rig::whole();
     let mut patient = Patient::new();
     patient.run_dir = rig.folder().to_path_buf();

@@ -2,7 +2,7 @@
 
 mod rig;
 
-use messages::{Fault, Mode, state_flag};
+use messages::{Fault, Faults, Mode, state_flag};
 use rig::{Rig, assert_no_violations, config, repository};
 use std::process::Command;
 use std::time::Duration;
@@ -85,7 +85,7 @@ fn a_dead_input_holds_and_then_disengages() {
 }
 
 #[test]
-fn a_process_that_returns_while_the_enable_is_held_moves_nothing() {
+fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
     for process in ["ingest", "retarget"] {
         let mut rig = Rig::whole();
         let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -109,7 +109,7 @@ fn a_process_that_returns_while_the_enable_is_held_moves_nothing() {
 }
 
 #[test]
-fn a_dead_control_leaves_the_robot_on_its_certified_stop() {
+fn f058_f073_a_dead_control_leaves_the_robot_on_its_certified_stop() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.client(&motion::builtin(), 14);
@@ -150,7 +150,7 @@ fn a_dead_driver_faults() {
 const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
 
 #[test]
-fn a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old() {
+fn f074_a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old() {
     // The driver latches the silence of a suspended control; control latches that of a suspended driver.
     let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("sim", Fault::StateStale)];
     for (process, fault) in latched {
@@ -197,8 +197,74 @@ fn a_silent_operator_releases() {
     assert_no_violations(&rig.end("sim"));
 }
 
+/// What a panic does: release builds abort.
 #[test]
-fn a_killed_supervisor_leaves_the_robot_at_rest() {
+fn f075_a_control_that_aborts_leaves_the_robot_on_its_certified_stop() {
+    let manifest = std::fs::read_to_string(repository().join("Cargo.toml")).unwrap();
+    let release = manifest.split("[profile.release]").nth(1).and_then(|rest| rest.split("\n[").next()).unwrap();
+    assert!(release.contains("panic = \"abort\""), "{release}");
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let _client = rig.client(&motion::builtin(), 11);
+    hand.engage_until(Mode::Engaging);
+    rig.signal("control", "ABRT");
+    eyes.wait("told by the driver", |state| state.flags & state_flag::DRIVER_FAULT != 0);
+    eyes.wait_at_rest();
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn f083_without_a_driver_or_a_person_nobody_engages() {
+    let mut rig = Rig::empty();
+    rig.start("control");
+    let hand = rig.hand();
+    for (alone, missing) in [(true, Fault::NoRobotState), (false, Fault::NoTarget)] {
+        if !alone {
+            rig.start("sim");
+            rig.start("retarget");
+        }
+        hand.wait("told what is missing", |status| {
+            Faults(status.faults).has(missing) && (alone || !Faults(status.faults).has(Fault::NoRobotState))
+        });
+        hand.enable();
+        std::thread::sleep(Duration::from_millis(300));
+        let status = hand.status().unwrap();
+        assert_eq!((status.mode, status.transition_count), (Mode::Disengaged as u32, 0), "{missing:?}");
+        hand.release();
+    }
+}
+
+#[test]
+fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
+    use std::os::unix::process::CommandExt;
+    let rig = Rig::empty();
+    let folder = rig.folder().join("theirs");
+    std::fs::DirBuilder::new().create(&folder).unwrap();
+    let (program, settings) = (rig.folder().join("teleopd"), config());
+    if !std::fs::metadata("/proc/1/environ").is_ok_and(|_| std::fs::File::open("/proc/1/environ").is_ok()) {
+        return println!("skipped: only root can become another user");
+    }
+    // The build's folder may be closed to others: what they need is laid open to them.
+    std::fs::copy(env!("CARGO_BIN_EXE_teleopd"), &program).unwrap();
+    for path in [rig.folder(), folder.as_path()] {
+        std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    }
+    let output = Command::new(&program)
+        .args(["sim", "--engage-without-realtime", "--config"])
+        .arg(settings)
+        .arg("--run-dir")
+        .arg(folder.join("inside"))
+        .uid(65534)
+        .gid(65534)
+        .output()
+        .expect("another user can run it");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{told}");
+    assert!(told.contains(folder.to_str().unwrap()) && told.contains("Permission denied"), "{told}");
+}
+
+#[test]
+fn f073_f084_a_killed_supervisor_leaves_the_robot_at_rest() {
     let mut rig = Rig::empty();
     rig.start_up();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());

@@ -133,3 +133,25 @@ fn f081_too_few_descriptors_are_refused_at_the_start() {
     assert_eq!(output.status.code(), Some(69), "{told}");
     assert!(told.contains("12 open files are allowed, 256 are needed"), "{told}");
 }
+
+#[test]
+fn f077_busy_cores_cost_ticks_and_break_no_limit() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 11);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    let busy = std::sync::atomic::AtomicBool::new(true);
+    let threads = 4 * std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| while busy.load(std::sync::atomic::Ordering::Relaxed) {});
+        }
+        std::thread::sleep(Duration::from_secs(3));
+        busy.store(false, std::sync::atomic::Ordering::Relaxed);
+    });
+    hand.release();
+    hand.wait("released", |status| [Mode::Disengaged, Mode::Faulted].iter().any(|&mode| status.mode == mode as u32));
+    eyes.wait_at_rest();
+    rig::assert_no_violations(&rig.end("sim"));
+}

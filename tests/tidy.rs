@@ -275,6 +275,18 @@ fn f113_every_unsafe_block_says_why_it_is_sound() {
     assert!(blocks > 20, "{blocks} found");
 }
 
+/// The one place may look at it to name an incarnation; nothing is ever timed by it.
+#[test]
+fn f030_nobody_reads_the_clock_of_the_day() {
+    let clocks = ["SystemTime", "UNIX_EPOCH", "CLOCK_REALTIME", "CLOCK_TAI", "ClockId::Realtime", "ClockId::Tai"];
+    let readers: BTreeSet<String> = rust_files()
+        .into_iter()
+        .filter(|(name, source)| name.starts_with("crates/") && clocks.iter().any(|clock| source.contains(clock)))
+        .map(|(name, _)| name)
+        .collect();
+    assert_eq!(readers, ["crates/rt/src/incarnation.rs".to_owned()].into());
+}
+
 #[test]
 fn parry_is_named_in_one_file_of_robot() {
     let naming: Vec<_> = rust_files()

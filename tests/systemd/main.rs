@@ -206,7 +206,7 @@ fn the_target_starts_everything_and_a_stop_brings_the_robot_to_rest() {
 }
 
 #[test]
-fn the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
+fn f082_the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
     let Some(machine) = started() else { return };
     let system = Manager::system();
     let invocations = || PROCESSES.map(|process| machine.property(&system, &unit(process), "InvocationID"));

@@ -94,7 +94,7 @@ fn incarnation_heard(reader: &mut Reader<JointTarget>) -> u32 {
 }
 
 #[test]
-fn a_killed_writer_is_silence_and_its_successor_a_stranger() {
+fn f086_a_killed_writer_is_silence_and_its_successor_a_stranger() {
     let place = Place::new("kill");
     let (domain, successor) = (place.open(), place.open());
     let mut reader = reader(&domain);

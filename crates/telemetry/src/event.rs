@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
+    fn f105_a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
         let start = Instant::now();
         let mut limit = RateLimit::starting_at(start);
         let written = (0..1_000_000).filter(|_| limit.admits(2)).count();
