@@ -11,6 +11,9 @@ use support::model;
 
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 
+/// What becomes of where the joints are on the way to what is measured.
+type Encoders<'a> = dyn Fn(&mut [f64; JOINTS]) + 'a;
+
 /// A robot that is sent somewhere tick by tick, and what its encoders make of it.
 #[derive(Clone)]
 struct Bench {
@@ -129,7 +132,7 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
             let speed = sign * 0.05 * MODEL.limits[joint].v_max;
             let start = MODEL.home[joint];
             let other = (joint + 7) % JOINTS;
-            let wrong: [&dyn Fn(&mut [f64; JOINTS]); 2] = [
+            let wrong: [&Encoders<'_>; 2] = [
                 &|q| q[joint] = 2.0 * start - q[joint],
                 // The same posture on both sides, so that nothing jumps.
                 &|q| (q[joint], q[other]) = (start, q[other] + q[joint] - start),
