@@ -145,7 +145,11 @@ fn f077_busy_cores_cost_ticks_and_break_no_limit() {
     let threads = 4 * std::thread::available_parallelism().map_or(1, usize::from);
     std::thread::scope(|scope| {
         for _ in 0..threads {
-            scope.spawn(|| while busy.load(std::sync::atomic::Ordering::Relaxed) {});
+            scope.spawn(|| {
+                while busy.load(std::sync::atomic::Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
         }
         std::thread::sleep(Duration::from_secs(3));
         busy.store(false, std::sync::atomic::Ordering::Relaxed);
