@@ -1,4 +1,5 @@
-//! Writes a motion in the formats of others, for tests.
+//! Writes a motion in the formats of others, for tests; not every test writes every format.
+#![allow(dead_code)]
 
 use motion::Motion;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
