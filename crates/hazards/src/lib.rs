@@ -32,7 +32,12 @@ pub enum Answer {
         /// Within what: a time, a count, a bound.
         within: &'static str,
     },
-    /// The hazard does not apply, or not yet.
+    /// Known, and not answered as it must be.
+    Open {
+        /// What happens as it is.
+        now: &'static str,
+    },
+    /// The hazard does not apply.
     Struck {
         /// Why.
         because: &'static str,
@@ -63,6 +68,11 @@ const fn does(id: &'static str, what: &'static str, does: &'static str, within: 
     Hazard { id, what, answer: Answer::Does { does, within } }
 }
 
+/// A row that is open.
+const fn open(id: &'static str, what: &'static str, now: &'static str) -> Hazard {
+    Hazard { id, what, answer: Answer::Open { now } }
+}
+
 /// A row that is struck.
 const fn struck(id: &'static str, what: &'static str, because: &'static str) -> Hazard {
     Hazard { id, what, answer: Answer::Struck { because } }
@@ -85,7 +95,7 @@ mod tests {
         for hazard in all() {
             let texts = match hazard.answer {
                 Answer::Does { does, within } => vec![hazard.what, does, within],
-                Answer::Struck { because } => vec![hazard.what, because],
+                Answer::Open { now: text } | Answer::Struck { because: text } => vec![hazard.what, text],
             };
             assert!(texts.iter().all(|text| !text.is_empty() && !text.contains('|')), "{}: {texts:?}", hazard.id);
         }

@@ -3,9 +3,14 @@
 use crate::{Hazard, does, struck};
 
 pub(crate) const NUMBERS: &[Hazard] = &[
-    does("f033", "the network says NaN", "stop, hold: a target of such numbers is none", "3 ticks + B"),
-    does("f034", "the network jumps", "followed under all limits, at reduced speed while it saturates", "every tick"),
-    does("f035", "the network is late", "the plan plays from the first missing command", "10 ms + B"),
+    does("f033", "the network says NaN", "its joints play their stop; stop, hold", "3 ticks + B"),
+    does(
+        "f034",
+        "the network jumps",
+        "a quarter of the speed after 250 ms of jumps; after 1 s stop, hold",
+        "every tick",
+    ),
+    does("f035", "the network is late", "slower from the third tick that is missing; then stop, hold", "10 ms + B"),
     does("f036", "retarget hangs", "control, another process, stops the robot", "10 ms + B"),
     struck(
         "f037",
@@ -32,13 +37,17 @@ pub(crate) const LIMITS: &[Hazard] = &[
     ),
     does("f044", "the robot starts too close to itself", "cannot engage; recovery only opens", "at once"),
     does("f045", "arms come close to each other, the body, the base", "certified stop before d_min", "every instant"),
-    does(
+    struck(
         "f046",
         "the distance is not known in time",
-        "the check is part of the tick: no distance, no command, the plan plays",
-        "1 tick",
+        "distances are part of the tick: without them there is no command, and the plan plays; a tick that is late is f078",
     ),
-    does("f047", "the optimisation finds nothing", "the certified plan plays; fixed number of steps", "1 tick"),
+    does(
+        "f047",
+        "the optimisation finds nothing",
+        "the certified plan plays; the number of steps is fixed",
+        "160 steps",
+    ),
     does("f048", "an elbow would flip", "followed under all limits", "every tick"),
     does(
         "f049",
@@ -51,19 +60,34 @@ pub(crate) const LIMITS: &[Hazard] = &[
 
 pub(crate) const DRIVER: &[Hazard] = &[
     does("f051", "the robot's state comes late", "5 ms: stop, hold; 20 ms: stop, latched", "5 or 20 ms + B"),
-    does("f052", "the state stands while the robot is commanded", "stop, latched", "100 ms + B"),
-    does("f053", "an encoder jumps", "stop, latched", "2 ticks + B"),
-    does("f054", "the state is no number, or of other joints", "stop, latched; at start no engagement", "1 tick + B"),
+    does("f052", "the state stands while the robot is commanded", "stop, latched", "50 ms or 0.02 rad, the later, + B"),
+    does("f053", "an encoder jumps", "one sample is passed over, the second in a row stops, latched", "2 samples + B"),
+    does(
+        "f054",
+        "the state is no number, or of other joints",
+        "no number: stop, latched; other names: another configuration, cannot engage",
+        "3 ticks + B",
+    ),
     does("f055", "the robot does not follow", "stop, latched", "100 ms, at once beyond 0.15 rad, + B"),
-    does("f056", "a joint turns the wrong way", "stop, latched", "0.15 rad of error + B"),
-    does("f057", "a command is not executed", "the plan plays; control goes on from the plan's state", "1 tick"),
-    does("f058", "commands stop coming", "the driver plays the plan, then latches", "1 tick, 10 ms"),
+    does("f056", "a joint turns the wrong way", "stop, latched", "0.02 rad of travel"),
+    does("f057", "a command is not executed", "the driver latches; nothing is sent again", "4 ticks"),
+    does(
+        "f058",
+        "commands stop coming",
+        "the driver plays the plan from the first missing one, and latches",
+        "1 tick; 15 ticks",
+    ),
     does("f059", "commands out of order, twice, too old", "refused", "0 executed"),
-    does("f060", "the robot's emergency stop is pressed", "stop, latched", "2 ticks + B"),
-    does("f061", "an emergency stop while engaging", "stop, latched, in each tick of the blend", "2 ticks + B"),
+    does("f060", "the robot's emergency stop is pressed", "stop, latched; no reset while it is pressed", "3 ticks + B"),
+    does(
+        "f061",
+        "an emergency stop while engaging",
+        "stop, latched, in each of 3000 ticks of the blend",
+        "3 ticks + B",
+    ),
     does("f062", "an emergency stop bounces", "one stop, no restart", "1 event"),
-    does("f063", "one arm's drive fails", "all joints stop together, latched", "same tick + B"),
-    does("f064", "motor power returns", "no motion before reset and a new enable", "0 motion"),
+    does("f063", "one arm's drive fails", "all joints play one plan, latched", "next tick + B"),
+    does("f064", "motor power returns", "what is measured is held; no motion before reset and a new enable", "3 ticks"),
 ];
 
 pub(crate) const AUTHORITY: &[Hazard] = &[
@@ -74,9 +98,14 @@ pub(crate) const AUTHORITY: &[Hazard] = &[
         "every tick",
     ),
     does("f066", "the enable is held at start", "nothing: it must be seen released first", "0 engagements"),
-    does("f067", "the enable is let go", "stop, authority withdrawn", "2 ticks + B"),
-    does("f068", "two clients publish", "the first holds the lease, the other is refused", "1 at every tick"),
-    does("f069", "the holder of the lease dies", "as f021; the next one needs a new enable edge", "100 ms + B"),
+    does("f067", "the enable is let go", "stop, authority withdrawn", "the same tick + B"),
+    does("f068", "two clients publish", "the first holds one lease across both doors; others are told", "0.5 s"),
+    does(
+        "f069",
+        "the holder of the lease dies",
+        "as f021; the lease ends by silence, and the next one needs a new enable edge",
+        "1 s, at rest before",
+    ),
     does("f070", "a client returns", "a stranger: authority is withdrawn", "0 motion"),
     does("f071", "orders contradict each other", "stop beats everything, every combination", "same tick"),
     does("f072", "reset is held", "counts once", "1 reset"),

@@ -39,16 +39,31 @@ pub(crate) const MEMORY: &[Hazard] = &[
     does("f085", "/dev/shm is full", "does not start, or as f073", "B"),
     does("f086", "segments of a dead process are left", "cleaned up at the next start", "READY within 20 s"),
     does("f087", "a folder or segment belongs to others", "does not start, and names it", "at start"),
-    does("f088", "clients take every place", "the holder keeps its own", "every frame"),
-    does("f089", "a client corrupts shared memory", "ingest may die; the core has no segment in common", "100 ms + B"),
+    does(
+        "f088",
+        "clients take every place",
+        "the holder keeps its place; more than 8 on the socket are told",
+        "every frame",
+    ),
+    does(
+        "f089",
+        "a client corrupts shared memory",
+        "ingest may die; the core opens nothing of the input domain",
+        "100 ms + B",
+    ),
     does("f090", "a client holds samples for ever", "the newest overwrite the oldest", "flat memory"),
-    does("f091", "a client truncates a segment", "ingest may die, as f073", "100 ms + B"),
+    does("f091", "a client truncates a segment", "SIGBUS in ingest alone, as f073", "100 ms + B"),
     does("f092", "two daemons in one folder", "the second ends with 75", "at start"),
 ];
 
 pub(crate) const FILES: &[Hazard] = &[
-    does("f093", "weights are cut, changed, not those of the manifest", "does not start", "every bit"),
-    does("f094", "weights of another robot", "does not start", "at start"),
+    does(
+        "f093",
+        "weights are cut, changed, not those of the manifest",
+        "does not start; the manifest carries the hash, it is not signed",
+        "every bit",
+    ),
+    does("f094", "weights of another robot", "does not start; 64 fixed inputs are tried at every start", "at start"),
     does("f095", "weights change while running", "nothing: read once, hashed as read", "0 effect"),
     does("f096", "an archive bomb, an absurd header", "refused within bounds", "1 s, 512 MB"),
     does(
@@ -60,21 +75,41 @@ pub(crate) const FILES: &[Hazard] = &[
     does("f098", "settings looser than the ceilings", "does not start", "at start"),
     does("f099", "a URDF with loops, two roots, entities", "does not start", "at start"),
     does("f100", "a URDF with absurd limits", "does not start", "at start"),
-    does("f101", "the URDF is not the one of the weights", "does not start", "at start"),
+    does(
+        "f101",
+        "the URDF is not the one of the weights",
+        "does not start: the manifest names the arm that it was trained for",
+        "at start",
+    ),
     struck("f102", "the disk is full while recording", NO_RECORDER),
     struck("f103", "the disk hangs while recording", NO_RECORDER),
-    does("f104", "a motion file is malformed", "refused with file, line, key", "1 s, 512 MB"),
+    does("f104", "a motion file is malformed", "refused with the file, within 120,000 frames and 512 MB", "at once"),
     does("f105", "an event repeats a million times", "10 lines a second of a kind, the rest is counted", "every kind"),
 ];
 
 pub(crate) const INTRUDERS: &[Hazard] = &[
-    does("f106", "another user publishes", "refused by the kernel, and by the door's own check", "0 admitted"),
+    does(
+        "f106",
+        "another user publishes",
+        "refused by the kernel (0600, 0660), and by the door, which asks it who calls",
+        "0 admitted",
+    ),
     does("f107", "another user reads", "refused by the kernel", "0 read"),
-    does("f108", "a client of the same user writes for another", "other session: authority is withdrawn", "1 tick + B"),
+    does(
+        "f108",
+        "a client of the same user writes for another",
+        "another port is another client, and refused; a user can always write what is its own",
+        "at once",
+    ),
     does("f109", "ingest lies", "whatever the target, no command breaks a limit", "every tick"),
     does("f110", "links are planted in the run folder", "not followed", "at start"),
     does("f111", "an operator's request is forged", "another socket, another group", "0 taken"),
-    does("f112", "a debugger attaches, a core is dumped", "units forbid it: no core, no ptrace", "at start"),
+    does(
+        "f112",
+        "a debugger attaches, a core is dumped",
+        "no core file; other users cannot look in; doctor names ptrace_scope",
+        "at start",
+    ),
     does(
         "f113",
         "a dependency is not what it was",
