@@ -2,7 +2,15 @@
 
 use serde_json::Value;
 use std::process::{Command, Output};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use teleopd::PROCESSES;
+
+/// One instance at a time: four real-time processes are enough for a small machine.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn turn() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 const HOPS: [&str; 9] = [
     "published_to_ingest",
@@ -48,6 +56,7 @@ fn assert_ordered(row: &Value, name: &str) {
 
 #[test]
 fn a_short_run_has_every_figure_and_they_agree() {
+    let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let (json, plot) = (folder.path().join("latency.json"), folder.path().join("latency.png"));
     let output = latency(&["--seconds", "5", "--json", json.to_str().unwrap(), "--plot", plot.to_str().unwrap()]);
@@ -152,11 +161,13 @@ fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
 /// A short soak: what it watches is there, and nothing grows. Stops that no blow explains are a matter of the machine.
 #[test]
 fn f079_f090_a_soak_watches_what_grows() {
+    let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("soak.json");
     let output = latency(&["--soak", "0.006", "--strike-every", "8", "--json", json.to_str().unwrap()]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    let soak: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).expect("JSON");
+    let soak: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap())
+        .unwrap_or_else(|error| panic!("{error}: {said}"));
     assert!(count(&soak, "/blows") >= 1 && number(&soak, "/engaged_s") > 1.0, "{said}");
     for process in PROCESSES {
         for what in ["descriptors", "threads"] {
