@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 /// A process of teleopd with a file system of `size` of its own at `place`; nothing where none can be mounted.
 fn with_small_files_at(place: &Path, size: &str, arguments: &[&str]) -> Option<Child> {
-    let script = "mount -t tmpfs -o size=\"$1\" small \"$2\" || exit 99; shift 2; exec \"$@\"";
+    let script = "mount -t tmpfs -o mode=755,size=\"$1\" small \"$2\" || exit 99; shift 2; exec \"$@\"";
     let mut command = Command::new("unshare");
     command.args(["--mount", "sh", "-c", script, "sh", size]).arg(place).arg(env!("CARGO_BIN_EXE_teleopd"));
     command.args(arguments).arg("--config").arg(config());

@@ -360,7 +360,9 @@ impl Hand {
                 let status = self.status();
                 let faults: Vec<_> =
                     status.iter().flat_map(|s| Faults(s.faults).iter()).map(|f| f.row().name).collect();
-                panic!("never {what}: mode {:?}, faults {faults:?}", self.mode());
+                let whys = status.iter().flat_map(|s| s.transitions.iter().take(s.transition_count as usize));
+                let whys: Vec<_> = whys.map(messages::Transition::why_name).collect();
+                panic!("never {what}: mode {:?}, faults {faults:?}, after {whys:?}", self.mode());
             }
             std::thread::sleep(Duration::from_millis(5));
         }

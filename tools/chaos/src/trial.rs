@@ -4,7 +4,7 @@ use crate::blow::{Blow, Kind, Victim};
 use crate::error::ChaosError;
 use crate::rig::Rig;
 use crate::witness::Witness;
-use messages::{Mode, TICK_HZ, tick_at};
+use messages::{Mode, TICK_HZ, state_flag, tick_at};
 use pipeline::{SafetySettings, Settings};
 use std::time::{Duration, Instant};
 
@@ -31,22 +31,29 @@ pub struct Outcome {
     pub rested: bool,
 }
 
+/// Brings the instance to `mode`, from whatever was before.
+///
+/// # Errors
+/// If it does not come there, tried again and again.
+pub fn engage(rig: &mut Rig, witness: &Witness, victim: Victim, mode: Mode) -> Result<(), ChaosError> {
+    let mut tries = 0;
+    loop {
+        rig.clear()?;
+        witness.must_rest(false);
+        match rig.engage(victim, mode) {
+            Err(ChaosError::Stuck(_)) if tries < TRIES_MAX => tries += 1,
+            engaged => return engaged,
+        }
+        rig.release();
+    }
+}
+
 /// Engages, strikes, and watches.
 ///
 /// # Errors
 /// If the instance does not come to where it can be struck, or does not come back.
 pub fn run(rig: &mut Rig, witness: &Witness, settings: &Settings, blow: Blow) -> Result<Outcome, ChaosError> {
-    let mode = if blow.engaged { Mode::Engaged } else { Mode::Engaging };
-    let mut tries = 0;
-    loop {
-        rig.clear()?;
-        witness.must_rest(false);
-        match rig.engage(blow.victim, mode) {
-            Err(ChaosError::Stuck(_)) if tries < TRIES_MAX => tries += 1,
-            engaged => break engaged?,
-        }
-        rig.release();
-    }
+    engage(rig, witness, blow.victim, if blow.engaged { Mode::Engaged } else { Mode::Engaging })?;
     std::thread::sleep(blow.phase);
     let mut outcome = Outcome { blow, moving: !witness.seen().at_rest(), rest_after_ticks: None, rested: true };
     match blow.kind {
@@ -71,7 +78,7 @@ fn kill(
         // With it the simulated robot is gone; what is left to be seen is that control noticed.
         outcome.rested = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
     } else {
-        wait_rest(witness, outcome, struck);
+        wait_rest(rig, witness, outcome, struck);
     }
     // Rest is rest: neither the return of the process nor the enable that is still held may end it.
     witness.must_rest(outcome.rested);
@@ -101,7 +108,7 @@ fn suspend(
     let must_rest = victim != Victim::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
-        wait_rest(witness, outcome, struck);
+        wait_rest(rig, witness, outcome, struck);
     }
     std::thread::sleep(resume_at.saturating_duration_since(Instant::now()));
     rt::resume(id);
@@ -109,13 +116,18 @@ fn suspend(
     Ok(())
 }
 
-/// Waits until the driver says rest, of a tick after the blow.
-fn wait_rest(witness: &Witness, outcome: &mut Outcome, struck: u64) {
+/// Waits until the driver says rest after the blow was noticed: a person who stands still lets a robot rest that is still
+/// engaged.
+fn wait_rest(rig: &mut Rig, witness: &Witness, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     while Instant::now() < give_up {
         let seen = witness.seen();
-        // A robot that happens to stand in the tick of the blow may still move on what is under way.
-        if seen.at_rest() && seen.k() > struck + 1 {
+        let noticed = if outcome.blow.victim == Victim::Control {
+            seen.latest.is_some_and(|state| state.flags & state_flag::DRIVER_FAULT != 0)
+        } else {
+            !matches!(rig.operator().mode(), Some(Mode::Engaging | Mode::Engaged) | None)
+        };
+        if noticed && seen.at_rest() && seen.k() > struck {
             outcome.rest_after_ticks = Some(seen.k() - struck);
             return;
         }

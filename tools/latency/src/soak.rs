@@ -141,9 +141,7 @@ fn clean(
     until: Duration,
     shutdown: &Shutdown,
 ) -> Result<(), LatencyError> {
-    rig.clear()?;
-    witness.must_rest(false);
-    rig.engage(Victim::Ingest, Mode::Engaged)?;
+    trial::engage(rig, witness, Victim::Ingest, Mode::Engaged)?;
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
