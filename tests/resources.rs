@@ -95,8 +95,13 @@ fn f084_a_full_disk_loses_the_figures_and_not_the_stop() {
     fill(child.id(), &run_dir);
     rt::terminate(child.id());
     let (output, told) = end(child);
-    assert_eq!(output.status.code(), Some(1), "figures that could not be written are no success: {told}");
-    assert!(told.contains("sim.json") && told.contains("No space left"), "{told}");
+    assert_eq!(
+        output.status.code(),
+        Some(1),
+        "figures that could not be written are no success ({}): {told}",
+        output.status
+    );
+    assert!(told.contains("ingest.json: No space left"), "{told}");
 }
 
 #[test]
