@@ -1,34 +1,11 @@
 //! No poll allocates once the server has started.
-#![allow(unsafe_code, reason = "a counting allocator has to implement GlobalAlloc")]
 
 use doors::{ANSWER_BYTES, Answer, Hello, Server, Standing, encode_frame};
 use messages::{Layout as _, RawSkeleton, Stamp};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: forwards to the system allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 #[test]
 fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
@@ -36,7 +13,9 @@ fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
     let path = folder.path().join("skeleton.sock");
     let mut server = Server::bind(&path, None).unwrap();
     let address = SocketAddrUnix::new(&path).unwrap();
-    let before = COUNT.with(Cell::get);
+    let ((), deliberate) = rt::count_allocations(|| drop(std::hint::black_box(Box::new(1))));
+    assert_eq!(deliberate.allocated, 1, "the count sees what is allocated");
+    rt::watch_allocations();
     let (mut used, mut now) = (0, Stamp(1));
     for _ in 0..100 {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
@@ -63,6 +42,6 @@ fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
         server.poll(now, true, |_, _| Standing::Holder);
         assert_eq!(server.connections(), 0);
     }
-    assert_eq!(COUNT.with(Cell::get), before);
+    assert_eq!(rt::allocations().0.allocated, 0);
     assert!(used > 1000 && server.over_quota() > 1000, "{used} {}", server.over_quota());
 }

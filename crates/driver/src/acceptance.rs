@@ -3,7 +3,7 @@
 use crate::chain::Chain;
 use crate::follower::{Config, State};
 use crate::plan::Motion;
-use messages::{JOINTS, JointCommand, Stamp, TICK_S, tick_at};
+use messages::{JOINTS, JointCommand, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 
 /// The longest stop that is believed, s: ten times the 500 ms that the robots promise. It bounds the work of one tick.
 pub const PLAN_MAX_S: f64 = 5.0;
@@ -12,8 +12,8 @@ pub const PLAN_MAX_S: f64 = 5.0;
 /// than 1e-12; beyond 1e-7 the end of the plan would be a step that the limits do not know of.
 pub const REST_TOLERANCE: f64 = 1e-7;
 
-/// Indices by which a command may be older than the index that is due: older than two ticks is dropped.
-const AGE_MAX_TICKS: u64 = 2;
+/// Age of a command, from its deadline, beyond which it is dropped: two ticks, whoever slept.
+const AGE_MAX_NS: u64 = 2 * 1_000_000_000 / TICK_HZ;
 
 /// Indices by which a command may be ahead of the clock: one for a `control` woken early by its target, one for clocks
 /// read on two cores.
@@ -32,7 +32,7 @@ pub enum Refusal {
     NotAStop = 1,
     /// Its index lies more than 2 ahead of the clock.
     TooFarAhead = 2,
-    /// Its index lies more than 2 behind the one that is due.
+    /// Its deadline passed more than 2 ticks ago.
     TooOld = 3,
     /// The fault is latched.
     Latched = 4,
@@ -63,7 +63,7 @@ pub(crate) enum Rule {
 }
 
 /// What can be said without knowing the executed state. Only a command that passes is listened to at all.
-pub(crate) fn plausible(now: Stamp, due_k: u64, command: &JointCommand) -> Result<(), Refusal> {
+pub(crate) fn plausible(now: Stamp, command: &JointCommand) -> Result<(), Refusal> {
     let plan = &command.plan;
     let states = command.q.iter().chain(&command.v).chain(&command.a);
     let mut numbers = states.chain(plan.jerk.as_flattened()).chain(plan.duration_s.as_flattened());
@@ -73,7 +73,7 @@ pub(crate) fn plausible(now: Stamp, due_k: u64, command: &JointCommand) -> Resul
     if command.k > tick_at(now).saturating_add(AHEAD_MAX_TICKS) {
         return Err(Refusal::TooFarAhead);
     }
-    if command.k.saturating_add(AGE_MAX_TICKS) < due_k {
+    if now.since(deadline(command.k)) > AGE_MAX_NS {
         return Err(Refusal::TooOld);
     }
     let short = |d: &[f64; 3]| d.iter().all(|&d| d >= 0.0) && d.iter().sum::<f64>() <= PLAN_MAX_S;

@@ -212,7 +212,7 @@ pub fn tick_each(
     let mut accepted = None;
     let mut refused = None;
     if let Some(command) = state.look_at(input.command) {
-        match state.listen(config, now, input.due_k, command, driven) {
+        match state.listen(config, now, command, driven) {
             Ok(rule) => accepted = Some(state.take(now, command, rule, &mut each)),
             Err(reason) => {
                 state.refused[reason as usize] += 1;
@@ -243,15 +243,8 @@ impl State {
     }
 
     /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow.
-    fn listen(
-        &mut self,
-        config: &Config,
-        now: Stamp,
-        due_k: u64,
-        command: &JointCommand,
-        driven: bool,
-    ) -> Result<Rule, Refusal> {
-        acceptance::plausible(now, due_k, command)?;
+    fn listen(&mut self, config: &Config, now: Stamp, command: &JointCommand, driven: bool) -> Result<Rule, Refusal> {
+        acceptance::plausible(now, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);

@@ -1,6 +1,6 @@
 //! The simulated robot, behind the driver's port: executes a command when it arrives, or its plan when none does.
 
-use super::{OLD_NS, Process, WARM_TICKS, bus_failure};
+use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
@@ -56,8 +56,6 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         }
         let command = rt::allocating_aside(|| commands.latest()).filter(|_| ending.is_none());
         let now = rt::now();
-        // Whoever slept, a command of so long ago is not executed any more: the plan is.
-        let command = command.filter(|command| now.since(deadline(command.k)) <= OLD_NS);
         let out = sim::tick(&config, &mut state, now, sim::Input { due_k: due(now), command: command.as_ref() });
         if out.advanced == 0 {
             continue;

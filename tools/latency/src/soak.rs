@@ -40,7 +40,7 @@ const TURNS: [(Victim, bool); 6] = [
 pub struct Soak {
     /// How long.
     pub length: Duration,
-    /// Time between two blows.
+    /// Time engaged before each blow.
     pub every: Duration,
 }
 
@@ -105,8 +105,7 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     let begun = Instant::now();
     let mut soaked = Soaked::default();
     while begun.elapsed() < soak.length && !shutdown.requested() {
-        let until = (begun.elapsed() + soak.every).min(soak.length);
-        clean(&mut rig, &witness, &mut soaked, begun, until, shutdown)?;
+        clean(&mut rig, &witness, &mut soaked, begun, soak, shutdown)?;
         if begun.elapsed() < soak.length && !shutdown.requested() {
             let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
             let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
@@ -124,27 +123,28 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     soaked.seconds = begun.elapsed().as_secs_f64();
     let seen = witness.seen();
     drop(witness);
-    (soaked.violations, soaked.states) = (seen.violations.iter().sum(), seen.states);
-    (soaked.violations, soaked.moved_without_enable) = (soaked.violations + seen.not_finite, seen.moved_without_enable);
+    soaked.violations = seen.violations.iter().sum::<u64>() + seen.not_finite;
+    (soaked.states, soaked.moved_without_enable) = (seen.states, seen.moved_without_enable);
     let ended = rig.end();
     soaked.trouble.extend(ended.trouble);
     soaked.reports = ended.reports;
     Ok(soaked)
 }
 
-/// Follows the person until `until`; every stop in it is a false one.
+/// Follows the person until the next blow is due or the end; every stop in it is a false one.
 fn clean(
     rig: &mut Rig,
     witness: &Witness,
     soaked: &mut Soaked,
     begun: Instant,
-    until: Duration,
+    soak: Soak,
     shutdown: &Shutdown,
 ) -> Result<(), LatencyError> {
     trial::engage(rig, witness, Victim::Ingest, Mode::Engaged)?;
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
+    let until = (begun.elapsed() + soak.every).min(soak.length);
     let mut told = rig.operator().status().map_or(0, |status| status.transition_count);
     while begun.elapsed() < until && !shutdown.requested() {
         std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
