@@ -7,7 +7,7 @@ use crate::time::{Header, Stamp};
 
 /// Bits of `JointTarget::flags`.
 pub mod target_flag {
-    /// The input is fresh: a human stands behind this target.
+    /// The input is fresh and has been steady: a human stands behind every arm of this target that is meant.
     pub const INPUT_FRESH: u32 = 1;
 }
 

@@ -131,11 +131,11 @@ message! {
 message! {
     /// A validated person: SMPL-22 positions and the four calibrated limb rotations.
     pub struct Skeleton v 1 size 392 {
-        /// `origin` as the client gave it.
+        /// `origin` of the client, on the clock of this machine.
         pub header: Header,
         /// When `ingest` received the frame.
         pub received: Stamp,
-        /// As the client gave it.
+        /// The client's, changed by `ingest` whenever the person may be another one than before.
         pub session_nonce: u64,
         /// As the client gave it.
         pub operator_id: u32,

@@ -10,6 +10,7 @@ mod closed_form;
 mod model;
 mod network;
 mod oracle;
+mod ready;
 mod refine;
 mod resample;
 mod smooth;

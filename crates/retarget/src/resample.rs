@@ -119,7 +119,9 @@ impl SourceClock {
             source: ns(received),
         };
         let same = self.newest.filter(|last| last.incarnation == arrival.incarnation);
-        if same.is_some_and(|last| arrival.sequence <= last.sequence) {
+        // Serial numbers (RFC 1982): they may wrap.
+        let ahead = |last: &Arrival| arrival.sequence.wrapping_sub(last.sequence);
+        if same.is_some_and(|last| ahead(&last) == 0 || ahead(&last) > u64::MAX / 2) {
             return None;
         }
         let continues = same.filter(|last| {
@@ -142,7 +144,7 @@ impl SourceClock {
     /// client's stamps where they are plausible, else the mean period times the skeletons that the sequence counts.
     /// None if neither fits the arrival: then it is a restart.
     fn source_after(&mut self, last: &Arrival, next: &Arrival) -> Option<i64> {
-        let count = (next.sequence - last.sequence).clamp(1, KNOTS as u64) as f64;
+        let count = next.sequence.wrapping_sub(last.sequence).clamp(1, KNOTS as u64) as f64;
         let by_mean = count * self.mean.add((next.received - last.received).max(0) as f64, count);
         let by_origin = (next.origin - last.origin) as f64;
         let arrived = (next.received - last.source) as f64;

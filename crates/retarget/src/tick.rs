@@ -11,6 +11,7 @@ use crate::arm::{
 };
 use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
+use crate::ready::Readiness;
 use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::{DELAY_MAX_NS, Resample, Sample, SourceClock, Track};
 use crate::smooth::{Average, Posture};
@@ -22,6 +23,11 @@ pub const ARMS: usize = 2;
 pub const REFINE_STEPS_MAX: u32 = 16;
 /// Velocities are differences over at most this many ticks: beyond 10 ms a target is stale (service table).
 const VELOCITY_TICKS_MAX: u64 = 15;
+/// An arm that was not seen for so long is not meant any more, ns (assumption): the operator goes on with the other one, and
+/// has to enable it anew.
+const FORGOTTEN_NS: u64 = 10_000_000_000;
+/// Odd, so that different counts give different sessions: the multiplier of Knuth's MMIX generator.
+const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
 
 /// Longest average: `AVERAGE_TICKS_MAX`, ms.
 const SMOOTHING_MAX_MS: f64 = 50.0;
@@ -174,6 +180,8 @@ pub struct Counters {
 #[derive(Clone, Debug, Default)]
 pub struct State {
     clock: SourceClock,
+    readiness: Readiness,
+    forgotten: u64,
     tracks: [Track; ARMS],
     averages: [Average; ARMS],
     refined: [Option<ArmQ>; ARMS],
@@ -198,7 +206,7 @@ pub struct Output {
     pub latents: [Latent; ARMS],
     /// Rotation angles between robot and human, indexed by `Limb`, rad; zero for an arm without a human.
     pub limb_error_rad: [f64; LIMBS],
-    /// `InputStale` while no arm is fresh, `InputImplausible` in a tick that had to drop something.
+    /// `InputStale` while an arm that is meant is not fresh or the input has not been steady, `InputImplausible` in a tick that had to drop something.
     pub faults: Faults,
     /// Since the start.
     pub counters: Counters,
@@ -210,6 +218,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     if let Some(skeleton) = input.skeleton {
         take(config, state, now, skeleton);
     }
+    forget(state, now);
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
     let mut shown = [left, right].map(|track| track.show(config.resample, playhead, now));
@@ -235,7 +244,10 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         sample.limbs = posture.limbs;
     }
     state.k = input.k;
-    let mut out = assemble(config, state, now, input.k, &shown);
+    let meant = std::array::from_fn(|arm| state.q[arm].is_some());
+    let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
+    let ready = state.readiness.judge(now, meant, fresh);
+    let mut out = assemble(config, state, fresh, ready, input.k, &shown);
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
@@ -257,6 +269,19 @@ fn posture(config: &Config, human: &Limbs, start: &ArmQ, before: Option<&ArmQ>) 
         }
     }
     found.q
+}
+
+/// Stops to mean an arm that has not been seen for long while the other one was.
+fn forget(state: &mut State, now: Stamp) {
+    for (arm, other) in [(0, 1), (1, 0)] {
+        let gone = now.since(state.tracks[arm].received()) > FORGOTTEN_NS;
+        if state.q[arm].is_some() && gone && state.tracks[other].is_fresh(now) {
+            state.tracks[arm] = Track::default();
+            state.averages[arm] = Average::default();
+            (state.refined[arm], state.q[arm], state.dq[arm]) = (None, None, [0.0; ARM_Q]);
+            state.forgotten = state.forgotten.wrapping_add(1);
+        }
+    }
 }
 
 /// Takes a skeleton that was not seen before: encodes its arms and hands them to their tracks.
@@ -285,19 +310,20 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         }
     }
     if used {
+        state.readiness.arrived(received, placed.restart);
         state.received = received;
         state.origin = skeleton.header.origin;
         state.sequence = skeleton.header.sequence;
-        state.session = session(skeleton);
+        state.session = session(skeleton, state.forgotten);
     }
 }
 
 /// The client's session, as this ingest passes it: it changes with either of them, because both restart as strangers whom
-/// nobody has enabled. Never zero, which stands for none.
-fn session(skeleton: &Skeleton) -> u64 {
+/// nobody has enabled, and with the arms that are meant, when one is forgotten. Never zero, which stands for none.
+fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
     // 2^64 over the golden ratio: odd, so that different incarnations stay different.
     let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    (skeleton.session_nonce ^ ingest).max(1)
+    (skeleton.session_nonce ^ ingest ^ forgotten.wrapping_mul(FORGOTTEN_MIX)).max(1)
 }
 
 /// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.
@@ -351,7 +377,14 @@ fn velocity(config: &Config, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ
     std::array::from_fn(|j| ((q[j] - before[j]) / dt).max(-config.velocity_max[j]).min(config.velocity_max[j]))
 }
 
-fn assemble(config: &Config, state: &State, now: Stamp, k: u64, shown: &[Option<Sample>; ARMS]) -> Output {
+fn assemble(
+    config: &Config,
+    state: &State,
+    fresh: [bool; ARMS],
+    ready: bool,
+    k: u64,
+    shown: &[Option<Sample>; ARMS],
+) -> Output {
     let mut target = JointTarget { k, q: config.home, ..JointTarget::ZERO };
     let mut limb_error_rad = [0.0; LIMBS];
     for (arm, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
@@ -369,15 +402,13 @@ fn assemble(config: &Config, state: &State, now: Stamp, k: u64, shown: &[Option<
         let error = limb_error_deg(&config.arm.forward(&q), &sample.limbs);
         limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));
     }
-    let fresh = std::array::from_fn(|arm| state.tracks[arm].is_fresh(now) && state.q[arm].is_some());
-    let any = fresh.contains(&true);
     target.header.origin = state.origin;
     target.input_received = state.received;
     target.input_sequence = state.sequence;
     target.session_nonce = state.session;
-    target.flags = if any { target_flag::INPUT_FRESH } else { 0 };
+    target.flags = if ready { target_flag::INPUT_FRESH } else { 0 };
     let latents = shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent));
     let mut faults = Faults::NONE;
-    faults.set(Fault::InputStale, !any);
+    faults.set(Fault::InputStale, !ready);
     Output { target, fresh, latents, limb_error_rad, faults, counters: state.counters }
 }

@@ -178,7 +178,9 @@ fn a_gap_clears_fresh_holds_and_then_fades_in() {
     assert_eq!(at(1090).target.flags, 0, "the last skeleton came at 983 ms");
     assert_eq!((at(1100).target.q, at(1100).target.valid_mask), (at(1990).target.q, at(1990).target.valid_mask));
     assert_eq!(at(1990).target.dq, [0.0; 17]);
-    assert_eq!(at(2005).target.flags, target_flag::INPUT_FRESH);
+    // Seen at once, and followed once it has been steady.
+    assert_eq!((at(2005).fresh, at(2005).target.flags), ([true; 2], 0));
+    assert_eq!((at(2495).target.flags, at(2505).target.flags), (0, target_flag::INPUT_FRESH));
     // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
     let fastest = fastest(&outputs[2990..]);
     assert!(fastest < 1.5 * 2.0 * TAU, "{fastest} rad/s after the gap");
@@ -288,7 +290,7 @@ fn both_arms_mirror() {
 }
 
 #[test]
-fn a_quaternion_may_change_its_sign_between_frames() {
+fn f005_a_quaternion_may_change_its_sign_between_frames() {
     let config = config(Method::Network, Resample::Interpolate, 40.0);
     let steady = source(60.0, 1.0, true, |_| 0);
     let mut flipping = steady.clone();
@@ -302,7 +304,7 @@ fn a_quaternion_may_change_its_sign_between_frames() {
 }
 
 #[test]
-fn a_client_whose_clock_runs_wrong_is_still_followed() {
+fn f029_a_client_whose_clock_runs_wrong_is_still_followed() {
     let arm = support::arm();
     for speed in [0.0, 0.3, 0.9, 1.5, 4.0] {
         let mut arrivals = source(60.0, 5.0, true, |_| 0);
@@ -325,17 +327,17 @@ fn a_client_whose_clock_runs_wrong_is_still_followed() {
 }
 
 #[test]
-fn a_stamp_of_the_future_is_not_fresh_for_ever() {
+fn f027_a_stamp_of_the_future_is_not_fresh_for_ever() {
     let config = config(Method::ClosedForm, Resample::Interpolate, 40.0);
     let mut state = State::default();
     let early = skeleton(1, u64::MAX, 0, &human(0.0));
-    let flags = |state: &mut State, ms: u64| {
+    let fresh = |state: &mut State, ms: u64| {
         let now = Stamp(START_NS + ms * MS);
-        tick(&config, state, now, Input { k: ms, skeleton: Some(&early) }).target.flags
+        tick(&config, state, now, Input { k: ms, skeleton: Some(&early) }).fresh
     };
-    assert_eq!(flags(&mut state, 0), target_flag::INPUT_FRESH);
-    assert_eq!(flags(&mut state, 99), target_flag::INPUT_FRESH);
-    assert_eq!(flags(&mut state, 101), 0);
+    assert_eq!(fresh(&mut state, 0), [true; 2]);
+    assert_eq!(fresh(&mut state, 99), [true; 2]);
+    assert_eq!(fresh(&mut state, 101), [false; 2]);
 }
 
 #[test]

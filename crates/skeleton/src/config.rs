@@ -19,6 +19,9 @@ pub struct Config {
     pub coordinate_max_m: f64,
     /// Hips to shoulders (m): 0.288 of a stature of 1.2 to 2.2 m (Winter, Biomechanics, 4th ed., fig. 4.1), widened by 15 %.
     pub trunk_m: [f64; 2],
+    /// Upper arm and forearm over hips to shoulders: 0.186 and 0.146 of the stature over 0.288 (Winter, fig. 4.1) are 0.65
+    /// and 0.51; an elbow or a wrist of the other side makes them 0.95 and more. The rigs of the CMU clips lie between.
+    pub arm_per_trunk: [f64; 2],
     /// Largest change of a limb's length against the session's first second (fraction).
     pub length_change_max: f64,
     /// Largest change of a limb's length from frame to frame (fraction).
@@ -31,9 +34,13 @@ pub struct Config {
     /// Coherent frames after a teleport before frames are accepted again.
     pub coherent_frames: u32,
     /// A payload that repeats bit for bit for this long after it had moved is a stuck tracker (ns), until it has done so
-    /// for `gap_ns`; 0 turns it off.
+    /// for `gap_ns`; 0 turns it off. With one stale-after of `skeleton` after it, robots stop 200 ms after the tracker.
     pub frozen_after_ns: u64,
-    /// After a gap of this length (ns) the person may have changed: lengths are learnt and uprightness is asked for again.
+    /// Frames that were refused for what they say of the person, and none accepted, for longer than this (ns): whoever is
+    /// seen next counts as another person, whom nobody has enabled. One stale-after of `skeleton`: robots have stopped.
+    pub distrust_after_ns: u64,
+    /// After a gap of this length (ns) the person may have changed: lengths are learnt and uprightness is asked for again,
+    /// and the person counts as another one.
     pub gap_ns: u64,
 }
 
@@ -47,12 +54,14 @@ impl Default for Config {
             reach_max_m: 1.5,
             coordinate_max_m: 100.0,
             trunk_m: [0.29, 0.73],
+            arm_per_trunk: [0.3, 0.9],
             length_change_max: 0.05,
             length_step_max: 0.02,
             speed_max_m_per_s: 10.0,
             step_max_m: 0.15,
             coherent_frames: 5,
-            frozen_after_ns: 200_000_000,
+            frozen_after_ns: 100_000_000,
+            distrust_after_ns: 100_000_000,
             gap_ns: 1_000_000_000,
         }
     }
@@ -109,7 +118,7 @@ reasons! {
     NotUnit,
     /// Shoulders or hips are not seen.
     TrunkLost,
-    /// The trunk's size is no person's.
+    /// The trunk's size, or that of an arm against it, is no person's.
     Size,
     /// The trunk does not stand upright at the start of a session: probably another up-axis.
     NotUpright,
@@ -123,4 +132,29 @@ reasons! {
     LengthChange,
     /// The payload repeats bit for bit.
     Frozen,
+}
+
+impl DropReason {
+    /// Whether frames that are dropped for this reason say something wrong of the person. Those that come late or twice, or
+    /// say that the person is not seen, do not: they are as good as silence.
+    pub(crate) const fn contradicts(self) -> bool {
+        match self {
+            Self::NoOrigin | Self::Future | Self::Old | Self::Duplicate | Self::Backwards | Self::TrunkLost => false,
+            Self::Layout
+            | Self::Count
+            | Self::Mirrored
+            | Self::SessionChanged
+            | Self::OperatorChanged
+            | Self::NotFinite
+            | Self::OutOfRange
+            | Self::NotUnit
+            | Self::Size
+            | Self::NotUpright
+            | Self::Chirality
+            | Self::Teleport
+            | Self::LengthStep
+            | Self::LengthChange
+            | Self::Frozen => true,
+        }
+    }
 }

@@ -4,6 +4,7 @@
 //! Glossary: the *torso frame* is x forward, y left, z up of the chest; a *bone* is the unit vector from a joint to the
 //! next one outwards; the *hinge* of an arm is the axis about which its elbow flexes (right-hand rule, flexing moves
 //! the forearm to the front); a *limb frame* is the rotation that takes bone and hinge of the T-pose to those measured.
+mod clock;
 mod config;
 mod geometry;
 mod hinge;

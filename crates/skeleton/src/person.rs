@@ -2,6 +2,7 @@
 
 use crate::config::{Config, DropReason};
 use crate::geometry::vector;
+use crate::limbs::ARMS;
 use messages::{HingeCalibration, LIMBS, Layout, RawSkeleton, SMPL_JOINTS, Smpl, calibration_flag, raw_flag};
 use nalgebra::Vector3;
 
@@ -36,9 +37,9 @@ impl Person {
             if confidence < config.confidence_min {
                 continue; // Whatever stands there, nobody vouches for it.
             }
-            person.positions[joint] = position(config, raw.positions[joint])?;
+            person.positions[joint] = position(config, raw.positions[joint].map(plain))?;
             if has_rotations {
-                person.rotations[joint] = unit_quaternion(config, raw.rotations[joint])?;
+                person.rotations[joint] = unit_quaternion(config, raw.rotations[joint].map(plain))?;
             }
             person.usable |= 1 << joint;
         }
@@ -59,6 +60,20 @@ impl Person {
         (self.at(Smpl::LeftHip as usize) + self.at(Smpl::RightHip as usize)) / 2.0
     }
 
+    /// Joints of the other side make limbs too long, whichever they are.
+    fn check_arms(&self, config: &Config, trunk_m: f64) -> Result<(), DropReason> {
+        let allowed = config.arm_per_trunk[0] * trunk_m..=config.arm_per_trunk[1] * trunk_m;
+        for [shoulder, elbow, wrist] in ARMS {
+            for [from, to] in [[shoulder, elbow], [elbow, wrist]] {
+                let seen = self.has(from) && self.has(to);
+                if seen && !allowed.contains(&(self.at(to) - self.at(from)).norm()) {
+                    return Err(DropReason::Size);
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn check_trunk(&mut self, config: &Config) -> Result<(), DropReason> {
         let trunk = [Smpl::LeftHip, Smpl::RightHip, Smpl::LeftShoulder, Smpl::RightShoulder];
         if !trunk.iter().all(|&joint| self.has(joint as usize)) {
@@ -75,8 +90,13 @@ impl Person {
         if !(config.trunk_m[0]..=config.trunk_m[1]).contains(&trunk) {
             return Err(DropReason::Size);
         }
-        Ok(())
+        self.check_arms(config, trunk)
     }
+}
+
+/// Zero for denormal numbers and for negative zero, whatever the processor does with them; all else as it is.
+fn plain(value: f32) -> f32 {
+    if value.is_subnormal() || value == 0.0 { 0.0 } else { value }
 }
 
 fn position(config: &Config, position: [f32; 3]) -> Result<[f32; 3], DropReason> {
@@ -97,7 +117,9 @@ fn unit_quaternion(config: &Config, q: [f32; 4]) -> Result<[f32; 4], DropReason>
     if (norm - 1.0).abs() > config.quaternion_error_max {
         return Err(DropReason::NotUnit);
     }
-    Ok(q.map(|c| (f64::from(c) / norm) as f32))
+    // q and -q are one rotation: the one with w >= 0 stands for it, so that its bits repeat if the rotation does.
+    let signed = norm.copysign(f64::from(q[3]));
+    Ok(q.map(|c| plain((f64::from(c) / signed) as f32)))
 }
 
 fn read_calibration(config: &Config, raw: &HingeCalibration) -> Result<HingeCalibration, DropReason> {
@@ -109,7 +131,7 @@ fn read_calibration(config: &Config, raw: &HingeCalibration) -> Result<HingeCali
         if raw.flags & calibration_flag::LIMB[limb] == 0 {
             continue;
         }
-        let hinge = vector(raw.hinge[limb]);
+        let hinge = vector(raw.hinge[limb].map(plain));
         if !hinge.iter().all(|c| c.is_finite()) {
             return Err(DropReason::NotFinite);
         }
@@ -117,7 +139,7 @@ fn read_calibration(config: &Config, raw: &HingeCalibration) -> Result<HingeCali
         if (norm - 1.0).abs() > config.quaternion_error_max {
             return Err(DropReason::NotUnit);
         }
-        out.hinge[limb] = raw.hinge[limb];
+        out.hinge[limb] = raw.hinge[limb].map(plain);
     }
     out.flags = raw.flags;
     out.samples = raw.samples;

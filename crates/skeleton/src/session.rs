@@ -14,6 +14,9 @@ const CHIRALITY_FRAMES: f64 = 30.0;
 const SIDES_MIN: f64 = -0.3;
 /// Least mean evidence of feet and knees, of -4 to 4. CMU clips: mean 2.3, never below 0 over a second; mirrored: -2.3.
 const FRONT_MIN: f64 = -1.0;
+/// Time without a frame after which the evidence on left and right begins anew, ns: a period at 20 Hz. A jump over the
+/// time between may be an exchange of the sides.
+const UNSEEN_NS: u64 = 50_000_000;
 /// A step that noise alone may cause, m: 10 mm at each end of a bone and of the hips, three times.
 const NOISE_M: f64 = 0.03;
 
@@ -95,24 +98,31 @@ impl Session {
 }
 
 impl Session {
-    /// Refuses what was seen before, and forgets everything after a gap.
-    pub(crate) fn check_order(&mut self, config: &Config, raw: &RawSkeleton) -> Result<(), DropReason> {
+    /// Forgets the person, but not which frames were seen.
+    pub(crate) fn forget(&mut self, raw: &RawSkeleton) {
+        let Self { incarnation, sequence, origin, .. } = *self;
+        *self = Self { incarnation, sequence, origin, ..Self::new(raw) };
+    }
+
+    /// Refuses what was seen before, and forgets the person after a gap, which it says. Sequences are compared as serial
+    /// numbers (RFC 1982), so that they may wrap.
+    pub(crate) fn check_order(&mut self, config: &Config, raw: &RawSkeleton) -> Result<bool, DropReason> {
         let origin = raw.header.origin;
-        let same_writer = self.incarnation == raw.header.incarnation;
+        let same_writer = self.origin != Stamp::NONE && self.incarnation == raw.header.incarnation;
         if origin == self.origin || (same_writer && raw.header.sequence == self.sequence) {
             return Err(DropReason::Duplicate);
         }
-        if origin < self.origin || (same_writer && raw.header.sequence < self.sequence) {
+        if origin < self.origin || (same_writer && raw.header.sequence.wrapping_sub(self.sequence) > u64::MAX / 2) {
             return Err(DropReason::Backwards);
         }
         let gap = self.origin != Stamp::NONE && origin.since(self.origin) > config.gap_ns;
         if gap {
-            *self = Session::new(raw);
+            self.forget(raw);
         }
         self.incarnation = raw.header.incarnation;
         self.sequence = raw.header.sequence;
         self.origin = origin;
-        Ok(())
+        Ok(gap)
     }
 
     /// Checks a frame against those before it.
@@ -123,6 +133,9 @@ impl Session {
         raw: &RawSkeleton,
         person: &Person,
     ) -> Result<(), DropReason> {
+        if self.previous.is_some_and(|previous| raw.header.origin.since(previous.origin) > UNSEEN_NS) {
+            self.chirality = None;
+        }
         self.check_posture(person)?;
         let body = Body::read(raw, person);
         let previous = self.previous.replace(body);
@@ -130,6 +143,8 @@ impl Session {
             self.check_frozen(config, now, &previous, &body)?;
             if teleported(config, person, &previous, &body) {
                 self.settling = config.coherent_frames;
+                // It may be the two sides that jumped.
+                self.chirality = None;
                 return Err(DropReason::Teleport);
             }
             self.settling = self.settling.saturating_sub(1);

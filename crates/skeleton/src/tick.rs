@@ -1,5 +1,6 @@
 //! The stage: one frame of a client in, a validated person or the reason for dropping it out.
 
+use crate::clock::ClientClock;
 use crate::config::{Config, DROP_REASONS, DropReason};
 use crate::limbs::limbs_from_positions_rotations;
 use crate::person::Person;
@@ -16,10 +17,41 @@ pub struct Input<'a> {
 /// What became of the frame; exactly one of both is `Some`.
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
-    /// The person; `header.origin` is the client's, the rest of the header is the shell's to fill.
+    /// The person; `header.origin` is the client's on our clock, the rest of the header is the shell's to fill.
     pub skeleton: Option<Skeleton>,
     /// Why there is none.
     pub drop: Option<DropReason>,
+}
+
+/// Odd, so that different counts give different sessions, and not the constant by which others mix.
+const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
+
+/// Whether the person of this frame is the one of the frames before.
+#[derive(Clone, Copy, Debug)]
+struct Trust {
+    /// Counts whoever may be somebody else than the one before.
+    persons: u64,
+    /// When a frame was accepted last.
+    accepted: Stamp,
+    /// Frames since then were refused for what they say of the person.
+    contradicted: bool,
+}
+
+impl Trust {
+    fn refuse(&mut self, reason: DropReason) {
+        self.contradicted |= reason.contradicts();
+        if reason == DropReason::OperatorChanged {
+            self.persons = self.persons.wrapping_add(1);
+        }
+    }
+
+    fn accept(&mut self, config: &Config, now: Stamp) {
+        let unseen = self.accepted != Stamp::NONE && now.since(self.accepted) > config.distrust_after_ns;
+        if unseen && self.contradicted {
+            self.persons = self.persons.wrapping_add(1);
+        }
+        (self.accepted, self.contradicted) = (now, false);
+    }
 }
 
 /// Everything remembered of one client.
@@ -28,6 +60,8 @@ pub struct State {
     session: Option<Session>,
     /// The newest origin that was accepted, of whatever session: a change of session there and back makes no old frame new.
     newest: Stamp,
+    clock: ClientClock,
+    trust: Trust,
     dropped: [u64; DROP_REASONS],
     accepted: u64,
 }
@@ -41,7 +75,9 @@ impl Default for State {
 impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { session: None, newest: Stamp::NONE, dropped: [0; DROP_REASONS], accepted: 0 }
+        let clock = ClientClock::new();
+        let trust = Trust { persons: 0, accepted: Stamp::NONE, contradicted: false };
+        Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
     /// Frames dropped so far for this reason.
@@ -59,13 +95,14 @@ impl State {
 ///
 /// `now` is when the frame arrived, on the same clock as its origin.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    match look(config, &mut state.session, state.newest, now, input.raw) {
+    match look(config, state, now, input.raw) {
         Ok(skeleton) => {
             state.newest = skeleton.header.origin;
             state.accepted = state.accepted.saturating_add(1);
             Output { skeleton: Some(skeleton), drop: None }
         }
         Err(reason) => {
+            state.trust.refuse(reason);
             let count = &mut state.dropped[reason as usize];
             *count = count.saturating_add(1);
             Output { skeleton: None, drop: Some(reason) }
@@ -73,26 +110,27 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
 }
 
-fn look(
-    config: &Config,
-    session: &mut Option<Session>,
-    newest: Stamp,
-    now: Stamp,
-    raw: &RawSkeleton,
-) -> Result<Skeleton, DropReason> {
-    check_envelope(config, now, raw)?;
+fn look(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
+    check_envelope(raw)?;
+    let State { session, newest, clock, trust, .. } = state;
+    let known = session.is_some_and(|session| session.nonce == raw.session_nonce);
+    let mut placed = if known { *clock } else { ClientClock::new() };
+    let origin = placed.place(config, now, raw.header.origin)?;
+    *clock = placed;
     let first = session.is_none();
     let current = session.get_or_insert_with(|| Session::new(raw));
-    if !first && current.nonce != raw.session_nonce {
+    if !first && !known {
         *current = Session::new(raw);
         return Err(DropReason::SessionChanged);
     }
-    if !first && current.operator_id != raw.operator_id {
-        *current = Session::new(raw);
+    let operator_id = current.operator_id;
+    // After a gap of a second, as after a second of frames that contradict, anybody may stand there.
+    trust.contradicted |= current.check_order(config, raw)?;
+    if operator_id != raw.operator_id {
+        current.forget(raw);
         return Err(DropReason::OperatorChanged);
     }
-    current.check_order(config, raw)?;
-    if raw.header.origin <= newest {
+    if origin <= *newest {
         return Err(DropReason::Backwards);
     }
     let person = Person::read(config, raw)?;
@@ -104,10 +142,11 @@ fn look(
         person.usable,
         &mut current.hold,
     );
+    trust.accept(config, now);
     let mut skeleton = Skeleton::ZERO;
-    skeleton.header.origin = raw.header.origin;
+    skeleton.header.origin = origin;
     skeleton.received = now;
-    skeleton.session_nonce = raw.session_nonce;
+    skeleton.session_nonce = raw.session_nonce ^ trust.persons.wrapping_mul(PERSON_MIX);
     skeleton.operator_id = raw.operator_id;
     skeleton.flags = limbs.flags;
     skeleton.limbs = limbs.rotations;
@@ -115,7 +154,7 @@ fn look(
     Ok(skeleton)
 }
 
-fn check_envelope(config: &Config, now: Stamp, raw: &RawSkeleton) -> Result<(), DropReason> {
+fn check_envelope(raw: &RawSkeleton) -> Result<(), DropReason> {
     if raw.layout != SkeletonLayout::Smpl22 as u32 {
         return Err(DropReason::Layout);
     }
@@ -125,15 +164,8 @@ fn check_envelope(config: &Config, now: Stamp, raw: &RawSkeleton) -> Result<(), 
     if raw.flags & raw_flag::MIRRORED != 0 {
         return Err(DropReason::Mirrored);
     }
-    let origin = raw.header.origin;
-    if origin == Stamp::NONE {
+    if raw.header.origin == Stamp::NONE {
         return Err(DropReason::NoOrigin);
-    }
-    if origin.since(now) > config.future_max_ns {
-        return Err(DropReason::Future);
-    }
-    if now.since(origin) > config.age_max_ns {
-        return Err(DropReason::Old);
     }
     Ok(())
 }

@@ -182,7 +182,7 @@ proptest! {
     }
 
     #[test]
-    fn the_sign_of_a_quaternion_changes_no_bit(left in any_arm(), right in any_arm(), world in any_rotation()) {
+    fn f005_the_sign_of_a_quaternion_changes_no_bit(left in any_arm(), right in any_arm(), world in any_rotation()) {
         let body = seen(&person(left, right), world, [UnitQuaternion::identity(); 3]);
         let mut flipped = body;
         flipped.1 = flipped.1.map(|q| q.map(|c| -c));

@@ -3,31 +3,10 @@
 mod person;
 
 use messages::{Layout, RawSkeleton, SMPL_JOINTS, Stamp, calibration_flag, raw_flag, skeleton_flag};
-use person::{Body, person, raw};
+use person::{feed, person, raw, running, standing};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use skeleton::{Config, DropReason, Input, State, tick};
-
-fn standing(t: f64) -> Body {
-    person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
-}
-
-/// Feeds a frame on arrival and gives the reason, if it was dropped.
-fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
-    let now = raw.header.origin.plus_ns(1_000_000);
-    let out = tick(&Config::default(), state, now, Input { raw });
-    assert_ne!(out.skeleton.is_some(), out.drop.is_some());
-    out.drop
-}
-
-/// A state that has accepted `frames` frames of a moving person.
-fn running(frames: u64) -> State {
-    let mut state = State::new();
-    for i in 0..frames {
-        assert_eq!(feed(&mut state, &raw(&standing(i as f64 / 60.0), i)), None, "frame {i}");
-    }
-    state
-}
 
 #[test]
 fn a_person_is_accepted_and_the_header_copied() {
@@ -138,7 +117,7 @@ fn a_session_must_begin_upright() {
 }
 
 #[test]
-fn after_a_teleport_five_coherent_frames_are_needed() {
+fn f007_after_a_teleport_five_coherent_frames_are_needed() {
     let mut state = running(20);
     let shifted = |i: u64| {
         let mut frame = raw(&person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]), i);
@@ -156,7 +135,7 @@ fn after_a_teleport_five_coherent_frames_are_needed() {
 }
 
 #[test]
-fn limbs_keep_their_length() {
+fn f006_limbs_keep_their_length() {
     let mut state = running(100);
     let stretched = |i: u64, factor: f32| {
         let mut frame = raw(&standing(100.0 / 60.0), i);
@@ -179,7 +158,7 @@ fn limbs_keep_their_length() {
 }
 
 #[test]
-fn a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
+fn f012_f013_a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
     let mut state = State::new();
     for i in 0..120 {
         assert_eq!(feed(&mut state, &raw(&standing(0.0), i)), None, "a client holds its first frame");
@@ -188,7 +167,7 @@ fn a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
     let dropped: Vec<bool> =
         (0..120).map(|i| feed(&mut state, &raw(&standing(59.0 / 60.0), 60 + i)).is_some()).collect();
     let first = dropped.iter().position(|&d| d).expect("frozen");
-    assert!((11..=13).contains(&first), "dropped after {first} frames of 16.7 ms");
+    assert!((5..=7).contains(&first), "dropped after {first} frames of 16.7 ms");
     assert_eq!(state.dropped(DropReason::Frozen), dropped.iter().filter(|&&d| d).count() as u64);
     assert!(!dropped[119], "after a second the posture counts as held on purpose");
 }
@@ -214,7 +193,7 @@ fn a_new_session_and_a_gap_forget_what_was_learnt() {
 }
 
 #[test]
-fn an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
+fn f011_f015_an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
     let mut state = running(10);
     let mut frame = raw(&standing(10.0 / 60.0), 10);
     frame.confidence[20] = 0.1;
@@ -253,7 +232,7 @@ fn hostile(seed: u64, holes: usize, i: u64) -> RawSkeleton {
 
 proptest! {
     #[test]
-    fn no_bits_panic_or_come_through(seeds in prop::collection::vec((any::<u64>(), 0usize..4), 1..40)) {
+    fn f018_no_bits_panic_or_come_through(seeds in prop::collection::vec((any::<u64>(), 0usize..4), 1..40)) {
         let mut state = State::new();
         for (i, (seed, holes)) in seeds.into_iter().enumerate() {
             let frame = hostile(seed, holes, i as u64);

@@ -2,6 +2,7 @@
 
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
+use skeleton::{Config, DropReason, Input, State, tick};
 
 /// Positions, m, and global rotations, x y z w.
 pub(crate) type Body = ([[f32; 3]; SMPL_JOINTS], [[f32; 4]; SMPL_JOINTS]);
@@ -89,4 +90,29 @@ pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
     raw.rotations[..SMPL_JOINTS].copy_from_slice(&body.1);
     raw.confidence[..SMPL_JOINTS].fill(1.0);
     raw
+}
+
+/// Somebody whose arms move a little.
+#[allow(dead_code)]
+pub(crate) fn standing(t: f64) -> Body {
+    person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
+}
+
+/// Feeds a frame on arrival and gives the reason, if it was dropped.
+#[allow(dead_code)]
+pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
+    let now = raw.header.origin.plus_ns(1_000_000);
+    let out = tick(&Config::default(), state, now, Input { raw });
+    assert_ne!(out.skeleton.is_some(), out.drop.is_some());
+    out.drop
+}
+
+/// A state that has accepted `frames` frames of a moving person.
+#[allow(dead_code)]
+pub(crate) fn running(frames: u64) -> State {
+    let mut state = State::new();
+    for i in 0..frames {
+        assert_eq!(feed(&mut state, &raw(&standing(i as f64 / 60.0), i)), None, "frame {i}");
+    }
+    state
 }

@@ -1,0 +1,359 @@
+//! What an engaged robot does when the skeletons go wrong: every stage in virtual time, from the client's frame to the
+//! executed motion.
+
+use messages::{Fault, JOINTS, Mode, RawSkeleton, SMPL_JOINTS, TICK_HZ, Transition};
+use motion::CalibrationMode;
+use pipeline::{Links, Moment, Overrides, PlayOptions, Player, Running, World, WorldConfig};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use safety::engage::OperatorView;
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// From the last good skeleton to the stop, ticks: 100 ms, and two.
+const STALE_TICKS: u64 = TICK_HZ / 10 + 2;
+/// Longest stop, ticks: 0.5 s from any state.
+const STOP_TICKS: u64 = TICK_HZ / 2;
+
+fn config() -> WorldConfig {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
+    WorldConfig::new(&loaded).expect("a world")
+}
+
+/// A world, a client that plays a motion, and an operator who holds the enable.
+#[derive(Clone)]
+struct Bench<'a> {
+    config: &'a WorldConfig,
+    world: World,
+    player: Player,
+    k: u64,
+    mode: Mode,
+    modes: Vec<Mode>,
+    enable: bool,
+    last: Option<Moment>,
+}
+
+impl<'a> Bench<'a> {
+    fn new(config: &'a WorldConfig, seed: u64) -> Self {
+        let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+        Self {
+            world: World::new(config, seed, Links::default()),
+            config,
+            player: Player::new(&motion::builtin(), play, 9, 1),
+            k: 0,
+            mode: Mode::Disengaged,
+            modes: Vec::new(),
+            enable: false,
+            last: None,
+        }
+    }
+
+    /// One tick; what the client has to publish passes `spoil`, which may change it or keep it back.
+    fn step(&mut self, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> Moment {
+        let now = self.world.now();
+        if let Some((_, mut raw)) = self.player.due(now, self.mode == Mode::Engaged)
+            && spoil(&mut raw)
+        {
+            self.world.publish(&raw);
+        }
+        let held = self.enable;
+        self.enable = self.k >= TICK_HZ;
+        let operator = OperatorView {
+            connected: true,
+            enable_level: self.enable,
+            enable_edge: self.enable && !held,
+            heartbeat_received: now,
+            ..OperatorView::default()
+        };
+        let moment = self.world.step(self.config, &operator, Running::ALL);
+        self.mode = moment.control.and_then(|c| Mode::from_u32(c.status.mode)).expect("a mode");
+        if self.modes.last() != Some(&self.mode) {
+            self.modes.push(self.mode);
+        }
+        self.k += 1;
+        self.last = Some(moment);
+        moment
+    }
+
+    fn run(&mut self, ticks: u64, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) {
+        for _ in 0..ticks {
+            self.step(spoil);
+        }
+    }
+
+    /// Engages, and plays into the motion.
+    fn engaged(config: &'a WorldConfig, seed: u64) -> Self {
+        let mut bench = Self::new(config, seed);
+        while bench.mode != Mode::Engaged {
+            bench.step(&mut |_| true);
+            assert!(bench.k < 12 * TICK_HZ, "{:?}", bench.mode);
+        }
+        bench.run(2 * TICK_HZ, &mut |_| true);
+        assert_eq!(bench.mode, Mode::Engaged);
+        bench.modes.clear();
+        bench
+    }
+
+    /// Ticks until the robot is not engaged any more.
+    fn until_holding(&mut self, within: u64, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> u64 {
+        for n in 1..=within {
+            self.step(spoil);
+            if self.mode != Mode::Engaged {
+                assert_eq!(self.mode, Mode::Holding);
+                return n;
+            }
+        }
+        panic!("still engaged after {within} ticks");
+    }
+
+    /// Executed speed of the fastest joint.
+    fn speed(&self) -> f64 {
+        let robot = self.last.and_then(|moment| moment.robot).expect("a robot");
+        robot.v.iter().fold(0.0, |most, v| v.abs().max(most))
+    }
+
+    fn why(&self) -> u32 {
+        let status = self.last.and_then(|moment| moment.control).expect("control").status;
+        let kept = messages::TRANSITIONS_KEPT;
+        status.transitions[(status.transition_count as usize + kept - 1) % kept].why
+    }
+
+    fn assert_no_violations(&self, context: &str) {
+        for (kind, count) in self.world.report().violations() {
+            assert_eq!(count, 0, "{context}: {kind}");
+        }
+    }
+}
+
+#[test]
+fn f021_silence_stops_within_100_ms_and_two_ticks() {
+    let config = config();
+    let engaged = Bench::engaged(&config, 2);
+    for n in 0..3 {
+        let mut bench = engaged.clone();
+        bench.run(97 * n, &mut |_| true);
+        let received = bench.last.and_then(|moment| moment.target).expect("a target").input_received;
+        let since = bench.world.now().since(received) * TICK_HZ / 1_000_000_000;
+        let n = bench.until_holding(STALE_TICKS, &mut |_| false);
+        assert!((TICK_HZ / 10 - 1..=STALE_TICKS).contains(&(n + since)), "after {n} and {since} ticks");
+        assert_eq!(bench.why(), Fault::InputStale as u32);
+        bench.run(STOP_TICKS, &mut |_| false);
+        assert!(bench.speed() < 1e-9, "at rest");
+        // Seen again, it re-aligns without a new enable.
+        bench.run(3 * TICK_HZ, &mut |_| true);
+        assert!(bench.modes.starts_with(&[Mode::Engaged, Mode::Holding, Mode::Engaging]), "{:?}", bench.modes);
+        bench.assert_no_violations("silence");
+    }
+}
+
+/// How far a joint of the arms goes beyond every target of the last second, in five seconds, rad.
+fn overshoot(mut bench: Bench<'_>, lost_ticks: u64) -> f64 {
+    let (mut targets, mut most): (VecDeque<[f64; JOINTS]>, f64) = (VecDeque::new(), 0.0);
+    for n in 0..5 * TICK_HZ {
+        let moment = bench.step(&mut |_| n % TICK_HZ >= lost_ticks);
+        let robot = moment.robot.expect("a robot").q;
+        targets.push_back(moment.target.expect("a target").q);
+        if targets.len() > TICK_HZ as usize {
+            targets.pop_front();
+            for j in 3..JOINTS {
+                let low = targets.iter().map(|q| q[j]).fold(f64::INFINITY, f64::min);
+                let high = targets.iter().map(|q| q[j]).fold(f64::NEG_INFINITY, f64::max);
+                most = most.max(low - robot[j]).max(robot[j] - high);
+            }
+        }
+    }
+    assert_eq!(bench.modes, [Mode::Engaged]);
+    bench.assert_no_violations("short losses");
+    most
+}
+
+#[test]
+fn f022_a_loss_of_80_ms_is_bridged_without_an_overshoot() {
+    let config = config();
+    let bench = Bench::engaged(&config, 1);
+    let (without, with) = (overshoot(bench.clone(), 0), overshoot(bench, TICK_HZ * 8 / 100));
+    assert!(with <= without + 0.01, "{with} rad beyond the targets, {without} rad without a loss");
+}
+
+/// Name, and what it makes of a frame.
+type Lie = (&'static str, Box<dyn FnMut(&mut RawSkeleton) -> bool>);
+
+fn lies() -> Vec<Lie> {
+    let all = 0..SMPL_JOINTS;
+    let mut frozen: Option<RawSkeleton> = None;
+    let mut rng = Pcg64Mcg::seed_from_u64(7);
+    vec![
+        ("f001", Box::new(|f| set(&mut f.positions[20][1], f32::NAN))),
+        ("f002", Box::new(|f| set(&mut f.rotations[17][3], f32::NEG_INFINITY))),
+        ("f003", Box::new(|f| set(&mut f.positions[4][2], 3e38))),
+        ("f004", Box::new(|f| set(&mut f.rotations[18][0], 0.9))),
+        ("f006", Box::new(|f| stretch(f, 1.2))),
+        (
+            "f007",
+            Box::new(|f| {
+                f.header.sequence % 2 == 0 || {
+                    let p = f.positions[16];
+                    f.positions[20] = p.map(|c| c + 0.1);
+                    true
+                }
+            }),
+        ),
+        (
+            "f009",
+            Box::new(move |f| {
+                all.clone().filter(|j| [16, 18, 20].contains(j)).for_each(|j| f.positions.swap(j, j + 1));
+                true
+            }),
+        ),
+        (
+            "f010",
+            Box::new(|f| {
+                f.positions.iter_mut().flatten().for_each(|c| *c *= 100.0);
+                true
+            }),
+        ),
+        (
+            "f013",
+            Box::new(move |f| {
+                let first = frozen.get_or_insert(*f);
+                (f.positions, f.rotations) = (first.positions, first.rotations);
+                true
+            }),
+        ),
+        (
+            "f016",
+            Box::new(|f| {
+                f.operator_id += 1;
+                true
+            }),
+        ),
+        (
+            "f017",
+            Box::new(move |f| {
+                f.positions.iter_mut().flatten().for_each(|c| *c += rng.random_range(-0.05..0.05));
+                true
+            }),
+        ),
+        (
+            "f018",
+            Box::new(|f| {
+                f.layout = 7;
+                true
+            }),
+        ),
+    ]
+}
+
+fn set(number: &mut f32, value: f32) -> bool {
+    *number = value;
+    true
+}
+
+fn stretch(f: &mut RawSkeleton, factor: f32) -> bool {
+    for c in 0..3 {
+        f.positions[20][c] = f.positions[18][c] + factor * (f.positions[20][c] - f.positions[18][c]);
+    }
+    true
+}
+
+#[test]
+fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400_ms_needs_a_new_enable() {
+    let config = config();
+    let engaged = Bench::engaged(&config, 3);
+    for (name, mut lie) in lies() {
+        let mut bench = engaged.clone();
+        // A stuck tracker is one after 100 ms; everything else is refused from its first frame on.
+        let within = if name == "f013" { 2 * STALE_TICKS + TICK_HZ / 60 } else { STALE_TICKS + TICK_HZ / 60 };
+        let n = bench.until_holding(within, &mut lie);
+        bench.run((TICK_HZ * 4 / 10).saturating_sub(n), &mut lie);
+        // The person is seen as before, and the enable is held all along.
+        bench.run(2 * TICK_HZ, &mut |f| {
+            f.operator_id += u32::from(name == "f016");
+            true
+        });
+        assert_eq!(bench.modes, [Mode::Engaged, Mode::Holding, Mode::Disengaged], "{name}");
+        assert!([Transition::AT_REST, Fault::WriterRestarted as u32].contains(&bench.why()), "{name}");
+        assert!(bench.speed() < 1e-9, "{name}");
+        bench.assert_no_violations(name);
+    }
+}
+
+#[test]
+fn f011_f015_an_arm_that_is_not_seen_stops_both_within_100_ms() {
+    let config = config();
+    type Loss = fn(&mut RawSkeleton) -> bool;
+    let losses: [Loss; 3] =
+        [|f| set(&mut f.confidence[20], 0.49), |f| set(&mut f.confidence[19], 0.0), |f| set(&mut f.confidence[1], 0.0)];
+    let engaged = Bench::engaged(&config, 4);
+    for (n, mut loss) in losses.into_iter().enumerate() {
+        let mut bench = engaged.clone();
+        bench.until_holding(STALE_TICKS + TICK_HZ / 60, &mut loss);
+        bench.run(STOP_TICKS, &mut loss);
+        assert!(bench.speed() < 1e-9, "loss {n}: at rest");
+        bench.run(2 * TICK_HZ, &mut |_| true);
+        let expected = [Mode::Engaged, Mode::Holding, Mode::Engaging];
+        assert!(bench.modes.starts_with(&expected), "loss {n}: {:?}", bench.modes);
+        bench.assert_no_violations("an arm");
+    }
+}
+
+#[test]
+fn f017_a_burst_of_noise_that_passes_breaks_no_limit() {
+    let config = config();
+    let mut rng = Pcg64Mcg::seed_from_u64(17);
+    let mut bench = Bench::engaged(&config, 5);
+    // 1 mm to each side: the limbs keep their lengths to within 2 %, so most frames pass.
+    bench.run(3 * TICK_HZ, &mut |f| {
+        f.positions[..SMPL_JOINTS].iter_mut().flatten().for_each(|c| *c += rng.random_range(-1e-3..1e-3));
+        true
+    });
+    assert_eq!(bench.modes, [Mode::Engaged]);
+    bench.assert_no_violations("noise");
+}
+
+#[test]
+fn f024_at_5_hz_no_press_of_the_enable_engages() {
+    let config = config();
+    for (every_ms, engages) in [(200, false), (100, false), (70, false), (33, true)] {
+        let mut bench = Bench::new(&config, 6);
+        let mut newest = None;
+        for k in 0..8 * TICK_HZ {
+            // Pressed anew every half second, at all phases of the source.
+            if k > TICK_HZ && k % 770 < 300 {
+                (bench.enable, bench.k) = (false, 0);
+            } else if k > TICK_HZ {
+                bench.k = TICK_HZ;
+            }
+            let due = k % (every_ms * TICK_HZ / 1000) == 0;
+            bench.step(&mut |f| {
+                newest = Some(*f);
+                false
+            });
+            if let (true, Some(mut raw)) = (due, newest) {
+                raw.header.origin = bench.world.now();
+                bench.world.publish(&raw);
+            }
+        }
+        assert_eq!(bench.modes.contains(&Mode::Engaging), engages, "every {every_ms} ms: {:?}", bench.modes);
+    }
+}
+
+#[test]
+fn f025_ten_frames_every_200_ms_are_silence() {
+    let config = config();
+    let mut bench = Bench::engaged(&config, 8);
+    let mut kept: Vec<RawSkeleton> = Vec::new();
+    for n in 0..3 * TICK_HZ {
+        bench.step(&mut |f| {
+            kept.push(*f);
+            false
+        });
+        if n % (TICK_HZ / 5) == TICK_HZ / 5 - 1 {
+            kept.drain(..).for_each(|raw| bench.world.publish(&raw));
+        }
+        let held = n > STALE_TICKS + TICK_HZ / 60;
+        assert!(!held || bench.mode == Mode::Holding, "tick {n}: {:?}", bench.mode);
+    }
+    bench.assert_no_violations("bursts");
+}

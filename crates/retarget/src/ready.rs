@@ -1,0 +1,47 @@
+//! Whether the input is steady enough to begin upon. What is followed may falter for as long as it is not stale; what is
+//! engaged upon, at first or again after a hold, has to have come often enough for a while.
+
+use messages::Stamp;
+
+use crate::resample::STALE_NS;
+use crate::tick::ARMS;
+
+/// How long the input is watched, ns: half the blend that a person has to let go in, and long beside a period at 20 Hz.
+const WATCHED_NS: u64 = 500_000_000;
+/// Skeletons in that time below which the input is too slow: more than 20 Hz, whatever the phase.
+const WATCHED_COUNT: u32 = 11;
+
+/// Judges the input at every tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Readiness {
+    begun: Stamp,
+    count: u32,
+    newest: Stamp,
+    meant: [bool; ARMS],
+    ready: bool,
+}
+
+impl Readiness {
+    /// A skeleton with at least one arm came, at `received`; `restart`: of somebody else, or after silence.
+    pub(crate) fn arrived(&mut self, received: Stamp, restart: bool) {
+        if restart || received.since(self.newest) > STALE_NS {
+            *self = Self { begun: received, meant: self.meant, ..Self::default() };
+        } else {
+            self.count = self.count.saturating_add(1);
+        }
+        self.newest = received;
+    }
+
+    /// Whether there is a human to follow: every arm that is meant is fresh, and the same ones have been since the input
+    /// was steady.
+    pub(crate) fn judge(&mut self, now: Stamp, meant: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
+        let seen = meant.contains(&true) && meant == fresh;
+        if !seen || meant != self.meant {
+            *self = Self { begun: now, newest: self.newest, meant, ..Self::default() };
+        } else if now.since(self.begun) >= WATCHED_NS {
+            self.ready |= self.count >= WATCHED_COUNT;
+            (self.begun, self.count) = (now, 0);
+        }
+        self.ready
+    }
+}

@@ -1,0 +1,348 @@
+//! What a frame says: numbers that are none, bodies that are none, sides, units and axes.
+
+mod person;
+
+use messages::{HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use person::{feed, person, raw, read, running, standing, store};
+use proptest::prelude::*;
+use skeleton::{Config, DropReason, Input, State, tick};
+
+/// The person of a frame, if it was accepted.
+fn take(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
+    tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw }).skeleton
+}
+
+/// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations count.
+fn frame(i: u64) -> RawSkeleton {
+    let mut frame = raw(&standing(i as f64 / 60.0), i);
+    frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
+    frame.calibration.flags = calibration_flag::ALL;
+    frame
+}
+
+/// Every number of a frame that counts.
+fn numbers(frame: &mut RawSkeleton) -> Vec<&mut f32> {
+    let RawSkeleton { positions, rotations, confidence, calibration, .. } = frame;
+    let mut all: Vec<&mut f32> = positions[..SMPL_JOINTS].iter_mut().flatten().collect();
+    all.extend(rotations[..SMPL_JOINTS].iter_mut().flatten());
+    all.extend(confidence[..SMPL_JOINTS].iter_mut());
+    all.extend(calibration.hinge.iter_mut().flatten());
+    all
+}
+
+/// Exchanges what belongs to the left and to the right for pairs of joints (index of the left one).
+fn swap(frame: &mut RawSkeleton, pairs: &[usize]) {
+    for &left in pairs {
+        frame.positions.swap(left, left + 1);
+        frame.rotations.swap(left, left + 1);
+    }
+}
+
+#[test]
+fn f006_f007_f012_f013_who_was_contradicted_for_longer_than_a_robot_follows_is_another_person() {
+    type Fault = fn(&mut RawSkeleton, u64);
+    let faults: [(DropReason, Fault); 4] = [
+        (DropReason::NotFinite, |f, _| f.positions[20][0] = f32::NAN),
+        (DropReason::LengthChange, |f, _| f.positions[20][0] += 0.05),
+        (DropReason::Teleport, |f, i| {
+            if i % 2 == 1 {
+                let other = person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
+                f.positions[..SMPL_JOINTS].copy_from_slice(&other.0);
+            }
+        }),
+        (DropReason::Frozen, |f, _| {
+            let frozen = standing(59.0 / 60.0);
+            f.positions[..SMPL_JOINTS].copy_from_slice(&frozen.0);
+            f.rotations[..SMPL_JOINTS].copy_from_slice(&frozen.1);
+        }),
+    ];
+    for (reason, fault) in faults {
+        for (frames, stranger) in [(3, false), (30, true)] {
+            let mut state = running(60);
+            let known = take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").session_nonce;
+            for i in 61..61 + frames {
+                let mut bad = raw(&standing(i as f64 / 60.0), i);
+                fault(&mut bad, i);
+                feed(&mut state, &bad);
+            }
+            assert!(reason == DropReason::Frozen && !stranger || state.dropped(reason) > 0, "{reason:?}");
+            let again = (61 + frames..200).find_map(|i| take(&mut state, &raw(&standing(i as f64 / 60.0), i)));
+            let again = again.expect("is seen again").session_nonce;
+            // A teleport takes five coherent frames, 100 ms at 60 Hz, however short it was.
+            assert_eq!(again != known, stranger || reason == DropReason::Teleport, "{reason:?}, {frames} frames");
+        }
+    }
+}
+
+#[test]
+fn a_person_who_was_not_seen_is_the_same_and_one_after_a_second_is_not() {
+    for (frames, stranger) in [(30, false), (70, true)] {
+        let mut state = running(60);
+        let known = take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").session_nonce;
+        let i = 61 + frames;
+        let again = take(&mut state, &raw(&standing(1.0 + 1.0 / 60.0), i)).expect("accepted").session_nonce;
+        assert_eq!(again != known, stranger, "{frames} frames are lost");
+    }
+    let mut state = running(60);
+    let known = take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").session_nonce;
+    for i in 61..100 {
+        let mut hidden = raw(&standing(1.0), i);
+        hidden.confidence[1] = 0.0;
+        assert_eq!(feed(&mut state, &hidden), Some(DropReason::TrunkLost));
+    }
+    let again = take(&mut state, &raw(&standing(1.01), 100)).expect("accepted").session_nonce;
+    assert_eq!(again, known, "a tracker that says that it sees nobody says nothing wrong");
+}
+
+#[test]
+fn f016_another_operator_is_another_person_at_once_and_for_good() {
+    let mut state = running(60);
+    let mut seen = vec![take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").session_nonce];
+    for (i, operator) in [(61, 2), (70, 1), (80, 2)] {
+        let mut other = raw(&standing(i as f64 / 60.0), i);
+        other.operator_id = operator;
+        assert_eq!(feed(&mut state, &other), Some(DropReason::OperatorChanged));
+        other = raw(&standing((i + 1) as f64 / 60.0), i + 1);
+        other.operator_id = operator;
+        let person = take(&mut state, &other).expect("accepted");
+        assert_eq!(person.operator_id, operator);
+        assert!(!seen.contains(&person.session_nonce), "operator {operator}");
+        seen.push(person.session_nonce);
+    }
+    // Nor does a silence, in which all is forgotten, hide that it is another one.
+    let mut late = raw(&standing(3.0), 300);
+    late.operator_id = 1;
+    assert_eq!(feed(&mut state, &late), Some(DropReason::OperatorChanged));
+}
+
+#[test]
+fn f007_a_jump_at_a_high_rate_is_over_before_the_person_is_doubted() {
+    for (period_ns, stranger) in [(8_333_333, false), (33_333_333, true)] {
+        let mut state = State::new();
+        let mut at = |i: u64, jumped: bool| {
+            let down = person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
+            let up = person([0.3, 0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
+            let mut frame = raw(if jumped { &down } else { &up }, i);
+            frame.positions[20][0] += 1e-4 * i as f32;
+            frame.header.origin.0 = 1_000_000_000 + i * period_ns;
+            take(&mut state, &frame).map(|person| person.session_nonce)
+        };
+        let known = at(0, false).expect("accepted");
+        assert_eq!(at(1, false), Some(known));
+        assert!((2..7).all(|i| at(i, true).is_none()), "five frames are refused");
+        assert_eq!(at(7, true).expect("accepted") != known, stranger, "{period_ns} ns");
+    }
+}
+
+#[test]
+fn f008_where_the_operator_walks_moves_no_arm() {
+    let mut state = State::new();
+    let still = standing(0.3);
+    let here = take(&mut State::new(), &raw(&still, 0)).expect("accepted").limbs;
+    for i in 0..900 {
+        let mut away = raw(&still, i);
+        away.positions[..SMPL_JOINTS].iter_mut().for_each(|p| p[1] += 0.12 * i as f32);
+        away.positions[15][0] += 1e-4 * (i % 7) as f32;
+        let person = take(&mut state, &away);
+        // The hall ends at 100 m.
+        let inside = away.positions.iter().all(|p| p[1] <= 100.0);
+        assert_eq!(person.is_some(), inside, "{} m away", 0.12 * i as f64);
+        for (limb, here) in person.iter().flat_map(|person| person.limbs.iter().zip(&here)) {
+            assert!(read(*limb).angle_to(&read(*here)) < 1e-3, "{} m away", 0.12 * i as f64);
+        }
+    }
+    assert!(state.dropped(DropReason::OutOfRange) > 0);
+}
+
+#[test]
+fn f009_left_and_right_exchanged_are_refused_from_the_first_frame_on() {
+    let swaps: [&[usize]; 4] = [&[1, 4, 7, 10, 13, 16, 18, 20], &[13, 16, 18, 20], &[18, 20], &[20]];
+    for pairs in swaps {
+        for from in [0, 60] {
+            for rate in [1, 2] {
+                let mut state = running(from);
+                for i in (from..from + 120).filter(|i| i % rate == 0) {
+                    let mut swapped = raw(&standing(i as f64 / 60.0), i);
+                    swap(&mut swapped, pairs);
+                    assert!(feed(&mut state, &swapped).is_some(), "{pairs:?} from {from}: frame {i} came through");
+                }
+            }
+        }
+    }
+    // Nor do they come through after a silence that is no gap, in which nobody saw them jump.
+    for pairs in swaps {
+        let mut state = running(60);
+        for i in 68..188 {
+            let mut swapped = raw(&standing(i as f64 / 60.0), i);
+            swap(&mut swapped, pairs);
+            assert!(feed(&mut state, &swapped).is_some(), "{pairs:?}: frame {i} came through");
+        }
+    }
+}
+
+/// All 48 ways to name and direct three axes.
+fn conventions() -> impl Iterator<Item = Matrix3<f64>> {
+    let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    orders.into_iter().flat_map(|order| {
+        (0..8).map(move |signs| {
+            let sign = |axis: usize| if signs & 1 << axis == 0 { 1.0 } else { -1.0 };
+            Matrix3::from_columns(&[0, 1, 2].map(|axis| Vector3::ith(order[axis], sign(axis))))
+        })
+    })
+}
+
+/// A frame as a client with these axes and this unit writes it.
+fn written(frame: &RawSkeleton, axes: &Matrix3<f64>, per_metre: f64) -> RawSkeleton {
+    let mut out = *frame;
+    // What a client with mirrored axes makes of a rotation is one of the same angle about the mirrored axis.
+    let proper = axes * axes.determinant();
+    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(proper));
+    for joint in 0..SMPL_JOINTS {
+        let p = axes * Vector3::from(frame.positions[joint]).cast::<f64>() * per_metre;
+        out.positions[joint] = p.cast::<f32>().into();
+        out.rotations[joint] = store(turn * read(frame.rotations[joint]) * turn.inverse());
+    }
+    for hinge in &mut out.calibration.hinge {
+        *hinge = (proper * Vector3::from(*hinge).cast::<f64>()).cast::<f32>().into();
+    }
+    out
+}
+
+#[test]
+fn f010_every_convention_of_axes_and_units_is_refused_or_right() {
+    let (mut right, mut refused) = (0, 0);
+    for axes in conventions() {
+        for per_metre in [1.0, 100.0, 1000.0, 39.37, 3.281, 1.094] {
+            for calibrated in [false, true] {
+                let (mut state, mut truth) = (State::new(), State::new());
+                let mut accepted = 0;
+                for i in 0..120 {
+                    let mut metric = frame(i);
+                    if !calibrated {
+                        metric.calibration = HingeCalibration::ZERO;
+                    }
+                    let truth = take(&mut truth, &metric).expect("accepted").limbs;
+                    let Some(person) = take(&mut state, &written(&metric, &axes, per_metre)) else { continue };
+                    accepted += 1;
+                    for (limb, truth) in person.limbs.iter().zip(&truth) {
+                        let off = read(*limb).angle_to(&read(*truth)).to_degrees();
+                        assert!(off < 0.1, "{axes} at {per_metre}: {off} degrees");
+                    }
+                }
+                assert!(accepted == 0 || accepted == 120, "{axes} at {per_metre}: {accepted} frames");
+                *(if accepted == 0 { &mut refused } else { &mut right }) += 1;
+            }
+        }
+    }
+    // Turned about the vertical, in metres or yards; everything else is refused.
+    assert_eq!((right, refused), (4 * 2 * 2, 48 * 6 * 2 - 16));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn f001_f002_no_number_that_is_none_comes_through(slot in 0usize..188, bits: u32, sign: bool, nan: bool) {
+        let value = if nan { f32::from_bits(bits | 0x7fc0_0000) } else { f32::INFINITY.copysign(if sign { 1.0 } else { -1.0 }) };
+        let mut state = running(5);
+        let mut bad = frame(5);
+        *numbers(&mut bad)[slot] = value;
+        prop_assert_eq!(feed(&mut state, &bad), Some(DropReason::NotFinite));
+        prop_assert_eq!(feed(&mut state, &frame(6)), None, "and the next is taken");
+    }
+
+    #[test]
+    fn f003_denormal_numbers_and_negative_zeros_are_zero(seeds in prop::collection::vec(any::<u32>(), 188)) {
+        let mut odd = frame(0);
+        for (number, seed) in numbers(&mut odd).into_iter().zip(seeds) {
+            if *number == 0.0 {
+                *number = f32::from_bits(seed & 0x807f_ffff);
+            }
+        }
+        let plain = take(&mut State::new(), &frame(0)).expect("accepted");
+        let odd = take(&mut State::new(), &odd).expect("accepted");
+        prop_assert_eq!(odd.limbs.map(|q| q.map(f32::to_bits)), plain.limbs.map(|q| q.map(f32::to_bits)));
+        prop_assert_eq!(odd.positions.map(|p| p.map(f32::to_bits)), plain.positions.map(|p| p.map(f32::to_bits)));
+    }
+
+    #[test]
+    fn f003_large_numbers_are_out_of_range(slot in 0usize..66, exponent in 2.01f32..38.0, sign: bool) {
+        let mut state = running(5);
+        let mut bad = frame(5);
+        *numbers(&mut bad)[slot] = 10f32.powf(exponent).copysign(if sign { 1.0 } else { -1.0 });
+        prop_assert_eq!(feed(&mut state, &bad), Some(DropReason::OutOfRange));
+    }
+
+    #[test]
+    fn f004_a_quaternion_is_renormalised_or_refused(joint in 0usize..22, error in -0.999f32..3.0, small in -9e-4f32..9e-4) {
+        let mut state = running(5);
+        let (good, mut off) = (frame(5), frame(5));
+        off.rotations[joint] = off.rotations[joint].map(|c| c * (1.0 + small));
+        let plain = take(&mut state.clone(), &good).expect("accepted");
+        let person = take(&mut state.clone(), &off).expect("accepted");
+        for (limb, plain) in person.limbs.iter().zip(&plain.limbs) {
+            prop_assert!((limb.iter().map(|c| f64::from(c * c)).sum::<f64>().sqrt() - 1.0).abs() < 1e-6);
+            prop_assert!(read(*limb).angle_to(&read(*plain)) < 1e-5);
+        }
+        let error = if error.abs() < 1.1e-3 { 1.1e-3 } else { error };
+        off.rotations[joint] = good.rotations[joint].map(|c| c * (1.0 + error));
+        prop_assert_eq!(feed(&mut state, &off), Some(DropReason::NotUnit));
+    }
+
+    #[test]
+    fn f005_signs_of_quaternions_change_no_bit_and_hide_no_stuck_tracker(flips in prop::collection::vec(any::<u32>(), 20)) {
+        let (mut state, mut other) = (running(5), running(5));
+        for (i, flips) in (5..).zip(flips) {
+            let plain = frame(5);
+            let mut plain = RawSkeleton { header: frame(i).header, ..plain };
+            plain.rotations[..SMPL_JOINTS].iter_mut().for_each(|q| *q = store(read(*q)));
+            let mut flipped = plain;
+            for joint in 0..SMPL_JOINTS {
+                if flips & 1 << joint != 0 {
+                    flipped.rotations[joint] = flipped.rotations[joint].map(|c| -c);
+                }
+            }
+            let (a, b) = (take(&mut state, &plain), take(&mut other, &flipped));
+            prop_assert_eq!(a.map(|a| a.limbs), b.map(|b| b.limbs));
+        }
+        prop_assert!(state.dropped(DropReason::Frozen) > 0);
+        prop_assert_eq!(state.dropped(DropReason::Frozen), other.dropped(DropReason::Frozen));
+    }
+
+    #[test]
+    fn f007_a_jump_is_refused_until_it_was_coherent(left in -0.9f64..0.9, twist in -1.5f64..1.5) {
+        let mut state = running(20);
+        let jumped = person([0.3, left - 1.0, twist, 1.0, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
+        let was = standing(19.0 / 60.0);
+        let apart = |joint: usize| (Vector3::from(was.0[joint]) - Vector3::from(jumped.0[joint])).norm();
+        prop_assume!(apart(20).max(apart(18)) > 0.16);
+        for i in 20..25 {
+            prop_assert_eq!(feed(&mut state, &raw(&jumped, i)), Some(DropReason::Teleport), "frame {}", i);
+        }
+        prop_assert_eq!(feed(&mut state, &raw(&jumped, 25)), None);
+    }
+
+    #[test]
+    fn f018_unknown_layouts_counts_and_flags_are_refused(layout: u32, count: u32, flags: u32, hinges: u32) {
+        let mut state = running(5);
+        let known = frame(5);
+        for (bad, reason) in [
+            (RawSkeleton { layout: if layout == 1 { 0 } else { layout }, ..known }, DropReason::Layout),
+            (RawSkeleton { joint_count: if count == 22 { 21 } else { count }, ..known }, DropReason::Count),
+            (RawSkeleton { flags: flags | 4, ..known }, DropReason::Count),
+            (RawSkeleton { calibration: HingeCalibration { flags: hinges | 16, ..known.calibration }, ..known }, DropReason::Count),
+        ] {
+            prop_assert_eq!(feed(&mut state.clone(), &bad), Some(reason));
+        }
+        prop_assert_eq!(feed(&mut state, &known), None);
+    }
+}
+
+#[test]
+fn zeros_are_still_no_person() {
+    assert_eq!(
+        feed(&mut State::new(), &RawSkeleton { layout: 1, joint_count: 22, ..RawSkeleton::ZERO }),
+        Some(DropReason::NoOrigin)
+    );
+}
