@@ -135,9 +135,9 @@ message! {
         pub header: Header,
         /// When `ingest` received the frame.
         pub received: Stamp,
-        /// The client's, changed by `ingest` whenever the person may be another one than before.
-        pub session_nonce: u64,
         /// As the client gave it.
+        pub session_nonce: u64,
+        /// Which person: the client's, changed by `ingest` whenever the person may be another one than before.
         pub operator_id: u32,
         /// Bits of `skeleton_flag`.
         pub flags: u32,

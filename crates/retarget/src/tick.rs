@@ -28,6 +28,8 @@ const VELOCITY_TICKS_MAX: u64 = 15;
 const FORGOTTEN_NS: u64 = 10_000_000_000;
 /// Odd, so that different counts give different sessions: the multiplier of Knuth's MMIX generator.
 const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
+/// Odd as well: the multiplier of MurmurHash3's finaliser.
+const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
 
 /// Longest average: `AVERAGE_TICKS_MAX`, ms.
 const SMOOTHING_MAX_MS: f64 = 50.0;
@@ -319,11 +321,12 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
 }
 
 /// The client's session, as this ingest passes it: it changes with either of them, because both restart as strangers whom
-/// nobody has enabled, and with the arms that are meant, when one is forgotten. Never zero, which stands for none.
+/// nobody has enabled, with the person, and with the arms that are meant, when one is forgotten. Never zero, which stands for none.
 fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
     // 2^64 over the golden ratio: odd, so that different incarnations stay different.
     let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    (skeleton.session_nonce ^ ingest ^ forgotten.wrapping_mul(FORGOTTEN_MIX)).max(1)
+    let person = u64::from(skeleton.operator_id).wrapping_mul(PERSON_MIX);
+    (skeleton.session_nonce ^ ingest ^ person ^ forgotten.wrapping_mul(FORGOTTEN_MIX)).max(1)
 }
 
 /// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.

@@ -341,20 +341,20 @@ fn f027_a_stamp_of_the_future_is_not_fresh_for_ever() {
 }
 
 #[test]
-fn another_client_or_another_ingest_is_another_session() {
+fn f016_another_client_another_ingest_or_another_person_is_another_session() {
     let config = config(Method::ClosedForm, Resample::Interpolate, 40.0);
     let mut state = State::default();
     let mut sequence = 0;
-    let mut session = |nonce: u64, incarnation: u32| {
+    let mut session = |nonce: u64, incarnation: u32, operator_id: u32| {
         sequence += 1;
         let now = Stamp(START_NS + sequence * 10 * MS);
         let mut seen = skeleton(sequence, now.0, 0, &human(0.0));
-        (seen.session_nonce, seen.header.incarnation) = (nonce, incarnation);
+        (seen.session_nonce, seen.header.incarnation, seen.operator_id) = (nonce, incarnation, operator_id);
         tick(&config, &mut state, now, Input { k: sequence, skeleton: Some(&seen) }).target.session_nonce
     };
-    let first = session(7, 100);
-    assert_eq!(session(7, 100), first, "the same person goes on");
-    let others = [session(8, 100), session(7, 101), session(8, 101)];
+    let first = session(7, 100, 1);
+    assert_eq!(session(7, 100, 1), first, "the same person goes on");
+    let others = [session(7, 100, 2), session(8, 100, 1), session(7, 101, 1), session(8, 101, 1)];
     assert!(!others.contains(&first) && first != 0, "{first}, {others:?}");
     assert_eq!(others[1..].iter().filter(|&&other| other == others[0]).count(), 0, "{others:?}");
 }

@@ -23,14 +23,14 @@ pub struct Output {
     pub drop: Option<DropReason>,
 }
 
-/// Odd, so that different counts give different sessions, and not the constant by which others mix.
-const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
+/// 2^32 over the golden ratio: odd, so that different counts stay different.
+const PERSON_MIX: u32 = 0x9E37_79B1;
 
 /// Whether the person of this frame is the one of the frames before.
 #[derive(Clone, Copy, Debug)]
 struct Trust {
     /// Counts whoever may be somebody else than the one before.
-    persons: u64,
+    persons: u32,
     /// When a frame was accepted last.
     accepted: Stamp,
     /// Frames since then were refused for what they say of the person.
@@ -146,8 +146,8 @@ fn look(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Re
     let mut skeleton = Skeleton::ZERO;
     skeleton.header.origin = origin;
     skeleton.received = now;
-    skeleton.session_nonce = raw.session_nonce ^ trust.persons.wrapping_mul(PERSON_MIX);
-    skeleton.operator_id = raw.operator_id;
+    skeleton.session_nonce = raw.session_nonce;
+    skeleton.operator_id = raw.operator_id ^ trust.persons.wrapping_mul(PERSON_MIX);
     skeleton.flags = limbs.flags;
     skeleton.limbs = limbs.rotations;
     skeleton.positions = person.positions;
