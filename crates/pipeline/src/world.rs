@@ -301,7 +301,7 @@ impl World {
         let out = skeleton::tick(&config.skeleton, &mut self.skeleton, now, skeleton::Input { raw: &raw });
         let mut skeleton = out.skeleton?;
         self.skeleton_header.sequence += 1;
-        skeleton.header = Header { stamp: now, origin: raw.header.origin, ..self.skeleton_header };
+        skeleton.header = Header { stamp: now, origin: skeleton.header.origin, ..self.skeleton_header };
         let mut sent = skeleton;
         if tamper.skeleton(&mut sent) {
             let _ = self.skeletons.publish(&sent);

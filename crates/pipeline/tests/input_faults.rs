@@ -1,7 +1,7 @@
 //! What an engaged robot does when the skeletons go wrong: every stage in virtual time, from the client's frame to the
 //! executed motion.
 
-use messages::{Fault, JOINTS, Mode, RawSkeleton, SMPL_JOINTS, TICK_HZ, Transition};
+use messages::{Fault, JOINTS, JointCommand, Mode, RawSkeleton, SMPL_JOINTS, TICK_HZ, TICK_S, Transition};
 use motion::CalibrationMode;
 use pipeline::{Links, Moment, Overrides, PlayOptions, Player, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
@@ -9,22 +9,37 @@ use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
 use std::collections::VecDeque;
 use std::path::Path;
+use std::sync::LazyLock;
 
 /// From the last good skeleton to the stop, ticks: 100 ms, and two.
 const STALE_TICKS: u64 = TICK_HZ / 10 + 2;
 /// Longest stop, ticks: 0.5 s from any state.
 const STOP_TICKS: u64 = TICK_HZ / 2;
+/// Within which a robot that may follow again does so, ticks: half a second of steady input, and as much again.
+const BACK_TICKS: u64 = TICK_HZ;
 
-fn config() -> WorldConfig {
+static CONFIG: LazyLock<WorldConfig> = LazyLock::new(|| {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
     WorldConfig::new(&loaded).expect("a world")
-}
+});
+
+/// Engaged, and two seconds into the motion.
+static ENGAGED: LazyLock<Bench> = LazyLock::new(|| {
+    let mut bench = Bench::new(6);
+    while bench.mode != Mode::Engaged {
+        bench.step(&mut |_| true);
+        assert!(bench.k < 12 * TICK_HZ, "{:?}", bench.mode);
+    }
+    bench.run(2 * TICK_HZ, &mut |_| true);
+    assert_eq!(bench.mode, Mode::Engaged);
+    bench.modes.clear();
+    bench
+});
 
 /// A world, a client that plays a motion, and an operator who holds the enable.
 #[derive(Clone)]
-struct Bench<'a> {
-    config: &'a WorldConfig,
+struct Bench {
     world: World,
     player: Player,
     k: u64,
@@ -34,12 +49,11 @@ struct Bench<'a> {
     last: Option<Moment>,
 }
 
-impl<'a> Bench<'a> {
-    fn new(config: &'a WorldConfig, seed: u64) -> Self {
+impl Bench {
+    fn new(seed: u64) -> Self {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Self {
-            world: World::new(config, seed, Links::default()),
-            config,
+            world: World::new(&CONFIG, seed, Links::default()),
             player: Player::new(&motion::builtin(), play, 9, 1),
             k: 0,
             mode: Mode::Disengaged,
@@ -66,7 +80,7 @@ impl<'a> Bench<'a> {
             heartbeat_received: now,
             ..OperatorView::default()
         };
-        let moment = self.world.step(self.config, &operator, Running::ALL);
+        let moment = self.world.step(&CONFIG, &operator, Running::ALL);
         self.mode = moment.control.and_then(|c| Mode::from_u32(c.status.mode)).expect("a mode");
         if self.modes.last() != Some(&self.mode) {
             self.modes.push(self.mode);
@@ -80,19 +94,6 @@ impl<'a> Bench<'a> {
         for _ in 0..ticks {
             self.step(spoil);
         }
-    }
-
-    /// Engages, and plays into the motion.
-    fn engaged(config: &'a WorldConfig, seed: u64) -> Self {
-        let mut bench = Self::new(config, seed);
-        while bench.mode != Mode::Engaged {
-            bench.step(&mut |_| true);
-            assert!(bench.k < 12 * TICK_HZ, "{:?}", bench.mode);
-        }
-        bench.run(2 * TICK_HZ, &mut |_| true);
-        assert_eq!(bench.mode, Mode::Engaged);
-        bench.modes.clear();
-        bench
     }
 
     /// Ticks until the robot is not engaged any more.
@@ -128,10 +129,8 @@ impl<'a> Bench<'a> {
 
 #[test]
 fn f021_silence_stops_within_100_ms_and_two_ticks() {
-    let config = config();
-    let engaged = Bench::engaged(&config, 2);
     for n in 0..3 {
-        let mut bench = engaged.clone();
+        let mut bench = ENGAGED.clone();
         bench.run(97 * n, &mut |_| true);
         let received = bench.last.and_then(|moment| moment.target).expect("a target").input_received;
         let since = bench.world.now().since(received) * TICK_HZ / 1_000_000_000;
@@ -141,47 +140,84 @@ fn f021_silence_stops_within_100_ms_and_two_ticks() {
         bench.run(STOP_TICKS, &mut |_| false);
         assert!(bench.speed() < 1e-9, "at rest");
         // Seen again, it re-aligns without a new enable.
-        bench.run(3 * TICK_HZ, &mut |_| true);
+        bench.run(BACK_TICKS, &mut |_| true);
         assert!(bench.modes.starts_with(&[Mode::Engaged, Mode::Holding, Mode::Engaging]), "{:?}", bench.modes);
         bench.assert_no_violations("silence");
     }
 }
 
-/// For every joint, how far it goes beyond every target of the last second, and its highest speed, in five seconds.
-fn overshoot(mut bench: Bench<'_>, lost_ticks: u64) -> [(f64, f64); JOINTS] {
-    let (mut targets, mut most): (VecDeque<[f64; JOINTS]>, _) = (VecDeque::new(), [(0.0_f64, 0.0_f64); JOINTS]);
-    for n in 0..5 * TICK_HZ {
+/// Where the certified stop that travels with a command ends, for every joint.
+fn stop_ends(command: &JointCommand) -> [f64; JOINTS] {
+    std::array::from_fn(|j| {
+        let (mut q, mut v, mut a) = (command.q[j], command.v[j], command.a[j]);
+        for (jerk, t) in command.plan.jerk[j].into_iter().zip(command.plan.duration_s[j]) {
+            q += t * (v + t * (a / 2.0 + t * jerk / 6.0));
+            (v, a) = (v + t * (a + t * jerk / 2.0), a + t * jerk);
+        }
+        q
+    })
+}
+
+/// How far a joint goes beyond every target of the last second.
+#[derive(Clone, Copy, Default)]
+struct Beyond {
+    most: f64,
+    /// Where it could have stopped at best when it went beyond, from there.
+    stop: f64,
+    now: bool,
+    /// While the targets stand: beyond where it could have stopped at best when they came to stand.
+    standing: f64,
+}
+
+/// What every joint does in four seconds of which each begins with a loss.
+fn overshoot(mut bench: Bench, lost_ticks: u64) -> [Beyond; JOINTS] {
+    let mut targets: VecDeque<[f64; JOINTS]> = VecDeque::new();
+    let (mut all, mut ends) = ([Beyond::default(); JOINTS], None);
+    for n in 0..4 * TICK_HZ {
+        let before = bench.last.and_then(|moment| moment.control).and_then(|control| control.command);
+        let stops = stop_ends(&before.expect("a command"));
         let moment = bench.step(&mut |_| n % TICK_HZ >= lost_ticks);
-        let robot = moment.robot.expect("a robot");
-        targets.push_back(moment.target.expect("a target").q);
-        if targets.len() > TICK_HZ as usize {
-            targets.pop_front();
-            for (j, (beyond, speed)) in most.iter_mut().enumerate() {
-                let low = targets.iter().map(|q| q[j]).fold(f64::INFINITY, f64::min);
-                let high = targets.iter().map(|q| q[j]).fold(f64::NEG_INFINITY, f64::max);
-                *beyond = beyond.max(low - robot.q[j]).max(robot.q[j] - high);
-                *speed = speed.max(robot.v[j].abs());
+        let q = moment.robot.expect("a robot").q;
+        let target = moment.target.expect("a target").q;
+        let stands = targets.back() == Some(&target);
+        ends = if stands { ends.or(Some(stops)) } else { None };
+        targets.push_back(target);
+        if targets.len() <= TICK_HZ as usize {
+            continue;
+        }
+        targets.pop_front();
+        for (j, of) in all.iter_mut().enumerate() {
+            let low = targets.iter().map(|q| q[j]).fold(f64::INFINITY, f64::min);
+            let high = targets.iter().map(|q| q[j]).fold(f64::NEG_INFINITY, f64::max);
+            let beyond = |q: f64, low: f64, high: f64| (low - q).max(q - high).max(0.0);
+            let out = beyond(q[j], low, high);
+            if out > 0.0 && !of.now {
+                of.stop = of.stop.max(beyond(stops[j], low, high));
+            }
+            (of.now, of.most) = (out > 0.0, of.most.max(out));
+            if let Some(ends) = ends {
+                of.standing = of.standing.max(beyond(q[j], low.min(ends[j]), high.max(ends[j])));
             }
         }
     }
     assert_eq!(bench.modes, [Mode::Engaged]);
     bench.assert_no_violations("short losses");
-    most
+    all
 }
 
-/// The target stands once nothing more is known, and a joint cannot stand at once: it goes beyond by no more than the way
-/// of its stop, v^2 / 2 A + v A / 2 J.
+/// The targets come to stand once nothing more is known, and a joint cannot: until they move again it goes no further than
+/// the certified stop it had then, and one tick. Whenever it passes all targets of the last second, on its way to where the
+/// person went meanwhile, it brakes: it goes no further than the stop that it had when it passed them.
 #[test]
 fn f022_a_loss_of_80_ms_is_bridged_and_passed_by_no_more_than_a_stop() {
-    let config = config();
-    let bench = Bench::engaged(&config, 1);
-    let (without, with) = (overshoot(bench.clone(), 0), overshoot(bench, TICK_HZ * 8 / 100));
-    for (j, limits) in config.control.model.limits.iter().enumerate().skip(3) {
-        let ((usual, _), (beyond, v)) = (without[j], with[j]);
-        let stop = v * v / (2.0 * limits.a_max) + v * limits.a_max / (2.0 * limits.j_max);
-        println!("joint {j}: {beyond:.4} rad beyond the targets, {usual:.4} without a loss, {stop:.4} to stop");
-        assert!(beyond <= usual + stop, "joint {j}: {beyond} rad beyond, {usual} without a loss, {stop} to stop");
+    let with = overshoot(ENGAGED.clone(), TICK_HZ * 8 / 100);
+    for (j, limits) in CONFIG.control.model.limits.iter().enumerate() {
+        let Beyond { most, stop, standing, .. } = with[j];
+        let tick = limits.v_max * TICK_S;
+        assert!(standing <= tick, "joint {j}: {standing} rad beyond its stop, which may be {tick}");
+        assert!(most <= stop + tick, "joint {j}: {most} rad beyond the targets, {stop} to stop");
     }
+    assert!(with.iter().any(|of| of.most > 0.005), "no joint was fast enough to show anything");
 }
 
 /// Name, and what it makes of a frame.
@@ -267,16 +303,14 @@ fn stretch(f: &mut RawSkeleton, factor: f32) -> bool {
 
 #[test]
 fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400_ms_needs_a_new_enable() {
-    let config = config();
-    let engaged = Bench::engaged(&config, 3);
     for (name, mut lie) in lies() {
-        let mut bench = engaged.clone();
+        let mut bench = ENGAGED.clone();
         // A stuck tracker is one after 100 ms; everything else is refused from its first frame on.
         let within = if name == "f013" { 2 * STALE_TICKS + TICK_HZ / 60 } else { STALE_TICKS + TICK_HZ / 60 };
         let n = bench.until_holding(within, &mut lie);
         bench.run((TICK_HZ * 4 / 10).saturating_sub(n), &mut lie);
         // The person is seen as before, and the enable is held all along.
-        bench.run(2 * TICK_HZ, &mut |f| {
+        bench.run(BACK_TICKS, &mut |f| {
             f.operator_id += u32::from(name == "f016");
             true
         });
@@ -289,17 +323,15 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400
 
 #[test]
 fn f011_f015_an_arm_that_is_not_seen_stops_both_within_100_ms() {
-    let config = config();
     type Loss = fn(&mut RawSkeleton) -> bool;
     let losses: [Loss; 3] =
         [|f| set(&mut f.confidence[20], 0.49), |f| set(&mut f.confidence[19], 0.0), |f| set(&mut f.confidence[1], 0.0)];
-    let engaged = Bench::engaged(&config, 4);
     for (n, mut loss) in losses.into_iter().enumerate() {
-        let mut bench = engaged.clone();
+        let mut bench = ENGAGED.clone();
         bench.until_holding(STALE_TICKS + TICK_HZ / 60, &mut loss);
         bench.run(STOP_TICKS, &mut loss);
         assert!(bench.speed() < 1e-9, "loss {n}: at rest");
-        bench.run(2 * TICK_HZ, &mut |_| true);
+        bench.run(BACK_TICKS, &mut |_| true);
         let expected = [Mode::Engaged, Mode::Holding, Mode::Engaging];
         assert!(bench.modes.starts_with(&expected), "loss {n}: {:?}", bench.modes);
         bench.assert_no_violations("an arm");
@@ -308,11 +340,10 @@ fn f011_f015_an_arm_that_is_not_seen_stops_both_within_100_ms() {
 
 #[test]
 fn f017_a_burst_of_noise_that_passes_breaks_no_limit() {
-    let config = config();
     let mut rng = Pcg64Mcg::seed_from_u64(17);
-    let mut bench = Bench::engaged(&config, 5);
+    let mut bench = ENGAGED.clone();
     // 1 mm to each side: the limbs keep their lengths to within 2 %, so most frames pass.
-    bench.run(3 * TICK_HZ, &mut |f| {
+    bench.run(2 * TICK_HZ, &mut |f| {
         f.positions[..SMPL_JOINTS].iter_mut().flatten().for_each(|c| *c += rng.random_range(-1e-3..1e-3));
         true
     });
@@ -322,11 +353,10 @@ fn f017_a_burst_of_noise_that_passes_breaks_no_limit() {
 
 #[test]
 fn f024_at_5_hz_no_press_of_the_enable_engages() {
-    let config = config();
     for (every_ms, engages) in [(200, false), (100, false), (70, false), (33, true)] {
-        let mut bench = Bench::new(&config, 6);
+        let mut bench = Bench::new(6);
         let mut newest = None;
-        for k in 0..8 * TICK_HZ {
+        for k in 0..7 * TICK_HZ / 2 {
             // Pressed anew every half second, at all phases of the source.
             if k > TICK_HZ && k % 770 < 300 {
                 (bench.enable, bench.k) = (false, 0);
@@ -349,10 +379,9 @@ fn f024_at_5_hz_no_press_of_the_enable_engages() {
 
 #[test]
 fn f025_ten_frames_every_200_ms_are_silence() {
-    let config = config();
-    let mut bench = Bench::engaged(&config, 8);
+    let mut bench = ENGAGED.clone();
     let mut kept: Vec<RawSkeleton> = Vec::new();
-    for n in 0..3 * TICK_HZ {
+    for n in 0..2 * TICK_HZ {
         bench.step(&mut |f| {
             kept.push(*f);
             false
@@ -364,4 +393,21 @@ fn f025_ten_frames_every_200_ms_are_silence() {
         assert!(!held || bench.mode == Mode::Holding, "tick {n}: {:?}", bench.mode);
     }
     bench.assert_no_violations("bursts");
+}
+
+#[test]
+fn f029_a_client_whose_clock_gains_is_followed_by_stamps_of_this_machine() {
+    let mut bench = ENGAGED.clone();
+    let start = bench.world.now();
+    for _ in 0..5 * TICK_HZ {
+        let now = bench.world.now();
+        // 900 ppm: after 5 s a stamp is 4.5 ms ahead, of which 2 ms are allowed.
+        let moment = bench.step(&mut |f| {
+            f.header.origin = f.header.origin.plus_ns(now.since(start) * 9 / 10_000);
+            true
+        });
+        let origin = moment.target.expect("a target").header.origin;
+        assert!(origin <= now.plus_ns(2_000_000), "{} ns ahead", origin.since(now));
+    }
+    assert_eq!(bench.modes, [Mode::Engaged]);
 }

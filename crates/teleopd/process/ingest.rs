@@ -162,7 +162,7 @@ impl Hall {
         };
         self.sequence += 1;
         let stamp = rt::now();
-        let header = process.header(self.sequence, stamp, raw.header.origin);
+        let header = process.header(self.sequence, stamp, person.header.origin);
         process.publish(&mut self.skeletons, &Skeleton { header, ..person });
         process.probe.record(Metric::IngestWork, now, stamp);
         true
