@@ -91,6 +91,19 @@ fn f021_f025_bursts_count_by_their_arrival() {
 }
 
 #[test]
+fn f016_another_person_has_to_be_steady_too() {
+    let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
+    for skeleton in skeletons.iter_mut().filter(|skeleton| skeleton.received > Stamp(START_NS + 1500 * MS)) {
+        skeleton.operator_id += 1;
+    }
+    let at = run(&config(), &skeletons, 3000);
+    assert!((520..1495).all(|ms| follows(&at(ms))));
+    assert!((1520..1990).all(|ms| !follows(&at(ms))), "nobody has seen for half a second who came");
+    assert!((2100..2990).all(|ms| follows(&at(ms))));
+    assert_ne!(at(1490).target.session_nonce, at(2100).target.session_nonce);
+}
+
+#[test]
 fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not() {
     let config = config();
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
