@@ -20,8 +20,8 @@ const FULL: u64 = 2000 * 60_000;
 const FIRINGS: u64 = 1000;
 /// From here on in proportion.
 const PROPORTIONAL: u64 = FULL / 10;
-/// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 10,000 ticks.
-const LEAST: u64 = SEEDS_LEAST * 10_000;
+/// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 11,000 ticks.
+const LEAST: u64 = SEEDS_LEAST * 11_000;
 /// Runs that deal every kind at least once: three each.
 const SEEDS_LEAST: u64 = 50;
 
@@ -104,7 +104,7 @@ impl Summary {
 }
 
 /// How often every kind must fire in so many runs of so many ticks together: 1,000 times in 1.2e8 ticks and more, in
-/// proportion down to 1.2e7, where chance still averages out, once from 50 runs and 5e5 ticks on, and below that not at all.
+/// proportion down to 1.2e7, where chance still averages out, once from 50 runs and 5.5e5 ticks on, and below that not at all.
 pub fn demanded(seeds: u64, ticks: u64) -> u64 {
     match ticks {
         _ if seeds < SEEDS_LEAST => 0,

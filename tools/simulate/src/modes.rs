@@ -1,6 +1,6 @@
 //! Judges the modes that control announces by what it was given, not by what it makes of it.
 
-use crate::oracle::Seen;
+use crate::oracle::{Person, RESTING, Seen};
 use messages::{Fault, Faults, Mode, Response, Stamp, TICK_HZ, Transition};
 use safety::engage::OperatorView;
 
@@ -40,6 +40,9 @@ pub struct Modes {
     reset_k: u64,
     last_k: u64,
     holder: Option<(u64, u64)>,
+    person: Option<Person>,
+    /// Ticks since another person was passed on, of which control was awake; none once somebody has enabled.
+    since_person: Option<u64>,
 }
 
 /// Whether a mode permits motion.
@@ -70,6 +73,8 @@ impl Modes {
             reset_k: 0,
             last_k: 0,
             holder: None,
+            person: None,
+            since_person: None,
         }
     }
 
@@ -77,7 +82,8 @@ impl Modes {
     pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         self.authority(seen)?;
         if seen.control_restarted {
-            *self = Self { stranger_k: Some(seen.k), holder: self.holder, last_k: self.last_k, ..Self::new() };
+            let Self { holder, person, last_k, .. } = *self;
+            *self = Self { stranger_k: Some(seen.k), holder, person, last_k, ..Self::new() };
         }
         if !seen.accepted.is_empty() {
             self.since_frame = 0;
@@ -93,6 +99,9 @@ impl Modes {
         if follows(mode) && self.stranger_k.is_some() {
             return Err(("new engage", "follows after a restart or for another client, and nobody has enabled".into()));
         }
+        if follows(mode) && !seen.forged && self.since_person.is_some_and(|ticks| ticks > INPUT_STALE) {
+            return Err(("new engage", "follows another person, and nobody has enabled".into()));
+        }
         if moves(mode) && !moves(self.mode) && !self.armed {
             return Err(("stuck enable", "moves though the enable was never seen released".into()));
         }
@@ -100,17 +109,29 @@ impl Modes {
         Ok(())
     }
 
-    /// One client at a time, and none in place of another before that has been silent for long enough.
+    /// One client at a time, and none in place of another before that has been silent for long enough and the robot is at
+    /// rest. Who recovers it, or forges targets, moves it without a client.
     fn authority(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         if seen.ingest_restarted {
-            self.holder = None;
+            (self.holder, self.person) = (None, None);
         }
-        for &session in seen.accepted {
+        let moved_otherwise = seen.forged || self.mode == Mode::Recovering;
+        for &person in seen.accepted {
+            let session = person.session;
             if let Some((holder, k)) = self.holder
                 && holder != session
                 && seen.k < k + AUTHORITY
             {
                 return Err(("authority", format!("session {session:x} {} ticks after {holder:x}", seen.k - k)));
+            }
+            let another_client = self.holder.is_some_and(|(holder, _)| holder != session);
+            if let Some(robot) = seen.moment.robot.filter(|_| another_client && !moved_otherwise)
+                && let Some(v) = robot.v.iter().find(|v| v.abs() > RESTING)
+            {
+                return Err(("authority", format!("session {session:x} while a joint moves at {v}")));
+            }
+            if self.person.replace(person).is_some_and(|before| before != person) {
+                self.since_person = Some(0);
             }
             self.holder = Some((session, seen.k));
         }
@@ -121,6 +142,8 @@ impl Modes {
         fn other<T: PartialEq + Copy>(known: &mut Option<T>, is: T) -> bool {
             known.replace(is).is_some_and(|was| was != is)
         }
+        // Whoever enables sees whom.
+        self.since_person = self.since_person.filter(|_| !operator.enable_edge).map(|ticks| ticks + 1);
         if self.stranger_k.is_some_and(|k| k < seen.k) && (operator.enable_edge || operator.recover_edge) {
             self.stranger_k = None;
         }

@@ -6,7 +6,7 @@
 //! nowhere negative and sum to one (B-splines): each is within the limit of every motion that keeps it.
 
 use crate::modes::{Modes, moves};
-use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
+use messages::{JOINTS, Mode, RobotState, Skeleton, TICK_HZ, TICK_S};
 use pipeline::Moment;
 use robot::JointLimits;
 use safety::engage::OperatorView;
@@ -27,7 +27,7 @@ const ROUNDING_V: f64 = 1e-9;
 const ROUNDING_A: f64 = 1e-6;
 const ROUNDING_J: f64 = 1e-3;
 /// A robot at rest moves no faster than a plan may leave, rad/s or m/s.
-const RESTING: f64 = 1e-6;
+pub const RESTING: f64 = 1e-6;
 
 /// A promise that was broken.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +40,22 @@ pub struct Violation {
     pub detail: String,
 }
 
+/// Whom a frame shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Person {
+    /// The client's session.
+    pub session: u64,
+    /// Who stands before it.
+    pub operator: u32,
+}
+
+impl Person {
+    /// Of a frame that was passed on.
+    pub fn of(skeleton: &Skeleton) -> Self {
+        Self { session: skeleton.session_nonce, operator: skeleton.operator_id }
+    }
+}
+
 /// What the oracle sees of a tick.
 pub struct Seen<'a> {
     /// Tick of the run.
@@ -50,8 +66,8 @@ pub struct Seen<'a> {
     pub moment: &'a Moment,
     /// What control was told of the operator, if it ran.
     pub operator: Option<OperatorView>,
-    /// Sessions of the frames that `ingest` passed on, in order.
-    pub accepted: &'a [u64],
+    /// Whose frames `ingest` passed on, in order.
+    pub accepted: &'a [Person],
     /// Control was started anew before this tick.
     pub control_restarted: bool,
     /// `ingest` was started anew before this tick.

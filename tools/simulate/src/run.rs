@@ -4,7 +4,7 @@ use crate::active::{Active, Faults};
 use crate::client::Client;
 use crate::hand::Hand;
 use crate::kinds::{Badness, Content, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
-use crate::oracle::{Oracle, Seen, Violation};
+use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
 use crate::subject::Subject;
@@ -59,7 +59,7 @@ pub struct Run<'a> {
     bug: Option<Bug>,
     links_before: [bus::FaultCounts; 5],
     frames: Vec<RawSkeleton>,
-    accepted: Vec<u64>,
+    accepted: Vec<Person>,
     /// Robot faults in force, as they were injected.
     injected: Vec<Episode>,
     undriven_until: u64,
@@ -174,7 +174,7 @@ impl<'a> Run<'a> {
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, limits };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
         if let Some(skeleton) = &moment.skeleton {
-            self.accepted.push(skeleton.session_nonce);
+            self.accepted.push(Person::of(skeleton));
         }
         self.count_links();
         self.client.listen(k, !self.accepted.is_empty());
@@ -222,7 +222,7 @@ impl<'a> Run<'a> {
         self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
         for (n, raw) in self.frames.iter().enumerate() {
             if n > 0 && ingest_runs {
-                self.accepted.extend(self.world.drain_raw(&self.subject.config).map(|accepted| accepted.session_nonce));
+                self.accepted.extend(self.world.drain_raw(&self.subject.config).as_ref().map(Person::of));
             }
             self.world.publish(raw);
         }

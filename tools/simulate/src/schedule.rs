@@ -38,8 +38,9 @@ const RARE: [&str; 12] = [
 
 /// What an operator does while the robot engages, undisturbed at first: every second seed begins with one of these alone.
 const ALONE: [&str; 3] = ["estop-engaging", "estop", "release"];
-/// Ticks of it, after the operator of a run that begins at rest has enabled.
-const ALONE_TICKS: (u64, u64) = (500, 1100);
+/// Ticks of it, after the operator of a run that begins at rest has enabled, which is refused at first: the input has to be
+/// steady for 0.5 s.
+const ALONE_TICKS: (u64, u64) = (1250, 1850);
 
 /// One fault for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
