@@ -354,6 +354,22 @@ fn every_id_in_the_name_of_a_test_is_a_hazard() {
 }
 
 #[test]
+fn every_hazard_that_is_answered_has_a_test_and_none_that_is_struck() {
+    let names = test_names();
+    let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
+    let (mut bare, mut struck) = (Vec::new(), Vec::new());
+    for hazard in hazards::all() {
+        match (hazard.answer, carried.contains(hazard.id)) {
+            (hazards::Answer::Does { .. }, false) => bare.push((hazard.id, hazard.what)),
+            (hazards::Answer::Struck { .. }, true) => struck.push((hazard.id, hazard.what)),
+            _ => {}
+        }
+    }
+    assert!(bare.is_empty(), "no test carries the id of: {bare:#?}");
+    assert!(struck.is_empty(), "struck, and still there is a test: {struck:#?}");
+}
+
+#[test]
 fn readme_gives_the_test_command() {
     let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
     assert!(text.contains("cargo test --release --workspace"));

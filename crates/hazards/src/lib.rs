@@ -68,11 +68,6 @@ const fn does(id: &'static str, what: &'static str, does: &'static str, within: 
     Hazard { id, what, answer: Answer::Does { does, within } }
 }
 
-/// A row that is open.
-const fn open(id: &'static str, what: &'static str, now: &'static str) -> Hazard {
-    Hazard { id, what, answer: Answer::Open { now } }
-}
-
 /// A row that is struck.
 const fn struck(id: &'static str, what: &'static str, because: &'static str) -> Hazard {
     Hazard { id, what, answer: Answer::Struck { because } }
