@@ -4,7 +4,7 @@ use crate::acceptance::{self, Refusal, Rule};
 use crate::chain::Chain;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
-use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, state_flag};
+use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, known_bug, state_flag};
 
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
@@ -222,6 +222,9 @@ pub fn tick_each(
     }
     state.play(input.due_k.saturating_sub(state.index()), &mut each);
     let advanced = state.index() - index_before;
+    if let (true, true, Some(measured)) = (known_bug!(HoldDrifts), state.motion.at_rest(), input.measured) {
+        state.motion = Motion::rest(measured.q);
+    }
     if advanced > 0 {
         state.hold_undriven(input.port_fault, input.measured, &mut each);
     }
@@ -259,7 +262,7 @@ impl State {
     /// Executes an acceptable command.
     fn take(&mut self, now: Stamp, command: &JointCommand, rule: Rule, each: &mut impl FnMut(&Step)) -> Accepted {
         if let Rule::New { play_ticks } = rule {
-            self.play(play_ticks, each);
+            self.play(play_ticks + u64::from(known_bug!(PlanOffByOne)), each);
         }
         self.motion = acceptance::motion_of(command);
         self.executed_k = command.k;
@@ -284,6 +287,9 @@ impl State {
         while left > 0 {
             let at_rest = self.motion.at_rest();
             let (played, kind) = if at_rest { (left, StepKind::Rest) } else { (1, StepKind::Plan) };
+            if known_bug!(StopsAtOnce) {
+                self.motion = Motion::rest(self.motion.q);
+            }
             if !at_rest {
                 self.motion.play_tick();
             }
@@ -298,7 +304,7 @@ impl State {
     /// so at least one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
     fn hold_undriven(&mut self, refused: bool, measured: Option<&Measured>, each: &mut impl FnMut(&Step)) {
         let drives = measured.map_or(Drives::SOUND, |measured| measured.drives);
-        let undriven = refused || !drives.powered || drives.emergency_stop;
+        let undriven = (refused || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         self.holds_measured &= undriven || drives.fault;
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
@@ -320,7 +326,10 @@ impl State {
             && let Some(ticks) = &mut self.silent
         {
             *ticks = ticks.saturating_add(1);
-            self.latched |= *ticks >= config.silence_ticks;
+            self.latched |= *ticks >= config.silence_ticks && !known_bug!(SilenceNotLatched);
+            if known_bug!(HaltSendsZeros) && *ticks == config.silence_ticks {
+                self.motion = Motion::rest([0.0; JOINTS]);
+            }
         }
     }
 }

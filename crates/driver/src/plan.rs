@@ -1,7 +1,7 @@
 //! A state of motion and the stop plan from it, with arithmetic of the driver's own: what the robot does when `control` is
 //! dead must not rest on the code of `control`.
 
-use messages::{JOINTS, Layout, StopPlan, TICK_S};
+use messages::{JOINTS, LEFT_ARM, Layout, StopPlan, TICK_S, known_bug};
 
 /// The motion of all joints at one instant, and the stop that follows if nothing else does.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,11 @@ impl Motion {
     /// Plays one tick of the plan.
     pub(crate) fn play_tick(&mut self) {
         for j in 0..JOINTS {
-            self.play_joint(j, TICK_S);
+            if known_bug!(LastVelocityKept) {
+                self.q[j] += self.v[j] * TICK_S;
+            } else if !known_bug!(OneJointNotStopped) || j != LEFT_ARM.start {
+                self.play_joint(j, TICK_S);
+            }
         }
     }
 
@@ -57,7 +61,7 @@ impl Motion {
                 q += t * (v + t * (a / 2.0 + t * jerk / 6.0));
                 v += t * (a + t * jerk / 2.0);
                 a += t * jerk;
-                self.plan.duration_s[j][phase] -= t;
+                self.plan.duration_s[j][phase] -= if known_bug!(PlanFromStart) { 0.0 } else { t };
                 rest_s -= t;
             }
         }

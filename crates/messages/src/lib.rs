@@ -9,6 +9,7 @@
 mod command;
 mod fault;
 mod joints;
+mod known_bug;
 mod layout;
 mod operator;
 mod service;
@@ -19,6 +20,8 @@ mod time;
 pub use command::{JointCommand, JointTarget, RobotState, StopPlan, command_flag, state_flag, target_flag};
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
+#[cfg(known_bugs)]
+pub use known_bug::KnownBug;
 pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest};
 pub use service::{Domain, SERVICES, Service, ServiceRow};

@@ -1,5 +1,6 @@
 //! Turns the operator socket's counters into the edges of one tick.
 
+use messages::known_bug;
 use safety::engage::OperatorView;
 
 /// Edges gathered since the last tick, and the level now.
@@ -26,7 +27,8 @@ impl OperatorEdges {
         self.now.recover_edge |= recovers;
         self.now.release_edge |= view.release_edges != self.seen.release_edges;
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
-        self.now.estop_edge |= view.estop_edges != self.seen.estop_edges;
+        let deaf = known_bug!(StopLostWithReset) && view.reset_edges != self.seen.reset_edges;
+        self.now.estop_edge |= view.estop_edges != self.seen.estop_edges && !deaf;
         self.seen = *view;
     }
 
@@ -43,7 +45,7 @@ impl OperatorEdges {
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;
         self.now = OperatorView {
-            enable_edge: false,
+            enable_edge: view.enable_edge && known_bug!(EnableEdgeRemains),
             recover_edge: false,
             release_edge: false,
             reset_edge: false,

@@ -29,7 +29,7 @@ mod recovery;
 mod reduced;
 mod watch;
 
-use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
+use messages::{Fault, Faults, Mode, Response, Stamp, Transition, known_bug};
 
 pub use config::{Config, ConfigError, Settings};
 pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, TargetView};
@@ -133,6 +133,7 @@ impl Default for State {
 /// 0.05 + 0.95 (3 s^2 - 2 s^3), so neither the scale nor its slope jumps.
 pub fn speed_scale(elapsed_ns: u64) -> f64 {
     let s = elapsed_ns.saturating_sub(FIRST_NS).min(RAMP_NS) as f64 / RAMP_NS as f64;
+    let s = if known_bug!(RampMissing) { 1.0 } else { s };
     SPEED_SCALE_FIRST + (1.0 - SPEED_SCALE_FIRST) * s * s * (3.0 - 2.0 * s)
 }
 
@@ -152,7 +153,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         jumps_on: state.reduced.jumps_on(config, &input),
     };
     let active = state.watch.judge(config, mode, now, &input);
-    let stops = active.of(Response::Stop);
+    let deaf = known_bug!(StopForgottenWhileEngaging) && before.mode() == Mode::Engaging;
+    let stops = if deaf { Faults::NONE } else { active.of(Response::Stop) };
     state.latched = state.latched.union(stops);
     let (share, why_reduced) = state.reduced.judge(config, state.watch.ages, &input);
 
@@ -185,6 +187,8 @@ fn permit(phase: Phase, share: f64) -> Permit {
     match phase {
         Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: share * speed_scale(elapsed_ns) },
         Phase::Engaged => Permit::Follow { speed_scale: share },
+        Phase::Holding { .. } if known_bug!(HoldIsDisplayOnly) => Permit::Follow { speed_scale: share },
+        Phase::Faulted { .. } if known_bug!(StopIsDisplayOnly) => Permit::Follow { speed_scale: share },
         Phase::Recovering { .. } => Permit::Recover,
         Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
     }
@@ -215,7 +219,8 @@ fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<
 }
 
 fn may_reset(input: &Input) -> bool {
-    input.operator.reset_edge && input.motion.at_rest && !held(input)
+    let at_rest = input.motion.at_rest || known_bug!(ResetWhileMoving);
+    input.operator.reset_edge && at_rest && (!held(input) || known_bug!(ResetWithEnableHeld))
 }
 
 /// The operator holds the enable or the recovery.
@@ -228,7 +233,9 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
         Phase::Engaging { elapsed_ns, settled_ns } => {
-            withdrawn(input, active).unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
+            let deaf = |why| known_bug!(ReleaseIgnoredWhileEngaging) && why == Transition::RELEASED;
+            let withdrawn = withdrawn(input, active).filter(|&(_, why)| !deaf(why));
+            withdrawn.unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
         }
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
@@ -239,9 +246,11 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
 
 fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     let operator = &input.operator;
-    let asked = operator.enable_edge && operator.enable_level && !operator.release_edge;
-    let ready = state.watch.armed() && state.watch.operator_alive && input.motion.at_rest;
-    if ready && asked && active.is_empty() {
+    let pressed = operator.enable_edge || known_bug!(LevelEngages);
+    let asked = pressed && operator.enable_level && !operator.release_edge;
+    let armed = state.watch.armed() || known_bug!(StuckEnableAccepted);
+    let ready = armed && state.watch.operator_alive && input.motion.at_rest;
+    if ready && asked && (active.is_empty() || known_bug!(EngagesDespiteFaults)) {
         (Phase::engaging(), Transition::ENABLED)
     } else if ready && recovery::begins(input, active) {
         (Phase::Recovering { blocked_ns: 0 }, Transition::RECOVERING)
@@ -253,7 +262,7 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
 /// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
 fn withdrawn(input: &Input, active: Faults) -> Option<(Phase, u32)> {
     if let Some(fault) = active.of(Response::Release).iter().next() {
-        return Some((Phase::holding(false), fault as u32));
+        return Some((Phase::holding(known_bug!(StrangerResumes)), fault as u32));
     }
     if let Some(fault) = active.of(Response::Hold).iter().next() {
         return Some((Phase::holding(!released(input)), fault as u32));
@@ -282,14 +291,16 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
 
 fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (Phase, u32) {
     let elapsed_ns = elapsed_ns.saturating_add(charged_ns(input.own_gap_ns));
-    let resumable = resumable && !released(input) && active.of(Response::Release).is_empty();
+    let released = released(input) && !known_bug!(ResumesWithoutEnable);
+    let resumable = resumable && !released && active.of(Response::Release).is_empty();
     if !input.motion.at_rest {
         (Phase::Holding { elapsed_ns, resumable }, 0)
     } else if !resumable {
         let expired = active.has(Fault::HoldTimeout);
         (Phase::Disengaged, if expired { Fault::HoldTimeout as u32 } else { Transition::AT_REST })
     } else if active.is_empty() {
-        (Phase::engaging(), Transition::CLEARED)
+        let elapsed_ns = if known_bug!(RampForgottenOnResume) { FIRST_NS + RAMP_NS } else { 0 };
+        (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
     } else {
         (Phase::Holding { elapsed_ns, resumable }, 0)
     }
@@ -299,7 +310,7 @@ fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u6
     let driver_cleared = pending_ns.is_some() && input.motion.at_rest && !held(input);
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
-    } else if !driver_cleared {
+    } else if !(driver_cleared || known_bug!(LatchClearsItself) && input.motion.at_rest) {
         return (Phase::Faulted { cause, reset_pending_ns: None }, 0);
     }
     state.latched = Faults::NONE;

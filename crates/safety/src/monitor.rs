@@ -3,7 +3,7 @@
 mod feedback;
 mod target;
 
-use messages::JOINTS;
+use messages::{JOINTS, known_bug};
 use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
@@ -53,7 +53,7 @@ fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
     let mut worst: Option<Outside> = None;
     for (joint, (limits, q)) in model.limits.iter().zip(q).enumerate() {
         let by = q - q.clamp(limits.q_min, limits.q_max);
-        let inside = by.abs() <= margin;
+        let inside = if known_bug!(OutsideBelowUnseen) { by <= margin } else { by.abs() <= margin };
         let worse = worst.is_none_or(|worst| by.is_nan() || by.abs() > worst.by.abs());
         if !inside && worse {
             worst = Some(Outside { joint, by });
@@ -80,7 +80,8 @@ pub fn tracking_error(
 ) -> (f64, f64) {
     let (mut angle_rad, mut length_m) = (0.0_f64, 0.0_f64);
     for j in 0..JOINTS {
-        let error = (q_command[j] - servo_lag_s * v_command[j] - q_measured[j]).abs();
+        let error = q_command[j] - servo_lag_s * v_command[j] - q_measured[j];
+        let error = if known_bug!(TrackingErrorSigned) { error } else { error.abs() };
         let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
         // `f64::max` would lose NaN.
         if error.is_nan() {

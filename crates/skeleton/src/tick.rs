@@ -5,7 +5,7 @@ use crate::config::{Config, DROP_REASONS, DropReason};
 use crate::limbs::limbs_from_positions_rotations;
 use crate::person::Person;
 use crate::session::Session;
-use messages::{Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, raw_flag};
+use messages::{Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, known_bug, raw_flag};
 
 /// The sample of this tick.
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +161,7 @@ fn check_envelope(raw: &RawSkeleton) -> Result<(), DropReason> {
     if raw.joint_count as usize != SMPL_JOINTS || raw.flags & !(raw_flag::MIRRORED | raw_flag::ROTATIONS) != 0 {
         return Err(DropReason::Count);
     }
-    if raw.flags & raw_flag::MIRRORED != 0 {
+    if raw.flags & raw_flag::MIRRORED != 0 && !known_bug!(MirroredAccepted) {
         return Err(DropReason::Mirrored);
     }
     if raw.header.origin == Stamp::NONE {

@@ -10,7 +10,7 @@ use crate::motion::{JointMotion, Motion};
 use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
-use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
+use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S, known_bug};
 
 /// Share of the way from the plan's jerk to the wanted one that a candidate is tried with. The share 0 is the plan
 /// itself, which needs no proof.
@@ -60,6 +60,8 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
         let meant = target.valid_mask & 1 << j != 0;
         let aim =
             if meant { JointAim { q: target.q[j], dq: target.dq[j] } } else { JointAim { q: config.home[j], dq: 0.0 } };
+        let degrees = known_bug!(DegreesForOneJoint) && j == LEFT_ARM.start + 1;
+        let aim = if degrees { JointAim { q: aim.q.to_radians(), ..aim } } else { aim };
         aim.within(&config.bounds[j])
     })
 }

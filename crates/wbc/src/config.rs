@@ -4,7 +4,7 @@ use crate::chain::Chain;
 use crate::geometry::{BodyCapsule, Geometry};
 use crate::interface::Interface;
 use crate::interval::Bounds;
-use messages::JOINTS;
+use messages::{JOINTS, known_bug};
 use robot::Solid;
 use thiserror::Error;
 
@@ -171,13 +171,16 @@ impl Config {
             return Err(WbcError::Clearance(parts.d_min_m));
         }
         let bounds = parts.limits.map(|l| Bounds {
-            q_min: l.q_min + POSITION_INSET,
+            q_min: if known_bug!(MirroredLimits) { -l.q_max } else { l.q_min } + POSITION_INSET,
             q_max: l.q_max - POSITION_INSET,
             v_max: PLANNED_SHARE * l.v_max,
             a_max: PLANNED_SHARE * l.a_max,
             j_max: PLANNED_SHARE * l.j_max,
         });
-        let d_min_m = parts.d_min_m + CLEARANCE_INSET_M;
+        let next = |j: usize| bounds[(j + usize::from(known_bug!(NeighbourVelocityLimit))) % JOINTS].v_max;
+        let bounds = std::array::from_fn(|j| Bounds { v_max: next(j), ..bounds[j] });
+        let unit = if known_bug!(ClearanceInMillimetres) { 1e-3 } else { 1.0 };
+        let d_min_m = unit * parts.d_min_m + CLEARANCE_INSET_M;
         Ok(Self {
             bounds,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),

@@ -9,7 +9,7 @@ use crate::config::{Config, ENGAGE_MARGIN_M};
 use crate::motion::Motion;
 use crate::plan::Planned;
 use crate::recover::Recovery;
-use messages::{ALL_JOINTS, JOINTS, Stamp, StopPlan, TICK_S};
+use messages::{ALL_JOINTS, JOINTS, Stamp, StopPlan, TICK_S, known_bug};
 
 /// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
 const ON_TARGET: f64 = 0.01;
@@ -143,6 +143,7 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
         Permit::Follow { speed_scale } if speed_scale > 0.0 => {
             let State { planned, anchor, barrier, scratch, .. } = state;
             let mut chooser = Chooser { config, anchor, barrier, scratch };
+            let speed_scale = if known_bug!(ScaleIgnored) { 1.0 } else { speed_scale };
             chooser.choose(planned, &on_plan, &aims, speed_scale.min(1.0))
         }
         Permit::Recover => {

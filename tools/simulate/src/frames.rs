@@ -13,7 +13,8 @@ const ARMS: [[usize; 3]; 2] = [
 
 /// Alters `raw`, given the frame that was sent before it; false if this one is left alone.
 pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Option<&RawSkeleton>) -> bool {
-    if !active.acts() {
+    // A tracker that is stuck repeats every frame; whatever else happens now and then.
+    if frame != Frame::Frozen && !active.acts() {
         return false;
     }
     match frame {

@@ -30,6 +30,8 @@ enum Act {
 pub struct Hand {
     view: operator::OperatorView,
     edges: OperatorEdges,
+    /// What control was told of last.
+    told: operator::OperatorView,
     act: Act,
     since: u64,
     /// Ticks since the last heartbeat got through.
@@ -44,6 +46,7 @@ impl Hand {
         Self {
             view: operator::OperatorView { connections: 1, ..Default::default() },
             edges: OperatorEdges::default(),
+            told: operator::OperatorView::default(),
             act: Act::Idle,
             since: 0,
             silent: 0,
@@ -120,8 +123,9 @@ impl Hand {
         }
     }
 
-    /// The next tick at `now`. The view is for `control`, if it runs: edges wait until then.
-    pub fn tick(&mut self, k: u64, now: Stamp, runs: bool, faults: &mut Faults) -> Option<OperatorView> {
+    /// The next tick at `now`: what `control` is told, if it runs (edges wait until then), and what the hand really did,
+    /// which is what the oracle judges by.
+    pub fn tick(&mut self, k: u64, now: Stamp, runs: bool, faults: &mut Faults) -> Option<[OperatorView; 2]> {
         self.since += 1;
         self.silent += 1;
         let mut speaks = true;
@@ -141,7 +145,20 @@ impl Hand {
         }
         runs.then(|| {
             self.edges.note(&self.view);
-            self.edges.take()
+            let (view, before, is) = (self.edges.take(), self.told, self.view);
+            self.told = is;
+            let done = OperatorView {
+                enable_level: is.enable_level,
+                enable_edge: is.enable_edges != before.enable_edges,
+                recover_level: is.recover_level,
+                recover_edge: is.recover_edges != before.recover_edges,
+                release_edge: is.release_edges != before.release_edges,
+                reset_edge: is.reset_edges != before.reset_edges,
+                estop_edge: is.estop_edges != before.estop_edges,
+                heartbeat_received: is.heartbeat,
+                ..view
+            };
+            [view, done]
         })
     }
 
@@ -174,6 +191,8 @@ impl Hand {
                 self.view.estop_edges += 1;
                 self.view.reset_edges += u64::from(active.rng.random::<bool>());
             }
+            // The reset comes at once, while the robot still moves.
+            Of::StopChatter if active.rng.random_range(0..8) == 0 => self.view.reset_edges += 1,
             Of::Elsewhere => {
                 if active.age == 0 {
                     self.let_go();

@@ -322,9 +322,9 @@ kinds! {
     "target-jump" ["f034"] Of(C::TargetJump), 30..1500;
     "target-late" ["f035"] Of(C::TargetLate), 30..600;
     "hang-retarget" ["f036" "f074"] Pr(Process::Stop(Who::Retarget)), 2..1500;
-    "target-beyond" ["f040"] Of(C::TargetBeyond), 30..600;
+    "target-beyond" ["f040"] Of(C::TargetBeyond), 30..3000;
     "target-fast" ["f041"] Of(C::TargetFast), 30..600;
-    "target-posture" ["f045" "f047" "f048"] Of(C::TargetPosture), 300..2000;
+    "target-posture" ["f045" "f047" "f048"] Of(C::TargetPosture), 1500..6000;
     "target-torso" ["f049"] Of(C::TargetTorso), 300..2000;
     "target-bits" ["f109"] Of(C::TargetBits), 1..300;
     "skeleton-lies" ["f109"] Of(C::SkeletonLies), 300..2000;

@@ -5,7 +5,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use simulate::campaign::{self, Plan};
 use simulate::cli::Cli;
 use simulate::subject::Subject;
-use simulate::{report, schedule};
+use simulate::{known, report, schedule};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -35,6 +35,12 @@ fn main() -> ExitCode {
 
 fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
     let plan = cli.plan().map_err(|cause| (EX_USAGE, cause))?;
+    match &cli.known_bug {
+        _ if cli.known_bugs => return known::hunt(cli).map_err(|cause| (EX_USAGE, cause)),
+        Some(name) if cli.replay.is_none() => return known::hunt_one(cli, name).map_err(|cause| (EX_USAGE, cause)),
+        Some(name) => known::plant(name).map_err(|cause| (EX_USAGE, cause))?,
+        None => {}
+    }
     let subject = Subject::load(&cli.config).map_err(|error| (EX_CONFIG, error.to_string()))?;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed),

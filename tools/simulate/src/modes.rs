@@ -51,11 +51,12 @@ pub fn moves(mode: Mode) -> bool {
 }
 
 /// Whether a mode follows targets.
-fn follows(mode: Mode) -> bool {
+pub fn follows(mode: Mode) -> bool {
     matches!(mode, Mode::Engaging | Mode::Engaged)
 }
 
-type Broken = (&'static str, String);
+/// A promise that was broken, and what was seen.
+pub type Broken = (&'static str, String);
 
 impl Modes {
     /// Nothing seen yet.

@@ -5,10 +5,14 @@
 //! (q2 - 2 q1 + q0) / T^2 one of the acceleration and (q3 - 3 q2 + 3 q1 - q0) / T^3 one of the jerk, with weights that are
 //! nowhere negative and sum to one (B-splines): each is within the limit of every motion that keeps it.
 
+use crate::feedback::Feedback;
+use crate::inputs::Inputs;
+use crate::likeness::Likeness;
 use crate::modes::{Modes, moves};
-use messages::{JOINTS, Mode, RobotState, Skeleton, TICK_HZ, TICK_S};
+use crate::rules::Rules;
+use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use pipeline::Moment;
-use robot::JointLimits;
+use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
 
@@ -80,6 +84,20 @@ pub struct Seen<'a> {
     pub forged: bool,
     /// The simulated robot's own checker.
     pub report: &'a Report,
+    /// Where the joints are in truth.
+    pub truth: [f64; JOINTS],
+    /// Frames that clients sent in this tick.
+    pub sent: &'a [RawSkeleton],
+    /// Frames that `ingest` passed on besides the last.
+    pub drained: &'a [Skeleton],
+    /// No motor has power.
+    pub unpowered: bool,
+    /// A fault makes what is measured, or what control is told of it, wrong.
+    pub encoders_lie: bool,
+    /// No fault is in force any more.
+    pub quiet: bool,
+    /// None ever was.
+    pub calm: bool,
 }
 
 /// State of the oracle.
@@ -100,6 +118,10 @@ pub struct Oracle {
     moving_k: u64,
     rest: Option<[f64; JOINTS]>,
     modes: Modes,
+    inputs: Inputs,
+    rules: Rules,
+    feedback: Feedback,
+    likeness: Likeness,
     /// Over everything that was executed.
     pub hash: u64,
     /// Ticks in each mode.
@@ -107,8 +129,9 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Of a robot with these limits, at index `k`.
-    pub fn new(limits: &[JointLimits; JOINTS], k: u64) -> Self {
+    /// Of a robot, at index `k`.
+    pub fn new(model: &Model, k: u64) -> Self {
+        let limits = &model.limits;
         Self {
             limits: *limits,
             window: [[0.0; JOINTS]; 4],
@@ -122,6 +145,10 @@ impl Oracle {
             moving_k: k,
             rest: None,
             modes: Modes::new(),
+            inputs: Inputs::default(),
+            rules: Rules::new(model),
+            feedback: Feedback::new(model),
+            likeness: Likeness::new(model),
             hash: 0xcbf2_9ce4_8422_2325,
             ticks_in: [0; Mode::ALL.len()],
         }
@@ -138,7 +165,13 @@ impl Oracle {
             Some(robot) => self.judge(seen, robot),
             None => Ok(()),
         };
-        judged.map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
+        let was = self.was;
+        judged
+            .and_then(|()| self.inputs.check(seen, was))
+            .and_then(|()| self.rules.check(seen))
+            .and_then(|()| self.feedback.check(seen, was))
+            .and_then(|()| self.likeness.check(seen, was))
+            .map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
     }
 
     /// The mode that control was in last.

@@ -8,9 +8,9 @@ use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
 use crate::subject::Subject;
-use crate::tampered::{Memory, Tampering};
+use crate::tampered::{self, Memory, Tampering};
 use bus::FaultPlan;
-use messages::{JOINTS, Mode, RawSkeleton, TICK_HZ, Transition, tick_at};
+use messages::{JOINTS, Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
 use pipeline::{Links, Moment, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -60,10 +60,14 @@ pub struct Run<'a> {
     links_before: [bus::FaultCounts; 5],
     frames: Vec<RawSkeleton>,
     accepted: Vec<Person>,
+    /// Of these the frames that came besides the last.
+    drained: Vec<Skeleton>,
     /// Robot faults in force, as they were injected.
     injected: Vec<Episode>,
     undriven_until: u64,
     forged_until: u64,
+    /// From this tick on there are no faults.
+    quiet_from: u64,
     seed: u64,
     k: u64,
     transitions: Vec<(u64, Transition)>,
@@ -77,7 +81,7 @@ impl<'a> Run<'a> {
     pub fn cold(subject: &'a Subject, seed: u64) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
-            oracle: Oracle::new(&subject.limits, tick_at(world.now())),
+            oracle: Oracle::new(&subject.config.control.model, tick_at(world.now())),
             world,
             subject,
             client: Client::new(subject.player.clone()),
@@ -89,9 +93,11 @@ impl<'a> Run<'a> {
             links_before: Default::default(),
             frames: Vec::new(),
             accepted: Vec::new(),
+            drained: Vec::new(),
             injected: Vec::new(),
             undriven_until: 0,
             forged_until: 0,
+            quiet_from: u64::MAX,
             seed,
             k: 0,
             transitions: Vec::new(),
@@ -100,13 +106,18 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// The same without any fault ever.
+    pub fn quiet(self) -> Self {
+        Self { quiet_from: 0, ..self }
+    }
+
     /// A copy with its own future, whose ticks are counted from zero.
     pub fn branch(&self, seed: u64) -> Self {
         let mut run = self.clone();
         run.world.reseed_links(seed);
         run.client.rebase();
         run.oracle.ticks_in = Default::default();
-        (run.seed, run.k) = (seed, 0);
+        (run.seed, run.k, run.quiet_from) = (seed, 0, u64::MAX);
         run.transitions.clear();
         run
     }
@@ -116,6 +127,7 @@ impl<'a> Run<'a> {
         self.faults = Faults::new(episodes);
         self.bug = bug;
         let quiet_from = ticks.saturating_sub(QUIET_TICKS);
+        self.quiet_from = quiet_from;
         let mut violation = None;
         while self.k < ticks && violation.is_none() {
             violation = self.tick().err().or_else(|| self.alive(quiet_from, ticks));
@@ -168,10 +180,10 @@ impl<'a> Run<'a> {
         self.start(started);
         self.receive(running.ingest);
         let view = self.hand.tick(k, now, running.control, &mut self.faults);
-        let mut told = view.unwrap_or_default();
+        let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
-        let limits = &self.subject.limits;
-        let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, limits };
+        let robot = tampered::Robot { limits: &self.subject.limits, close: &self.subject.close };
+        let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
         if let Some(skeleton) = &moment.skeleton {
             self.accepted.push(Person::of(skeleton));
@@ -187,11 +199,12 @@ impl<'a> Run<'a> {
             }
         }
         self.k += 1;
+        let truth = *self.world.sim_mut().q();
         let seen = Seen {
             tick: k,
             k: grid,
             moment: &moment,
-            operator: view,
+            operator: view.map(|_| done),
             accepted: &self.accepted,
             control_restarted: started[Who::Control as usize],
             ingest_restarted: started[Who::Ingest as usize],
@@ -199,6 +212,13 @@ impl<'a> Run<'a> {
             undriven: k < self.undriven_until,
             forged: k < self.forged_until,
             report: self.world.report(),
+            truth,
+            sent: &self.frames,
+            drained: &self.drained,
+            unpowered: self.has(|robot| matches!(robot, Robot::PowerReturns | Robot::Stopped)),
+            encoders_lie: self.encoders_lie(),
+            quiet: k >= self.quiet_from,
+            calm: self.quiet_from == 0,
         };
         self.oracle.check(&seen)
     }
@@ -207,6 +227,23 @@ impl<'a> Run<'a> {
     fn is_elsewhere(&self, moment: &Moment) -> bool {
         let (Some(target), Some(robot)) = (&moment.target, &moment.robot) else { return false };
         (0..JOINTS).any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
+    }
+
+    /// Whether a fault of the robot is in force that `is` names.
+    fn has(&self, is: impl Fn(Robot) -> bool) -> bool {
+        self.faults.active.iter().any(|active| matches!(active.fault, Fault::Robot(robot) if is(robot)))
+    }
+
+    /// Whether what is measured, or what is told of it, is wrong.
+    fn encoders_lie(&self) -> bool {
+        let told = |content| {
+            matches!(content, Content::StateSwapped | Content::StateNan | Content::StateFrozen | Content::StateSilent)
+        };
+        self.faults.active.iter().any(|active| match active.fault {
+            Fault::Robot(robot) => !matches!(robot, Robot::NotFollowed | Robot::SignInverted),
+            Fault::Content(content) => told(content),
+            _ => false,
+        })
     }
 
     fn is_deaf(&self) -> bool {
@@ -219,10 +256,13 @@ impl<'a> Run<'a> {
         let engaged = self.oracle.mode() == Mode::Engaged;
         let now = self.world.now();
         self.accepted.clear();
+        self.drained.clear();
         self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
         for (n, raw) in self.frames.iter().enumerate() {
             if n > 0 && ingest_runs {
-                self.accepted.extend(self.world.drain_raw(&self.subject.config).as_ref().map(Person::of));
+                let passed = self.world.drain_raw(&self.subject.config);
+                self.accepted.extend(passed.as_ref().map(Person::of));
+                self.drained.extend(passed);
             }
             self.world.publish(raw);
         }

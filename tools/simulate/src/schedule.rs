@@ -21,7 +21,7 @@ const STORM_MAX: usize = 8;
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn three times as often.
 const RARE_MORE: usize = 2;
 /// See above.
-const RARE: [&str; 12] = [
+const RARE: [&str; 13] = [
     "found-outside",
     "found-close",
     "operator-gone",
@@ -34,6 +34,7 @@ const RARE: [&str; 12] = [
     "double-skeleton",
     "reorder-skeleton",
     "sequence-wrap",
+    "target-posture",
 ];
 
 /// What an operator does while the robot engages, undisturbed at first: every second seed begins with one of these alone.

@@ -16,8 +16,9 @@ const POSTURES: usize = 16;
 const OUTSIDE: f64 = 0.02;
 /// How much closer to itself than it may be at a start, m.
 const CLOSER_M: f64 = 0.002;
-/// Ticks of the run from which others branch after it has engaged: a second of motion.
-const MOVED: u64 = TICK_HZ;
+/// Ticks of the run from which others branch after it has engaged: three seconds of motion, of which the oracle judges whether
+/// the robot does what the person does.
+const MOVED: u64 = 3 * TICK_HZ + 10;
 /// Ticks within which it must have engaged: 20 s.
 const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 
@@ -53,9 +54,9 @@ impl Subject {
         })
     }
 
-    /// A run that has engaged and moved for a second.
+    /// A run that has engaged and moved for three seconds.
     pub fn engaged(&self) -> Result<Run<'_>, String> {
-        let mut run = Run::cold(self, 1);
+        let mut run = Run::cold(self, 1).quiet();
         let mut left = ENGAGED_WITHIN;
         let mut moved = 0;
         while moved < MOVED {

@@ -2,7 +2,9 @@
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Content, Fault};
-use messages::{JOINTS, JointCommand, JointTarget, LEFT_ARM, RIGHT_ARM, RobotState, Skeleton, TORSO};
+use messages::{
+    ALL_JOINTS, JOINTS, JointCommand, JointTarget, LEFT_ARM, RIGHT_ARM, RobotState, Skeleton, TICK_HZ, TORSO,
+};
 use pipeline::Tamper;
 use rand::{Rng, RngExt};
 use robot::JointLimits;
@@ -25,8 +27,17 @@ pub struct Tampering<'a> {
     pub faults: &'a mut Faults,
     /// Of before.
     pub memory: &'a mut Memory,
-    /// Of the robot.
+    /// What it needs to know of the robot.
+    pub robot: Robot<'a>,
+}
+
+/// Limits, and postures that are too close to itself.
+#[derive(Clone, Copy)]
+pub struct Robot<'a> {
+    /// Of the joints.
     pub limits: &'a [JointLimits; JOINTS],
+    /// At least one.
+    pub close: &'a [[f64; JOINTS]],
 }
 
 fn as_content(fault: Fault) -> Option<Content> {
@@ -64,7 +75,7 @@ impl Tamper for Tampering<'_> {
     fn target(&mut self, target: &mut JointTarget) -> bool {
         let before = self.memory.target.replace(*target);
         let (mut sent, mut frozen) = (true, None);
-        let limits = self.limits;
+        let robot = self.robot;
         self.faults.each(as_content, |active, content| match content {
             Content::TargetFrozen => {
                 frozen = before;
@@ -77,7 +88,7 @@ impl Tamper for Tampering<'_> {
                 sent &= !now;
                 now
             }
-            content => alter(active, content, target, limits),
+            content => alter(active, content, target, &robot),
         });
         if let Some(before) = frozen {
             *target = before;
@@ -148,7 +159,8 @@ fn unit(active: &mut Active) -> [f32; 4] {
 }
 
 /// Alters a target; false if this kind has nothing to do with targets, or leaves this one alone.
-fn alter(active: &mut Active, content: Content, target: &mut JointTarget, limits: &[JointLimits; JOINTS]) -> bool {
+fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot: &Robot<'_>) -> bool {
+    let limits = robot.limits;
     let joint = active.rng.random_range(0..JOINTS);
     match content {
         Content::TargetNan => target.q[joint] = f64::NAN,
@@ -172,7 +184,7 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, limits
             target.dq = [50.0 * sign; JOINTS];
             target.q.iter_mut().for_each(|q| *q += sign);
         }
-        Content::TargetPosture => posture(active, target, limits),
+        Content::TargetPosture => posture(active, target, robot),
         Content::TargetTorso => {
             let up = (active.age / 450).is_multiple_of(2);
             target.q[TORSO] = if up { limits[TORSO].q_max } else { limits[TORSO].q_min };
@@ -188,12 +200,21 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, limits
     true
 }
 
-/// The same random posture for 0.3 s, then the next.
-fn posture(active: &mut Active, target: &mut JointTarget, limits: &[JointLimits; JOINTS]) {
-    let part = active.episode.param ^ (active.age / 450) << 32;
+/// The same random posture for 0.3 s, then the next; or gradually one that is too close to the robot itself.
+fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
+    let (limits, param) = (robot.limits, active.episode.param);
+    target.dq = [0.0; JOINTS];
+    if !param.is_multiple_of(2) {
+        // In a second, so that it is no jump, after which the robot would be slow.
+        let share = (active.age as f64 / TICK_HZ as f64).min(1.0);
+        let close = &robot.close[(param / 2) as usize % robot.close.len()];
+        target.q.iter_mut().zip(close).for_each(|(q, close)| *q += share * (close - *q));
+        target.valid_mask = ALL_JOINTS;
+        return;
+    }
+    let part = param ^ (active.age / 450) << 32;
     let mut rng = <rand_pcg::Pcg64Mcg as rand::SeedableRng>::seed_from_u64(part);
     target.q = limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
-    target.dq = [0.0; JOINTS];
 }
 
 /// One to three bits anywhere in what control reads.

@@ -12,8 +12,8 @@ use crate::ConfigError;
 use crate::load::Loaded;
 use driver::Motion;
 use messages::{
-    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, reduced_flag,
-    state_flag, target_flag,
+    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, known_bug,
+    reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -164,6 +164,10 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     let decided = engage::tick(&config.engage, &mut state.engage, now, observed);
     let target =
         state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
+    let enabled = decided.transition.is_some_and(|made| made.why == messages::Transition::ENABLED);
+    if let (true, true, Some(target)) = (known_bug!(EngagesAtTarget), enabled, &target) {
+        state.commander.reseed(&Motion::rest(target.q));
+    }
     let command = match from {
         Continue::Nothing => None,
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
@@ -247,7 +251,8 @@ fn too_close_to_start(
 fn implausible(target: &JointTarget) -> bool {
     // Ten turns: no joint of a TiaGo++ makes two, and nothing a limit could be compared with is lost.
     let far = 20.0 * core::f64::consts::PI;
-    target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
+    let no_number = |value: f64| !value.is_finite() && !known_bug!(NanTargetPasses);
+    target.q.iter().chain(&target.dq).any(|&value| no_number(value) || value.abs() > far)
 }
 
 /// Whole-body control proposes, the gate disposes, and the command says so.
@@ -298,7 +303,7 @@ fn command(
             incarnation: state.incarnation,
             reserved: 0,
         },
-        k: input.k,
+        k: input.k + u64::from(known_bug!(CommandIndexOffByOne)),
         seed_k: chain.map_or(0, |chain| chain.seed_k),
         seed_played: chain.map_or(0, |chain| chain.seed_played),
         q: motion.q,
@@ -366,7 +371,8 @@ impl ControlState {
             reserved: 0,
         };
         status.k = input.k;
-        status.mode = out.mode as u32;
+        let shown = known_bug!(StatusReadyWhileLatched) && out.mode == Mode::Faulted && out.active.is_empty();
+        status.mode = if shown { Mode::Disengaged } else { out.mode } as u32;
         status.faults = out.active.0;
         status.latched = out.latched.0;
         status.fault_counts = out.fault_counts;

@@ -1,6 +1,6 @@
 //! From what is seen at a tick to the set of faults that hold: ages by the own clock, restarts, and debouncing.
 
-use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ};
+use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ, known_bug};
 
 use super::reduced::{Ages, Lateness};
 use super::{Config, Input};
@@ -105,7 +105,8 @@ impl Watch {
         for row in &FAULTS {
             let held = &mut self.ticks_held[row.fault.index()];
             *held = if seen.has(row.fault) { held.saturating_add(1) } else { 0 };
-            if *held >= row.debounce_ticks {
+            let once = known_bug!(FaultActsForOneTick) && *held > row.debounce_ticks;
+            if *held >= row.debounce_ticks && !once {
                 active = active.with(row.fault);
                 if !self.active.has(row.fault) {
                     let count = &mut self.counts[row.fault.index()];
@@ -132,8 +133,10 @@ impl Watch {
         let heartbeat_age = self.heartbeat.judge(now, input.operator.heartbeat_received, charged, slept);
         self.ages = Ages { target_ns: target_age, input_ns: input_age };
         let (has_target, has_state) = (self.target.seen(), self.state.seen());
-        let target_stale = target_age > config.target_stale_ns;
-        self.operator_alive = input.operator.connected && heartbeat_age <= config.operator_silent_ns;
+        let target_stale = target_age > config.target_stale_ns && !known_bug!(TargetStaleIgnored);
+        let heard = heartbeat_age <= config.operator_silent_ns || known_bug!(OperatorSilenceIgnored);
+        self.operator_alive = input.operator.connected && heard;
+        let deaf = known_bug!(StopLostWithEnable) && input.operator.enable_edge;
 
         let mut seen = Faults::NONE;
         seen.set(Fault::NotRealtime, !input.realtime_ok);
@@ -149,11 +152,12 @@ impl Watch {
         seen.set(Fault::InputImplausible, has_target && (input.target.implausible || mode.jumps_on));
         seen.set(Fault::TargetStale, has_target && target_stale);
         seen.set(Fault::CollisionNear, has_state && input.robot.collision_near);
-        seen.set(Fault::StateLate, has_state && state_age > config.state_late_ns);
+        let late = state_age > config.state_late_ns && !known_bug!(StateLateIgnored);
+        seen.set(Fault::StateLate, has_state && late);
         seen.set(Fault::OperatorSilent, mode.has_authority && !self.operator_alive);
         seen.set(Fault::WriterRestarted, self.writer_changed(input));
         seen.set(Fault::HoldTimeout, mode.hold_expired);
-        seen.set(Fault::EmergencyStop, input.operator.estop_edge || has_state && input.robot.emergency_stop);
+        seen.set(Fault::EmergencyStop, input.operator.estop_edge && !deaf || has_state && input.robot.emergency_stop);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
         seen.set(Fault::FeedbackInvalid, has_state && input.robot.feedback_invalid);
         seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input, charged));
@@ -168,7 +172,9 @@ impl Watch {
         let target = self.target.seen() && self.target_writer.changed(u64::from(input.target.incarnation));
         let driver = self.state.seen() && self.driver.changed(u64::from(input.robot.incarnation));
         let session = input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce);
-        target || driver || session
+        let target = target && !known_bug!(RetargetRestartIgnored);
+        let driver = driver && !known_bug!(DriverRestartIgnored);
+        target || driver || session && !known_bug!(SessionChangeIgnored)
     }
 
     /// Written so that NaN counts as lost.

@@ -1,0 +1,155 @@
+//! Bugs of robot software, to be planted one at a time in a build for that purpose alone: `--cfg known_bugs`. Any other
+//! build holds no trace of them: [`known_bug!`](crate::known_bug) is the constant `false` there.
+
+/// Whether this bug is planted: `known_bug!(HaltSendsZeros)`.
+#[cfg(known_bugs)]
+#[macro_export]
+macro_rules! known_bug {
+    ($name:ident) => {
+        $crate::KnownBug::$name.is_planted()
+    };
+}
+
+/// Whether this bug is planted: the constant `false`, because this build knows none.
+#[cfg(not(known_bugs))]
+#[macro_export]
+macro_rules! known_bug {
+    ($name:ident) => {
+        false
+    };
+}
+
+// A constant expression, so nothing of a bug is left in a product.
+#[cfg(not(known_bugs))]
+const _: () = assert!(!crate::known_bug!(HaltSendsZeros));
+
+#[cfg(known_bugs)]
+mod planted {
+    use core::sync::atomic::{AtomicUsize, Ordering};
+
+    /// One more than the index of the bug that is planted; zero for none. A setting, not a hand-over: relaxed is enough.
+    static PLANTED: AtomicUsize = AtomicUsize::new(0);
+
+    macro_rules! known_bugs {
+        ($($name:ident, $what:literal $(, like $like:literal)?;)*) => {
+            /// A bug that can be planted.
+            #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+            #[repr(usize)]
+            pub enum KnownBug { $(#[doc = $what] $name,)* }
+
+            impl KnownBug {
+                /// All of them.
+                pub const ALL: [Self; [$(stringify!($name)),*].len()] = [$(Self::$name),*];
+
+                /// Its name.
+                pub const fn name(self) -> &'static str {
+                    match self { $(Self::$name => stringify!($name),)* }
+                }
+
+                /// What goes wrong, in one sentence.
+                pub const fn what(self) -> &'static str {
+                    match self { $(Self::$name => $what,)* }
+                }
+
+                /// The public bug of another project that it resembles; empty where none is known to us.
+                pub const fn like(self) -> &'static str {
+                    match self { $(Self::$name => concat!("" $(, $like)?),)* }
+                }
+            }
+        };
+    }
+
+    impl KnownBug {
+        /// Plants this bug in place of the one before, in the whole process; none: the product as it is.
+        pub fn plant(bug: Option<Self>) {
+            PLANTED.store(bug.map_or(0, |bug| bug as usize + 1), Ordering::Relaxed);
+        }
+
+        /// Whether it is this one that is planted.
+        #[inline]
+        pub fn is_planted(self) -> bool {
+            PLANTED.load(Ordering::Relaxed) == self as usize + 1
+        }
+    }
+
+    known_bugs! {
+        // skeleton
+        FutureAccepted, "A frame whose stamp lies in the future is taken, and everything after it looks old.", like "moveit/moveit2#772";
+        OldFrameAccepted, "A frame may be any age: what was held up on its way is taken like what is new.";
+        FrozenAccepted, "A tracker that repeats its last frame for ever counts as alive.";
+        NanAccepted, "The bound is written so that a position which is no number passes it.", like "ros-controls/ros2_controllers#2587";
+        MirroredAccepted, "A frame that says of itself that it is a mirror image is taken as it is.";
+        TeleportAccepted, "A joint may be anywhere in the next frame.";
+        LowConfidenceUsed, "Joints that the tracker only guesses are used like those that it sees.";
+        // retarget
+        ArmsSwapped, "The left arm follows the right one and the other way round.";
+        MirrorForgotten, "The right arm is treated as if it were a left one.";
+        VelocityOfOneTick, "The velocity of a target is its step over one tick, however many have passed.";
+        // wbc
+        NeighbourVelocityLimit, "Each joint is planned with the speed limit of the next one.";
+        MirroredLimits, "The lower limit of each joint is taken for the upper one with its sign changed.";
+        LastPhaseJerk, "The last phase of a stop is twice as sharp and half as long.", like "pantor/ruckig#86";
+        DegreesForOneJoint, "One joint's target is taken for degrees.";
+        ClearanceInMillimetres, "The distance to keep is divided by a thousand.";
+        ScaleIgnored, "The reduced speed is computed, shown and not applied.";
+        RecoveryOutward, "A joint beyond its limit is moved further out.";
+        RecoveryTooFast, "A recovery moves at ten times its speed.";
+        // safety
+        StopForgottenWhileEngaging, "A stop is not heard in one of the modes: while the robot engages.";
+        StopLostWithEnable, "An emergency stop that comes together with an enable is lost.";
+        StopIsDisplayOnly, "A stop changes the mode that is shown, and the robot follows on.", like "ros-controls/ros2_controllers#683";
+        HoldIsDisplayOnly, "Holding follows the target on.";
+        ReleaseIgnoredWhileEngaging, "The dead-man's handle is not looked at while the robot engages.";
+        ResetWhileMoving, "A reset is taken while the robot still moves.";
+        ResetWithEnableHeld, "A reset is taken with the enable held.";
+        LevelEngages, "The enable engages by its level: whoever holds it is engaged again without pressing.";
+        EngagesDespiteFaults, "An enable is taken though a fault holds.";
+        StuckEnableAccepted, "An enable that was pressed before the program started counts.";
+        ResumesWithoutEnable, "A hold resumes though the enable was let go meanwhile.", like "UniversalRobots/Universal_Robots_ROS_Driver#68";
+        StrangerResumes, "After a restart of another process the motion resumes without a new enable.";
+        LatchClearsItself, "A latched fault is gone as soon as its cause is.";
+        RampMissing, "The robot goes to a person who stands elsewhere at full speed.", like "UniversalRobots/Universal_Robots_ROS2_Driver#515";
+        RampForgottenOnResume, "The slow first second is left out when a hold resumes.";
+        SessionChangeIgnored, "Another client's frames move the robot without a new enable.";
+        RetargetRestartIgnored, "A restarted writer of targets counts as the one before.";
+        DriverRestartIgnored, "A restarted driver counts as the one before.";
+        TargetStaleIgnored, "The last target is followed for ever.", like "moveit/moveit#3049";
+        StateLateIgnored, "The robot's state may be any age.";
+        OperatorSilenceIgnored, "The enable of a silent operator's device stays in force.", like "duckietown/Software#200";
+        FaultActsForOneTick, "A fault acts in the tick in which it is noticed, and is forgotten in the next.";
+        TrackingErrorSigned, "The tracking error is compared with its bound without its magnitude being taken.";
+        EncoderJumpIgnored, "A measurement may be anywhere in the next sample.";
+        FrozenFeedbackIgnored, "A measurement that stands still while its joint is sent on is believed.";
+        OutsideBelowUnseen, "Only the upper limits are looked at before a start.";
+        // pipeline
+        NanTargetPasses, "A target that is no number is below every bound.";
+        StopLostWithReset, "An emergency stop that comes together with a reset is lost.";
+        EnableEdgeRemains, "An enable that was taken counts again in the next tick.";
+        AuthorityOfLastComer, "Whoever publishes last has authority.";
+        AuthorityInMicroseconds, "The silence after which a client has left is a thousandth of what it should be.";
+        StatusReadyWhileLatched, "The status says ready while a fault waits for its reset.";
+        ReseedForgotten, "Control goes on from its own last command though the driver is elsewhere.";
+        PlannerNotReseeded, "The check is told where the robot is, the planner is not.";
+        CommandIndexOffByOne, "A command carries the index of the tick after.";
+        OldPlanResumed, "After a pause control goes on from its last command, as if the plan had not been played meanwhile.", like "moveit/moveit2#1885";
+        EngagesAtTarget, "Engaging begins at the target instead of where the robot is.";
+        // driver
+        SeedFromMeasured, "A new motion begins where the robot is measured instead of where it is told to be.", like "ros-controls/ros2_controllers#2587";
+        HaltSendsZeros, "A halt sends zero for every position.", like "moveit/moveit2#410";
+        StopsAtOnce, "A stop takes all speed away in one tick.", like "ros-controls/ros2_controllers#2163";
+        LastVelocityKept, "When commands cease the last velocity stays in force.", like "amor-ros-pkg/rosaria#51";
+        PlanFromStart, "The first phase of a stop is played again and again.";
+        PlanOffByOne, "One tick too many of the plan is played before a new motion begins.";
+        OneJointNotStopped, "A stop leaves out one joint.";
+        JointsSwapped, "Two joints of a command have changed places.";
+        OldCommandAccepted, "A command may be any age.";
+        OldIndexAccepted, "A command for an index that was executed already is executed again.";
+        LeftChainContinued, "A stream of commands goes on though its stop has begun to play.", like "UniversalRobots/Universal_Robots_ROS_Driver#274";
+        SilenceNotLatched, "Silence latches nothing: whoever speaks again moves the robot on.";
+        HoldDrifts, "A robot at rest is told to stay where it is measured, in every tick anew.", like "moveit/moveit2#2127";
+        SagForgotten, "A robot that sank without power is sent back to where it was.", like "RethinkRobotics/baxter_interface#65";
+    }
+}
+
+#[cfg(known_bugs)]
+pub use planted::KnownBug;

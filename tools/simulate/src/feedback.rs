@@ -1,0 +1,141 @@
+//! Judges whether a robot that does not do, or does not measure, what it is told is stopped.
+
+use crate::modes::{Broken, moves};
+use crate::oracle::Seen;
+use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
+use robot::{JointLimits, Model};
+
+/// How far a joint may be from where it is told to be, rad, and for how many ticks: the shipped bounds (0.15 at once, 0.05
+/// for 100 ms), what a servo lags behind at its largest speed, and what a message and a stop take.
+const AWAY: [(f64, u64); 2] = [(0.27, 30), (0.17, TICK_HZ / 10 + 60)];
+/// The same of a joint that slides, as a share.
+const SLIDES: f64 = 0.2;
+/// A measurement that moves by more than this, rad or m, besides three times what its joint can do, jumped.
+const JUMP: f64 = 0.03;
+/// Samples in a row after which a jump must have stopped the robot.
+const JUMPED: u32 = 6;
+/// A measurement that stays the very same for so long, ticks, while its joint is sent on by so much, rad.
+const STILL: u64 = TICK_HZ / 20 + 30;
+const SENT: f64 = 0.06;
+/// What a driver without power tells to hold may lie from what is measured, rad or m, and for how many ticks.
+const SAGGED: f64 = 2e-3;
+const SAGGED_TICKS: u32 = 20;
+
+/// What is remembered.
+#[derive(Clone)]
+pub struct Feedback {
+    limits: [JointLimits; JOINTS],
+    slides: [bool; JOINTS],
+    away: [[u64; 2]; JOINTS],
+    good: Option<([f64; JOINTS], u64)>,
+    jumped: u32,
+    /// Value, where the joint was told to be, and since when.
+    still: [(f64, f64, u64); JOINTS],
+    sagged: u32,
+}
+
+fn index(state: &RobotState) -> u64 {
+    state.executed_k + state.plan_ticks_played
+}
+
+impl Feedback {
+    /// Of a robot.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            limits: model.limits,
+            slides: model.prismatic,
+            away: [[0; 2]; JOINTS],
+            good: None,
+            jumped: 0,
+            still: [(0.0, 0.0, 0); JOINTS],
+            sagged: 0,
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        if seen.driver_restarted {
+            (self.good, self.jumped, self.sagged) = (None, 0, 0);
+        }
+        self.follows(seen, mode)?;
+        self.sags(seen)?;
+        if seen.moment.control.is_none() {
+            return Ok(());
+        }
+        let Some(state) = &seen.moment.state_seen else { return Ok(()) };
+        self.jumps(state, mode)?;
+        self.stands(state, mode)
+    }
+
+    fn scale(&self, j: usize) -> f64 {
+        if self.slides[j] { SLIDES } else { 1.0 }
+    }
+
+    /// The joints are where they are told to be, or nothing moves.
+    fn follows(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        let Some(robot) = &seen.moment.robot else { return Ok(()) };
+        let judged = moves(mode) && !seen.encoders_lie && seen.moment.control.is_some();
+        for j in 0..JOINTS {
+            let away = (robot.q[j] - seen.truth[j]).abs();
+            for (n, (bound, ticks)) in AWAY.into_iter().enumerate() {
+                let count = &mut self.away[j][n];
+                let scale = if self.slides[j] { SLIDES } else { 1.0 };
+                *count = if judged && away > scale * bound { *count + 1 } else { 0 };
+                if *count > ticks {
+                    return Err((
+                        "not followed",
+                        format!("joint {j} is {away} away for {count} ticks, and it moves on"),
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What sinks without power is held where it sinks to.
+    fn sags(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let Some(robot) = &seen.moment.robot else { return Ok(()) };
+        let off = |j: usize| (robot.q[j] - robot.q_measured[j]).abs();
+        let worst = (0..JOINTS).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        self.sagged = if seen.unpowered && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
+        if self.sagged > SAGGED_TICKS {
+            return Err(("without power", format!("joint {worst} is {} from where it is told to hold", off(worst))));
+        }
+        Ok(())
+    }
+
+    /// A measurement that jumped, and stays there, stops.
+    fn jumps(&mut self, state: &RobotState, mode: Mode) -> Result<(), Broken> {
+        let (q, k) = (state.q_measured, index(state));
+        let Some((good, good_k)) = self.good.filter(|_| moves(mode)) else {
+            (self.good, self.jumped) = (Some((q, k)), 0);
+            return Ok(());
+        };
+        let dt = k.saturating_sub(good_k).max(1) as f64 * TICK_S;
+        let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * self.limits[j].v_max * dt + JUMP;
+        let Some(j) = (0..JOINTS).find(|&j| off(j)) else {
+            (self.good, self.jumped) = (Some((q, k)), 0);
+            return Ok(());
+        };
+        self.jumped += 1;
+        if self.jumped > JUMPED {
+            return Err(("encoder jump", format!("joint {j} from {} to {}, and it moves on", good[j], q[j])));
+        }
+        Ok(())
+    }
+
+    /// A measurement that stands still while its joint is sent on stops.
+    fn stands(&mut self, state: &RobotState, mode: Mode) -> Result<(), Broken> {
+        let k = index(state);
+        for j in 0..JOINTS {
+            let (value, told, since) = self.still[j];
+            if value != state.q_measured[j] || !moves(mode) || k < since {
+                self.still[j] = (state.q_measured[j], state.q[j], k);
+            } else if k - since > STILL && (state.q[j] - told).abs() > self.scale(j) * SENT {
+                let ticks = k - since;
+                return Err(("frozen encoder", format!("joint {j} at {value} for {ticks} ticks, sent on from {told}")));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,163 @@
+//! Judges what `ingest` passes on by what clients sent.
+
+use crate::modes::{Broken, follows};
+use crate::oracle::Seen;
+use messages::{LIMBS, Mode, RawSkeleton, SMPL_JOINTS, Skeleton, Smpl, Stamp, TICK_HZ, raw_flag, skeleton_flag};
+
+/// Frames that are remembered: 0.1 s of a flood of 6 frames a tick, longer than any link keeps one.
+const KEPT: usize = 1024;
+/// What a frame's stamp may lie ahead of its arrival and behind it, ns: the promise of `ingest`, and the drift of a client's
+/// clock that is followed in the longest run of a test.
+const AHEAD_NS: u64 = 2_000_000 + DRIFT_NS;
+const BEHIND_NS: u64 = 100_000_000 + DRIFT_NS;
+const DRIFT_NS: u64 = 40_000_000;
+/// A joint below this confidence is not used.
+const CONFIDENCE: f32 = 0.5;
+/// Frames this close to each other, ns, between which no joint of an arm moves farther than this, m: faster than the
+/// fastest hand (10 m/s), with a margin.
+const NEXT_NS: u64 = 40_000_000;
+const STEP_M: f32 = 0.5;
+/// After a payload has repeated bit for bit for so long (ticks) the robot that followed it must have stopped: 200 ms, the
+/// 100 ms after which inputs are stale, and what the links take.
+const FROZEN: u64 = TICK_HZ / 5 + TICK_HZ / 10 + 100;
+
+/// Shoulder, elbow, wrist of the four limbs' ends.
+const ENDS: [[usize; 2]; LIMBS] = [
+    [Smpl::LeftShoulder as usize, Smpl::LeftElbow as usize],
+    [Smpl::LeftElbow as usize, Smpl::LeftWrist as usize],
+    [Smpl::RightShoulder as usize, Smpl::RightElbow as usize],
+    [Smpl::RightElbow as usize, Smpl::RightWrist as usize],
+];
+
+/// What is remembered of a frame that was sent.
+#[derive(Clone, Copy)]
+struct Sent {
+    session: u64,
+    origin: Stamp,
+    /// Bits of elbows and wrists: what a frame is known again by.
+    pose: [[u32; 3]; LIMBS],
+    /// Why nobody may use it.
+    unusable: Option<&'static str>,
+    /// Bit per limb of which an end is only guessed.
+    guessed: u32,
+}
+
+impl Sent {
+    fn of(raw: &RawSkeleton) -> Self {
+        let vouched = |joint: usize| raw.confidence[joint] >= CONFIDENCE;
+        let wrong = |joint: usize| vouched(joint) && raw.positions[joint].iter().any(|x| !x.is_finite());
+        let mut unusable = None;
+        if (0..SMPL_JOINTS).any(wrong) {
+            unusable = Some("a position that is no number");
+        }
+        if raw.flags & raw_flag::MIRRORED != 0 {
+            unusable = Some("a mirror image");
+        }
+        let mut guessed = 0;
+        for (limb, ends) in ENDS.iter().enumerate() {
+            guessed |= u32::from(ends.iter().any(|&joint| !vouched(joint))) << limb;
+        }
+        let pose = pose(&raw.positions);
+        Self { session: raw.session_nonce, origin: raw.header.origin, pose, unusable, guessed }
+    }
+}
+
+/// Elbows and wrists.
+fn pose(positions: &[[f32; 3]]) -> [[u32; 3]; LIMBS] {
+    ENDS.map(|[_, joint]| positions[joint].map(f32::to_bits))
+}
+
+/// What is remembered.
+#[derive(Clone, Default)]
+pub struct Inputs {
+    sent: Vec<Sent>,
+    next: usize,
+    last: Option<Skeleton>,
+    /// Since when the payload repeats, and since when the robot has followed without a break.
+    same_k: u64,
+    following_k: Option<u64>,
+}
+
+impl Inputs {
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        for raw in seen.sent {
+            let sent = Sent::of(raw);
+            if self.sent.len() < KEPT {
+                self.sent.push(sent);
+            } else {
+                self.sent[self.next] = sent;
+            }
+            self.next = (self.next + 1) % KEPT;
+        }
+        self.following_k = if follows(mode) { self.following_k.or(Some(seen.k)) } else { None };
+        seen.drained.iter().try_for_each(|skeleton| self.used(skeleton))?;
+        if let Some(skeleton) = &seen.moment.skeleton {
+            self.used(skeleton)?;
+            self.moved(seen.k, skeleton)?;
+            self.last = Some(*skeleton);
+        }
+        let frozen = seen.k.saturating_sub(self.same_k);
+        let followed_before = self.following_k.is_some_and(|k| k < self.same_k);
+        if self.last.is_some() && followed_before && frozen > FROZEN && !seen.forged {
+            return Err(("frozen person", format!("the same payload for {frozen} ticks, and it follows")));
+        }
+        Ok(())
+    }
+
+    fn used(&self, skeleton: &Skeleton) -> Result<(), Broken> {
+        let (received, pose) = (skeleton.received, pose(&skeleton.positions));
+        let same = |sent: &&Sent| sent.session == skeleton.session_nonce && sent.pose == pose;
+        let mut all = self.sent.iter().filter(same).peekable();
+        if all.peek().is_none() {
+            return Ok(());
+        }
+        let timely = |sent: &Sent| received.since(sent.origin) <= BEHIND_NS && sent.origin.since(received) <= AHEAD_NS;
+        if !all.clone().any(timely) {
+            return Err((
+                "frame age",
+                "of no frame of this pose lies the stamp near its arrival, and it is used".into(),
+            ));
+        }
+        let (mut why, mut guessed) = (None, u32::MAX);
+        for sent in all {
+            match sent.unusable {
+                Some(unusable) => why = why.or(Some(unusable)),
+                None => guessed &= sent.guessed,
+            }
+        }
+        if let (Some(why), u32::MAX) = (why, guessed) {
+            return Err(("unusable frame", format!("{why} is used")));
+        }
+        let valid = (0..LIMBS).find(|&limb| skeleton.flags & skeleton_flag::LIMB[limb] & guessed != 0);
+        match valid {
+            Some(limb) => Err(("guessed limb", format!("limb {limb} is used, and the tracker only guesses it"))),
+            None => Ok(()),
+        }
+    }
+
+    fn moved(&mut self, k: u64, skeleton: &Skeleton) -> Result<(), Broken> {
+        let Some(last) = self.last.filter(|last| last.session_nonce == skeleton.session_nonce) else {
+            self.same_k = k;
+            return Ok(());
+        };
+        if last.positions != skeleton.positions {
+            self.same_k = k;
+        }
+        if skeleton.header.origin.since(last.header.origin) > NEXT_NS {
+            return Ok(());
+        }
+        for joint in ENDS.into_iter().flatten() {
+            let (is, was) = (skeleton.positions[joint], last.positions[joint]);
+            let at = |s: &Skeleton, i: usize| s.positions[joint][i] - s.positions[Smpl::LeftHip as usize][i];
+            let step = (0..3).map(|i| (at(skeleton, i) - at(&last, i)).powi(2)).sum::<f32>().sqrt();
+            if is != [0.0; 3] && was != [0.0; 3] && step > STEP_M {
+                return Err((
+                    "person jumps",
+                    format!("joint {joint} by {step} m from one frame to the next, and used"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,103 @@
+//! Judges, once all faults are over, whether the robot does what the person does. Knows nothing of retargeting: it compares
+//! directions of bones, the person's from the positions that the client sent, the target's from the robot's kinematics.
+
+use crate::modes::Broken;
+use crate::oracle::Seen;
+use messages::{JOINTS, Mode, Smpl, TICK_HZ};
+use nalgebra::{Matrix3, Vector3};
+use robot::{Arm, JointLimits, Model};
+
+/// Ticks of following after which it is judged for the first time: the robot has caught up, and what a pose adds is averaged.
+const SETTLED: u64 = TICK_HZ;
+const JUDGED: u64 = TICK_HZ;
+/// Largest mean angle between a bone of the person and that of its target, rad: three times what was seen.
+const ANGLE: f64 = 0.3;
+/// Largest mean distance of a joint from its target, as far as limits let it be reached, rad: where nothing was ever wrong, so
+/// that no posture is far away; 0.28 was seen, of a shoulder that gives way to the robot's own body.
+const BEHIND: f64 = 0.4;
+
+/// What is remembered.
+#[derive(Clone)]
+pub struct Likeness {
+    limits: [JointLimits; JOINTS],
+    arms: [Arm; 2],
+    following: u64,
+    person: Option<[Vector3<f64>; 4]>,
+    count: u64,
+    angles: [f64; 4],
+    behind: [f64; JOINTS],
+}
+
+impl Likeness {
+    /// Of a robot.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            limits: model.limits,
+            arms: model.arms,
+            following: 0,
+            person: None,
+            count: 0,
+            angles: [0.0; 4],
+            behind: [0.0; JOINTS],
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        if let Some(raw) = seen.sent.last() {
+            self.person = bones(&|joint: Smpl| Vector3::from(raw.positions[joint as usize].map(f64::from)));
+        }
+        self.following = if seen.quiet && mode == Mode::Engaged { self.following + 1 } else { 0 };
+        if self.following <= SETTLED {
+            (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS]);
+            return Ok(());
+        }
+        let (Some(robot), Some(target), Some(person)) = (&seen.moment.robot, &seen.moment.target, &self.person) else {
+            return Ok(());
+        };
+        self.count += 1;
+        for (side, arm) in self.arms.iter().enumerate() {
+            let q = std::array::from_fn(|i| target.q[arm.joints[i]]);
+            let (upper, fore) = arm.limb_rotations(&q);
+            let bone = Vector3::y() * if side == 0 { 1.0 } else { -1.0 };
+            for (limb, rotation) in [upper, fore].into_iter().enumerate() {
+                let cos = (rotation * bone).dot(&person[2 * side + limb]);
+                self.angles[2 * side + limb] += cos.clamp(-1.0, 1.0).acos();
+            }
+        }
+        for j in (0..JOINTS).filter(|&j| target.valid_mask & 1 << j != 0) {
+            self.behind[j] += (target.q[j].clamp(self.limits[j].q_min, self.limits[j].q_max) - robot.q[j]).abs();
+        }
+        if self.count >= JUDGED { self.judge(seen.calm) } else { Ok(()) }
+    }
+
+    fn judge(&mut self, calm: bool) -> Result<(), Broken> {
+        let mean = |sum: f64| sum / self.count as f64;
+        let (angles, behind) = (self.angles.map(mean), self.behind.map(mean));
+        (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS]);
+        if let Some(limb) = (0..4).find(|&limb| angles[limb] > ANGLE) {
+            return Err(("likeness", format!("limb {limb} is {} rad from the person's on average", angles[limb])));
+        }
+        match (0..JOINTS).find(|&j| calm && behind[j] > BEHIND) {
+            Some(j) => Err(("likeness", format!("joint {j} is {} from its target on average", behind[j]))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Directions of the four limbs in the frame of the chest (x forward, y left, z up).
+fn bones(at: &dyn Fn(Smpl) -> Vector3<f64>) -> Option<[Vector3<f64>; 4]> {
+    let (left, right) = (at(Smpl::LeftShoulder), at(Smpl::RightShoulder));
+    let hips = (at(Smpl::LeftHip) + at(Smpl::RightHip)) / 2.0;
+    let up = ((left + right) / 2.0 - hips).try_normalize(1e-3)?;
+    let across = left - right;
+    let y = (across - up * up.dot(&across)).try_normalize(1e-3)?;
+    let chest = Matrix3::from_columns(&[y.cross(&up), y, up]);
+    let bone = |from, to| (at(to) - at(from)).try_normalize(1e-3).map(|bone| chest.tr_mul(&bone));
+    Some([
+        bone(Smpl::LeftShoulder, Smpl::LeftElbow)?,
+        bone(Smpl::LeftElbow, Smpl::LeftWrist)?,
+        bone(Smpl::RightShoulder, Smpl::RightElbow)?,
+        bone(Smpl::RightElbow, Smpl::RightWrist)?,
+    ])
+}

@@ -1,0 +1,155 @@
+//! Standing promises between neighbouring stages.
+
+use crate::modes::{Broken, moves};
+use crate::oracle::Seen;
+use messages::{JOINTS, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
+use robot::{JointLimits, Model};
+
+/// Rounding of a target's step, rad.
+const ROUNDING: f64 = 1e-6;
+/// A command moves a joint faster than this, rad/s or m/s, and is not at rest: what a plan may leave is a tenth of it.
+const RESTING: f64 = 1e-6;
+/// How far outside its limits a robot may be measured at a start, rad or m: encoder noise and the sag of a servo.
+const OUTSIDE: f64 = 0.006;
+/// Targets in a row that are no numbers, after which the robot must have stopped following.
+const NO_NUMBERS: u32 = 3 + 1;
+/// Ticks after which frames of another `ingest` must have been noticed, or have become too old: as for any silence.
+const STRANGE: u64 = TICK_HZ / 10 + 100;
+/// Ticks without a command after which a driver must say that it has latched: 10 ms, and as much again.
+const SILENCE: u64 = 30;
+
+/// What is remembered.
+#[derive(Clone)]
+pub struct Rules {
+    limits: [JointLimits; JOINTS],
+    target: Option<JointTarget>,
+    command: Option<JointCommand>,
+    measured: Option<RobotState>,
+    denials: u32,
+    no_numbers: u32,
+    mode: Mode,
+    /// `ingest` was started anew, and passed a frame on at this tick, and nobody has enabled since.
+    strange_k: Option<u64>,
+    restarted: bool,
+    /// Ticks in which the driver ran without a new command, and the reset count that it had seen.
+    silent: u64,
+    executed: (u64, u32),
+}
+
+impl Rules {
+    /// Of a robot.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            limits: model.limits,
+            target: None,
+            command: None,
+            measured: None,
+            denials: 0,
+            no_numbers: 0,
+            mode: Mode::Disengaged,
+            strange_k: None,
+            restarted: false,
+            silent: 0,
+            executed: (0, 0),
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        if seen.control_restarted {
+            (self.denials, self.no_numbers, self.command) = (0, 0, None);
+        }
+        self.velocity(seen)?;
+        self.silence(seen)?;
+        self.stranger(seen);
+        let Some(control) = &seen.moment.control else { return Ok(()) };
+        let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
+        self.measured = seen.moment.state_seen.or(self.measured);
+        if control.status.gate_denials != self.denials {
+            return Err(("proposal", "whole-body control proposed what the gate denies".into()));
+        }
+        if let Some(target) = &seen.moment.target_seen {
+            let sound = target.q.iter().chain(&target.dq).all(|x| x.is_finite());
+            self.no_numbers = if sound { 0 } else { self.no_numbers + 1 };
+        }
+        if self.no_numbers > NO_NUMBERS && matches!(mode, Mode::Engaging | Mode::Engaged) {
+            return Err(("no number", format!("{} targets in a row are none, and it follows", self.no_numbers)));
+        }
+        if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {
+            let held = operator.enable_level || operator.recover_level;
+            self.begins(made.why, held)?;
+        }
+        if let Some(k) = self.strange_k.filter(|k| moves(mode) && moves(self.mode) && seen.k > k + STRANGE) {
+            return Err(("new engage", format!("another ingest since {} ticks, and it moves on", seen.k - k)));
+        }
+        if !moves(mode) {
+            self.strange_k = None;
+        }
+        (self.mode, self.command) = (mode, control.command.or(self.command));
+        Ok(())
+    }
+
+    /// A start and a reset find the robot as they must.
+    fn begins(&self, why: u32, held: bool) -> Result<(), Broken> {
+        if why == Transition::RESET {
+            if held {
+                return Err(("reset", "with the enable held".into()));
+            }
+            if let Some(v) = self.command.and_then(|command| command.v.into_iter().find(|v| v.abs() > RESTING)) {
+                return Err(("reset", format!("while a joint is commanded at {v}")));
+            }
+        }
+        if let (Transition::ENABLED, Some(state)) = (why, &self.measured) {
+            let outside = |j: usize| {
+                state.q_measured[j] < self.limits[j].q_min - OUTSIDE
+                    || state.q_measured[j] > self.limits[j].q_max + OUTSIDE
+            };
+            if let Some(j) = (0..JOINTS).find(|&j| outside(j)) {
+                return Err(("starts outside", format!("joint {j} at {}", state.q_measured[j])));
+            }
+        }
+        Ok(())
+    }
+
+    /// A target's velocity is that of its positions, and no faster.
+    fn velocity(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let Some(target) = &seen.moment.target else { return Ok(()) };
+        let before = self.target.replace(*target);
+        let Some(before) = before.filter(|before| before.header.incarnation == target.header.incarnation) else {
+            return Ok(());
+        };
+        let dt = target.k.saturating_sub(before.k) as f64 * TICK_S;
+        let both = target.valid_mask & before.valid_mask;
+        for j in (0..JOINTS).filter(|&j| both & 1 << j != 0) {
+            let step = (target.q[j] - before.q[j]).abs();
+            if (target.dq[j] * dt).abs() > step + ROUNDING {
+                return Err((
+                    "target velocity",
+                    format!("joint {j} at {} rad/s, moved {step} in {dt} s", target.dq[j]),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// A driver without commands says so.
+    fn silence(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let Some(robot) = &seen.moment.robot else { return Ok(()) };
+        let executed = (robot.executed_k, robot.reset_count);
+        let commanded = robot.flags & state_flag::COMMANDED != 0;
+        let latched = robot.flags & state_flag::DRIVER_FAULT != 0;
+        let silent = commanded && !latched && executed == self.executed && !seen.driver_restarted;
+        (self.silent, self.executed) = (if silent { self.silent + 1 } else { 0 }, executed);
+        if self.silent > SILENCE {
+            return Err(("silence", format!("no command for {} ticks, and the driver says nothing", self.silent)));
+        }
+        Ok(())
+    }
+
+    fn stranger(&mut self, seen: &Seen<'_>) {
+        self.restarted |= seen.ingest_restarted;
+        if self.restarted && !seen.accepted.is_empty() {
+            (self.restarted, self.strange_k) = (false, Some(seen.k));
+        }
+    }
+}
