@@ -91,7 +91,7 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
         if played > 0 && !known_bug!(LeftChainContinued) {
             return Err(Refusal::ChainLeft);
         }
-        if command.k <= state.executed_k && !known_bug!(OldIndexAccepted) {
+        if command.k <= state.executed_k {
             return Err(Refusal::NotAhead);
         }
         within_reach(config, &state.motion, state.executed_k, command)?;
