@@ -4,7 +4,7 @@ use crate::acceptance::{self, Refusal, Rule};
 use crate::chain::Chain;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
-use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, known_bug, state_flag};
+use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_S, known_bug, state_flag};
 
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
@@ -13,6 +13,12 @@ pub const SILENCE_TICKS: u64 = 15;
 /// Ticks in a row in which the drives do not follow after which what is measured is held: by then the robot is not on
 /// the plan any more, while a setpoint or two that were lost on the way leave it there.
 pub const UNDRIVEN_TICKS: u64 = 3;
+
+/// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
+/// As `safety` judges measurements.
+const FALL_FACTOR: f64 = 3.0;
+/// Noise of a measurement, rad or m; as `safety` judges it.
+const NOISE: f64 = 0.005;
 
 /// What the follower must know beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +61,8 @@ pub struct State {
     undriven: u64,
     /// What is measured is held since the drives complained.
     holds_measured: bool,
+    /// The last measured posture that could be, and its index.
+    believed: ([f64; JOINTS], u64),
     /// `origin` of the last accepted command.
     origin: Stamp,
     /// Incarnation and reset count of the last command listened to.
@@ -79,6 +87,7 @@ impl State {
             silent: None,
             undriven: 0,
             holds_measured: false,
+            believed: (*q, k),
             origin: Stamp::NONE,
             reset: None,
             seen: None,
@@ -226,7 +235,8 @@ pub fn tick_each(
         state.motion = Motion::rest(measured.q);
     }
     if advanced > 0 {
-        state.hold_undriven(input.port_fault, input.measured, &mut each);
+        let standing = input.measured.and_then(|measured| state.believe(config, measured));
+        state.hold_undriven(&input, standing, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
@@ -299,22 +309,35 @@ impl State {
         }
     }
 
-    /// Holds what is measured where the robot as a whole has not followed for long enough; and, once, where a drive reports
-    /// a fault and the stop of the others has ended, because that joint has stopped where it could. The state is latched,
-    /// so at least one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
-    fn hold_undriven(&mut self, refused: bool, measured: Option<&Measured>, each: &mut impl FnMut(&Step)) {
-        let drives = measured.map_or(Drives::SOUND, |measured| measured.drives);
-        let undriven = (refused || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
+    /// Where the joints stand: what is measured, if every joint can have come there since the last posture that was
+    /// believed. An encoder that lies while there is no power must not become the setpoint that power finds.
+    fn believe(&mut self, config: &Config, measured: &Measured) -> Option<[f64; JOINTS]> {
+        let (last, k) = self.believed;
+        let dt_s = self.index().saturating_sub(k).max(1) as f64 * TICK_S;
+        let reach = |j: usize| FALL_FACTOR * config.v_max[j] * dt_s + NOISE;
+        // What is no number is within no reach.
+        let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
+        can_be.then(|| {
+            self.believed = (measured.q, self.index());
+            measured.q
+        })
+    }
+
+    /// Holds where the joints stand if the robot as a whole has not followed for long enough; and, once, where a drive
+    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. The state is
+    /// latched, so at least one tick of a plan lies between the last accepted command and the identity that is given here:
+    /// it is new.
+    fn hold_undriven(&mut self, input: &Input<'_>, standing: Option<[f64; JOINTS]>, each: &mut impl FnMut(&Step)) {
+        let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
+        let undriven = (input.port_fault || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         self.holds_measured &= undriven || drives.fault;
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
-        let Some(measured) = measured.filter(|_| stopped || self.undriven >= UNDRIVEN_TICKS) else { return };
-        if measured.q.iter().all(|q| q.is_finite()) {
-            self.holds_measured = true;
-            self.motion = Motion::rest(measured.q);
-            (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
-            each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
-        }
+        let Some(standing) = standing.filter(|_| stopped || self.undriven >= UNDRIVEN_TICKS) else { return };
+        self.holds_measured = true;
+        self.motion = Motion::rest(standing);
+        (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
+        each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
     /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: the

@@ -27,7 +27,8 @@
 //!
 //! A robot whose drives do not follow (no power, its own emergency stop, setpoints refused) for [`UNDRIVEN_TICKS`] moves as
 //! gravity likes. From then on the follower holds what is measured, tick by tick, under a new identity each time and still
-//! latched, so that the return of power finds a setpoint where the robot stands, and nothing moves.
+//! latched, so that the return of power finds a setpoint where the robot stands, and nothing moves. A measurement that no
+//! joint can have come to since the last one (three times its speed limit) is passed over.
 #![no_std]
 
 mod acceptance;

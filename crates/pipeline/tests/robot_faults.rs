@@ -242,6 +242,37 @@ fn f064_power_that_returns_with_a_command_present_moves_nothing() {
     }
 }
 
+/// Power that returns finds the last posture that could be, not what an encoder made of it meanwhile.
+#[test]
+fn f064_encoders_that_lie_without_power_move_nothing_when_it_returns() {
+    for wrong in [
+        Injection::FeedbackSwapped { joint: ELBOW, with: ELBOW + 1 },
+        Injection::EncoderJump { joint: ELBOW, by: 0.5 },
+        Injection::NanFeedback { joint: ELBOW },
+    ] {
+        let mut bench = moving();
+        bench.robot.inject(Injection::PowerLost { sag: 0.1 });
+        for k in 0..TICK_HZ / 10 {
+            swing(&mut bench, k);
+        }
+        bench.robot.inject(wrong);
+        for k in 0..11 {
+            swing(&mut bench, k);
+        }
+        bench.robot.repair();
+        let before = *bench.robot.q();
+        for k in 0..TICK_HZ {
+            swing(&mut bench, k);
+            for (j, (now, then)) in bench.robot.q().iter().zip(&before).enumerate() {
+                // Caught as above, after a hold that is 11 ticks old.
+                let caught = 0.1 * 20.0 * TICK_S + 2e-3;
+                assert!((now - then).abs() < caught, "{wrong:?}, tick {k}: joint {j} moved by {}", now - then);
+            }
+        }
+        recovers(bench);
+    }
+}
+
 #[test]
 fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
     // An encoder that is off by a little, so that a stop towards what is measured would show.
