@@ -33,6 +33,7 @@ pub struct Figures {
     recorded: [u64; ViolationKind::ALL.len()],
     records: u64,
     oldest_command_us: f64,
+    clients_begun_anew: u64,
     /// What else went wrong.
     trouble: Vec<String>,
 }
@@ -73,6 +74,11 @@ impl Figures {
         }
         let oldest_us = record["oldest_command_us"].as_f64().unwrap_or(f64::INFINITY);
         self.oldest_command_us = self.oldest_command_us.max(oldest_us);
+    }
+
+    /// Adds how often a client gave up by itself and was started again.
+    pub fn add_clients_begun_anew(&mut self, count: u64) {
+        self.clients_begun_anew += count;
     }
 
     /// Adds what went wrong.
@@ -138,6 +144,7 @@ impl Figures {
             "oldest_command_us": self.oldest_command_us,
             "not_finite": self.not_finite,
             "moved_without_enable": self.moved_without_enable,
+            "clients_begun_anew": self.clients_begun_anew,
             "complaints": self.complaints(),
         })
     }
@@ -171,6 +178,7 @@ impl Figures {
         let _ = writeln!(out, "{} records of drivers: violations {}", self.records, value["violations_recorded"]);
         let _ = writeln!(out, "oldest command executed {:.0} us after its deadline", self.oldest_command_us);
         let _ = writeln!(out, "states moved without an enable: {}", self.moved_without_enable);
+        let _ = writeln!(out, "clients that gave up and were started again: {}", self.clients_begun_anew);
         for complaint in self.complaints() {
             let _ = writeln!(out, "BROKEN: {complaint}");
         }

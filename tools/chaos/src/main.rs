@@ -91,10 +91,6 @@ fn drawn(options: &Cli) -> Vec<Blow> {
     all.into_iter().map(|(victim, kill)| Blow::draw(victim, kill, &mut dice)).collect()
 }
 
-fn stuck(what: &str, blow: Blow) -> ChaosError {
-    ChaosError::Stuck(format!("{what}, before or after {blow:?}"))
-}
-
 fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
     let mut rig = Rig::start(&options.config)?;
     let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
@@ -103,8 +99,14 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
     let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let mut outcomes = Vec::new();
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
-        let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)
-            .map_err(|error| if let ChaosError::Stuck(what) = error { stuck(&what, blow) } else { error })?;
+        let outcome = match trial::run(&mut rig, &witness, &loaded.settings, blow) {
+            Err(ChaosError::Stuck(what)) => {
+                // The next instance goes on; what this one shows is kept.
+                figures.add_trouble([format!("{what}, before or after {blow:?}")]);
+                break;
+            }
+            outcome => outcome?,
+        };
         if !outcome.rested {
             figures.add_trouble([format!("no rest after {blow:?}")]);
         }
@@ -113,6 +115,7 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
     let seen = witness.seen();
     drop(witness);
     figures.add_seen(&seen);
+    figures.add_clients_begun_anew(rig.clients_begun_anew());
     let ended = rig.end();
     let factor = if ended.realtime() { 1.0 } else { safety.stale_factor_without_realtime };
     for outcome in &outcomes {

@@ -49,6 +49,7 @@ pub struct Rig {
     instance: Instance,
     children: Children,
     client: Child,
+    clients_begun_anew: u64,
     /// Holds the enable where the operator is the victim.
     hand: Option<Child>,
     operator: Operator,
@@ -75,7 +76,7 @@ impl Rig {
         let children = Children::start(&instance, &place, true)?;
         let client = role(CLIENT, &instance)?;
         let operator = Operator::connect(&instance.operator_socket())?;
-        Ok(Self { place, instance, children, client, hand: None, operator, _folder: folder })
+        Ok(Self { place, instance, children, client, clients_begun_anew: 0, hand: None, operator, _folder: folder })
     }
 
     /// Where the instance lives.
@@ -111,6 +112,7 @@ impl Rig {
         }
         // A reset counts at rest and with the cause gone: asked for until it is taken.
         for _ in 0..SOON.as_millis() / 100 {
+            self.mind_client()?;
             if self.operator.mode() == Some(Mode::Faulted) {
                 self.operator.reset();
             }
@@ -122,6 +124,21 @@ impl Rig {
             }
         }
         Err(self.stuck("cannot be engaged"))
+    }
+
+    /// How often a client gave up by itself and was started again.
+    pub fn clients_begun_anew(&self) -> u64 {
+        self.clients_begun_anew
+    }
+
+    /// Starts the client again if it has given up, as whoever runs one would.
+    fn mind_client(&mut self) -> Result<(), ChaosError> {
+        let ended = self.client.try_wait().map_err(|error| ChaosError::os(CLIENT, error))?;
+        if ended.is_some() {
+            self.client = role(CLIENT, &self.instance)?;
+            self.clients_begun_anew += 1;
+        }
+        Ok(())
     }
 
     /// Holds the enable, by a program of its own if that is what will be struck, and waits for `mode`.
