@@ -33,6 +33,8 @@ pub struct Rules {
     restarted: bool,
     /// Ticks in which the driver ran without a new command, and the reset count that it had seen.
     silent: u64,
+    /// It has taken a command since it last said so.
+    hears: bool,
     executed: (u64, u32),
 }
 
@@ -50,6 +52,7 @@ impl Rules {
             strange_k: None,
             restarted: false,
             silent: 0,
+            hears: false,
             executed: (0, 0),
         }
     }
@@ -138,7 +141,9 @@ impl Rules {
         let executed = (robot.executed_k, robot.reset_count);
         let commanded = robot.flags & state_flag::COMMANDED != 0;
         let latched = robot.flags & state_flag::DRIVER_FAULT != 0;
-        let silent = commanded && !latched && executed == self.executed && !seen.driver_restarted;
+        // After a reset it waits for the first command, however long.
+        self.hears = !latched && !seen.driver_restarted && (self.hears || executed.0 != self.executed.0);
+        let silent = commanded && self.hears && executed == self.executed;
         (self.silent, self.executed) = (if silent { self.silent + 1 } else { 0 }, executed);
         if self.silent > SILENCE {
             return Err(("silence", format!("no command for {} ticks, and the driver says nothing", self.silent)));
