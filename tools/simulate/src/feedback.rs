@@ -17,7 +17,7 @@ const JUMPED: u32 = 6;
 /// A measurement that stays the very same for so long, ticks, while its joint is sent on by so much, rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
 const SENT: f64 = 0.06;
-/// What a driver without power tells to hold may lie from what is measured, rad or m, and for how many ticks.
+/// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
 
@@ -74,7 +74,7 @@ impl Feedback {
     /// The joints are where they are told to be, or nothing moves.
     fn follows(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
-        let judged = moves(mode) && !seen.encoders_lie && seen.moment.control.is_some();
+        let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
         for j in 0..JOINTS {
             let away = (robot.q[j] - seen.truth[j]).abs();
             for (n, (bound, ticks)) in AWAY.into_iter().enumerate() {
@@ -92,12 +92,13 @@ impl Feedback {
         Ok(())
     }
 
-    /// What sinks without power is held where it sinks to.
+    /// What sinks without power is held where it sinks to, as soon as an encoder says where that is.
     fn sags(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
-        let off = |j: usize| (robot.q[j] - robot.q_measured[j]).abs();
+        let off = |j: usize| (robot.q[j] - seen.truth[j]).abs();
         let worst = (0..JOINTS).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
-        self.sagged = if seen.unpowered && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
+        let judged = seen.unpowered && !seen.encoders_lie;
+        self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
         if self.sagged > SAGGED_TICKS {
             return Err(("without power", format!("joint {worst} is {} from where it is told to hold", off(worst))));
         }

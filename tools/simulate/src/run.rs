@@ -236,11 +236,15 @@ impl<'a> Run<'a> {
 
     /// Whether what is measured, or what is told of it, is wrong.
     fn encoders_lie(&self) -> bool {
+        let measured = |robot| {
+            use Robot::{EncoderJump, EncoderSpike, Frozen, Inverted, Nan, Swapped};
+            matches!(robot, EncoderJump | EncoderSpike | Frozen | Nan | Inverted | Swapped)
+        };
         let told = |content| {
             matches!(content, Content::StateSwapped | Content::StateNan | Content::StateFrozen | Content::StateSilent)
         };
         self.faults.active.iter().any(|active| match active.fault {
-            Fault::Robot(robot) => !matches!(robot, Robot::NotFollowed | Robot::SignInverted),
+            Fault::Robot(robot) => measured(robot),
             Fault::Content(content) => told(content),
             _ => false,
         })
