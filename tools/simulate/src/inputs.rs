@@ -73,9 +73,11 @@ pub struct Inputs {
     sent: Vec<Sent>,
     next: usize,
     last: Option<Skeleton>,
-    /// Since when the payload repeats, and since when the robot has followed without a break.
-    same_k: u64,
-    following_k: Option<u64>,
+    /// Ticks of control: who sleeps follows nobody.
+    awake: u64,
+    /// The one since which the payload repeats, and the one since which the robot has followed without a break.
+    same_since: u64,
+    following_since: Option<u64>,
 }
 
 impl Inputs {
@@ -90,15 +92,16 @@ impl Inputs {
             }
             self.next = (self.next + 1) % KEPT;
         }
-        self.following_k = if follows(mode) { self.following_k.or(Some(seen.k)) } else { None };
+        self.awake += u64::from(seen.moment.control.is_some());
+        self.following_since = if follows(mode) { self.following_since.or(Some(self.awake)) } else { None };
         seen.drained.iter().try_for_each(|skeleton| self.used(skeleton))?;
         if let Some(skeleton) = &seen.moment.skeleton {
             self.used(skeleton)?;
-            self.moved(seen.k, skeleton)?;
+            self.moved(skeleton)?;
             self.last = Some(*skeleton);
         }
-        let frozen = seen.k.saturating_sub(self.same_k);
-        let followed_before = self.following_k.is_some_and(|k| k < self.same_k);
+        let frozen = self.awake - self.same_since;
+        let followed_before = self.following_since.is_some_and(|since| since < self.same_since);
         if self.last.is_some() && followed_before && frozen > FROZEN && !seen.forged {
             return Err(("frozen person", format!("the same payload for {frozen} ticks, and it follows")));
         }
@@ -136,13 +139,13 @@ impl Inputs {
         }
     }
 
-    fn moved(&mut self, k: u64, skeleton: &Skeleton) -> Result<(), Broken> {
+    fn moved(&mut self, skeleton: &Skeleton) -> Result<(), Broken> {
         let Some(last) = self.last.filter(|last| last.session_nonce == skeleton.session_nonce) else {
-            self.same_k = k;
+            self.same_since = self.awake;
             return Ok(());
         };
         if last.positions != skeleton.positions {
-            self.same_k = k;
+            self.same_since = self.awake;
         }
         if skeleton.header.origin.since(last.header.origin) > NEXT_NS {
             return Ok(());

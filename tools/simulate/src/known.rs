@@ -30,6 +30,7 @@ mod planted {
     use crate::campaign::{self, Plan};
     use crate::cli::Cli;
     use crate::oracle::Violation;
+    use crate::run::Run;
     use crate::subject::Subject;
     use messages::KnownBug;
     use rayon::ThreadPoolBuilder;
@@ -100,9 +101,20 @@ mod planted {
 
     fn report(cli: &Cli, bugs: &[KnownBug]) -> Result<bool, String> {
         let plan = cli.plan()?;
+        KnownBug::plant(None);
+        let sound = Subject::load(&cli.config).map_err(|error| error.to_string())?;
+        let sound_engaged = sound.engaged()?;
         let mut all = vec![];
         for &bug in bugs {
             let found = seek(cli, &plan, bug)?;
+            // What breaks without the bug as well was not found by it.
+            KnownBug::plant(None);
+            if let Some((seed, _)) = found.how
+                && seed != 0
+                && let Some(violation) = run(&sound_engaged, &sound, seed, &plan)
+            {
+                return Err(format!("seed {seed} breaks a promise without {}: {violation:?}", bug.name()));
+            }
             println!("{}", found.words());
             all.push(found);
         }
@@ -119,6 +131,10 @@ mod planted {
         Ok(survivors == 0)
     }
 
+    fn run(engaged: &Run<'_>, subject: &Subject, seed: u64, plan: &Plan) -> Option<Violation> {
+        campaign::single(engaged, subject, seed, plan, &campaign::drawn(seed, plan)).violation
+    }
+
     /// Seeds in their order, as many at once as there are threads, up to the first promise that breaks. Everything is
     /// made anew with the bug in it: it may sit in what is derived from the settings.
     fn seek(cli: &Cli, plan: &Plan, bug: KnownBug) -> Result<Found, String> {
@@ -133,10 +149,7 @@ mod planted {
         let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
         let (first, step) = (plan.first_seed, plan.jobs as u64);
         for from in (first..first + plan.seeds).step_by(plan.jobs) {
-            let outcome = |seed| {
-                let outcome = campaign::single(&engaged, &subject, seed, plan, &campaign::drawn(seed, plan));
-                outcome.violation.map(|violation| (seed, violation))
-            };
+            let outcome = |seed| run(&engaged, &subject, seed, plan).map(|violation| (seed, violation));
             let to = (from + step).min(first + plan.seeds);
             let broken: Vec<_> = pool.install(|| {
                 (from..to).collect::<Vec<u64>>().into_par_iter().with_max_len(1).filter_map(outcome).collect()
