@@ -32,11 +32,6 @@ pub enum Answer {
         /// Within what: a time, a count, a bound.
         within: &'static str,
     },
-    /// Known, and not answered as it must be.
-    Open {
-        /// What happens as it is.
-        now: &'static str,
-    },
     /// The hazard does not apply.
     Struck {
         /// Why.
@@ -90,7 +85,7 @@ mod tests {
         for hazard in all() {
             let texts = match hazard.answer {
                 Answer::Does { does, within } => vec![hazard.what, does, within],
-                Answer::Open { now: text } | Answer::Struck { because: text } => vec![hazard.what, text],
+                Answer::Struck { because } => vec![hazard.what, because],
             };
             assert!(texts.iter().all(|text| !text.is_empty() && !text.contains('|')), "{}: {texts:?}", hazard.id);
         }

@@ -10,7 +10,6 @@ fn main() {
         for hazard in hazards {
             out += &match hazard.answer {
                 Answer::Does { does, within } => format!("| {} | {} | {does} | {within} |\n", hazard.id, hazard.what),
-                Answer::Open { now } => format!("| {} | {} | OPEN: {now} | |\n", hazard.id, hazard.what),
                 Answer::Struck { because } => format!("| {} | {} | struck: {because} | |\n", hazard.id, hazard.what),
             };
         }

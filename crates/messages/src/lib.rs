@@ -30,4 +30,4 @@ pub use skeleton::{
     calibration_flag, raw_flag, skeleton_flag,
 };
 pub use status::{Status, TRANSITIONS_KEPT, Transition, reduced_flag};
-pub use time::{Header, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
+pub use time::{Header, Stamp, TICK_HZ, TICK_S, comes_after, deadline, tick_at};

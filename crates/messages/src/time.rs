@@ -43,6 +43,13 @@ pub const fn tick_at(now: Stamp) -> u64 {
     ((now.0 as u128 * 3) / 2_000_000) as u64
 }
 
+/// Whether the sequence number `sequence` comes after `before`. They are compared as serial numbers (RFC 1982), so that
+/// they may wrap.
+pub const fn comes_after(sequence: u64, before: u64) -> bool {
+    let ahead = sequence.wrapping_sub(before);
+    ahead != 0 && ahead <= u64::MAX / 2
+}
+
 message! {
     /// What every message begins with.
     pub struct Header v 1 size 40 {

@@ -5,7 +5,7 @@
 //! it follows now - delay, never runs backwards, never beyond the newest knot, and catches up by at most half again its
 //! speed. A *restart* (first skeleton, a new writer, silence) moves the playhead freely; a crossfade hides the move.
 
-use messages::{Service, Skeleton, Stamp};
+use messages::{Service, Skeleton, Stamp, comes_after};
 use serde::Deserialize;
 
 use crate::arm::{Limbs, align, slerp_signed};
@@ -119,9 +119,7 @@ impl SourceClock {
             source: ns(received),
         };
         let same = self.newest.filter(|last| last.incarnation == arrival.incarnation);
-        // Serial numbers (RFC 1982): they may wrap.
-        let ahead = |last: &Arrival| arrival.sequence.wrapping_sub(last.sequence);
-        if same.is_some_and(|last| ahead(&last) == 0 || ahead(&last) > u64::MAX / 2) {
+        if same.is_some_and(|last| !comes_after(arrival.sequence, last.sequence)) {
             return None;
         }
         let continues = same.filter(|last| {

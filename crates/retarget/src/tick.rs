@@ -208,7 +208,8 @@ pub struct Output {
     pub latents: [Latent; ARMS],
     /// Rotation angles between robot and human, indexed by `Limb`, rad; zero for an arm without a human.
     pub limb_error_rad: [f64; LIMBS],
-    /// `InputStale` while an arm that is meant is not fresh or the input has not been steady, `InputImplausible` in a tick that had to drop something.
+    /// `InputStale` while an arm that is meant is not fresh or the input has not been steady, `InputImplausible` in a tick
+    /// that had to drop something.
     pub faults: Faults,
     /// Since the start.
     pub counters: Counters,
@@ -321,7 +322,8 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
 }
 
 /// The client's session, as this ingest passes it: it changes with either of them, because both restart as strangers whom
-/// nobody has enabled, with the person, and with the arms that are meant, when one is forgotten. Never zero, which stands for none.
+/// nobody has enabled, with the person, and with the arms that are meant, when one is forgotten. Never zero, which stands
+/// for none.
 fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
     // 2^64 over the golden ratio: odd, so that different incarnations stay different.
     let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);

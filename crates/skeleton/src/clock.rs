@@ -34,8 +34,7 @@ impl ClientClock {
     /// The origin on our clock of a frame that arrived at `now`, or why it is no frame of now. Over any time the offset
     /// moves by at most [`DRIFT_MAX_PPM`] of it, so that a step of the client's clock and a recording stay what they are.
     pub(crate) fn place(&mut self, config: &Config, now: Stamp, origin: Stamp) -> Result<Stamp, DropReason> {
-        let limit = |ns: u64| i64::try_from(ns).unwrap_or(i64::MAX);
-        let (future_max, age_max) = (limit(config.future_max_ns), limit(config.age_max_ns));
+        let (future_max, age_max) = (limited(config.future_max_ns), limited(config.age_max_ns));
         let late_ns = signed_ns(now, origin);
         let age_ns = late_ns.saturating_sub(self.offset_ns);
         let unseen_ns = if self.seen == Stamp::NONE { 0 } else { now.since(self.seen).min(UNSEEN_MAX_NS) };
@@ -64,8 +63,12 @@ impl ClientClock {
 
 /// From `earlier` to `later`, ns.
 fn signed_ns(later: Stamp, earlier: Stamp) -> i64 {
-    let limit = |ns: u64| i64::try_from(ns).unwrap_or(i64::MAX);
-    if later >= earlier { limit(later.since(earlier)) } else { -limit(earlier.since(later)) }
+    if later >= earlier { limited(later.since(earlier)) } else { -limited(earlier.since(later)) }
+}
+
+/// `ns`, or the largest number there is.
+fn limited(ns: u64) -> i64 {
+    i64::try_from(ns).unwrap_or(i64::MAX)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::config::{Config, DropReason};
 use crate::limbs::{ARMS, Hold, torso_rotation};
 use crate::person::Person;
 use crate::plausible::{Chirality, chirality};
-use messages::{LIMBS, RawSkeleton, Smpl, Stamp, known_bug};
+use messages::{LIMBS, RawSkeleton, Smpl, Stamp, comes_after, known_bug};
 use nalgebra::Vector3;
 
 /// Frames over which the evidence on left and right is averaged: half a second at 60 Hz. Dancers turn shoulders and feet
@@ -104,15 +104,14 @@ impl Session {
         *self = Self { incarnation, sequence, origin, ..Self::new(raw) };
     }
 
-    /// Refuses what was seen before, and forgets the person after a gap, which it says. Sequences are compared as serial
-    /// numbers (RFC 1982), so that they may wrap.
+    /// Refuses what was seen before, and forgets the person after a gap, which it says.
     pub(crate) fn check_order(&mut self, config: &Config, raw: &RawSkeleton) -> Result<bool, DropReason> {
         let origin = raw.header.origin;
         let same_writer = self.origin != Stamp::NONE && self.incarnation == raw.header.incarnation;
         if origin == self.origin || (same_writer && raw.header.sequence == self.sequence) {
             return Err(DropReason::Duplicate);
         }
-        if origin < self.origin || (same_writer && raw.header.sequence.wrapping_sub(self.sequence) > u64::MAX / 2) {
+        if origin < self.origin || (same_writer && !comes_after(raw.header.sequence, self.sequence)) {
             return Err(DropReason::Backwards);
         }
         let gap = self.origin != Stamp::NONE && origin.since(self.origin) > config.gap_ns;

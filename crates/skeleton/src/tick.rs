@@ -124,7 +124,7 @@ fn look(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Re
         return Err(DropReason::SessionChanged);
     }
     let operator_id = current.operator_id;
-    // After a gap of a second, as after a second of frames that contradict, anybody may stand there.
+    // After a gap, as after frames that contradict, anybody may stand there.
     trust.contradicted |= current.check_order(config, raw)?;
     if operator_id != raw.operator_id {
         current.forget(raw);

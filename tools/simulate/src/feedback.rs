@@ -76,10 +76,9 @@ impl Feedback {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
         for j in 0..JOINTS {
-            let away = (robot.q[j] - seen.truth[j]).abs();
+            let (away, scale) = ((robot.q[j] - seen.truth[j]).abs(), self.scale(j));
             for (n, (bound, ticks)) in AWAY.into_iter().enumerate() {
                 let count = &mut self.away[j][n];
-                let scale = if self.slides[j] { SLIDES } else { 1.0 };
                 *count = if judged && away > scale * bound { *count + 1 } else { 0 };
                 if *count > ticks {
                     return Err((

@@ -168,7 +168,7 @@ impl Oracle {
         let was = self.was;
         judged
             .and_then(|()| self.inputs.check(seen, was))
-            .and_then(|()| self.rules.check(seen))
+            .and_then(|()| self.rules.check(seen, was))
             .and_then(|()| self.feedback.check(seen, was))
             .and_then(|()| self.likeness.check(seen, was))
             .map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })

@@ -1,14 +1,12 @@
 //! Standing promises between neighbouring stages.
 
-use crate::modes::{Broken, moves};
-use crate::oracle::Seen;
+use crate::modes::{Broken, follows, moves};
+use crate::oracle::{RESTING, Seen};
 use messages::{JOINTS, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
 use robot::{JointLimits, Model};
 
 /// Rounding of a target's step, rad.
 const ROUNDING: f64 = 1e-6;
-/// A command moves a joint faster than this, rad/s or m/s, and is not at rest: what a plan may leave is a tenth of it.
-const RESTING: f64 = 1e-6;
 /// How far outside its limits a robot may be measured at a start, rad or m: encoder noise and the sag of a servo.
 const OUTSIDE: f64 = 0.006;
 /// Targets in a row that are no numbers, after which the robot must have stopped following.
@@ -58,7 +56,7 @@ impl Rules {
     }
 
     /// Judges a tick.
-    pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+    pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if seen.control_restarted {
             (self.denials, self.no_numbers, self.command) = (0, 0, None);
         }
@@ -66,7 +64,6 @@ impl Rules {
         self.silence(seen)?;
         self.stranger(seen);
         let Some(control) = &seen.moment.control else { return Ok(()) };
-        let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
         self.measured = seen.moment.state_seen.or(self.measured);
         if control.status.gate_denials != self.denials {
             return Err(("proposal", "whole-body control proposed what the gate denies".into()));
@@ -75,7 +72,7 @@ impl Rules {
             let sound = target.q.iter().chain(&target.dq).all(|x| x.is_finite());
             self.no_numbers = if sound { 0 } else { self.no_numbers + 1 };
         }
-        if self.no_numbers > NO_NUMBERS && matches!(mode, Mode::Engaging | Mode::Engaged) {
+        if self.no_numbers > NO_NUMBERS && follows(mode) {
             return Err(("no number", format!("{} targets in a row are none, and it follows", self.no_numbers)));
         }
         if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {

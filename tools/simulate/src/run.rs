@@ -126,11 +126,10 @@ impl<'a> Run<'a> {
     pub fn run(mut self, episodes: &[Episode], ticks: u64, bug: Option<Bug>) -> Outcome {
         self.faults = Faults::new(episodes);
         self.bug = bug;
-        let quiet_from = ticks.saturating_sub(QUIET_TICKS);
-        self.quiet_from = quiet_from;
+        self.quiet_from = ticks.saturating_sub(QUIET_TICKS);
         let mut violation = None;
         while self.k < ticks && violation.is_none() {
-            violation = self.tick().err().or_else(|| self.alive(quiet_from, ticks));
+            violation = self.tick().err().or_else(|| self.alive(ticks));
         }
         Outcome {
             violation,
@@ -138,15 +137,15 @@ impl<'a> Run<'a> {
             fired: self.faults.fired,
             ticks_in: self.oracle.ticks_in,
             ticks: self.k,
-            back_after: self.followed_since.map(|k| k.saturating_sub(quiet_from)),
+            back_after: self.followed_since.map(|k| k.saturating_sub(self.quiet_from)),
             transitions: self.transitions,
         }
     }
 
     /// Once the faults are over the robot is back in time, and stays.
-    fn alive(&mut self, quiet_from: u64, ticks: u64) -> Option<Violation> {
+    fn alive(&mut self, ticks: u64) -> Option<Violation> {
         let (tick, mode) = (self.k - 1, self.oracle.mode());
-        if tick < quiet_from {
+        if tick < self.quiet_from {
             self.followed_since = None;
             return None;
         }
@@ -158,7 +157,7 @@ impl<'a> Run<'a> {
                 return broken("liveness", format!("still {} {QUIET_TICKS} ticks after the last fault", mode.name()));
             }
             // A fault of before may still have to be seen for the tenth of a second in which inputs go stale.
-            Some(_) if !follows && tick < quiet_from + TICK_HZ / 2 => self.followed_since = None,
+            Some(_) if !follows && tick < self.quiet_from + TICK_HZ / 2 => self.followed_since = None,
             Some(since) if !follows => {
                 return broken("false stop", format!("{} though nothing is wrong, engaged since {since}", mode.name()));
             }
