@@ -17,7 +17,7 @@ const JOBS_MAX: usize = 1024;
 #[command(version)]
 pub struct Cli {
     /// Runs, one per seed.
-    #[arg(long, default_value_t = 100, default_value_if("known_bugs", "true", "200"))]
+    #[arg(long, default_value_t = 100, default_value_if("known_bugs", "true", "400"))]
     pub seeds: u64,
     /// Ticks of each run; the last 7,500 (5 s) are without faults.
     #[arg(long, default_value_t = 60_000, default_value_if("known_bugs", "true", "15000"))]
@@ -47,7 +47,7 @@ pub struct Cli {
     /// with `--cfg known_bugs`.
     #[arg(long, value_name = "NAME", conflicts_with = "known_bugs")]
     pub known_bug: Option<String>,
-    /// Plant every known bug in turn: up to 200 seeds of 15,000 ticks (or --seeds, --ticks) must find each. Needs a build
+    /// Plant every known bug in turn: up to 400 seeds of 15,000 ticks (or --seeds, --ticks) must find each. Needs a build
     /// with `--cfg known_bugs`.
     #[arg(long, conflicts_with = "replay")]
     pub known_bugs: bool,

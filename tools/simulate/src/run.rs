@@ -3,7 +3,7 @@
 use crate::active::{Active, Faults};
 use crate::client::Client;
 use crate::hand::Hand;
-use crate::kinds::{Badness, Content, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
+use crate::kinds::{self, Badness, Content, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
 use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
@@ -301,6 +301,9 @@ impl<'a> Run<'a> {
             |fault| if let Fault::Process(process) = fault { Some(process) } else { None },
             |active, process| befall(processes, subject, k, active, process),
         );
+        for active in faults.active.iter_mut().filter(|a| a.age == 0 && a.fault == Fault::Hand(kinds::Hand::Stuck)) {
+            processes.kill(Who::Control, k, active.rng.random_range(4..120));
+        }
         for active in &faults.active {
             match active.fault {
                 Fault::Content(_) if KINDS[active.episode.kind].name.ends_with("-target") => *forged_until = k + 300,

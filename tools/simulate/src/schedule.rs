@@ -57,14 +57,21 @@ pub struct Episode {
 }
 
 /// The faults of a run of `ticks` ticks, of these kinds. Storms of 1 to 8 episodes with time to recover between them. `deal`
-/// names kinds that come first, so that a campaign meets all kinds.
+/// names kinds that come first, so that a campaign meets all kinds; a third of the seeds draw
+/// no others, and a third only one of them again.
 pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episode> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let end = ticks.saturating_sub(QUIET_TICKS);
     let between = (end / 5).clamp(400, BETWEEN_STORMS);
-    let rare = kinds.iter().filter(|&&kind| RARE.contains(&KINDS[kind].name));
+    // Two of three seeds draw few kinds and those often: among all the others, one hides what another would show.
+    let drawn = match rng.random_range(0..3) {
+        0 if !deal.is_empty() => std::slice::from_ref(&deal[rng.random_range(0..deal.len())]),
+        1 if !deal.is_empty() => deal,
+        _ => kinds,
+    };
+    let rare = drawn.iter().filter(|&&kind| RARE.contains(&KINDS[kind].name));
     let rare_count = rare.clone().count();
-    let mut deck: Vec<usize> = kinds.iter().chain(rare.cycle().take(RARE_MORE * rare_count)).copied().collect();
+    let mut deck: Vec<usize> = drawn.iter().chain(rare.cycle().take(RARE_MORE * rare_count)).copied().collect();
     deck.shuffle(&mut rng);
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();
@@ -97,7 +104,7 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
     episodes
 }
 
-/// The two kinds that a seed deals first.
+/// The three kinds that a seed deals first.
 pub fn dealt(seed: u64, kinds: &[usize]) -> Vec<usize> {
     let count = kinds.len() as u64;
     if count == 0 { vec![] } else { (0..3).map(|i| kinds[((seed.wrapping_mul(3) + i) % count) as usize]).collect() }

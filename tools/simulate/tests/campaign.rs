@@ -104,7 +104,7 @@ fn a_product_build_knows_no_bugs() {
     use clap::Parser;
     use simulate::{cli::Cli, known};
     let cli = Cli::parse_from(["simulate", "--known-bugs"]);
-    assert_eq!((cli.seeds, cli.ticks), (200, 15_000), "enough to find each");
+    assert_eq!((cli.seeds, cli.ticks), (400, 15_000), "enough to find each");
     for refused in
         [known::hunt(&cli), known::hunt_one(&cli, "HaltSendsZeros"), known::plant("HaltSendsZeros").map(|()| true)]
     {
