@@ -1,10 +1,11 @@
 //! A domain: the processes that share one root path and one prefix see each other, and nobody else.
 
+use crate::carried::{Carried, ReadPort, WritePort};
 use crate::error::BusError;
 use crate::payload::Payload;
-use crate::reader::{Reader, WakingReader};
+use crate::reader::{Ear, IpcEar, IpcReader, Reader, WakingReader};
 use crate::shared_memory;
-use crate::writer::Writer;
+use crate::writer::{IpcWriter, Writer};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
@@ -66,10 +67,26 @@ impl DomainConfig {
 }
 
 /// A place in a domain. It is `Send`; the ports it makes are not.
-#[derive(Debug)]
 pub struct Domain {
-    node: Node<Ipc>,
+    node: Box<dyn AsNode + Send>,
     config: DomainConfig,
+}
+
+/// Only so that programs do not make the code of [`Node`] again; see `carried`.
+trait AsNode {
+    fn node(&self) -> &Node<Ipc>;
+}
+
+impl AsNode for Node<Ipc> {
+    fn node(&self) -> &Node<Ipc> {
+        self
+    }
+}
+
+impl std::fmt::Debug for Domain {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Domain").field("config", &self.config).finish_non_exhaustive()
+    }
 }
 
 impl Domain {
@@ -97,13 +114,34 @@ impl Domain {
             }
             Some(Ok(node)) => {
                 shared_memory::close_to_others(&config.prefix);
-                Ok(Self { node, config })
+                Ok(Self { node: Box::new(node), config })
             }
         }
     }
 
     /// The writer of `service`; refused while another process holds its place.
-    pub fn writer<M: Message>(&self, service: Service) -> Result<Writer<M>, BusError> {
+    pub fn writer<M: Carried>(&self, service: Service) -> Result<Writer<M>, BusError> {
+        Ok(Writer::new(M::write_port(self, service)?))
+    }
+
+    /// A reader of `service` that is polled.
+    pub fn reader<M: Carried>(&self, service: Service) -> Result<Reader<M>, BusError> {
+        Ok(Reader::new(M::read_port(self, service)?, service.row().writers_max))
+    }
+
+    /// A reader of `service` that can wait for `Writer::notify`. Each one costs the writer a system call per wake-up.
+    pub fn waking_reader<M: Carried>(&self, service: Service) -> Result<WakingReader<M>, BusError> {
+        Ok(WakingReader::new(self.reader(service)?, self.ear(service)?))
+    }
+
+    fn ear(&self, service: Service) -> Result<Box<dyn Ear>, BusError> {
+        let listener = self.event_service(service)?.listener_builder().create();
+        let listener = listener.map_err(|error| self.service_error(service, format!("listener: {error:?}"), 1))?;
+        Ok(Box::new(IpcEar(listener)))
+    }
+
+    #[doc(hidden)]
+    pub fn make_write_port<M: Message>(&self, service: Service) -> Result<Box<dyn WritePort<M>>, BusError> {
         let (data, events) = (self.data_service::<M>(service)?, self.event_service(service)?);
         let row = service.row();
         let mut attempt = 1;
@@ -112,7 +150,7 @@ impl Domain {
             match builder.backpressure_strategy(BackpressureStrategy::DiscardData).create() {
                 Ok(publisher) => break publisher,
                 Err(PublisherCreateError::ExceedsMaxSupportedPublishers) if attempt < WRITER_ATTEMPTS => {
-                    self.node.blocking_cleanup_dead_nodes(CLEANING);
+                    self.node.node().blocking_cleanup_dead_nodes(CLEANING);
                     std::thread::sleep(PAUSE_FIRST * attempt);
                     attempt += 1;
                 }
@@ -129,14 +167,14 @@ impl Domain {
         };
         let notifier = events.notifier_builder().create();
         let notifier = notifier.map_err(|error| self.service_error(service, format!("wake-up: {error:?}"), 1))?;
-        Ok(Writer::new(publisher, notifier))
+        Ok(Box::new(IpcWriter::new(publisher, notifier)))
     }
 
-    /// A reader of `service` that is polled.
-    pub fn reader<M: Message>(&self, service: Service) -> Result<Reader<M>, BusError> {
+    #[doc(hidden)]
+    pub fn make_read_port<M: Message>(&self, service: Service) -> Result<Box<dyn ReadPort<M>>, BusError> {
         let data = self.data_service::<M>(service)?;
         match data.subscriber_builder().create() {
-            Ok(subscriber) => Ok(Reader::new(subscriber, service.row().writers_max)),
+            Ok(subscriber) => Ok(Box::new(IpcReader(subscriber))),
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => Err(BusError::ReadersExhausted {
                 service: service.row().name,
                 root: self.config.root.clone(),
@@ -146,17 +184,9 @@ impl Domain {
         }
     }
 
-    /// A reader of `service` that can wait for `Writer::notify`. Each one costs the writer a system call per wake-up.
-    pub fn waking_reader<M: Message>(&self, service: Service) -> Result<WakingReader<M>, BusError> {
-        let reader = self.reader(service)?;
-        let listener = self.event_service(service)?.listener_builder().create();
-        let listener = listener.map_err(|error| self.service_error(service, format!("listener: {error:?}"), 1))?;
-        Ok(WakingReader::new(reader, listener))
-    }
-
     /// Removes what dead processes left; also done by `open` and `writer`.
     pub fn clean_up(&self) {
-        self.node.blocking_cleanup_dead_nodes(CLEANING);
+        self.node.node().blocking_cleanup_dead_nodes(CLEANING);
     }
 
     /// Where this domain lives.
@@ -164,14 +194,14 @@ impl Domain {
         &self.config
     }
 
-    fn data_service<M: Message>(&self, service: Service) -> Result<DataService<M>, BusError> {
+    pub(crate) fn data_service<M: Message>(&self, service: Service) -> Result<DataService<M>, BusError> {
         let expected = format!("{service:?}");
         if expected != M::NAME {
             return Err(BusError::WrongMessage { service: service.row().name, expected, offered: M::NAME });
         }
         let name = self.service_name(service, service.row().name)?;
         let open = || {
-            let builder = self.node.service_builder(&name).publish_subscribe::<Payload<M>>();
+            let builder = self.node.node().service_builder(&name).publish_subscribe::<Payload<M>>();
             let builder = builder.max_publishers(service.row().writers_max).max_subscribers(READERS_MAX);
             let builder = builder.max_nodes(NODES_MAX).history_size(0).enable_safe_overflow(true);
             builder.subscriber_max_buffer_size(1).subscriber_max_borrowed_samples(1).open_or_create()
@@ -191,7 +221,7 @@ impl Domain {
     fn event_service(&self, service: Service) -> Result<EventService, BusError> {
         let name = self.service_name(service, &format!("{}/event", service.row().name))?;
         let open = || {
-            let builder = self.node.service_builder(&name).event().event_id_max_value(0).disable_deadline();
+            let builder = self.node.node().service_builder(&name).event().event_id_max_value(0).disable_deadline();
             // A predecessor's place may be freed a moment after its publisher's.
             let builder = builder.max_notifiers(2 * service.row().writers_max).max_listeners(READERS_MAX);
             builder.max_nodes(NODES_MAX).open_or_create()
@@ -217,7 +247,7 @@ impl Domain {
             match open() {
                 Ok(opened) => return Ok(opened),
                 Err(error) if is_passing(&error) && attempt < ATTEMPTS => {
-                    self.node.blocking_cleanup_dead_nodes(CLEANING);
+                    self.node.node().blocking_cleanup_dead_nodes(CLEANING);
                     std::thread::sleep(pause);
                     pause = (2 * pause).min(PAUSE_LONGEST);
                     attempt += 1;

@@ -5,6 +5,7 @@
 //! port is created on the thread that uses it. Never fork after opening a domain: death is seen by a file lock, which
 //! a forked child would keep alive.
 
+mod carried;
 mod domain;
 mod error;
 mod faulty;
@@ -15,6 +16,7 @@ mod reader;
 mod shared_memory;
 mod writer;
 
+pub use carried::{Carried, ReadPort, Unconnected, WritePort};
 pub use domain::{Domain, DomainConfig};
 pub use error::{BusError, PublishError};
 pub use faulty::{FaultCounts, FaultPlan, Faulty};

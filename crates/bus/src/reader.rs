@@ -1,6 +1,7 @@
 //! The reading end of a service.
 #![allow(unsafe_code)]
 
+use crate::carried::{ReadPort, Unconnected};
 use crate::payload::Payload;
 use crate::port::Latest;
 use iceoryx2::port::listener::Listener;
@@ -8,6 +9,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{FileDescriptorBased, PayloadHeader, ipc};
 use messages::Message;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::fmt;
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
 
@@ -30,16 +32,21 @@ pub struct Sample<M> {
 }
 
 /// A reader that is polled: no system call, no allocation, no lock; a poll took 0.1 us (2026-11, 480 bytes).
-#[derive(Debug)]
 pub struct Reader<M: Message> {
-    subscriber: Subscriber<ipc::Service, Payload<M>, ()>,
+    port: Box<dyn ReadPort<M>>,
     writers_max: usize,
     failures: u64,
 }
 
+impl<M: Message> fmt::Debug for Reader<M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Reader of {}", M::TYPE_NAME.as_str())
+    }
+}
+
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(subscriber: Subscriber<ipc::Service, Payload<M>, ()>, writers_max: usize) -> Self {
-        Self { subscriber, writers_max, failures: 0 }
+    pub(crate) fn new(port: Box<dyn ReadPort<M>>, writers_max: usize) -> Self {
+        Self { port, writers_max, failures: 0 }
     }
 
     /// The newest message that has not been read yet.
@@ -68,21 +75,29 @@ impl<M: Message> Reader<M> {
 
     fn take(&mut self, most: usize, mut use_sample: impl FnMut(Sample<M>)) -> usize {
         for taken in 0..most {
-            match self.subscriber.receive() {
-                Ok(Some(sample)) => {
-                    let publisher = PublisherId(sample.origin().value());
-                    let pid = sample.header().node_id().pid::<ipc::Service>();
-                    let process = pid.map_or(0, |pid| u32::try_from(pid.value()).unwrap_or(0));
-                    use_sample(Sample { message: copied_once(sample.payload()), publisher, process });
-                }
+            match self.port.receive() {
+                Ok(Some(sample)) => use_sample(sample),
                 Ok(None) => return taken,
-                Err(_) => {
+                Err(Unconnected) => {
                     self.failures += 1;
                     return taken;
                 }
             }
         }
         most
+    }
+}
+
+/// A reader over iceoryx2.
+pub(crate) struct IpcReader<M: Message>(pub(crate) Subscriber<ipc::Service, Payload<M>, ()>);
+
+impl<M: Message> ReadPort<M> for IpcReader<M> {
+    fn receive(&mut self) -> Result<Option<Sample<M>>, Unconnected> {
+        let Some(sample) = self.0.receive().map_err(|_| Unconnected)? else { return Ok(None) };
+        let publisher = PublisherId(sample.origin().value());
+        let pid = sample.header().node_id().pid::<ipc::Service>();
+        let process = pid.map_or(0, |pid| u32::try_from(pid.value()).unwrap_or(0));
+        Ok(Some(Sample { message: copied_once(sample.payload()), publisher, process }))
     }
 }
 
@@ -119,17 +134,44 @@ pub enum Wake {
     Interrupted,
 }
 
+/// What waits for `Writer::notify`.
+pub(crate) trait Ear {
+    /// Takes the wake-ups that have been sent: how many.
+    fn take(&mut self) -> Result<u64, Unconnected>;
+    /// Readable while there are any.
+    fn descriptor(&self) -> BorrowedFd<'_>;
+}
+
+/// An ear over iceoryx2.
+pub(crate) struct IpcEar(pub(crate) Listener<ipc::Service>);
+
+impl Ear for IpcEar {
+    fn take(&mut self) -> Result<u64, Unconnected> {
+        self.0.try_wait(|_| {}).map_err(|_| Unconnected)
+    }
+
+    fn descriptor(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor belongs to the listener, which outlives the borrow and never closes it before.
+        unsafe { BorrowedFd::borrow_raw(self.0.file_descriptor().native_handle()) }
+    }
+}
+
 /// A reader that can also wait.
-#[derive(Debug)]
 pub struct WakingReader<M: Message> {
     reader: Reader<M>,
-    listener: Listener<ipc::Service>,
+    ear: Box<dyn Ear>,
     failures: u64,
 }
 
+impl<M: Message> fmt::Debug for WakingReader<M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.reader.fmt(f)
+    }
+}
+
 impl<M: Message> WakingReader<M> {
-    pub(crate) fn new(reader: Reader<M>, listener: Listener<ipc::Service>) -> Self {
-        Self { reader, listener, failures: 0 }
+    pub(crate) fn new(reader: Reader<M>, ear: Box<dyn Ear>) -> Self {
+        Self { reader, ear, failures: 0 }
     }
 
     /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last wait
@@ -147,8 +189,7 @@ impl<M: Message> WakingReader<M> {
         if self.collect() {
             return Wake::Event;
         }
-        // SAFETY: the descriptor belongs to the listener, which outlives the borrow and never closes it before.
-        let descriptor = unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) };
+        let descriptor = self.ear.descriptor();
         let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
         let also = &also[..also.len().min(ALSO_MAX)];
         let mut looked_at: [PollFd<'_>; 1 + ALSO_MAX] = std::array::from_fn(|i| {
@@ -191,9 +232,9 @@ impl<M: Message> WakingReader<M> {
 
     /// Takes all wake-ups that have been sent; whether there was one.
     fn collect(&mut self) -> bool {
-        match self.listener.try_wait(|_| {}) {
+        match self.ear.take() {
             Ok(count) => count > 0,
-            Err(_) => {
+            Err(Unconnected) => {
                 self.failures += 1;
                 false
             }
@@ -219,16 +260,17 @@ mod tests {
         let config = DomainConfig { root: folder.path().join("root"), prefix: prefix.clone() };
         let domain = Domain::open(config, "test").expect("a domain");
         let mut writer = domain.writer::<JointTarget>(Service::JointTarget).expect("a writer");
-        let greedy = domain.reader::<JointTarget>(Service::JointTarget).expect("a reader");
+        let greedy = domain.data_service::<JointTarget>(Service::JointTarget).expect("the service");
+        let greedy = greedy.subscriber_builder().create().expect("a reader");
         let mut other = domain.reader::<JointTarget>(Service::JointTarget).expect("a reader");
         writer.publish(&JointTarget::ZERO).expect("it goes out");
-        let held = greedy.subscriber.receive().expect("a sample").expect("the first");
+        let held = greedy.receive().expect("a sample").expect("the first");
         for k in 1..=10_000 {
             writer.publish(&JointTarget { k, ..JointTarget::ZERO }).expect("it goes out");
             assert_eq!(other.latest().map(|target| target.k), Some(k));
         }
         assert_eq!(held.payload().0.k, 0);
-        assert!(greedy.subscriber.receive().is_err(), "more than one it does not get");
+        assert!(greedy.receive().is_err(), "more than one it does not get");
         drop((held, greedy, other, writer, domain));
         for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(&prefix) {

@@ -1,5 +1,6 @@
 //! The writing end of a service.
 
+use crate::carried::WritePort;
 use crate::error::PublishError;
 use crate::payload::Payload;
 use crate::port::Publish;
@@ -21,20 +22,42 @@ type Loan<M> = SampleMutUninit<ipc::Service, MaybeUninit<Payload<M>>, ()>;
 /// gone out, so that it never delays a message; block and thread are always the same, so glibc serves both from the
 /// thread's own cache, without a lock or a system call.
 pub struct Writer<M: Message> {
+    port: Box<dyn WritePort<M>>,
+}
+
+impl<M: Message> Writer<M> {
+    pub(crate) fn new(port: Box<dyn WritePort<M>>) -> Self {
+        Self { port }
+    }
+
+    /// Makes `message` the newest one for every reader; answers how many readers got it.
+    pub fn publish(&mut self, message: &M) -> Result<usize, PublishError> {
+        self.port.publish(message)
+    }
+
+    /// Wakes every waiting reader; one system call for each that is not awake yet.
+    pub fn notify(&mut self) -> Result<(), PublishError> {
+        self.port.notify()
+    }
+}
+
+/// A writer over iceoryx2.
+pub(crate) struct IpcWriter<M: Message> {
     // Declared first, so that it is returned before its publisher goes.
     in_hand: Option<Loan<M>>,
     publisher: Publisher<ipc::Service, Payload<M>, ()>,
     notifier: Notifier<ipc::Service>,
 }
 
-impl<M: Message> Writer<M> {
+impl<M: Message> IpcWriter<M> {
     pub(crate) fn new(publisher: Publisher<ipc::Service, Payload<M>, ()>, notifier: Notifier<ipc::Service>) -> Self {
         let in_hand = publisher.loan_uninit().ok();
         Self { in_hand, publisher, notifier }
     }
+}
 
-    /// Makes `message` the newest one for every reader; answers how many readers got it.
-    pub fn publish(&mut self, message: &M) -> Result<usize, PublishError> {
+impl<M: Message> WritePort<M> for IpcWriter<M> {
+    fn publish(&mut self, message: &M) -> Result<usize, PublishError> {
         let loan = match self.in_hand.take() {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(loan_error)?,
@@ -44,8 +67,7 @@ impl<M: Message> Writer<M> {
         sent.map_err(send_error)
     }
 
-    /// Wakes every waiting reader; one system call for each that is not awake yet.
-    pub fn notify(&mut self) -> Result<(), PublishError> {
+    fn notify(&mut self) -> Result<(), PublishError> {
         self.notifier.notify().map(drop).map_err(|_| PublishError::Wake)
     }
 }

@@ -146,6 +146,8 @@ impl Layout for Exchanged {
     const ZERO: Self = Self([0; 60]);
 }
 
+bus::carried!(Exchanged);
+
 impl Message for Exchanged {
     const NAME: &'static str = JointTarget::NAME;
     const VERSION: u32 = JointTarget::VERSION;

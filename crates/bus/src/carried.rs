@@ -1,0 +1,59 @@
+//! Messages that services carry. The transport is generic over its messages, and large: what it is for each message is made
+//! here once, behind `dyn`, and not again in every program.
+
+use crate::domain::Domain;
+use crate::error::{BusError, PublishError};
+use crate::reader::Sample;
+use messages::{JointCommand, JointTarget, Message, RawSkeleton, RobotState, Service, Skeleton, Status};
+
+/// The writing end of a service.
+pub trait WritePort<M> {
+    /// See `Writer::publish`.
+    fn publish(&mut self, message: &M) -> Result<usize, PublishError>;
+    /// See `Writer::notify`.
+    fn notify(&mut self) -> Result<(), PublishError>;
+}
+
+/// The reading end of a service.
+pub trait ReadPort<M> {
+    /// The next message that has not been read; the error is a writer that could not be connected.
+    fn receive(&mut self) -> Result<Option<Sample<M>>, Unconnected>;
+}
+
+/// A writer could not be connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unconnected;
+
+/// A message that a service carries. [`carried`](crate::carried) implements it.
+pub trait Carried: Message {
+    #[doc(hidden)]
+    fn write_port(domain: &Domain, service: Service) -> Result<Box<dyn WritePort<Self>>, BusError>;
+    #[doc(hidden)]
+    fn read_port(domain: &Domain, service: Service) -> Result<Box<dyn ReadPort<Self>>, BusError>;
+}
+
+/// Implements `Carried` for messages, and thereby makes their ports: in the crate that calls it.
+#[macro_export]
+macro_rules! carried {
+    ($($message:ty),* $(,)?) => {$(
+        impl $crate::Carried for $message {
+            #[inline(never)]
+            fn write_port(
+                domain: &$crate::Domain,
+                service: ::messages::Service,
+            ) -> Result<Box<dyn $crate::WritePort<Self>>, $crate::BusError> {
+                domain.make_write_port(service)
+            }
+
+            #[inline(never)]
+            fn read_port(
+                domain: &$crate::Domain,
+                service: ::messages::Service,
+            ) -> Result<Box<dyn $crate::ReadPort<Self>>, $crate::BusError> {
+                domain.make_read_port(service)
+            }
+        }
+    )*};
+}
+
+carried!(RawSkeleton, Skeleton, JointTarget, JointCommand, RobotState, Status);
