@@ -369,6 +369,23 @@ fn every_hazard_that_is_answered_has_a_test_and_none_that_is_struck() {
     assert!(struck.is_empty(), "struck, and still there is a test: {struck:#?}");
 }
 
+/// Where one program holds the tests of many files, it holds all of them.
+#[test]
+fn no_file_of_tests_is_left_out() {
+    let files = rust_files();
+    let programs = files.iter().filter(|(name, _)| name.ends_with("/tests/all.rs"));
+    for (name, all) in programs {
+        let folder = name.trim_end_matches("all.rs");
+        let manifest = root().join(folder).join("../Cargo.toml");
+        let manifest = std::fs::read_to_string(&manifest).expect("a manifest");
+        let stems = files.iter().filter_map(|(file, _)| file.strip_prefix(folder)?.strip_suffix(".rs"));
+        for stem in stems.filter(|stem| !stem.contains('/')) {
+            let alone = manifest.contains(&format!("\nname = \"{stem}\"\n"));
+            assert!(alone || all.contains(&format!("\nmod {stem};")), "{folder}{stem}.rs is compiled by nothing");
+        }
+    }
+}
+
 #[test]
 fn readme_gives_the_test_command() {
     let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");

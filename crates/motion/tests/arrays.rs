@@ -1,7 +1,7 @@
 //! .npy and .npz: HumanML3D in both formats, AMASS, and every damage that must be named. The data are made here, from the
 //! built-in motion; the sample beside the repository is read too, where it is there.
 
-mod writers;
+use crate::writers;
 
 use messages::{HingeCalibration, Layout};
 use motion::{CalibrationMode, LoadOptions, Motion, MotionError, builtin, calibrate, limbs, load, load_with, npy};

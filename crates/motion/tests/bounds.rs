@@ -1,7 +1,7 @@
 //! No file, whatever it claims and however it is packed, takes more than 512 MB: the largest that are read, and those
 //! that are refused for being larger. Alone in its process, because memory is measured for all of it.
 
-mod writers;
+use crate::writers;
 
 use motion::{FRAMES_MAX, load, npy};
 use std::fs::File;

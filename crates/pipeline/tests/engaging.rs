@@ -1,6 +1,6 @@
 //! From any clear posture, towards any target, engaging begins without a jump; a hold re-aligns as slowly.
 
-mod support;
+use crate::support;
 
 use messages::{Faults, JOINTS, Mode, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};

@@ -1,7 +1,7 @@
 //! A robot that starts outside its limits or too close to itself is refused, brought back by hold-to-run, and then
 //! engages: the real control and driver, a simulated robot.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, Transition};
 use rand::{RngExt, SeedableRng};

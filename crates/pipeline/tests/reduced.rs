@@ -1,6 +1,6 @@
 //! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit breaks.
 
-mod support;
+use crate::support;
 
 use messages::{Faults, JOINTS, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;

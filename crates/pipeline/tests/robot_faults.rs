@@ -1,6 +1,6 @@
 //! Faults of the robot itself, injected into the simulated one: what control and the driver make of them together.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, state_flag};
 use sim::Injection;

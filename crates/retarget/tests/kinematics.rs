@@ -1,6 +1,6 @@
 //! The arm model, its Jacobian, the closed form, the refinement and the oracle.
 
-mod support;
+use crate::support;
 
 use std::f64::consts::FRAC_PI_2;
 

@@ -1,6 +1,6 @@
 //! The networks against a plain reference in f64, and the weights file against everything that can be wrong with it.
 
-mod support;
+use crate::support;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,6 +1,6 @@
 //! One perceptron of many shapes, at every level of the processor and in both precisions, against sums in f64.
 
-mod support;
+use crate::support;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,6 +1,6 @@
 //! When there is a human to follow: rates, bursts, silence, one arm alone, and sequences that wrap.
 
-mod support;
+use crate::support;
 
 use std::f64::consts::TAU;
 

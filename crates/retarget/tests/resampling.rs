@@ -1,6 +1,6 @@
 //! Whatever the rate and however the skeletons arrive, the target moves no faster than a person who hurries.
 
-mod support;
+use crate::support;
 
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
 //! The shipped robot, as the retargeting sees it.
 
-mod support;
+use crate::support;
 
 use retarget::{ArmIdentity, ArmModel, Config, Manifest, Options, Weights, write_weights};
 use robot::Model;

@@ -1,6 +1,6 @@
 //! How noise, limits and the gaps between skeletons show in the output of the shipped weights.
 
-mod support;
+use crate::support;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! What stands about the robot: what is refused, what is named, and distances against plain sampling.
 
-mod support;
+use crate::support;
 
 use messages::{LEFT_ARM, RIGHT_ARM};
 use nalgebra::{Rotation3, Vector3};

@@ -1,6 +1,6 @@
 //! Forward kinematics, Jacobians and the arms' axes.
 
-mod support;
+use crate::support;
 
 use messages::JOINTS;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};

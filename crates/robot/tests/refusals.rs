@@ -1,6 +1,6 @@
 //! Every defect of a URDF or a robot file is refused, and the refusal names file, key, value and bound.
 
-mod support;
+use crate::support;
 
 use support::{TOML, URDF, load};
 

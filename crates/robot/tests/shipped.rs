@@ -1,6 +1,6 @@
 //! The shipped robot.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use robot::{AllowedReason, Frames};

@@ -1,6 +1,6 @@
 //! Engagement over time: what must never happen, and when what must happen does.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Mode, Transition};
 use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};

@@ -1,6 +1,6 @@
 //! Figures of the state machine at their edges: what a slip of one sign or one comparison would change.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Mode, Stamp, deadline};
 use safety::engage::{Config, Output, Permit};

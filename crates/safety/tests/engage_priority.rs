@@ -1,6 +1,6 @@
 //! In every state, for every combination of edges, levels and faults: stop wins, and nothing but the diagram happens.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Faults, Mode, Response};
 use safety::engage::{Output, Permit};

@@ -1,7 +1,7 @@
 //! Every (state, event) pair of engagement, legal or not, is a line of `engage.txt`; the diagram in ARCHITECTURE.md is
 //! made from the same pairs.
 
-mod support;
+use crate::support;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -292,7 +292,7 @@ fn arrow(transition: &Transition) -> String {
 }
 
 const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ARCHITECTURE.md");
-const BEGIN: &str = "<!-- engagement: written by cargo test -p safety --test engage_snapshot -- --ignored -->\n";
+const BEGIN: &str = "<!-- engagement: written by cargo test -p safety --test all engage_snapshot -- --ignored -->\n";
 const END: &str = "<!-- end of engagement -->";
 
 /// The diagram, as its block in the document stands between the two marks.
@@ -321,11 +321,11 @@ fn document() -> [String; 3] {
 #[test]
 fn the_diagram_in_the_document_shows_every_transition_and_no_other() {
     let [_, stored, _] = document();
-    assert_eq!(stored, diagram(), "write it anew: cargo test -p safety --test engage_snapshot -- --ignored");
+    assert_eq!(stored, diagram(), "write it anew: cargo test -p safety --test all engage_snapshot -- --ignored");
 }
 
 #[test]
-#[ignore = "writes the diagram: cargo test -p safety --test engage_snapshot -- --ignored"]
+#[ignore = "writes the diagram: cargo test -p safety --test all engage_snapshot -- --ignored"]
 fn write_the_diagram() {
     let [before, _, after] = document();
     std::fs::write(DOCUMENT, format!("{before}{BEGIN}{}{END}{after}", diagram())).unwrap();
@@ -342,7 +342,7 @@ fn every_state_and_event_is_a_line_of_the_snapshot() {
 }
 
 #[test]
-#[ignore = "writes the snapshot: cargo test -p safety --test engage_snapshot -- --ignored"]
+#[ignore = "writes the snapshot: cargo test -p safety --test all engage_snapshot -- --ignored"]
 fn write_the_snapshot() {
     std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/engage.txt"), snapshot()).unwrap();
 }

@@ -1,6 +1,6 @@
 //! Measurements that cannot be are seen, and sound ones never are.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, TICK_S};
 use proptest::prelude::*;

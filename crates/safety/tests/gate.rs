@@ -1,6 +1,6 @@
 //! What the gate lets through, and what it sends instead.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};

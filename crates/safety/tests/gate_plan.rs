@@ -1,6 +1,6 @@
 //! A sender that plays the plan with books of its own, in `f64`, is on the plan to its end.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp};
 use rand::{RngExt, SeedableRng};

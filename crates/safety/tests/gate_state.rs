@@ -1,6 +1,6 @@
 //! What the gate says of itself: the state last sent, the figures of a decision, and the unit of every denial.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp};
 use safety::clearance::clearance;

@@ -1,6 +1,6 @@
 //! What the gate admits of a recovery: inward and apart, slowly, and nothing else.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp};
 use robot::{Frames, Model};

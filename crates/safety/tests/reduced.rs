@@ -1,6 +1,6 @@
 //! Reduced speed: what is not bad enough to stop makes the robot slow, and nothing else does.
 
-mod support;
+use crate::support;
 
 use messages::{Fault, Mode, reduced_flag};
 use proptest::prelude::*;

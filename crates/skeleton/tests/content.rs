@@ -1,6 +1,6 @@
 //! What a frame says: numbers that are none, bodies that are none, sides, units and axes.
 
-mod person;
+use crate::person;
 
 use messages::{HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};

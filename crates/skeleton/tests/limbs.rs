@@ -1,6 +1,6 @@
 //! Limb frames and hinges against arms of known angles.
 
-mod person;
+use crate::person;
 
 use messages::{HingeCalibration, LIMBS, Layout, calibration_flag, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};

@@ -1,6 +1,6 @@
 //! When a frame was seen: stamps and sequences that run backwards, ahead, twice, or around.
 
-mod person;
+use crate::person;
 
 use messages::{RawSkeleton, Stamp};
 use person::{feed, raw, running, standing};

@@ -1,6 +1,6 @@
 //! Every reason to drop a frame, and every bit pattern.
 
-mod person;
+use crate::person;
 
 use messages::{Layout, RawSkeleton, SMPL_JOINTS, Stamp, calibration_flag, raw_flag, skeleton_flag};
 use person::{feed, person, raw, running, standing};

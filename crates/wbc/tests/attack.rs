@@ -1,6 +1,6 @@
 //! What the stage promises, against targets that try to break it.
 
-mod support;
+use crate::support;
 
 use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};

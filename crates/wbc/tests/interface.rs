@@ -1,6 +1,6 @@
 //! What a robot executes whose controllers are not synchronised and lay splines through samples of the command.
 
-mod support;
+use crate::support;
 
 use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};

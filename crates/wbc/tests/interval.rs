@@ -1,6 +1,6 @@
 //! The jerk interval against brute force: what it admits is safe, and nothing beyond its ends is.
 
-mod support;
+use crate::support;
 
 use messages::TICK_S;
 use rand::{RngExt, SeedableRng};

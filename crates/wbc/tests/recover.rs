@@ -1,6 +1,6 @@
 //! The way back: from random postures outside the limits and in collision, judged by the tests' own kinematics.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};

@@ -1,7 +1,7 @@
 //! The stored plan of random ticks, rolled to rest in steps of a tenth of a millisecond and judged by code that shares
 //! nothing with the certificate: parry's segments for the capsules, and convex hulls of the collision meshes.
 
-mod support;
+use crate::support;
 
 use messages::{JOINTS, Stamp};
 use nalgebra::Vector3;

@@ -1,0 +1,13 @@
+//! All integration tests of `safety` but those that count allocations: one program, so that it is linked once.
+
+mod engage;
+mod engage_mutants;
+mod engage_priority;
+mod engage_snapshot;
+mod feedback;
+mod gate;
+mod gate_plan;
+mod gate_state;
+mod recovery;
+mod reduced;
+mod support;

@@ -1,0 +1,7 @@
+//! All integration tests of `skeleton` but those that count allocations: one program, so that it is linked once.
+
+mod content;
+mod limbs;
+mod order;
+mod person;
+mod tick;

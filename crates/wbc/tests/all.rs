@@ -1,0 +1,12 @@
+//! All integration tests of `wbc` but those that count allocations: one program, so that it is linked once.
+
+mod attack;
+mod curve;
+mod interface;
+mod interval;
+mod qp;
+mod recover;
+mod rollout;
+mod slide;
+mod support;
+mod swing;
