@@ -1,0 +1,180 @@
+//! What clients in other languages include: the layout of a frame as ctypes and as a C header, written from the field tables
+//! and compared with what is stored.
+
+use messages::{Header, HingeCalibration, LIMBS, Layout, Message, RAW_JOINTS_MAX, RawSkeleton, Service, raw_flag};
+use messages::{SkeletonLayout, calibration_flag};
+use std::fmt::Write;
+
+const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
+const C: &str = "/../../tools/clients/c/teleopd.h";
+
+/// Names, values and meanings of the numbers that a frame holds.
+const NUMBERS: [(&str, u64, &str); 6] = [
+    ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
+    ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
+    ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
+    ("FLAG_MIRRORED", raw_flag::MIRRORED as u64, "the image was mirrored: left and right are swapped"),
+    ("FLAG_ROTATIONS", raw_flag::ROTATIONS as u64, "rotations are filled"),
+    ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
+];
+
+/// The innermost type of a field, and how often it repeats, outermost first.
+fn taken_apart(ty: &str) -> (&str, Vec<&str>) {
+    match ty.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).and_then(|inner| inner.rsplit_once("; ")) {
+        Some((inner, count)) => {
+            let (base, mut counts) = taken_apart(inner);
+            counts.insert(0, count);
+            (base, counts)
+        }
+        None => (ty, vec![]),
+    }
+}
+
+fn python_class<M: Message>(out: &mut String, what: &str) {
+    writeln!(out, "\n\nclass {}(ctypes.Structure):\n    \"\"\"{what}\"\"\"\n\n    _fields_ = [", M::NAME).unwrap();
+    for field in M::FIELDS {
+        let (base, counts) = taken_apart(field.ty);
+        let base = match base {
+            "u32" => "ctypes.c_uint32",
+            "u64" | "Stamp" => "ctypes.c_uint64",
+            "f32" => "ctypes.c_float",
+            own => own,
+        };
+        // The innermost count comes first in ctypes.
+        let ty = counts.iter().rev().fold(base.to_owned(), |ty, count| format!("({ty} * {count})"));
+        let ty = ty.strip_prefix('(').and_then(|ty| ty.strip_suffix(')')).unwrap_or(&ty);
+        writeln!(out, "        (\"{}\", {ty}),", field.name).unwrap();
+    }
+    let name = M::TYPE_NAME;
+    writeln!(out, "    ]\n\n    @staticmethod\n    def type_name():").unwrap();
+    writeln!(out, "        \"\"\"The name under which the transport knows the layout.\"\"\"").unwrap();
+    writeln!(out, "        return \"{}\"", name.as_str()).unwrap();
+    writeln!(out, "\n\nassert ctypes.sizeof({}) == {}", M::NAME, size_of::<M>()).unwrap();
+}
+
+fn python() -> String {
+    let row = Service::RawSkeleton.row();
+    let mut out = String::from(
+        "\"\"\"The layout of a frame. Written by cargo test -p messages --test clients -- --ignored; not to be edited.\"\"\"\n\n\
+         import ctypes\n\n",
+    );
+    for (name, value, what) in NUMBERS {
+        writeln!(out, "#: {what}\n{name} = {value}").unwrap();
+    }
+    writeln!(out, "#: name of the service that clients write\nSERVICE = \"{}\"", row.name).unwrap();
+    writeln!(out, "#: name of the service that wakes its reader\nEVENT_SERVICE = \"{}/event\"", row.name).unwrap();
+    writeln!(out, "#: frames a second that a client may publish at most\nRATE_MAX_HZ = {}", row.rate_hz).unwrap();
+    python_class::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
+    python_class::<HingeCalibration>(
+        &mut out,
+        "Elbow hinge axes, unit vectors in the frames of the joints that carry them.",
+    );
+    python_class::<RawSkeleton>(&mut out, "A frame of a person.");
+    out
+}
+
+fn c_name(rust: &str) -> String {
+    let mut out = String::from("teleop");
+    for letter in rust.chars() {
+        if letter.is_ascii_uppercase() {
+            out.push('_');
+        }
+        out.push(letter.to_ascii_lowercase());
+    }
+    out
+}
+
+fn c_struct<M: Message>(out: &mut String, what: &str) {
+    let name = c_name(M::NAME);
+    writeln!(out, "\n/* {what} */\ntypedef struct {name} {{").unwrap();
+    for field in M::FIELDS {
+        let (base, counts) = taken_apart(field.ty);
+        let base = match base {
+            "u32" => "uint32_t".to_owned(),
+            "u64" | "Stamp" => "uint64_t".to_owned(),
+            "f32" => "float".to_owned(),
+            own => c_name(own),
+        };
+        let count = |count: &&str| {
+            if count.parse::<u64>().is_ok() { format!("[{count}]") } else { format!("[TELEOP_{count}]") }
+        };
+        let counts: String = counts.iter().map(count).collect();
+        writeln!(out, "    {base} {}{counts};", field.name).unwrap();
+    }
+    writeln!(out, "}} {name};").unwrap();
+    let upper = name.to_uppercase();
+    writeln!(out, "#define {upper}_TYPE_NAME \"{}\"", M::TYPE_NAME.as_str()).unwrap();
+    writeln!(out, "TELEOP_ASSERT(sizeof({name}) == {}, \"{name}\");", size_of::<M>()).unwrap();
+    for field in M::FIELDS {
+        writeln!(out, "TELEOP_ASSERT(offsetof({name}, {0}) == {1}, \"{0}\");", field.name, field.offset).unwrap();
+    }
+}
+
+fn c() -> String {
+    let row = Service::RawSkeleton.row();
+    let mut out = String::from(
+        "/* The layout of a frame, for clients in C and C++ that publish over iceoryx2 0.10 (payload type name below, size and\n\
+         \x20* alignment of the struct). Written by cargo test -p messages --test clients -- --ignored; not to be edited. */\n\
+         #ifndef TELEOPD_H\n#define TELEOPD_H\n\n#include <stddef.h>\n#include <stdint.h>\n\n\
+         #ifdef __cplusplus\n#define TELEOP_ASSERT(is, what) static_assert(is, what)\n#else\n\
+         #define TELEOP_ASSERT(is, what) _Static_assert(is, what)\n#endif\n\n",
+    );
+    for (name, value, what) in NUMBERS {
+        writeln!(out, "/* {what} */\n#define TELEOP_{name} {value}").unwrap();
+    }
+    writeln!(out, "/* the service that clients write, and the one that wakes its reader */").unwrap();
+    writeln!(out, "#define TELEOP_SERVICE \"{0}\"\n#define TELEOP_EVENT_SERVICE \"{0}/event\"", row.name).unwrap();
+    c_struct::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
+    c_struct::<HingeCalibration>(
+        &mut out,
+        "Elbow hinge axes, unit vectors in the frames of the joints that carry them.",
+    );
+    c_struct::<RawSkeleton>(&mut out, "A frame of a person.");
+    out.push_str("\n#endif\n");
+    out
+}
+
+fn path(relative: &str) -> String {
+    format!("{}{relative}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn what_other_languages_include_is_the_layout() {
+    for (file, text) in [(PYTHON, python()), (C, c())] {
+        let stored = std::fs::read_to_string(path(file)).unwrap_or_default();
+        assert!(stored == text, "{file}: write it anew: cargo test -p messages --test clients -- --ignored");
+    }
+    assert_eq!(taken_apart("[[f32; 3]; LIMBS]"), ("f32", vec!["LIMBS", "3"]));
+}
+
+/// A compiler's own word on the header, as C and as C++.
+#[test]
+fn compilers_agree_with_the_header() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for (compiler, file) in [("cc", "client.c"), ("c++", "client.cpp")] {
+        let source = folder.join(file);
+        let text = "#include \"teleopd.h\"\nint main(void) { teleop_raw_skeleton frame; frame.layout = TELEOP_LAYOUT_SMPL22; \
+                    return frame.layout == 0; }\n";
+        std::fs::write(&source, text).unwrap();
+        let header = std::path::Path::new(&path(C)).parent().unwrap().to_owned();
+        let run = std::process::Command::new(compiler)
+            .args(["-Wall", "-Wextra", "-Werror", "-c", "-I"])
+            .arg(header)
+            .arg(&source)
+            .arg("-o")
+            .arg(folder.join("client.o"))
+            .output();
+        match run {
+            Ok(done) => assert!(done.status.success(), "{compiler}: {}", String::from_utf8_lossy(&done.stderr)),
+            Err(error) => println!("skipped: {compiler}: {error}"),
+        }
+    }
+}
+
+#[test]
+#[ignore = "writes the files: cargo test -p messages --test clients -- --ignored"]
+fn write_what_other_languages_include() {
+    std::fs::write(path(PYTHON), python()).unwrap();
+    std::fs::write(path(C), c()).unwrap();
+    assert_ne!(RawSkeleton::HASH, 0);
+}

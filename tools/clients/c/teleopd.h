@@ -1,0 +1,89 @@
+/* The layout of a frame, for clients in C and C++ that publish over iceoryx2 0.10 (payload type name below, size and
+ * alignment of the struct). Written by cargo test -p messages --test clients -- --ignored; not to be edited. */
+#ifndef TELEOPD_H
+#define TELEOPD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+#define TELEOP_ASSERT(is, what) static_assert(is, what)
+#else
+#define TELEOP_ASSERT(is, what) _Static_assert(is, what)
+#endif
+
+/* the most joints that a frame can carry */
+#define TELEOP_RAW_JOINTS_MAX 96
+/* left upper arm, left forearm, right upper arm, right forearm */
+#define TELEOP_LIMBS 4
+/* SMPL-22, metres, x forward, y left, z up */
+#define TELEOP_LAYOUT_SMPL22 1
+/* the image was mirrored: left and right are swapped */
+#define TELEOP_FLAG_MIRRORED 1
+/* rotations are filled */
+#define TELEOP_FLAG_ROTATIONS 2
+/* all four hinges of the calibration are valid */
+#define TELEOP_CALIBRATION_ALL 15
+/* the service that clients write, and the one that wakes its reader */
+#define TELEOP_SERVICE "teleop/raw_skeleton/1"
+#define TELEOP_EVENT_SERVICE "teleop/raw_skeleton/1/event"
+
+/* What every message begins with. Times are CLOCK_MONOTONIC, ns. */
+typedef struct teleop_header {
+    uint64_t sequence;
+    uint64_t stamp;
+    uint64_t origin;
+    uint64_t config_hash;
+    uint32_t incarnation;
+    uint32_t reserved;
+} teleop_header;
+#define TELEOP_HEADER_TYPE_NAME "teleop.Header.v1.4983969c05860a03"
+TELEOP_ASSERT(sizeof(teleop_header) == 40, "teleop_header");
+TELEOP_ASSERT(offsetof(teleop_header, sequence) == 0, "sequence");
+TELEOP_ASSERT(offsetof(teleop_header, stamp) == 8, "stamp");
+TELEOP_ASSERT(offsetof(teleop_header, origin) == 16, "origin");
+TELEOP_ASSERT(offsetof(teleop_header, config_hash) == 24, "config_hash");
+TELEOP_ASSERT(offsetof(teleop_header, incarnation) == 32, "incarnation");
+TELEOP_ASSERT(offsetof(teleop_header, reserved) == 36, "reserved");
+
+/* Elbow hinge axes, unit vectors in the frames of the joints that carry them. */
+typedef struct teleop_hinge_calibration {
+    float hinge[TELEOP_LIMBS][3];
+    uint32_t flags;
+    uint32_t samples;
+} teleop_hinge_calibration;
+#define TELEOP_HINGE_CALIBRATION_TYPE_NAME "teleop.HingeCalibration.v1.1ad67fb992569fe3"
+TELEOP_ASSERT(sizeof(teleop_hinge_calibration) == 56, "teleop_hinge_calibration");
+TELEOP_ASSERT(offsetof(teleop_hinge_calibration, hinge) == 0, "hinge");
+TELEOP_ASSERT(offsetof(teleop_hinge_calibration, flags) == 48, "flags");
+TELEOP_ASSERT(offsetof(teleop_hinge_calibration, samples) == 52, "samples");
+
+/* A frame of a person. */
+typedef struct teleop_raw_skeleton {
+    teleop_header header;
+    uint64_t session_nonce;
+    uint32_t layout;
+    uint32_t operator_id;
+    uint32_t flags;
+    uint32_t joint_count;
+    float positions[TELEOP_RAW_JOINTS_MAX][3];
+    float rotations[TELEOP_RAW_JOINTS_MAX][4];
+    float confidence[TELEOP_RAW_JOINTS_MAX];
+    uint32_t joint_flags[TELEOP_RAW_JOINTS_MAX];
+    teleop_hinge_calibration calibration;
+} teleop_raw_skeleton;
+#define TELEOP_RAW_SKELETON_TYPE_NAME "teleop.RawSkeleton.v1.dfc4ba58ef1b0e5e"
+TELEOP_ASSERT(sizeof(teleop_raw_skeleton) == 3576, "teleop_raw_skeleton");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, header) == 0, "header");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, session_nonce) == 40, "session_nonce");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, layout) == 48, "layout");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, operator_id) == 52, "operator_id");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, flags) == 56, "flags");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, joint_count) == 60, "joint_count");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, positions) == 64, "positions");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, rotations) == 1216, "rotations");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, confidence) == 2752, "confidence");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, joint_flags) == 3136, "joint_flags");
+TELEOP_ASSERT(offsetof(teleop_raw_skeleton, calibration) == 3520, "calibration");
+
+#endif

@@ -1,0 +1,151 @@
+"""Publishes skeletons to teleopd over shared memory.
+
+    from teleopd_client import SkeletonPublisher
+
+    with SkeletonPublisher() as publisher:
+        publisher.publish(positions)        # 22 x 3, metres, x forward, y left, z up
+
+Frames are expected at 30 to 240 Hz. Nothing moves before an operator engages (`teleopctl engage`), and whatever is wrong
+with a frame is dropped and counted by the daemon, which stops the robot if no good one comes for 100 ms.
+"""
+
+import math
+import os
+import random
+import time
+
+import iceoryx2
+
+from . import layout as _layout
+from .layout import CALIBRATION_ALL, LAYOUT_SMPL22, RAW_JOINTS_MAX, HingeCalibration, RawSkeleton
+
+__all__ = ["SkeletonPublisher", "TeleopdError", "HingeCalibration", "RawSkeleton", "LAYOUT_SMPL22", "CALIBRATION_ALL"]
+
+#: the folder of an instance that was given none
+DEFAULT_RUN_DIR = "/tmp/teleopd"
+#: joints of a layout whose number is fixed
+JOINTS = {LAYOUT_SMPL22: 22}
+
+
+class TeleopdError(RuntimeError):
+    """The daemon cannot be reached, or a frame cannot be sent."""
+
+
+def _prefix(run_dir):
+    """What the names of an instance's input domain begin with: FNV-1a (64 bit) of its folder, the lower half."""
+    value = 0xCBF29CE484222325
+    for byte in os.fsencode(run_dir):
+        value = ((value ^ byte) * 0x100000001B3) & 0xFFFFFFFFFFFFFFFF
+    return f"teleop_input_{value & 0xFFFFFFFF:08x}_"
+
+
+class SkeletonPublisher:
+    """A client of a running daemon, of the same user.
+
+    run_dir: the `--run-dir` of `teleopd up`. layout: a `LAYOUT_*` number. operator_id: which person, if you track several;
+    another number is another person, who has to be engaged anew.
+
+    The first client that publishes holds authority. Raises TeleopdError if the daemon does not run, or another version.
+    """
+
+    def __init__(self, run_dir=DEFAULT_RUN_DIR, layout=LAYOUT_SMPL22, operator_id=0):
+        run_dir = os.path.realpath(run_dir)
+        root = os.path.join(run_dir, "input")
+        if not os.path.isdir(root):
+            raise TeleopdError(f"{root}: no such folder: is `teleopd up --run-dir {run_dir}` running?")
+        iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
+        config = iceoryx2.config.default()
+        config.global_cfg.root_path = iceoryx2.Path.new(root)
+        config.global_cfg.prefix = iceoryx2.FileName.new(_prefix(run_dir))
+        builder = iceoryx2.NodeBuilder.new().config(config)
+        builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+        try:
+            self._node = builder.create(iceoryx2.ServiceType.Ipc)
+            name = iceoryx2.ServiceName.new(_layout.SERVICE)
+            data = self._node.service_builder(name).publish_subscribe(RawSkeleton).open()
+            name = iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)
+            event = self._node.service_builder(name).event().open()
+            publisher = data.publisher_builder().backpressure_strategy(iceoryx2.BackpressureStrategy.DiscardData)
+            self._publisher = publisher.create()
+            self._notifier = event.notifier_builder().create()
+        except Exception as error:
+            raise TeleopdError(
+                f"{run_dir}: cannot publish ({type(error).__name__}: {error}): does teleopd run there, as this user, in the "
+                f"version of this module ({RawSkeleton.type_name()})?"
+            ) from error
+        self._frame = RawSkeleton()
+        self._frame.layout = layout
+        self._frame.operator_id = operator_id
+        self._frame.session_nonce = random.SystemRandom().getrandbits(64)
+        self._frame.header.incarnation = random.SystemRandom().getrandbits(32)
+
+    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, calibration=None):
+        """Publishes one frame; answers its sequence number.
+
+        positions: a row of three numbers for each joint of the layout, in its unit and axes. rotations: x y z w each, unit
+        quaternions, global. confidence: 0 to 1 each (default: 1). seen_ns: when the person was seen, on CLOCK_MONOTONIC
+        (`time.monotonic_ns()`, default: now); give the time of capture, because the robot's latency is counted from it.
+        mirrored: the image was (a selfie camera's). calibration: a HingeCalibration, if you have one.
+
+        Raises ValueError for a frame that no layout has; what the numbers say is judged by the daemon.
+        """
+        frame = self._frame
+        count = len(positions)
+        expected = JOINTS.get(frame.layout, count)
+        if count != expected or count > RAW_JOINTS_MAX:
+            raise ValueError(f"positions: {count} joints, {expected} expected, at most {RAW_JOINTS_MAX}")
+        _fill(frame.positions, positions, 3, "positions", count)
+        if rotations is not None:
+            _fill(frame.rotations, rotations, 4, "rotations", count)
+        given = [1.0] * count if confidence is None else confidence
+        if len(given) != count:
+            raise ValueError(f"confidence: {len(given)} numbers for {count} joints")
+        for i in range(count):
+            frame.confidence[i] = given[i]
+        frame.joint_count = count
+        frame.flags = (_layout.FLAG_ROTATIONS if rotations is not None else 0) | (_layout.FLAG_MIRRORED if mirrored else 0)
+        frame.calibration = calibration if calibration is not None else HingeCalibration()
+        now = time.monotonic_ns()
+        frame.header.sequence += 1
+        frame.header.stamp = now
+        frame.header.origin = now if seen_ns is None else seen_ns
+        try:
+            self._publisher.send_copy(frame)
+            self._notifier.notify()
+        except Exception as error:
+            raise TeleopdError(f"frame {frame.header.sequence} was not sent: {type(error).__name__}: {error}") from error
+        return frame.header.sequence
+
+    def close(self):
+        """Leaves; the robot stops within 100 ms plus its stop, as at any silence."""
+        for port in (self._publisher, self._notifier):
+            port.delete()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def _fill(into, rows, width, what, count):
+    if len(rows) != count:
+        raise ValueError(f"{what}: {len(rows)} rows for {count} joints")
+    for i, row in enumerate(rows):
+        if len(row) != width:
+            raise ValueError(f"{what}[{i}]: {len(row)} numbers, {width} expected")
+        for j in range(width):
+            into[i][j] = row[j]
+
+
+def rate(frames_per_s):
+    """Counts frames at a fixed rate without drift: `for i in rate(60): ...`."""
+    if not (math.isfinite(frames_per_s) and frames_per_s > 0):
+        raise ValueError(f"rate: {frames_per_s}: must be positive")
+    start, i = time.monotonic(), 0
+    while True:
+        yield i
+        i += 1
+        pause = start + i / frames_per_s - time.monotonic()
+        if pause > 0:
+            time.sleep(pause)

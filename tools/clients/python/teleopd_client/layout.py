@@ -1,0 +1,87 @@
+"""The layout of a frame. Written by cargo test -p messages --test clients -- --ignored; not to be edited."""
+
+import ctypes
+
+#: the most joints that a frame can carry
+RAW_JOINTS_MAX = 96
+#: left upper arm, left forearm, right upper arm, right forearm
+LIMBS = 4
+#: SMPL-22, metres, x forward, y left, z up
+LAYOUT_SMPL22 = 1
+#: the image was mirrored: left and right are swapped
+FLAG_MIRRORED = 1
+#: rotations are filled
+FLAG_ROTATIONS = 2
+#: all four hinges of the calibration are valid
+CALIBRATION_ALL = 15
+#: name of the service that clients write
+SERVICE = "teleop/raw_skeleton/1"
+#: name of the service that wakes its reader
+EVENT_SERVICE = "teleop/raw_skeleton/1/event"
+#: frames a second that a client may publish at most
+RATE_MAX_HZ = 240
+
+
+class Header(ctypes.Structure):
+    """What every message begins with. Times are CLOCK_MONOTONIC, ns."""
+
+    _fields_ = [
+        ("sequence", ctypes.c_uint64),
+        ("stamp", ctypes.c_uint64),
+        ("origin", ctypes.c_uint64),
+        ("config_hash", ctypes.c_uint64),
+        ("incarnation", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.Header.v1.4983969c05860a03"
+
+
+assert ctypes.sizeof(Header) == 40
+
+
+class HingeCalibration(ctypes.Structure):
+    """Elbow hinge axes, unit vectors in the frames of the joints that carry them."""
+
+    _fields_ = [
+        ("hinge", (ctypes.c_float * 3) * LIMBS),
+        ("flags", ctypes.c_uint32),
+        ("samples", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.HingeCalibration.v1.1ad67fb992569fe3"
+
+
+assert ctypes.sizeof(HingeCalibration) == 56
+
+
+class RawSkeleton(ctypes.Structure):
+    """A frame of a person."""
+
+    _fields_ = [
+        ("header", Header),
+        ("session_nonce", ctypes.c_uint64),
+        ("layout", ctypes.c_uint32),
+        ("operator_id", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+        ("joint_count", ctypes.c_uint32),
+        ("positions", (ctypes.c_float * 3) * RAW_JOINTS_MAX),
+        ("rotations", (ctypes.c_float * 4) * RAW_JOINTS_MAX),
+        ("confidence", ctypes.c_float * RAW_JOINTS_MAX),
+        ("joint_flags", ctypes.c_uint32 * RAW_JOINTS_MAX),
+        ("calibration", HingeCalibration),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.RawSkeleton.v1.dfc4ba58ef1b0e5e"
+
+
+assert ctypes.sizeof(RawSkeleton) == 3576
