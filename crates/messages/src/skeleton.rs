@@ -53,13 +53,30 @@ pub enum Smpl {
     RightWrist = 21,
 }
 
-/// The layouts of `RawSkeleton` that `ingest` understands.
+/// The layouts of `RawSkeleton` that `ingest` understands. The numbers are part of the contract with clients: one that is
+/// given never changes its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum SkeletonLayout {
-    /// SMPL-22 with positions and global rotations, in metres, z up, x forward.
+    /// SMPL-22 in metres, x forward, y left, z up; quaternions x y z w. Positions, global rotations or local rotations.
     Smpl22 = 1,
+    /// SMPL-24, which is SMPL-22 and both hands, in the same frame.
+    Smpl24 = 2,
+    /// The 24 joints of OpenXR's XR_BD_body_tracking: metres, x right, y up, z back; quaternions x y z w.
+    XrBd24 = 3,
+    /// The 33 world landmarks of MediaPipe Pose: metres, x to the right of the image, y down, z away from the camera.
+    MediaPipe33 = 4,
+    /// The 32 joints of Azure Kinect body tracking: millimetres, x right, y down, z away from the camera; quaternions w x y z.
+    AzureKinect32 = 5,
+    /// The 23 segments of Xsens MVN, the first one at index 0: metres, x forward, y left, z up; quaternions w x y z.
+    XsensMvn23 = 6,
+    /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward; local rotations
+    /// x y z w, identity in the T-pose.
+    UnityHumanoid = 7,
 }
+
+/// The numbers that layouts from files may have.
+pub const CUSTOM_LAYOUTS: core::ops::RangeInclusive<u32> = 1000..=9999;
 
 /// Bits of `RawSkeleton::flags`.
 pub mod raw_flag {
@@ -67,6 +84,8 @@ pub mod raw_flag {
     pub const MIRRORED: u32 = 1;
     /// `rotations` are filled.
     pub const ROTATIONS: u32 = 2;
+    /// They are relative to the parent joint, and of `positions` the root's alone counts; only with `ROTATIONS`.
+    pub const LOCAL: u32 = 4;
 }
 
 /// Bits of `HingeCalibration::flags`.
@@ -115,15 +134,15 @@ message! {
         pub flags: u32,
         /// How many joints are filled.
         pub joint_count: u32,
-        /// Global positions, m.
+        /// Global positions, in the unit and the axes of the layout (SMPL-22: m).
         pub positions: [[f32; 3]; RAW_JOINTS_MAX],
-        /// Global rotations, x y z w.
+        /// Global rotations, or local ones with `raw_flag::LOCAL`, in the order of the layout (SMPL-22: x y z w).
         pub rotations: [[f32; 4]; RAW_JOINTS_MAX],
-        /// 0 to 1.
+        /// 0 to the layout's highest confidence (SMPL-22: 1).
         pub confidence: [f32; RAW_JOINTS_MAX],
         /// Zero; reserved for per-joint validity bits.
         pub joint_flags: [u32; RAW_JOINTS_MAX],
-        /// Hinge axes, if the client has them.
+        /// Hinge axes, if the client has them: in the frames of its joints and along the axes of its layout.
         pub calibration: HingeCalibration,
     }
 }

@@ -5,6 +5,7 @@ mod authority;
 mod control;
 mod cores;
 mod edges;
+mod input;
 mod instance;
 mod load;
 mod names;
@@ -23,6 +24,7 @@ pub use control::{
 };
 pub use cores::Cores;
 pub use edges::OperatorEdges;
+pub use input::{InputConfig, input_tick};
 pub use instance::{DEFAULT_RUN_DIR, Instance};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
@@ -90,6 +92,21 @@ pub enum ConfigError {
     Robot {
         /// File, joint, key, value and bound.
         cause: String,
+    },
+    /// A skeleton's layout is refused.
+    #[error(transparent)]
+    Layout(#[from] layouts::LayoutError),
+    /// More of something than may be.
+    #[error("{file}: {key} has {value} entries, more than {most}")]
+    TooMany {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
+        /// How many there are.
+        value: usize,
+        /// How many there may be.
+        most: usize,
     },
     /// The weights are refused.
     #[error("{file}: {cause}")]

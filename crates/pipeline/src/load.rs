@@ -2,6 +2,7 @@
 
 use crate::settings::{Method, RobotInterface, Settings};
 use crate::{ConfigError, fnv_continue};
+use layouts::{Layouts, Map};
 use robot::Model;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,8 @@ pub struct Loaded {
     pub model: Model,
     /// Trained weights; absent where the method needs none and no file is there.
     pub weights: Option<retarget::Weights>,
+    /// The layouts that clients may send.
+    pub layouts: Layouts,
     /// The one hash of it all.
     pub hash: u64,
     /// The files that were read.
@@ -88,13 +91,22 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     hash = fnv_continue(hash, settings.sim.interface.name().as_bytes());
     hash = fnv_continue(hash, &model.hash.to_le_bytes());
     let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
+    let mut layouts = Layouts::default();
+    for name in &settings.ingest.layouts {
+        let path = folder.join(name);
+        let text = read_text(&path)?;
+        let file = path.display().to_string();
+        layouts.add(&file, Map::parse(&file, &text)?)?;
+        hash = fnv_continue(hash, text.as_bytes());
+        files.push(path);
+    }
     // The very text that was judged: the file may be another by now.
     if let Some((_, text)) = &weights {
         hash = fnv_continue(hash, text.as_bytes());
         files.extend([manifest, tensors]);
     }
     let weights = weights.map(|(weights, _)| weights);
-    Ok(Loaded { settings, model, weights, hash, files })
+    Ok(Loaded { settings, model, weights, layouts, hash, files })
 }
 
 /// Reads a robot file and the URDF it names; returns the model, without obstacles, and the URDF's path.

@@ -85,11 +85,14 @@ pub struct DoorSettings {
     pub operator_group: String,
 }
 
-#[allow(missing_docs)]
+/// What clients may send, and for how long they may be silent.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct IngestSettings {
+    #[allow(missing_docs)]
     pub authority_timeout_ms: f64,
+    /// Files of layouts beside the built-in ones, relative to the settings.
+    pub layouts: Vec<String>,
 }
 
 #[allow(missing_docs)]
@@ -238,6 +241,9 @@ pub struct SimSettings {
     pub encoder_step_rad: f64,
 }
 
+/// The most files of layouts: assumption, more than the systems of one laboratory. A number is looked for among all of them.
+const LAYOUTS_MAX: usize = 16;
+
 /// The longest stop of any robot, ms (`limits.stop_time_max_ms` of a robot file may not exceed it).
 const STOP_LONGEST_MS: f64 = 500.0;
 
@@ -277,6 +283,10 @@ impl Settings {
             if !(value >= low && value <= high) {
                 return Err(ConfigError::Bound { file: file.to_owned(), key: key.to_owned(), value, low, high });
             }
+        }
+        if self.ingest.layouts.len() > LAYOUTS_MAX {
+            let (value, most) = (self.ingest.layouts.len(), LAYOUTS_MAX);
+            return Err(ConfigError::TooMany { file: file.to_owned(), key: "ingest.layouts", value, most });
         }
         // The lease must not pass on while the robot still moves for the client that fell silent.
         let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);

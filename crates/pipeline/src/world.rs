@@ -2,6 +2,7 @@
 //! may be faulty. Used by `replay --offline` and by `simulate`.
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
+use crate::input::{InputConfig, input_tick};
 use crate::load::Loaded;
 use crate::tamper::{Tamper, Untouched};
 use crate::{Authority, ConfigError};
@@ -34,7 +35,7 @@ impl Incarnations {
 /// The configuration of every stage.
 #[derive(Clone, Debug)]
 pub struct WorldConfig {
-    skeleton: skeleton::Config,
+    input: InputConfig,
     retarget: retarget::Config,
     /// Of the control tick.
     pub control: ControlConfig,
@@ -47,7 +48,7 @@ impl WorldConfig {
     /// Everything for one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
-            skeleton: skeleton::Config::default(),
+            input: InputConfig::new(loaded.layouts.clone()),
             retarget: crate::retarget_config(loaded)?,
             control: ControlConfig::new(loaded, true)?,
             sim: crate::sim_config(loaded, true)?,
@@ -298,7 +299,7 @@ impl World {
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
             return None;
         }
-        let out = skeleton::tick(&config.skeleton, &mut self.skeleton, now, skeleton::Input { raw: &raw });
+        let out = input_tick(&config.input, &mut self.skeleton, now, &raw);
         let mut skeleton = out.skeleton?;
         self.skeleton_header.sequence += 1;
         skeleton.header = Header { stamp: now, origin: skeleton.header.origin, ..self.skeleton_header };

@@ -85,6 +85,14 @@ impl State {
         self.dropped[reason as usize]
     }
 
+    /// Drops a frame for what was wrong with it before it came here, and counts it as [`tick`] counts its own.
+    pub fn refuse(&mut self, reason: DropReason) -> Output {
+        self.trust.refuse(reason);
+        let count = &mut self.dropped[reason as usize];
+        *count = count.saturating_add(1);
+        Output { skeleton: None, drop: Some(reason) }
+    }
+
     /// Frames accepted so far.
     pub const fn accepted(&self) -> u64 {
         self.accepted
@@ -101,12 +109,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
             state.accepted = state.accepted.saturating_add(1);
             Output { skeleton: Some(skeleton), drop: None }
         }
-        Err(reason) => {
-            state.trust.refuse(reason);
-            let count = &mut state.dropped[reason as usize];
-            *count = count.saturating_add(1);
-            Output { skeleton: None, drop: Some(reason) }
-        }
+        Err(reason) => state.refuse(reason),
     }
 }
 

@@ -7,7 +7,7 @@ use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_nonce};
 use messages::{RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, Claim, HandOff};
+use pipeline::{Authority, Claim, HandOff, InputConfig, input_tick};
 use serde_json::json;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
@@ -37,7 +37,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         quotas: Quotas::default(),
         uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
-        config: skeleton::Config::default(),
+        config: InputConfig::new(process.loaded.layouts.clone()),
         state: skeleton::State::new(),
         skeletons,
         sequence: 0,
@@ -108,7 +108,7 @@ struct Hall {
     quotas: Quotas,
     uid: u32,
     timeout_ns: u64,
-    config: skeleton::Config,
+    config: InputConfig,
     state: skeleton::State,
     skeletons: Writer<Skeleton>,
     sequence: u64,
@@ -156,8 +156,7 @@ impl Hall {
             process.probe.event(Event::Lease { door: claim.door.name(), uid: claim.uid, pid: claim.pid });
         }
         let raw = RawSkeleton { session_nonce: self.session_nonce, ..*raw };
-        let input = skeleton::Input { raw: &raw };
-        let Some(person) = skeleton::tick(&self.config, &mut self.state, now, input).skeleton else {
+        let Some(person) = input_tick(&self.config, &mut self.state, now, &raw).skeleton else {
             return true;
         };
         self.sequence += 1;

@@ -1,0 +1,225 @@
+//! One frame of any layout as SMPL-22.
+
+use crate::map::{Layouts, Map, NONE, Sends};
+use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, PARENT, UP_THE_TRUNK};
+use messages::{HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Smpl, raw_flag};
+use nalgebra::{Quaternion, Vector3};
+
+/// Why a frame cannot be converted. Whether its numbers are a person's is not judged here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// No layout has this number.
+    Layout,
+    /// The count of joints is not the layout's, or the flags are not such as it has.
+    Count,
+}
+
+/// Largest error of the norm of a local rotation, as `skeleton` allows it of global ones. A larger one becomes zero, and so
+/// does every rotation that hangs on it: `skeleton` refuses both as no unit.
+const NORM_ERROR_MAX: f64 = 1e-3;
+
+/// The joint of the other side.
+const OTHER_SIDE: [usize; SMPL_JOINTS] = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20];
+
+/// The person while it is made: in our axes, m; x y z w in the quaternions' own fields.
+struct Body {
+    position: [Vector3<f64>; SMPL_JOINTS],
+    rotation: [Quaternion<f64>; SMPL_JOINTS],
+    confidence: [f64; SMPL_JOINTS],
+}
+
+impl Layouts {
+    /// The frame as SMPL-22 in our frame; header, session, person and whatever else is not the layout's stay as they are. A
+    /// frame of SMPL-22 with positions or global rotations is passed on as it is. Numbers that are none stay none.
+    ///
+    /// # Errors
+    /// [`Refusal`]: the frame is of no layout, or not such as its layout says.
+    pub fn convert(&self, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
+        if raw.layout == SkeletonLayout::Smpl22 as u32 && raw.flags & raw_flag::LOCAL == 0 {
+            return Ok(*raw);
+        }
+        convert(self.find(raw.layout).ok_or(Refusal::Layout)?, raw)
+    }
+}
+
+/// See [`Layouts::convert`]; `map` must be that of the frame.
+fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
+    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL;
+    if raw.joint_count as usize != map.joints || raw.flags & !known != 0 {
+        return Err(Refusal::Count);
+    }
+    let sent = match (raw.flags & raw_flag::ROTATIONS != 0, raw.flags & raw_flag::LOCAL != 0) {
+        (false, false) => Sends::Positions,
+        (true, false) => Sends::GlobalRotations,
+        (true, true) => Sends::LocalRotations,
+        (false, true) => return Err(Refusal::Count),
+    };
+    let allowed = match map.sends {
+        Sends::Any => true,
+        Sends::GlobalRotations => sent != Sends::LocalRotations,
+        only => sent == only,
+    };
+    if !allowed {
+        return Err(Refusal::Count);
+    }
+    let mirrored = raw.flags & raw_flag::MIRRORED != 0;
+    // Whoever cannot be mirrored back stays mirrored, and is refused for it.
+    let turned_back = mirrored && map.camera && sent == Sends::Positions;
+    let body = match sent {
+        Sends::LocalRotations => from_local(map, raw),
+        sent => from_global(map, raw, sent == Sends::GlobalRotations, turned_back),
+    };
+    let mut out = RawSkeleton::ZERO;
+    out.header = raw.header;
+    out.session_nonce = raw.session_nonce;
+    out.operator_id = raw.operator_id;
+    out.layout = SkeletonLayout::Smpl22 as u32;
+    out.joint_count = SMPL_JOINTS as u32;
+    out.flags = if sent == Sends::Positions { 0 } else { raw_flag::ROTATIONS };
+    out.flags |= if mirrored && !turned_back { raw_flag::MIRRORED } else { 0 };
+    out.calibration = calibration(map, &raw.calibration);
+    for joint in 0..SMPL_JOINTS {
+        let q = body.rotation[joint];
+        out.positions[joint] = [0, 1, 2].map(|axis| body.position[joint][axis] as f32);
+        out.rotations[joint] = [q.i, q.j, q.k, q.w].map(|value| value as f32);
+        out.confidence[joint] = body.confidence[joint] as f32;
+    }
+    Ok(out)
+}
+
+/// The smaller one, and no number if either is none.
+fn lower(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) }
+}
+
+fn position(map: &Map, raw: &RawSkeleton, joint: u8) -> Vector3<f64> {
+    let theirs = raw.positions[usize::from(joint)].map(|value| f64::from(value) * map.unit_m);
+    Vector3::from(map.axes.polar(theirs))
+}
+
+fn rotation(map: &Map, raw: &RawSkeleton, joint: u8) -> Quaternion<f64> {
+    let [a, b, c, d] = raw.rotations[usize::from(joint)].map(f64::from);
+    let (vector, w) = if map.w_first { ([b, c, d], a) } else { ([a, b, c], d) };
+    let [i, j, k] = map.axes.axial(vector);
+    Quaternion::new(w, i, j, k)
+}
+
+fn confidence(map: &Map, raw: &RawSkeleton, joint: u8) -> f64 {
+    f64::from(raw.confidence[usize::from(joint)]) / map.confidence_max
+}
+
+/// Hinges are axes of rotation.
+fn calibration(map: &Map, theirs: &HingeCalibration) -> HingeCalibration {
+    let hinge = theirs.hinge.map(|axis| map.axes.axial(axis.map(f64::from)).map(|value| value as f32));
+    HingeCalibration { hinge, ..*theirs }
+}
+
+impl Body {
+    const NOBODY: Self = Self {
+        position: [Vector3::new(0.0, 0.0, 0.0); SMPL_JOINTS],
+        rotation: [Quaternion::new(1.0, 0.0, 0.0, 0.0); SMPL_JOINTS],
+        confidence: [0.0; SMPL_JOINTS],
+    };
+
+    fn middle(&self, a: Smpl, b: Smpl) -> (Vector3<f64>, f64) {
+        let (a, b) = (a as usize, b as usize);
+        ((self.position[a] + self.position[b]) / 2.0, lower(self.confidence[a], self.confidence[b]))
+    }
+
+    fn set(&mut self, joint: usize, position: Vector3<f64>, confidence: f64) {
+        (self.position[joint], self.confidence[joint]) = (position, confidence);
+    }
+
+    /// The joints of the trunk that nobody sends.
+    fn derive(&mut self, map: &Map) {
+        let (shoulders, seen) = self.middle(Smpl::LeftShoulder, Smpl::RightShoulder);
+        for (hip, shoulder) in [(Smpl::LeftHip, Smpl::LeftShoulder), (Smpl::RightHip, Smpl::RightShoulder)] {
+            if !map.has(hip as usize) {
+                let aside = (self.position[shoulder as usize] - shoulders) * HIPS_PER_SHOULDERS;
+                let seen = lower(seen, self.confidence[Smpl::Pelvis as usize]);
+                self.set(hip as usize, self.position[Smpl::Pelvis as usize] + aside, seen);
+            }
+        }
+        let (hips, hips_seen) = self.middle(Smpl::LeftHip, Smpl::RightHip);
+        for (joint, share) in UP_THE_TRUNK {
+            if !map.has(joint) {
+                self.set(joint, hips + (shoulders - hips) * share, lower(seen, hips_seen));
+            }
+        }
+        for (collar, shoulder) in [(Smpl::LeftCollar, Smpl::LeftShoulder), (Smpl::RightCollar, Smpl::RightShoulder)] {
+            if !map.has(collar as usize) {
+                let aside = (self.position[shoulder as usize] - shoulders) * COLLAR;
+                self.set(collar as usize, shoulders + aside, seen);
+            }
+        }
+    }
+}
+
+/// From positions, and from global rotations if there are any. A mirror image is turned back: y changes its sign, and the
+/// sides their names.
+fn from_global(map: &Map, raw: &RawSkeleton, has_rotations: bool, mirrored: bool) -> Body {
+    let mut body = Body::NOBODY;
+    for joint in 0..SMPL_JOINTS {
+        let [a, b] = map.from[if mirrored { OTHER_SIDE[joint] } else { joint }];
+        if has_rotations {
+            // Without one of its own a joint has that of the joint that it hangs on.
+            body.rotation[joint] = if a == NONE { body.rotation[PARENT[joint]] } else { rotation(map, raw, a) };
+        }
+        if a == NONE {
+            continue;
+        }
+        let mut place =
+            if a == b { position(map, raw, a) } else { (position(map, raw, a) + position(map, raw, b)) / 2.0 };
+        if mirrored {
+            place.y = -place.y;
+        }
+        body.set(joint, place, lower(confidence(map, raw, a), confidence(map, raw, b)));
+    }
+    body.derive(map);
+    body
+}
+
+/// The rotation with norm 1; zero if it is none, and no number if it has none.
+fn unit(q: Quaternion<f64>) -> Quaternion<f64> {
+    let norm = q.norm();
+    if (norm - 1.0).abs() > NORM_ERROR_MAX { q * 0.0 } else { q / norm }
+}
+
+/// q v q*, of a unit q.
+fn rotate(q: Quaternion<f64>, v: Vector3<f64>) -> Vector3<f64> {
+    let axis = q.vector();
+    let twice = axis.cross(&v) * 2.0;
+    v + twice * q.w + axis.cross(&twice)
+}
+
+/// From local rotations: along the client's tree to global ones, and over the neutral skeleton to positions. A joint is seen
+/// as well as the worst of those that it hangs on.
+fn from_local(map: &Map, raw: &RawSkeleton) -> Body {
+    let mut global = [(Quaternion::new(1.0, 0.0, 0.0, 0.0), 1.0); RAW_JOINTS_MAX];
+    for &joint in &map.order[..map.ordered] {
+        let (own, seen) = (unit(rotation(map, raw, joint)), confidence(map, raw, joint));
+        let parent = map.parent[usize::from(joint)];
+        global[usize::from(joint)] = match parent {
+            NONE => (own, seen),
+            parent => {
+                let (above, above_seen) = global[usize::from(parent)];
+                (above * own, lower(above_seen, seen))
+            }
+        };
+    }
+    let mut body = Body::NOBODY;
+    for joint in 0..SMPL_JOINTS {
+        let (parent, own) = (PARENT[joint], map.from[joint][0]);
+        let (rotation, seen) = match own {
+            NONE => (body.rotation[parent], body.confidence[parent]),
+            own => global[usize::from(own)],
+        };
+        let place = match joint {
+            0 => position(map, raw, own.min(RAW_JOINTS_MAX as u8 - 1)),
+            _ => body.position[parent] + rotate(body.rotation[parent], Vector3::from(OFFSET_M[joint])),
+        };
+        body.rotation[joint] = rotation;
+        body.set(joint, place, seen);
+    }
+    body
+}

@@ -1,0 +1,239 @@
+//! A layout from a file.
+
+use crate::axes::{Axes, Direction};
+use crate::error::LayoutError;
+use crate::map::{Map, NONE, Sends};
+use messages::{CUSTOM_LAYOUTS, RAW_JOINTS_MAX, SMPL_JOINTS};
+use serde::Deserialize;
+
+/// The only format that is read.
+const FORMAT: u32 = 1;
+/// The longest name, bytes.
+const NAME_MAX: usize = 64;
+/// The largest confidence that a tracker may count up to: assumption, per cent and per mille are below it.
+const CONFIDENCE_MAX: f64 = 1e6;
+
+/// Names of the joints of SMPL-22, by index.
+const NAMES: [&str; SMPL_JOINTS] = [
+    "pelvis",
+    "left_hip",
+    "right_hip",
+    "spine1",
+    "left_knee",
+    "right_knee",
+    "spine2",
+    "left_ankle",
+    "right_ankle",
+    "spine3",
+    "left_foot",
+    "right_foot",
+    "neck",
+    "left_collar",
+    "right_collar",
+    "head",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: u32,
+    name: String,
+    number: u32,
+    joints: u32,
+    x: Direction,
+    y: Direction,
+    z: Direction,
+    handedness: Handedness,
+    unit: Unit,
+    sends: Sends,
+    quaternions: Option<Order>,
+    confidence_max: f64,
+    camera: bool,
+    joint: Vec<Joint>,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum Handedness {
+    Right,
+    Left,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+enum Unit {
+    #[serde(rename = "m")]
+    Metre,
+    #[serde(rename = "cm")]
+    Centimetre,
+    #[serde(rename = "mm")]
+    Millimetre,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum Order {
+    Xyzw,
+    Wxyz,
+}
+
+/// A joint of the client's.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Joint {
+    name: String,
+    index: u32,
+    /// The joint of SMPL-22 that it is.
+    is: Option<String>,
+    /// The joint of SMPL-22 in whose middle it stands, with one other.
+    half_of: Option<String>,
+    /// The name of the joint that it hangs on.
+    parent: Option<String>,
+}
+
+impl Map {
+    /// Reads the text of a layout's file; `file` is named in errors.
+    ///
+    /// # Errors
+    /// [`LayoutError`], naming file, key, value and bound.
+    pub fn parse(file: &str, text: &str) -> Result<Self, LayoutError> {
+        let read: File = toml::from_str(text)
+            .map_err(|error| LayoutError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
+        let say = |key: &str, value: &dyn ToString, bound: &str| LayoutError::Value {
+            file: file.to_owned(),
+            key: key.to_owned(),
+            value: value.to_string(),
+            bound: bound.to_owned(),
+        };
+        head(&read, &say)?;
+        let mut map = Self {
+            number: read.number,
+            name: read.name.clone(),
+            joints: read.joints as usize,
+            axes: axes(&read, &say)?,
+            unit_m: match read.unit {
+                Unit::Metre => 1.0,
+                Unit::Centimetre => 1e-2,
+                Unit::Millimetre => 1e-3,
+            },
+            w_first: read.quaternions == Some(Order::Wxyz),
+            sends: read.sends,
+            camera: read.camera,
+            confidence_max: read.confidence_max,
+            from: [[NONE; 2]; SMPL_JOINTS],
+            parent: [NONE; RAW_JOINTS_MAX],
+            order: [0; RAW_JOINTS_MAX],
+            ordered: 0,
+        };
+        joints(&read, &mut map, &say)?;
+        if let Some(joint) = map.missing() {
+            return Err(say("joint", &NAMES[joint], "among those that some joint `is`"));
+        }
+        Ok(map)
+    }
+}
+
+type Say<'a> = &'a dyn Fn(&str, &dyn ToString, &str) -> LayoutError;
+
+fn head(read: &File, say: Say<'_>) -> Result<(), LayoutError> {
+    if read.format != FORMAT {
+        return Err(say("format", &read.format, "1"));
+    }
+    if read.name.is_empty() || read.name.len() > NAME_MAX {
+        return Err(say("name", &format!("{:?}", read.name), "of 1 to 64 bytes"));
+    }
+    if !CUSTOM_LAYOUTS.contains(&read.number) {
+        return Err(say("number", &read.number, "in [1000, 9999]"));
+    }
+    if read.joints == 0 || read.joints as usize > RAW_JOINTS_MAX {
+        return Err(say("joints", &read.joints, "in [1, 96]"));
+    }
+    // Written so that NaN is refused too.
+    if !(read.confidence_max > 0.0 && read.confidence_max <= CONFIDENCE_MAX) {
+        return Err(say("confidence_max", &read.confidence_max, "above 0 and at most 1e6"));
+    }
+    if (read.sends == Sends::Positions) == read.quaternions.is_some() {
+        let value = if read.quaternions.is_some() { "given" } else { "missing" };
+        return Err(say("quaternions", &value, "there if rotations are sent, and only then"));
+    }
+    Ok(())
+}
+
+fn axes(read: &File, say: Say<'_>) -> Result<Axes, LayoutError> {
+    let directions = [read.x, read.y, read.z];
+    let told = format!("{directions:?}").to_lowercase();
+    let axes = Axes::new(directions).ok_or_else(|| say("x, y, z", &told, "on three different lines"))?;
+    let right = axes.determinant() > 0.0;
+    if right != (read.handedness == Handedness::Right) {
+        let (said, is) = if right { ("left", "right") } else { ("right", "left") };
+        let bound = format!("{is:?}: x, y, z = {told} has determinant {}", axes.determinant());
+        return Err(say("handedness", &format!("{said:?}"), &bound));
+    }
+    Ok(axes)
+}
+
+fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
+    if read.joint.len() > RAW_JOINTS_MAX {
+        return Err(say("joint", &format!("{} rows", read.joint.len()), "at most 96 rows"));
+    }
+    for (row, joint) in read.joint.iter().enumerate() {
+        let key = |field: &str| format!("joint {:?} {field}", joint.name);
+        if joint.index >= read.joints {
+            return Err(say(&key("index"), &joint.index, &format!("below joints = {}", read.joints)));
+        }
+        let before = &read.joint[..row];
+        if before.iter().any(|other| other.index == joint.index || other.name == joint.name) {
+            return Err(say(&key("index"), &joint.index, "of another joint: name or index stands there twice"));
+        }
+        place(map, joint, say)?;
+        let Some(parent) = &joint.parent else { continue };
+        let above = read.joint.iter().find(|other| other.name == *parent && other.index < read.joints);
+        let above = above.ok_or_else(|| say(&key("parent"), &format!("{parent:?}"), "the name of a joint"))?;
+        map.parent[joint.index as usize] = above.index as u8;
+    }
+    for (name, [a, b]) in NAMES.iter().zip(map.from) {
+        if a != NONE && b == NONE {
+            return Err(say("half_of", &format!("{name:?}"), "there twice, or be `is`"));
+        }
+    }
+    if read.sends == Sends::LocalRotations {
+        map.arrange().map_err(|index| {
+            let joint = read.joint.iter().find(|joint| joint.index as usize == index);
+            say("parent", &joint.map_or("?", |joint| &joint.name), "on a path to a root: this one runs in a circle")
+        })?;
+    } else if let Some(joint) = read.joint.iter().find(|joint| joint.parent.is_some()) {
+        return Err(say(&format!("joint {:?} parent", joint.name), &"given", "there with local rotations only"));
+    }
+    Ok(())
+}
+
+/// Which joint of SMPL-22 the client's is, or half of.
+fn place(map: &mut Map, joint: &Joint, say: Say<'_>) -> Result<(), LayoutError> {
+    let (field, name) = match (&joint.is, &joint.half_of) {
+        (None, None) => return Ok(()),
+        (Some(_), Some(_)) => return Err(say(&format!("joint {:?}", joint.name), &"both", "either `is` or `half_of`")),
+        (Some(name), None) => ("is", name),
+        (None, Some(name)) => ("half_of", name),
+    };
+    let key = format!("joint {:?} {field}", joint.name);
+    let refuse = |bound: &str| Err(say(&key, &format!("{name:?}"), bound));
+    let Some(smpl) = NAMES.iter().position(|known| known == name) else {
+        return refuse(&format!("one of {}", NAMES.join(", ")));
+    };
+    if field == "half_of" && map.sends == Sends::LocalRotations {
+        return refuse("`is`: rotations have no middle");
+    }
+    let index = joint.index as u8;
+    match (field, map.from[smpl]) {
+        ("is", [NONE, NONE]) => map.from[smpl] = [index, index],
+        ("half_of", [NONE, NONE]) => map.from[smpl] = [index, NONE],
+        ("half_of", [first, NONE]) => map.from[smpl] = [first, index],
+        _ => return refuse("a joint that no other row is"),
+    }
+    Ok(())
+}

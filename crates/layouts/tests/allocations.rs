@@ -1,0 +1,26 @@
+//! No conversion allocates.
+
+use layouts::Layouts;
+use messages::{Layout, RawSkeleton};
+use rt::{CountingAllocator, count_allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+#[test]
+fn f076_no_conversion_allocates() {
+    let layouts = Layouts::default();
+    let mut converted = 0;
+    for (number, joints) in [(1, 22), (2, 24), (3, 24), (4, 33), (5, 32), (6, 23), (7, 55), (8, 22)] {
+        for flags in 0..8 {
+            let mut raw = RawSkeleton { layout: number, joint_count: joints, flags, ..RawSkeleton::ZERO };
+            raw.confidence.fill(1.0);
+            let (out, counted) = count_allocations(|| layouts.convert(&raw));
+            assert_eq!(counted.allocated, 0, "layout {number}, flags {flags}");
+            converted += usize::from(out.is_ok());
+        }
+    }
+    // SMPL-22 judges nothing but local rotations: 4 + 2; SMPL-24 has 6; two of positions and global rotations for the three
+    // that have both, mirrored or not; MediaPipe positions alone; Unity local rotations alone.
+    assert_eq!(converted, 6 + 6 + 4 * 3 + 2 + 2);
+}

@@ -1,0 +1,193 @@
+//! Layouts from files.
+
+use crate::client::{self, Client, Turn, as_smpl, axes, bent, judge, limbs_differ, take};
+use crate::frames::all_axes;
+use crate::golden::FLOAT_ERROR;
+use Direction::{Back, Down, Left, Right, Up};
+use layouts::{Direction, Layouts, Map};
+
+/// A file of SMPL-22 joints in any axes.
+fn text(directions: [Direction; 3], handedness: &str, unit: &str, order: &str) -> String {
+    let [x, y, z] = directions.map(|direction| format!("{direction:?}").to_lowercase());
+    let rows = client::SMPL.iter().enumerate();
+    let rows: String =
+        rows.map(|(i, name)| format!("{{ name = \"{name}\", index = {i}, is = \"{name}\" }}, ")).collect();
+    format!(
+        "format = 1\nname = \"mine\"\nnumber = 1234\njoints = 22\nx = \"{x}\"\ny = \"{y}\"\nz = \"{z}\"\n\
+         handedness = \"{handedness}\"\nunit = \"{unit}\"\nsends = \"global-rotations\"\nquaternions = \"{order}\"\n\
+         confidence_max = 100.0\ncamera = false\njoint = [{rows}]\n"
+    )
+}
+
+fn good() -> String {
+    text([Left, Up, Direction::Forward], "right", "m", "xyzw")
+}
+
+fn with(file: &str, text: &str) -> Layouts {
+    let mut layouts = Layouts::default();
+    layouts.add(file, Map::parse(file, text).unwrap_or_else(|error| panic!("{error}"))).expect("a number of its own");
+    layouts
+}
+
+#[test]
+fn all_48_axes_in_three_units_are_right_or_refused() {
+    let truth = judge(&as_smpl(&bent(), true)).expect("a person");
+    let (mut right, mut refused) = (0, 0);
+    for directions in all_axes() {
+        let axes = axes(directions);
+        for (unit, units_per_m) in [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)] {
+            for (handedness, sign) in [("right", 1.0), ("left", -1.0)] {
+                for (order, w_first) in [("xyzw", false), ("wxyz", true)] {
+                    let text = text(directions, handedness, unit, order);
+                    if axes.determinant() * sign < 0.0 {
+                        let said = Map::parse("mine.toml", &text).expect_err("not such axes").to_string();
+                        assert!(said.contains("mine.toml: handedness = ") && said.contains("determinant"), "{said}");
+                        refused += 1;
+                        continue;
+                    }
+                    let joints = client::SMPL.map(str::to_owned).to_vec();
+                    let names = client::SMPL.map(|name| (name, name)).to_vec();
+                    let number = 1234;
+                    let confidence = 90.0;
+                    let client =
+                        Client { number, joints, names, axes, units_per_m, w_first, rotations: true, confidence };
+                    let layouts = with("mine.toml", &text);
+                    let taken = take(&layouts, &client.send(&bent(), Turn::identity()));
+                    let off = limbs_differ(&taken.unwrap_or_else(|why| panic!("{directions:?} {why:?}")), &truth);
+                    assert!(off < FLOAT_ERROR, "{directions:?} {unit} {order}: {off}");
+                    right += 1;
+                }
+            }
+        }
+    }
+    assert_eq!((right, refused), (48 * 3 * 2, 48 * 3 * 2));
+}
+
+#[test]
+fn axes_that_lie_on_one_line_are_refused() {
+    let mut refused = 0;
+    for x in Direction::ALL {
+        for y in Direction::ALL {
+            for z in Direction::ALL {
+                if axes([x, y, z]).determinant() == 0.0 {
+                    for handedness in ["left", "right"] {
+                        let said = Map::parse("mine.toml", &text([x, y, z], handedness, "m", "xyzw"));
+                        assert!(said.is_err_and(|error| error.to_string().contains("mine.toml: x, y, z = ")));
+                    }
+                    refused += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(refused, 6 * 6 * 6 - 48);
+}
+
+/// What is changed in the file, and what the error has to name.
+#[test]
+fn f097_every_wrong_value_is_refused_by_file_key_value_and_bound() {
+    Map::parse("mine.toml", &good()).expect("good");
+    for (from, to, named) in [
+        ("format = 1", "format = 2", "format = 2 must be 1"),
+        ("number = 1234", "number = 999", "number = 999 must be in [1000, 9999]"),
+        ("number = 1234", "number = 10000", "number = 10000"),
+        ("number = 1234", "number = -1", "number"),
+        ("joints = 22", "joints = 97", "joints = 97 must be in [1, 96]"),
+        ("joints = 22", "joints = 0", "joints = 0"),
+        ("joints = 22", "joints = 21", "index = 21 must be below joints = 21"),
+        ("name = \"mine\"", "name = \"\"", "name = \"\""),
+        ("confidence_max = 100.0", "confidence_max = 0.0", "confidence_max = 0 must be above 0"),
+        ("confidence_max = 100.0", "confidence_max = nan", "confidence_max = NaN"),
+        ("confidence_max = 100.0", "confidence_max = inf", "confidence_max = inf"),
+        ("confidence_max = 100.0", "confidence_max = -1.0", "confidence_max = -1"),
+        ("unit = \"m\"", "unit = \"inch\"", "inch"),
+        ("x = \"left\"", "x = \"north\"", "north"),
+        ("sends = \"global-rotations\"", "sends = \"any\"", "any"),
+        ("quaternions = \"xyzw\"", "quaternions = \"yzwx\"", "yzwx"),
+        ("quaternions = \"xyzw\"\n", "", "quaternions = missing"),
+        ("sends = \"global-rotations\"", "sends = \"positions\"", "quaternions = given"),
+        ("camera = false\n", "", "camera"),
+        ("camera = false\n", "camera = false\ncolour = 1\n", "colour"),
+        (
+            "is = \"left_wrist\"",
+            "is = \"left_wrist_\"",
+            "joint \"left_wrist\" is = \"left_wrist_\" must be one of pelvis",
+        ),
+        ("is = \"left_wrist\"", "is = \"right_elbow\"", "must be a joint that no other row is"),
+        (", is = \"left_wrist\"", "", "joint = left_wrist must be among"),
+        (", is = \"left_elbow\"", "", "joint = left_elbow"),
+        ("is = \"left_wrist\"", "half_of = \"left_wrist\"", "half_of = \"left_wrist\" must be there twice"),
+        ("is = \"left_wrist\"", "is = \"left_wrist\", half_of = \"head\"", "either `is` or `half_of`"),
+        ("is = \"left_wrist\"", "is = \"left_wrist\", parent = \"left_elbow\"", "parent = given"),
+        ("index = 20", "index = 19", "index = 19"),
+        ("index = 20", "index = 4294967296", "index"),
+    ] {
+        assert!(good().contains(from), "{from}");
+        let said = Map::parse("mine.toml", &good().replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(said.starts_with("mine.toml: ") && said.contains(named), "{to}: {said}");
+    }
+}
+
+#[test]
+fn parents_that_run_in_a_circle_or_lead_nowhere_are_refused() {
+    let text = include_str!("../../../config/skeletons/smpl_y_up.toml");
+    let child = "is = \"left_elbow\", parent = \"left_shoulder\"";
+    assert!(text.contains(child));
+    for (parent, named) in [("left_wrist", "circle"), ("left_elbow", "circle"), ("nobody", "parent = \"nobody\"")] {
+        let text = text.replace(child, &format!("is = \"left_elbow\", parent = \"{parent}\""));
+        let said = Map::parse("mine.toml", &text).expect_err(parent).to_string();
+        assert!(said.contains(named), "{said}");
+    }
+}
+
+#[test]
+fn a_number_belongs_to_one_layout() {
+    let mut layouts = with("mine.toml", &good());
+    let said = layouts.add("yours.toml", Map::parse("yours.toml", &good()).expect("good")).expect_err("taken");
+    assert_eq!(said.to_string(), "yours.toml: number = 1234 must be a number of its own: mine has it");
+}
+
+/// A client of a shipped file; what is not named is no number.
+fn shipped(number: u32, joints: usize, places: &[(&'static str, usize)], directions: [Direction; 3]) -> Client {
+    let names = places.iter().map(|&(name, _)| (name, name)).collect();
+    let of = |index: usize| places.iter().find(|place| place.1 == index).map_or("", |place| place.0);
+    let joints = (0..joints).map(|index| of(index).to_owned()).collect();
+    let axes = axes(directions);
+    Client { number, joints, names, axes, units_per_m: 1.0, w_first: false, rotations: false, confidence: 1.0 }
+}
+
+const ARMS: [&str; 6] = ["left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"];
+
+#[test]
+fn the_shipped_file_for_zed_gives_the_limbs_that_smpl_22_gives() {
+    let layouts = with("zed_body_38.toml", include_str!("../../../config/skeletons/zed_body_38.toml"));
+    let mut places: Vec<_> = ARMS.into_iter().zip(12..).collect();
+    places.extend(
+        ["left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle"].into_iter().zip(18..),
+    );
+    places.extend([("left_foot", 24), ("right_foot", 25), ("pelvis", 0), ("spine1", 1), ("spine2", 2), ("spine3", 3)]);
+    places.extend([("neck", 4), ("left_collar", 10), ("right_collar", 11)]);
+    let client = shipped(1038, 38, &places, [Left, Down, Back]);
+    let client = Client { units_per_m: 1000.0, confidence: 80.0, ..client };
+    let mut raw = client.send(&bent(), Turn::identity());
+    (raw.confidence[8], raw.confidence[9]) = (0.0, 0.0); // The ears are hidden.
+    let taken = take(&layouts, &raw).expect("a person");
+    let off = limbs_differ(&taken, &judge(&as_smpl(&bent(), false)).expect("a person"));
+    assert!(off < FLOAT_ERROR, "{off}");
+}
+
+/// It has no hips, so the trunk ends at the pelvis: limbs are those of a person whose hips are beside it.
+#[test]
+fn the_shipped_file_for_quest_needs_no_legs() {
+    let layouts = with("openxr_fb_70.toml", include_str!("../../../config/skeletons/openxr_fb_70.toml"));
+    let mut places: Vec<_> = ARMS.into_iter().zip([10, 15, 11, 16, 19, 45]).collect();
+    places.extend([("pelvis", 1), ("spine1", 2), ("spine2", 3), ("spine3", 5), ("neck", 6), ("head", 7)]);
+    places.extend([("left_collar", 8), ("right_collar", 13)]);
+    let client = Client { rotations: true, ..shipped(1070, 70, &places, [Right, Up, Back]) };
+    let taken = take(&layouts, &client.send(&bent(), Turn::identity())).expect("a person");
+    let mut person = bent();
+    person.places[1] = person.places[0] + nalgebra::Vector3::new(0.0, 0.74 * 0.18, 0.0);
+    person.places[2] = person.places[0] - nalgebra::Vector3::new(0.0, 0.74 * 0.18, 0.0);
+    let off = limbs_differ(&taken, &judge(&as_smpl(&person, true)).expect("a person"));
+    assert!(off < FLOAT_ERROR, "{off}");
+    assert!((taken.positions[1][1] - 0.74 * 0.18).abs() < 1e-6);
+}

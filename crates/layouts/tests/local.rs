@@ -1,0 +1,179 @@
+//! Local rotations: the same limbs as those of the person whose arms are turned so.
+
+use crate::client::{self, Client, Person, Turn, about, as_smpl, bent, hinges, judge, limbs_differ, t_pose, take};
+use crate::golden::FLOAT_ERROR;
+use Direction::{Forward, Left, Right, Up};
+use layouts::{Direction, Layouts, Map};
+use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag};
+use nalgebra::Vector3;
+
+const UNITY: [&str; 55] = [
+    "Hips",
+    "LeftUpperLeg",
+    "RightUpperLeg",
+    "LeftLowerLeg",
+    "RightLowerLeg",
+    "LeftFoot",
+    "RightFoot",
+    "Spine",
+    "Chest",
+    "Neck",
+    "Head",
+    "LeftShoulder",
+    "RightShoulder",
+    "LeftUpperArm",
+    "RightUpperArm",
+    "LeftLowerArm",
+    "RightLowerArm",
+    "LeftHand",
+    "RightHand",
+    "LeftToes",
+    "RightToes",
+    "LeftEye",
+    "RightEye",
+    "Jaw",
+    "24",
+    "25",
+    "26",
+    "27",
+    "28",
+    "29",
+    "30",
+    "31",
+    "32",
+    "33",
+    "34",
+    "35",
+    "36",
+    "37",
+    "38",
+    "39",
+    "40",
+    "41",
+    "42",
+    "43",
+    "44",
+    "45",
+    "46",
+    "47",
+    "48",
+    "49",
+    "50",
+    "51",
+    "52",
+    "53",
+    "UpperChest",
+];
+const UNITY_NAMES: [(&str, &str); 22] = [
+    ("pelvis", "Hips"),
+    ("spine1", "Spine"),
+    ("spine2", "Chest"),
+    ("spine3", "UpperChest"),
+    ("neck", "Neck"),
+    ("head", "Head"),
+    ("left_collar", "LeftShoulder"),
+    ("right_collar", "RightShoulder"),
+    ("left_shoulder", "LeftUpperArm"),
+    ("right_shoulder", "RightUpperArm"),
+    ("left_elbow", "LeftLowerArm"),
+    ("right_elbow", "RightLowerArm"),
+    ("left_wrist", "LeftHand"),
+    ("right_wrist", "RightHand"),
+    ("left_hip", "LeftUpperLeg"),
+    ("right_hip", "RightUpperLeg"),
+    ("left_knee", "LeftLowerLeg"),
+    ("right_knee", "RightLowerLeg"),
+    ("left_ankle", "LeftFoot"),
+    ("right_ankle", "RightFoot"),
+    ("left_foot", "LeftToes"),
+    ("right_foot", "RightToes"),
+];
+
+fn smpl(number: u32, joints: usize, directions: [Direction; 3]) -> Client {
+    Client {
+        number,
+        joints: client::SMPL.iter().chain(&["left_hand", "right_hand"]).take(joints).map(|&n| n.into()).collect(),
+        names: client::SMPL.map(|name| (name, name)).to_vec(),
+        axes: client::axes(directions),
+        units_per_m: 1.0,
+        w_first: false,
+        rotations: true,
+        confidence: 1.0,
+    }
+}
+
+fn unity() -> Client {
+    let joints = UNITY.map(str::to_owned).to_vec();
+    let smpl = smpl(SkeletonLayout::UnityHumanoid as u32, 0, [Right, Up, Forward]);
+    Client { joints, names: UNITY_NAMES.to_vec(), ..smpl }
+}
+
+/// The arms' turns, each relative to the joint above; the rest as in the T-pose. The world is turned by `root`.
+fn send(client: &Client, person: &Person, root: Turn) -> RawSkeleton {
+    let mut raw = client.frame();
+    raw.flags = raw_flag::ROTATIONS | raw_flag::LOCAL;
+    let theirs = |turn: Turn| client.axes * turn * client.axes.transpose();
+    for smpl in 0..SMPL_JOINTS {
+        let index = client.index(smpl).expect("a bone");
+        let local = match smpl {
+            0 => root,
+            18.. => person.turns[smpl - 2].transpose() * person.turns[smpl],
+            _ => person.turns[smpl],
+        };
+        client.turn(&mut raw, index, theirs(local));
+    }
+    let at = client.axes * Vector3::new(1.0, 2.0, 0.9);
+    raw.positions[client.index(0).expect("a root")] = [at.x as f32, at.y as f32, at.z as f32];
+    raw.calibration = hinges(&(client.axes * client.axes.determinant()));
+    raw
+}
+
+fn y_up() -> (Layouts, Client) {
+    let text = include_str!("../../../config/skeletons/smpl_y_up.toml");
+    let mut layouts = Layouts::default();
+    layouts.add("smpl_y_up.toml", Map::parse("smpl_y_up.toml", text).expect("shipped")).expect("a number of its own");
+    (layouts, smpl(1024, 24, [Left, Up, Forward]))
+}
+
+#[test]
+fn arms_turned_joint_by_joint_are_the_arms_that_smpl_22_sends() {
+    let (layouts, y_up) = y_up();
+    let ours = [Forward, Left, Up];
+    let (smpl22, smpl24) = (SkeletonLayout::Smpl22 as u32, SkeletonLayout::Smpl24 as u32);
+    for client in [unity(), smpl(smpl22, 22, ours), smpl(smpl24, 24, ours), y_up] {
+        for person in [t_pose(), bent()] {
+            let truth = judge(&as_smpl(&person, true)).expect("a person");
+            // Wherever the person looks, and however they lean.
+            for root in [Turn::identity(), about([0.1, 0.2, 1.0], 0.7), about([0.0, 1.0, 0.0], 0.3)] {
+                let taken = take(&layouts, &send(&client, &person, root)).unwrap_or_else(|why| panic!("{why:?}"));
+                let off = limbs_differ(&taken, &truth);
+                assert!(off < FLOAT_ERROR, "layout {}: {off}", client.number);
+                assert_eq!(taken.positions[0], [1.0, 2.0, 0.9]);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_turned_shoulder_blade_takes_the_arm_with_it() {
+    let unity = unity();
+    let mut raw = send(&unity, &t_pose(), Turn::identity());
+    // LeftShoulder, about the axis that points forward, so that the arm rises: z in Unity, whose sense is the other one.
+    raw.rotations[11] = [0.0, 0.0, -(0.15_f32.sin()), 0.15_f32.cos()];
+    let taken = take(&Layouts::default(), &raw).expect("a person");
+    let [shoulder, elbow, wrist] = [16, 18, 20].map(|joint| taken.positions[joint]);
+    for (from, to, length) in [(shoulder, elbow, 0.3255_f32), (elbow, wrist, 0.2555)] {
+        assert!((to[2] - from[2] - length * 0.3_f32.sin()).abs() < 1e-5, "{from:?} {to:?}");
+        assert!((to[1] - from[1] - length * 0.3_f32.cos()).abs() < 1e-5, "{from:?} {to:?}");
+    }
+    assert!(taken.positions[21][2] < wrist[2], "the right arm stays");
+}
+
+#[test]
+fn a_bone_that_is_not_seen_takes_what_hangs_on_it_with_it() {
+    let unity = unity();
+    let mut raw = send(&unity, &bent(), Turn::identity());
+    raw.confidence[15] = 0.2; // LeftLowerArm
+    let out = Layouts::default().convert(&raw).expect("a frame");
+    assert_eq!([18, 20, 16, 19, 21].map(|joint| out.confidence[joint]), [0.2, 0.2, 1.0, 1.0, 1.0]);
+}

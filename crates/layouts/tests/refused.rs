@@ -1,0 +1,123 @@
+//! Frames that are none of their layout, and numbers that are none.
+
+use crate::client::{Turn, bent, take};
+use crate::golden::clients;
+use layouts::Layouts;
+use messages::{RAW_JOINTS_MAX, SkeletonLayout, raw_flag};
+use proptest::prelude::*;
+use skeleton::DropReason;
+
+#[test]
+fn an_unknown_number_a_wrong_count_and_wrong_flags_are_refused() {
+    let layouts = Layouts::default();
+    for client in clients() {
+        let good = client.send(&bent(), Turn::identity());
+        take(&layouts, &good).expect("a person");
+        let with = |change: &dyn Fn(&mut messages::RawSkeleton)| {
+            let mut raw = good;
+            change(&mut raw);
+            take(&layouts, &raw).expect_err("refused")
+        };
+        for number in [0, 8, 999, 1000, u32::MAX] {
+            assert_eq!(with(&|raw| raw.layout = number), DropReason::Layout);
+        }
+        for count in [0, good.joint_count - 1, good.joint_count + 1, RAW_JOINTS_MAX as u32 + 1, u32::MAX] {
+            assert_eq!(with(&|raw| raw.joint_count = count), DropReason::Count, "{count}");
+        }
+        for flags in [8, 1 << 31, raw_flag::LOCAL, raw_flag::LOCAL | 8] {
+            assert_eq!(with(&|raw| raw.flags = flags), DropReason::Count, "{flags}");
+        }
+        let mirrored = with(&|raw| raw.flags = raw_flag::MIRRORED | raw_flag::ROTATIONS);
+        let has_rotations = client.number != SkeletonLayout::MediaPipe33 as u32;
+        assert_eq!(mirrored, if has_rotations { DropReason::Mirrored } else { DropReason::Count });
+        let local = raw_flag::LOCAL | raw_flag::ROTATIONS;
+        if client.number > SkeletonLayout::Smpl24 as u32 {
+            assert_eq!(with(&|raw| raw.flags = local), DropReason::Count);
+        }
+        if !has_rotations {
+            assert_eq!(with(&|raw| raw.flags = raw_flag::ROTATIONS), DropReason::Count);
+        }
+    }
+}
+
+#[test]
+fn f001_a_number_that_is_none_is_refused_wherever_it_counts() {
+    let layouts = Layouts::default();
+    for client in clients() {
+        let good = client.send(&bent(), Turn::identity());
+        for smpl in 0..messages::SMPL_JOINTS {
+            let Some(index) = client.index(smpl) else { continue };
+            for (bad, reason) in [
+                (f32::NAN, DropReason::NotFinite),
+                (f32::INFINITY, DropReason::NotFinite),
+                (f32::MAX, DropReason::OutOfRange),
+            ] {
+                for axis in 0..3 {
+                    let mut raw = good;
+                    raw.positions[index][axis] = bad;
+                    assert_eq!(take(&layouts, &raw).expect_err("no position"), reason, "{} {smpl}", client.number);
+                }
+                let mut raw = good;
+                raw.confidence[index] = bad;
+                assert_eq!(take(&layouts, &raw).expect_err("no confidence"), reason, "{} {smpl}", client.number);
+                if client.rotations {
+                    let mut raw = good;
+                    raw.rotations[index][3] = bad;
+                    let reason = if bad.is_finite() { DropReason::NotUnit } else { reason };
+                    assert_eq!(take(&layouts, &raw).expect_err("no rotation"), reason, "{} {smpl}", client.number);
+                }
+            }
+        }
+        let mut raw = good;
+        raw.confidence[client.index(16).expect("a shoulder")] = -0.1;
+        assert_eq!(take(&layouts, &raw).expect_err("no confidence"), DropReason::OutOfRange);
+    }
+}
+
+#[test]
+fn a_local_rotation_that_is_no_unit_cannot_be_made_good_by_the_next_one() {
+    let mut raw = messages::RawSkeleton { joint_count: 24, layout: SkeletonLayout::Smpl24 as u32, ..bare() };
+    take(&Layouts::default(), &raw).expect("a T-pose");
+    raw.rotations[18] = [0.0, 0.0, 0.0, 2.0];
+    raw.rotations[20] = [0.0, 0.0, 0.0, 0.5];
+    assert_eq!(take(&Layouts::default(), &raw).expect_err("no units"), DropReason::NotUnit);
+    raw.rotations[18] = [0.0, 0.0, 0.0, f32::NAN];
+    assert_eq!(take(&Layouts::default(), &raw).expect_err("no numbers"), DropReason::NotFinite);
+}
+
+/// Local rotations of a T-pose.
+fn bare() -> messages::RawSkeleton {
+    let mut raw = clients()[0].frame();
+    raw.flags = raw_flag::ROTATIONS | raw_flag::LOCAL;
+    raw.positions[0] = [0.0; 3];
+    raw.rotations = [[0.0, 0.0, 0.0, 1.0]; _];
+    raw.confidence = [1.0; _];
+    raw
+}
+
+proptest! {
+    /// Whatever the bits, a frame that is passed on is one of SMPL-22, and header and person are the client's.
+    #[test]
+    fn f001_any_bits_are_refused_or_a_frame_of_smpl_22(
+        layout in 0u32..9,
+        flags in 0u32..16,
+        bits in prop::collection::vec(any::<u32>(), 8 * RAW_JOINTS_MAX),
+    ) {
+        let layouts = Layouts::default();
+        let mut raw = clients()[0].frame();
+        raw.joint_count = [0, 22, 24, 24, 33, 32, 23, 55, 22][layout as usize];
+        (raw.layout, raw.flags) = (layout, flags);
+        for (joint, bits) in bits.chunks(8).enumerate() {
+            let numbers: [f32; 8] = std::array::from_fn(|i| f32::from_bits(bits[i]));
+            raw.positions[joint].copy_from_slice(&numbers[..3]);
+            raw.rotations[joint].copy_from_slice(&numbers[3..7]);
+            raw.confidence[joint] = numbers[7];
+        }
+        if let Ok(out) = layouts.convert(&raw) {
+            prop_assert_eq!((out.layout, out.joint_count), (SkeletonLayout::Smpl22 as u32, 22));
+            prop_assert_eq!(out.header, raw.header);
+            prop_assert_eq!((out.session_nonce, out.operator_id), (raw.session_nonce, raw.operator_id));
+        }
+        let _ = take(&layouts, &raw);
+    }
+}
