@@ -4,6 +4,7 @@ mod engaging;
 mod environment;
 mod files;
 mod input_faults;
+mod layouts;
 mod recovery;
 mod reduced;
 mod robot_faults;

@@ -6,6 +6,7 @@ mod bytes;
 mod door;
 mod engage;
 mod files;
+mod frames;
 mod gate;
 mod operators;
 mod robots;
@@ -18,8 +19,9 @@ mod weights;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target.
-pub const TARGETS: [Target; 11] = [
+pub const TARGETS: [Target; 12] = [
     ("skeleton", skeletons::run),
+    ("layouts", frames::run),
     ("door", door::run),
     ("bvh", files::bvh),
     ("npy", files::npy),

@@ -1,12 +1,13 @@
 //! Good inputs to begin with: what a fuzzer would take long to find. The stored ones grew out of these.
 
-use crate::{robots, settings, weights};
+use crate::{frames, robots, settings, weights};
 use motion::{Frame, Motion, npy};
 
 /// Good inputs of this target.
 pub fn of(target: &str) -> Vec<Vec<u8>> {
     match target {
         "skeleton" => skeletons(),
+        "layouts" => frames::seeds(),
         "door" => vec![vec![0; doors::HELLO_BYTES], doors::Hello::OURS.encode().to_vec()],
         "bvh" => vec![motion::write_bvh(&short()).into()],
         "npy" => vec![positions(), features()],

@@ -14,7 +14,7 @@ const DRIFT_SHARE: u64 = 1000;
 /// See `DRIFT_SHARE`.
 const UNSEEN_MAX_NS: u64 = 10_000_000_000;
 /// Words of 4 bytes in a frame.
-const WORDS: usize = size_of::<RawSkeleton>() / 4;
+pub(crate) const WORDS: usize = size_of::<RawSkeleton>() / 4;
 
 /// Good frames of a moving person, at 60 Hz.
 static PERSON: LazyLock<Vec<RawSkeleton>> = LazyLock::new(|| {
@@ -107,7 +107,7 @@ fn fill(raw: &mut RawSkeleton, bytes: &mut Bytes<'_>) {
 }
 
 /// Overwrites word `index` of the frame's memory.
-fn set(raw: &mut RawSkeleton, index: usize, word: u32) {
+pub(crate) fn set(raw: &mut RawSkeleton, index: usize, word: u32) {
     let half = |value: &mut u64, upper: bool| {
         let shift = if upper { 32 } else { 0 };
         *value = *value & !(0xffff_ffff << shift) | u64::from(word) << shift;

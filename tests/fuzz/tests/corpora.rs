@@ -90,6 +90,11 @@ fn f001_f002_f003_f014_f018_any_bits_of_a_skeleton_are_dropped_or_good() {
 }
 
 #[test]
+fn f001_f097_any_bits_of_any_layout_and_any_text_of_a_layout_are_refused_or_good() {
+    exercise("layouts");
+}
+
+#[test]
 fn f018_any_packet_at_the_door_is_a_whole_frame_or_refused() {
     exercise("door");
 }

@@ -51,8 +51,12 @@ fn save(path: &Path, text: &str) -> Result<(), String> {
 
 /// The paths of config/teleop.toml that point into the repository, and where the package has the same files. Settings may be
 /// copied to any folder then.
-const PATHS: [(&str, &str); 2] =
-    [("\"robots/", "\"/usr/share/teleopd/robots/"), ("\"../weights/", "\"/usr/share/teleopd/weights/")];
+const PATHS: [(&str, &str); 3] = [
+    ("\"robots/", "\"/usr/share/teleopd/robots/"),
+    ("\"../weights/", "\"/usr/share/teleopd/weights/"),
+    // An example in a comment.
+    ("\"skeletons/", "\"/usr/share/teleopd/skeletons/"),
+];
 
 /// The settings with the package's paths; each path must stand in the text exactly once.
 fn packaged_settings(text: &str) -> Result<String, String> {
@@ -82,6 +86,7 @@ mod tests {
         let here = pipeline::Settings::parse("here", &settings()).expect("settings that are accepted");
         assert_eq!(read.robot.file, "/usr/share/teleopd/robots/tiago_dual.toml");
         assert_eq!(read.weights.file, "/usr/share/teleopd/weights/tiago_dual");
+        assert!(packaged.contains("\"/usr/share/teleopd/skeletons/zed_body_38.toml\""));
         (read.robot.file, read.weights.file) = (here.robot.file.clone(), here.weights.file.clone());
         assert_eq!(format!("{read:?}"), format!("{here:?}"));
     }

@@ -1,0 +1,102 @@
+//! Layouts from files, and what becomes of frames that are of none.
+
+use messages::{RawSkeleton, SkeletonLayout, Stamp, raw_flag};
+use pipeline::{InputConfig, Loaded, Overrides, input_tick, load};
+use skeleton::{DropReason, State};
+use std::path::{Path, PathBuf};
+
+fn config() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
+}
+
+/// The shipped settings with these layouts, in a folder of their own.
+fn with(layouts: &[&str], folder: &Path) -> Result<Loaded, String> {
+    let shipped = std::fs::read_to_string(config().join("teleop.toml")).expect("shipped");
+    let absolute = config().display().to_string();
+    let listed: Vec<_> = layouts.iter().map(|name| format!("{name:?}")).collect();
+    let text = shipped
+        .replace("\"robots/", &format!("\"{absolute}/robots/"))
+        .replace("\"../weights/", &format!("\"{absolute}/../weights/"))
+        .replace("layouts = []", &format!("layouts = [{}]", listed.join(", ")));
+    let path = folder.join("teleop.toml");
+    std::fs::write(&path, text).expect("written");
+    load(&path, Overrides::default()).map_err(|error| error.to_string())
+}
+
+fn shipped(name: &str) -> String {
+    config().join("skeletons").join(name).display().to_string()
+}
+
+#[test]
+fn every_shipped_layout_is_read_and_part_of_the_hash() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let none = with(&[], folder.path()).expect("none");
+    assert!(none.layouts.find(1038).is_none());
+    let names = ["zed_body_38.toml", "openxr_fb_70.toml", "smpl_y_up.toml"].map(shipped);
+    let all = with(&names.each_ref().map(String::as_str), folder.path()).expect("all");
+    for (number, name) in [(1038, "zed-body-38"), (1070, "openxr-fb-70"), (1024, "smpl-y-up")] {
+        assert_eq!(all.layouts.find(number).map(layouts::Map::name), Some(name));
+    }
+    assert!(names.iter().all(|name| all.files.contains(&PathBuf::from(name))));
+    assert_eq!(std::fs::read_dir(config().join("skeletons")).expect("shipped").count(), names.len());
+    // The text of the file counts, not its name alone.
+    let own = folder.path().join("own.toml");
+    std::fs::copy(&names[0], &own).expect("copied");
+    let before = with(&["own.toml"], folder.path()).expect("a copy, named relative to the settings").hash;
+    let text = std::fs::read_to_string(&own).expect("there").replace("\"mm\"", "\"cm\"");
+    std::fs::write(&own, text).expect("changed");
+    assert_ne!(with(&["own.toml"], folder.path()).expect("another one").hash, before);
+}
+
+#[test]
+fn f097_a_layout_that_is_missing_wrong_twice_or_too_many_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let zed = shipped("zed_body_38.toml");
+    let refused = |layouts: &[&str]| with(layouts, folder.path()).expect_err("refused");
+    assert!(refused(&["nowhere.toml"]).contains("nowhere.toml"));
+    assert!(refused(&["."]).contains("is not a regular file"));
+    let said = refused(&[&zed, &zed]);
+    assert!(said.contains("zed_body_38.toml: number = 1038") && said.contains("zed-body-38 has it"), "{said}");
+    let said = refused(&[zed.as_str(); 17]);
+    assert!(said.contains("teleop.toml: ingest.layouts has 17 entries, more than 16"), "{said}");
+    let text = std::fs::read_to_string(&zed).expect("shipped").replace("x = \"left\"", "x = \"right\"");
+    std::fs::write(folder.path().join("mirrored.toml"), text).expect("written");
+    let said = refused(&["mirrored.toml"]);
+    assert!(said.contains("mirrored.toml: handedness = \"right\"") && said.contains("determinant -1"), "{said}");
+}
+
+#[test]
+fn f002_frames_of_no_layout_are_counted_by_their_reason() {
+    let config = InputConfig::default();
+    let mut state = State::new();
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    let mut sequence = 0;
+    let mut take = |state: &mut State, change: &dyn Fn(&mut RawSkeleton)| {
+        let mut raw = motion::raw_frame(&motion, sequence, &calibration);
+        sequence += 1;
+        (raw.session_nonce, raw.header.sequence) = (7, sequence as u64);
+        raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * sequence as u64);
+        change(&mut raw);
+        let now = raw.header.origin.plus_ns(1_000_000);
+        input_tick(&config, state, now, &raw)
+    };
+    let local = raw_flag::ROTATIONS | raw_flag::LOCAL;
+    let cases: [(&dyn Fn(&mut RawSkeleton), Option<DropReason>); 8] = [
+        (&|_| (), None),
+        (&|raw| raw.layout = 77, Some(DropReason::Layout)),
+        (&|raw| raw.layout = 1038, Some(DropReason::Layout)),
+        (&|raw| raw.layout = SkeletonLayout::XsensMvn23 as u32, Some(DropReason::Count)),
+        (&|raw| (raw.layout, raw.joint_count, raw.flags) = (4, 33, local), Some(DropReason::Count)),
+        (&|raw| raw.flags = raw_flag::LOCAL, Some(DropReason::Count)),
+        (&|raw| (raw.layout, raw.joint_count, raw.positions[16][1]) = (2, 24, f32::NAN), Some(DropReason::NotFinite)),
+        // The same numbers in the frame of OpenXR: the person lies.
+        (&|raw| (raw.layout, raw.joint_count) = (3, 24), Some(DropReason::NotUpright)),
+    ];
+    for (change, reason) in cases {
+        state = if reason == Some(DropReason::NotUpright) { State::new() } else { state };
+        let before = reason.map(|reason| state.dropped(reason));
+        assert_eq!(take(&mut state, change).drop, reason);
+        assert_eq!(reason.map(|reason| state.dropped(reason)), before.map(|count| count + 1));
+    }
+}

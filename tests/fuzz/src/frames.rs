@@ -1,0 +1,116 @@
+//! Layouts: any text of one from a file, and any bits of a frame of each.
+
+use crate::bytes::Bytes;
+use crate::skeletons::{WORDS, set};
+use layouts::{Layouts, Map};
+use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
+use pipeline::{InputConfig, input_tick};
+use skeleton::{DropReason, State};
+use std::sync::LazyLock;
+
+/// The shipped files.
+const FILES: [&str; 3] = [
+    include_str!("../../../config/skeletons/zed_body_38.toml"),
+    include_str!("../../../config/skeletons/openxr_fb_70.toml"),
+    include_str!("../../../config/skeletons/smpl_y_up.toml"),
+];
+
+/// All layouts that are shipped.
+static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
+    let mut layouts = Layouts::default();
+    for text in FILES {
+        layouts.add("shipped", Map::parse("shipped", text).expect("shipped")).expect("numbers of their own");
+    }
+    InputConfig::new(layouts)
+});
+
+/// The first byte says what the others are. 0: a file. 1: changes of a shipped one (length, place, how much is taken out, what
+/// is put in). Else a frame: its layout, its flags, and words that are overwritten (place, bits).
+pub(crate) fn run(input: &[u8]) {
+    let Some((&kind, rest)) = input.split_first() else { return };
+    match kind {
+        0 => file(&String::from_utf8_lossy(rest)),
+        1 => file(&changed(rest)),
+        _ => frame(&SHIPPED, rest),
+    }
+}
+
+fn changed(rest: &[u8]) -> String {
+    let mut bytes = Bytes::new(rest);
+    let mut text = FILES[usize::from(bytes.u8()) % FILES.len()].as_bytes().to_vec();
+    while !bytes.is_empty() {
+        let (length, place, out) =
+            (usize::from(bytes.u8() % 32), usize::from(bytes.u16()), usize::from(bytes.u8() % 32));
+        let place = place % (text.len() + 1);
+        let end = (place + out).min(text.len());
+        text.splice(place..end, bytes.take(length).iter().copied());
+    }
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+/// Refused by the file's name, or a layout whose frames are refused or good.
+fn file(text: &str) {
+    let map = match Map::parse("layout.toml", text) {
+        Ok(map) => map,
+        Err(error) => {
+            assert!(error.to_string().contains("layout.toml"), "names no file: {error}");
+            return;
+        }
+    };
+    assert!(CUSTOM_LAYOUTS.contains(&map.number()), "{}", map.number());
+    let number = map.number().to_le_bytes();
+    let mut layouts = Layouts::default();
+    layouts.add("layout.toml", map).expect("a number of its own");
+    let config = InputConfig::new(layouts);
+    for count in 1..=96 {
+        for flags in [0, raw_flag::ROTATIONS, raw_flag::ROTATIONS | raw_flag::LOCAL] {
+            frame(&config, &[&number[..2], &[count, flags as u8]].concat());
+        }
+    }
+}
+
+fn frame(config: &InputConfig, rest: &[u8]) {
+    let mut bytes = Bytes::new(rest);
+    let mut raw = RawSkeleton::ZERO;
+    raw.header.origin = Stamp(1_000_000_000);
+    raw.layout = u32::from(bytes.u16());
+    raw.joint_count = u32::from(bytes.u8());
+    raw.flags = u32::from(bytes.u8());
+    raw.confidence.fill(1.0);
+    raw.rotations.fill([0.0, 0.0, 0.0, 1.0]);
+    while !bytes.is_empty() {
+        set(&mut raw, usize::from(bytes.u16()) % WORDS, bytes.u32());
+    }
+    if let Ok(out) = config.layouts.convert(&raw) {
+        assert_eq!(out.layout, SkeletonLayout::Smpl22 as u32);
+        if raw.layout != out.layout {
+            assert_eq!(out.joint_count as usize, SMPL_JOINTS);
+            assert_eq!(out.flags & raw_flag::LOCAL, 0, "local rotations became global ones");
+        }
+        assert_eq!((out.header, out.session_nonce, out.operator_id), (raw.header, raw.session_nonce, raw.operator_id));
+    }
+    let mut state = State::new();
+    let out = input_tick(config, &mut state, Stamp(1_001_000_000), &raw);
+    assert_eq!(out.skeleton.is_some(), out.drop.is_none(), "accepted or dropped, never both");
+    let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.dropped(reason)).sum();
+    assert_eq!(state.accepted() + dropped, 1, "every frame is counted once");
+    if let Some(person) = out.skeleton {
+        assert!(person.positions.iter().flatten().all(|x| x.is_finite()), "{:?}", person.positions);
+    }
+}
+
+/// Every shipped file, a change of one, and a T-pose of local rotations with one word that is changed.
+pub(crate) fn seeds() -> Vec<Vec<u8>> {
+    let local = (raw_flag::ROTATIONS | raw_flag::LOCAL) as u8;
+    let mut seeds: Vec<Vec<u8>> = FILES.iter().map(|text| [&[0], text.as_bytes()].concat()).collect();
+    seeds.push(b"\x01\x00\x03\x40\x00\x02nan".to_vec());
+    for (number, joints) in [(1_u16, 22), (2, 24), (7, 55), (1024, 24)] {
+        let [low, high] = number.to_le_bytes();
+        seeds.push(vec![2, low, high, joints, local]);
+        seeds.push(vec![2, low, high, joints, local, 18, 1, 0, 0, 0x80, 0x3f]);
+    }
+    for (number, joints) in [(4, 33), (5, 32), (6, 23)] {
+        seeds.push(vec![2, number, 0, joints, 0, 60, 0, 0, 0, 0xc0, 0x7f]);
+    }
+    seeds
+}

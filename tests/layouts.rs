@@ -1,0 +1,69 @@
+//! A real `ingest`, and clients of other layouts at its socket.
+
+mod rig;
+
+use doors::Client;
+use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout};
+use rig::{Rig, repository};
+use std::time::Duration;
+
+/// Frames of each client.
+const FRAMES: usize = 30;
+
+/// The frame as OpenXR has it: x right, y up, z back.
+fn as_xr(mut raw: RawSkeleton) -> RawSkeleton {
+    raw.layout = SkeletonLayout::XrBd24 as u32;
+    raw.joint_count = 24;
+    raw.positions = raw.positions.map(|[x, y, z]| [-y, z, -x]);
+    raw.rotations = raw.rotations.map(|[x, y, z, w]| [-y, z, -x, w]);
+    raw.calibration.hinge = raw.calibration.hinge.map(|[x, y, z]| [-y, z, -x]);
+    raw
+}
+
+/// The frame as the file of ZED says, from a camera that the person faces: x left, y down, z back, mm.
+fn as_zed(raw: RawSkeleton) -> RawSkeleton {
+    let of = |smpl: usize, zed: usize| (smpl, zed);
+    let mut out = RawSkeleton { layout: 1038, joint_count: 38, flags: 0, ..raw };
+    out.positions = [[0.0; 3]; RAW_JOINTS_MAX];
+    out.confidence = [0.0; RAW_JOINTS_MAX];
+    let arms = (16..22).map(|smpl| of(smpl, smpl - 4));
+    for (smpl, zed) in
+        arms.chain([of(1, 18), of(2, 19), of(4, 20), of(5, 21), of(7, 22), of(8, 23), of(10, 24), of(11, 25)])
+    {
+        let [x, y, z] = raw.positions[smpl];
+        (out.positions[zed], out.confidence[zed]) = ([1e3 * y, -1e3 * z, -1e3 * x], 90.0);
+    }
+    out
+}
+
+#[test]
+fn ingest_takes_every_layout_that_it_knows_and_counts_what_it_does_not() {
+    let zed = repository().join("config/skeletons/zed_body_38.toml");
+    let known = format!("layouts = [{:?}]", zed.display().to_string());
+    let mut rig = Rig::with_settings(&[("layouts = []", &known)]);
+    rig.start("ingest");
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    let unknown = |raw| RawSkeleton { layout: 1999, ..raw };
+    let layouts: [&dyn Fn(RawSkeleton) -> RawSkeleton; 4] = [&|raw| raw, &as_xr, &as_zed, &unknown];
+    let mut client = Client::attach(rig.instance.skeleton_socket()).expect("a client");
+    let mut sequence = 0;
+    for layout in layouts {
+        for frame in 0..FRAMES {
+            std::thread::sleep(Duration::from_millis(10));
+            sequence += 1;
+            let mut raw = layout(motion::raw_frame(&motion, frame, &calibration));
+            (raw.header.sequence, raw.header.origin, raw.header.stamp) = (sequence, rt::now(), rt::now());
+            client.publish(&raw).expect("taken");
+        }
+    }
+    std::thread::sleep(Duration::from_millis(100));
+    let figures = rig.end("ingest");
+    let count = |value: &serde_json::Value| value.as_u64().unwrap_or(0);
+    assert_eq!(count(&figures["dropped"]["Layout"]), FRAMES as u64, "{figures}");
+    // From layout to layout a joint may not jump, nor time stand still: a frame or two may be lost of each.
+    assert!(count(&figures["accepted"]) >= 3 * (FRAMES as u64 - 8), "{figures}");
+    for reason in ["NotUpright", "Chirality", "Size", "OutOfRange", "NotFinite", "NotUnit", "Count"] {
+        assert_eq!(count(&figures["dropped"][reason]), 0, "{figures}");
+    }
+}
