@@ -7,6 +7,8 @@
 //! - positions and global rotations;
 //! - local rotations: forward kinematics along the layout's own tree, and then over a neutral skeleton of nominal lengths.
 //!   The directions of the limbs are right, the lengths are those of nobody.
+//!
+//! What cameras see trembles: [`Noise`] filters it before it is judged.
 mod axes;
 mod builtin;
 mod convert;
@@ -14,8 +16,10 @@ mod error;
 mod file;
 mod map;
 mod neutral;
+mod noise;
 
 pub use axes::{Axes, Direction};
 pub use convert::Refusal;
 pub use error::LayoutError;
 pub use map::{Layouts, Map, Sends};
+pub use noise::{Noise, NoiseState};

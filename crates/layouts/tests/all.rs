@@ -5,4 +5,5 @@ mod custom;
 mod frames;
 mod golden;
 mod local;
+mod noise;
 mod refused;

@@ -1,6 +1,6 @@
 //! No conversion allocates.
 
-use layouts::Layouts;
+use layouts::{Layouts, Noise, NoiseState};
 use messages::{Layout, RawSkeleton};
 use rt::{CountingAllocator, count_allocations};
 
@@ -8,7 +8,7 @@ use rt::{CountingAllocator, count_allocations};
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
-fn f076_no_conversion_allocates() {
+fn f076_no_conversion_and_no_filter_allocates() {
     let layouts = Layouts::default();
     let mut converted = 0;
     for (number, joints) in [(1, 22), (2, 24), (3, 24), (4, 33), (5, 32), (6, 23), (7, 55), (8, 22)] {
@@ -18,6 +18,13 @@ fn f076_no_conversion_allocates() {
             let (out, counted) = count_allocations(|| layouts.convert(&raw));
             assert_eq!(counted.allocated, 0, "layout {number}, flags {flags}");
             converted += usize::from(out.is_ok());
+            let (mut noise, mut state) = (raw, NoiseState::default());
+            let filter = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0 };
+            for origin in 1..4 {
+                (noise.header.origin.0, noise.positions[0][0]) = (origin * 10_000_000, origin as f32);
+                let ((), counted) = count_allocations(|| filter.filter(&mut state, number, &mut noise));
+                assert_eq!(counted.allocated, 0, "layout {number}");
+            }
         }
     }
     // SMPL-22 judges nothing but local rotations: 4 + 2; SMPL-24 has 6; two of positions and global rotations for the three

@@ -184,7 +184,7 @@ fn a_hand_written_wrist_lands_on_its_side() {
 }
 
 #[test]
-fn a_mirrored_image_is_turned_back() {
+fn f010_a_mirrored_image_is_turned_back() {
     let media_pipe = &clients()[3];
     // What a camera shows in a mirror: x changes its sign, and each hand looks like the other.
     let mut person = bent();

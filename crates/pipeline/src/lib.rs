@@ -24,7 +24,7 @@ pub use control::{
 };
 pub use cores::Cores;
 pub use edges::OperatorEdges;
-pub use input::{InputConfig, input_tick};
+pub use input::{InputConfig, InputState, input_tick};
 pub use instance::{DEFAULT_RUN_DIR, Instance};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
@@ -32,7 +32,7 @@ pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
 pub use player::{PlayOptions, Player};
 pub use publisher::{ClientError, Publisher, Way};
 pub use settings::{
-    ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, HandOff, IngestSettings, Method,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings,
     SimSettings,
 };

@@ -85,14 +85,31 @@ pub struct DoorSettings {
     pub operator_group: String,
 }
 
+/// Whose positions are filtered before they are judged.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Filter {
+    /// Nobody's.
+    None,
+    /// Those that a camera sees.
+    Cameras,
+    /// Everybody's.
+    All,
+}
+
 /// What clients may send, and for how long they may be silent.
+#[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct IngestSettings {
-    #[allow(missing_docs)]
     pub authority_timeout_ms: f64,
     /// Files of layouts beside the built-in ones, relative to the settings.
     pub layouts: Vec<String>,
+    pub filter: Filter,
+    pub filter_rest_cutoff_hz: f64,
+    pub filter_cutoff_per_m: f64,
+    pub camera_length_change_max: f64,
+    pub camera_length_step_max: f64,
 }
 
 #[allow(missing_docs)]
@@ -263,6 +280,10 @@ impl Settings {
             ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 100.0),
             ("retarget.smoothing_ms", self.retarget.smoothing_ms, 0.0, 50.0),
             ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
+            ("ingest.filter_rest_cutoff_hz", self.ingest.filter_rest_cutoff_hz, 0.5, 100.0),
+            ("ingest.filter_cutoff_per_m", self.ingest.filter_cutoff_per_m, 0.0, 1000.0),
+            ("ingest.camera_length_change_max", self.ingest.camera_length_change_max, 0.01, 0.5),
+            ("ingest.camera_length_step_max", self.ingest.camera_length_step_max, 0.01, 0.5),
             ("control.grace_us", self.control.grace_us, 0.0, 600.0),
             ("driver.grace_us", self.driver.grace_us, self.control.grace_us, 660.0),
             ("driver.silence_latch_ms", self.driver.silence_latch_ms, t, 10.0),

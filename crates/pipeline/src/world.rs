@@ -2,7 +2,7 @@
 //! may be faulty. Used by `replay --offline` and by `simulate`.
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
-use crate::input::{InputConfig, input_tick};
+use crate::input::{InputConfig, InputState, input_tick};
 use crate::load::Loaded;
 use crate::tamper::{Tamper, Untouched};
 use crate::{Authority, ConfigError};
@@ -48,7 +48,7 @@ impl WorldConfig {
     /// Everything for one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
-            input: InputConfig::new(loaded.layouts.clone()),
+            input: InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone()),
             retarget: crate::retarget_config(loaded)?,
             control: ControlConfig::new(loaded, true)?,
             sim: crate::sim_config(loaded, true)?,
@@ -105,7 +105,7 @@ pub struct World {
     first_k: u64,
     incarnations: Incarnations,
     authority: Authority,
-    skeleton: skeleton::State,
+    input: InputState,
     skeleton_header: Header,
     retarget: retarget::State,
     retarget_header: Header,
@@ -154,7 +154,7 @@ impl World {
             k: FIRST_TICK,
             first_k: FIRST_TICK,
             authority: Authority::default(),
-            skeleton: skeleton::State::new(),
+            input: InputState::default(),
             skeleton_header: header(&mut incarnations),
             retarget: retarget::State::default(),
             retarget_header: header(&mut incarnations),
@@ -212,7 +212,7 @@ impl World {
     /// `ingest` dies and is started again.
     pub fn restart_ingest(&mut self) {
         self.authority = Authority::default();
-        self.skeleton = skeleton::State::new();
+        self.input = InputState::default();
         self.skeleton_header.incarnation = self.incarnations.draw();
         self.skeleton_header.sequence = 0;
     }
@@ -299,7 +299,7 @@ impl World {
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
             return None;
         }
-        let out = input_tick(&config.input, &mut self.skeleton, now, &raw);
+        let out = input_tick(&config.input, &mut self.input, now, &raw);
         let mut skeleton = out.skeleton?;
         self.skeleton_header.sequence += 1;
         skeleton.header = Header { stamp: now, origin: skeleton.header.origin, ..self.skeleton_header };

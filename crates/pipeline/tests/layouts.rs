@@ -1,8 +1,9 @@
 //! Layouts from files, and what becomes of frames that are of none.
 
+use crate::support;
 use messages::{RawSkeleton, SkeletonLayout, Stamp, raw_flag};
-use pipeline::{InputConfig, Loaded, Overrides, input_tick, load};
-use skeleton::{DropReason, State};
+use pipeline::{InputConfig, InputState, Loaded, Overrides, input_tick, load};
+use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
 fn config() -> PathBuf {
@@ -66,13 +67,14 @@ fn f097_a_layout_that_is_missing_wrong_twice_or_too_many_is_refused_by_name() {
 }
 
 #[test]
-fn f002_frames_of_no_layout_are_counted_by_their_reason() {
-    let config = InputConfig::default();
-    let mut state = State::new();
+fn f018_frames_of_no_layout_are_counted_by_their_reason() {
+    let loaded = support::loaded();
+    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone());
+    let mut state = InputState::default();
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
     let mut sequence = 0;
-    let mut take = |state: &mut State, change: &dyn Fn(&mut RawSkeleton)| {
+    let mut take = |state: &mut InputState, change: &dyn Fn(&mut RawSkeleton)| {
         let mut raw = motion::raw_frame(&motion, sequence, &calibration);
         sequence += 1;
         (raw.session_nonce, raw.header.sequence) = (7, sequence as u64);
@@ -94,9 +96,9 @@ fn f002_frames_of_no_layout_are_counted_by_their_reason() {
         (&|raw| (raw.layout, raw.joint_count) = (3, 24), Some(DropReason::NotUpright)),
     ];
     for (change, reason) in cases {
-        state = if reason == Some(DropReason::NotUpright) { State::new() } else { state };
-        let before = reason.map(|reason| state.dropped(reason));
+        state = if reason == Some(DropReason::NotUpright) { InputState::default() } else { state };
+        let before = reason.map(|reason| state.skeleton.dropped(reason));
         assert_eq!(take(&mut state, change).drop, reason);
-        assert_eq!(reason.map(|reason| state.dropped(reason)), before.map(|count| count + 1));
+        assert_eq!(reason.map(|reason| state.skeleton.dropped(reason)), before.map(|count| count + 1));
     }
 }

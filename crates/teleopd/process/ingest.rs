@@ -7,7 +7,7 @@ use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_nonce};
 use messages::{RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, Claim, HandOff, InputConfig, input_tick};
+use pipeline::{Authority, Claim, HandOff, InputConfig, InputState, input_tick};
 use serde_json::json;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
@@ -37,8 +37,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         quotas: Quotas::default(),
         uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
-        config: InputConfig::new(process.loaded.layouts.clone()),
-        state: skeleton::State::new(),
+        config: InputConfig::new(&process.loaded.settings.ingest, process.loaded.layouts.clone()),
+        state: InputState::default(),
         skeletons,
         sequence: 0,
     };
@@ -109,7 +109,7 @@ struct Hall {
     uid: u32,
     timeout_ns: u64,
     config: InputConfig,
-    state: skeleton::State,
+    state: InputState,
     skeletons: Writer<Skeleton>,
     sequence: u64,
 }
@@ -181,14 +181,15 @@ impl Hall {
     }
 
     fn figures(&self, socket: &Server) -> serde_json::Value {
-        let reasons = skeleton::DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.dropped(reason)));
+        let reasons =
+            skeleton::DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
         let words = Word::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
         let holder = self.authority.holder().map(|claim| {
             let Claim { door, uid, pid, .. } = claim;
             json!({ "door": door.name(), "uid": uid, "pid": pid })
         });
         json!({
-            "accepted": self.state.accepted(),
+            "accepted": self.state.skeleton.accepted(),
             "dropped": counted(reasons),
             "without_authority": self.authority.frames_refused(),
             "over_quota": { "shared memory": self.quotas.over, "socket": socket.over_quota() },

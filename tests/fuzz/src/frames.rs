@@ -4,8 +4,8 @@ use crate::bytes::Bytes;
 use crate::skeletons::{WORDS, set};
 use layouts::{Layouts, Map};
 use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
-use pipeline::{InputConfig, input_tick};
-use skeleton::{DropReason, State};
+use pipeline::{InputConfig, InputState, Settings, input_tick};
+use skeleton::DropReason;
 use std::sync::LazyLock;
 
 /// The shipped files.
@@ -21,8 +21,14 @@ static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
     for text in FILES {
         layouts.add("shipped", Map::parse("shipped", text).expect("shipped")).expect("numbers of their own");
     }
-    InputConfig::new(layouts)
+    with(layouts)
 });
+
+/// The shipped settings with these layouts.
+fn with(layouts: Layouts) -> InputConfig {
+    let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
+    InputConfig::new(&settings.ingest, layouts)
+}
 
 /// The first byte says what the others are. 0: a file. 1: changes of a shipped one (length, place, how much is taken out, what
 /// is put in). Else a frame: its layout, its flags, and words that are overwritten (place, bits).
@@ -61,7 +67,7 @@ fn file(text: &str) {
     let number = map.number().to_le_bytes();
     let mut layouts = Layouts::default();
     layouts.add("layout.toml", map).expect("a number of its own");
-    let config = InputConfig::new(layouts);
+    let config = with(layouts);
     for count in 1..=96 {
         for flags in [0, raw_flag::ROTATIONS, raw_flag::ROTATIONS | raw_flag::LOCAL] {
             frame(&config, &[&number[..2], &[count, flags as u8]].concat());
@@ -89,11 +95,11 @@ fn frame(config: &InputConfig, rest: &[u8]) {
         }
         assert_eq!((out.header, out.session_nonce, out.operator_id), (raw.header, raw.session_nonce, raw.operator_id));
     }
-    let mut state = State::new();
+    let mut state = InputState::default();
     let out = input_tick(config, &mut state, Stamp(1_001_000_000), &raw);
     assert_eq!(out.skeleton.is_some(), out.drop.is_none(), "accepted or dropped, never both");
-    let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.dropped(reason)).sum();
-    assert_eq!(state.accepted() + dropped, 1, "every frame is counted once");
+    let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.skeleton.dropped(reason)).sum();
+    assert_eq!(state.skeleton.accepted() + dropped, 1, "every frame is counted once");
     if let Some(person) = out.skeleton {
         assert!(person.positions.iter().flatten().all(|x| x.is_finite()), "{:?}", person.positions);
     }

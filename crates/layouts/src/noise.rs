@@ -1,0 +1,114 @@
+//! Takes the tremble out of what a camera sees, before the frame is judged.
+//!
+//! The One-Euro filter (Casiez, Roussel, Vogel, CHI 2012) for each coordinate of each joint: a low-pass of first order whose
+//! cutoff rises with the joint's speed,
+//!   f_c = f_rest + g |v|,  a = 1 / (1 + 1 / (2 pi f_c T)),  y += a (x - y),
+//! with the time T between two frames and a speed v that is low-passed at 1 Hz. It delays what moves slowly by
+//! 1 / (2 pi f_rest), and what moves at speed v by 1 / (2 pi (f_rest + g v)).
+//!
+//! It hides nothing from those who judge the frame: a frame that repeats stays a repetition, a joint that jumps begins anew
+//! where it jumped to, and what is no number stays none.
+
+use messages::{RawSkeleton, SMPL_JOINTS, Stamp};
+use std::f64::consts::TAU;
+
+/// Cutoff of the speed, Hz (Casiez et al., who leave it at 1).
+const SPEED_CUTOFF_HZ: f64 = 1.0;
+/// After so long without a frame everything begins anew, ns: as long as several frames of the slowest camera.
+const GAP_NS: u64 = 250_000_000;
+/// A joint that goes further in a 30th of a second has jumped, m: `skeleton` allows as much between two frames.
+const JUMP_M: f64 = 0.15;
+/// Below this confidence a joint is not seen, as for `skeleton`.
+const CONFIDENCE_MIN: f32 = 0.5;
+
+/// How much is filtered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Cutoff of what rests, f_rest, Hz.
+    pub rest_cutoff_hz: f64,
+    /// Hz more for each m/s, g.
+    pub cutoff_per_m: f64,
+}
+
+/// One coordinate: what came out last, and its speed per second.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    value: f64,
+    speed: f64,
+}
+
+/// What is remembered of one person.
+#[derive(Clone, Copy, Debug)]
+pub struct NoiseState {
+    session: (u64, u32, u32),
+    origin: Stamp,
+    /// The positions that came last, and what they became.
+    came: [[f32; 3]; SMPL_JOINTS],
+    left: [[f32; 3]; SMPL_JOINTS],
+    axes: [[Axis; 3]; SMPL_JOINTS],
+    /// Bit per joint that has a past.
+    known: u32,
+}
+
+impl Default for NoiseState {
+    fn default() -> Self {
+        Self {
+            session: (0, 0, 0),
+            origin: Stamp::NONE,
+            came: [[0.0; 3]; SMPL_JOINTS],
+            left: [[0.0; 3]; SMPL_JOINTS],
+            axes: [[Axis::default(); 3]; SMPL_JOINTS],
+            known: 0,
+        }
+    }
+}
+
+/// Share of the new value that is taken, for a cutoff and a period.
+fn share(cutoff_hz: f64, period_s: f64) -> f64 {
+    1.0 / (1.0 + 1.0 / (TAU * cutoff_hz * period_s))
+}
+
+impl Noise {
+    /// Filters the positions of a frame of SMPL-22; `layout` is the one that the client sent. Never allocates or panics,
+    /// whatever the bits.
+    pub fn filter(&self, state: &mut NoiseState, layout: u32, frame: &mut RawSkeleton) {
+        let (origin, session) = (frame.header.origin, (frame.session_nonce, frame.operator_id, layout));
+        let mut came = [[0.0; 3]; SMPL_JOINTS];
+        came.copy_from_slice(&frame.positions[..SMPL_JOINTS]);
+        let period_ns = origin.since(state.origin);
+        if session != state.session || origin < state.origin || period_ns > GAP_NS {
+            *state = NoiseState { session, ..NoiseState::default() };
+        } else if origin == state.origin || came.as_flattened().iter().eq(state.came.as_flattened()) {
+            // Not news, and to be seen as such.
+            frame.positions[..SMPL_JOINTS].copy_from_slice(&state.left);
+            state.origin = origin;
+            return;
+        }
+        let period_s = period_ns as f64 * 1e-9;
+        for (joint, place) in came.iter().enumerate() {
+            let seen = frame.confidence[joint] >= CONFIDENCE_MIN && place.iter().all(|x| x.is_finite());
+            let step =
+                (0..3).map(|i| (f64::from(place[i]) - f64::from(state.came[joint][i])).powi(2)).sum::<f64>().sqrt();
+            let known = state.known & (1 << joint) != 0 && step <= JUMP_M * (period_s * 30.0).max(1.0);
+            state.known = if seen { state.known | 1 << joint } else { state.known & !(1 << joint) };
+            state.left[joint] = *place;
+            if !seen {
+                continue;
+            }
+            for (i, axis) in state.axes[joint].iter_mut().enumerate() {
+                let value = f64::from(place[i]);
+                if !known {
+                    *axis = Axis { value, speed: 0.0 };
+                    continue;
+                }
+                let speed = (value - f64::from(state.came[joint][i])) / period_s;
+                axis.speed += share(SPEED_CUTOFF_HZ, period_s) * (speed - axis.speed);
+                let cutoff_hz = self.rest_cutoff_hz + self.cutoff_per_m * axis.speed.abs();
+                axis.value += share(cutoff_hz, period_s) * (value - axis.value);
+                state.left[joint][i] = axis.value as f32;
+            }
+        }
+        (state.origin, state.came) = (origin, came);
+        frame.positions[..SMPL_JOINTS].copy_from_slice(&state.left);
+    }
+}

@@ -1,0 +1,140 @@
+//! The filter of what cameras see: calmer, as late as it says, and blind to nothing that has to be judged.
+
+use crate::client::{as_smpl, bent};
+use layouts::{Noise, NoiseState};
+use messages::{RawSkeleton, SkeletonLayout, Stamp};
+use skeleton::{Config, DropReason, Input, State, tick};
+
+const NOISE: Noise = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0 };
+const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
+/// 30 Hz, ns.
+const PERIOD_NS: u64 = 33_333_333;
+
+fn frame(i: u64) -> RawSkeleton {
+    let mut raw = as_smpl(&bent(), false);
+    raw.header.sequence = i + 1;
+    raw.header.origin = Stamp(1_000_000_000 + i * PERIOD_NS);
+    raw
+}
+
+/// Evenly between -1 and 1; the same each time (Numerical Recipes' congruences).
+struct Tremble(u32);
+
+impl Tremble {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.0 >> 8) as f32 / (1 << 23) as f32 - 1.0
+    }
+}
+
+#[test]
+fn f017_what_trembles_at_rest_trembles_less() {
+    let (mut state, mut tremble) = (NoiseState::default(), Tremble(1));
+    let (mut before, mut after) = (0.0, 0.0);
+    for i in 0..600 {
+        let mut raw = frame(i);
+        let still = raw.positions[20][1];
+        raw.positions.iter_mut().take(22).flatten().for_each(|x| *x += 0.01 * tremble.next());
+        before += (raw.positions[20][1] - still).powi(2);
+        NOISE.filter(&mut state, CAMERA, &mut raw);
+        after += (raw.positions[20][1] - still).powi(2);
+    }
+    assert!(after < 0.25 * before, "{after} of {before}");
+}
+
+#[test]
+fn what_moves_is_as_late_as_the_formula_says() {
+    for speed in [0.25_f32, 1.0, 3.0] {
+        let mut state = NoiseState::default();
+        let mut behind = 0.0;
+        for i in 0..150 {
+            let mut raw = frame(i);
+            let to = 0.3 + speed * i as f32 * PERIOD_NS as f32 * 1e-9;
+            raw.positions[20][0] = to;
+            NOISE.filter(&mut state, CAMERA, &mut raw);
+            behind = to - raw.positions[20][0];
+        }
+        // A low-pass of first order follows a ramp by 1 / (2 pi f_c).
+        let late_s = 1.0 / (std::f32::consts::TAU * (1.5 + 10.0 * speed));
+        assert!((behind / speed / late_s - 1.0).abs() < 0.02, "{speed} m/s: {behind} m, {late_s} s");
+    }
+}
+
+#[test]
+fn f013_a_tracker_that_stands_still_is_seen_to_stand_still_at_the_same_frame() {
+    let (mut filtered, mut plain, mut noise) = (State::new(), State::new(), NoiseState::default());
+    let mut drops = 0;
+    for i in 0..40 {
+        let mut raw = frame(i);
+        for place in &mut raw.positions {
+            place[0] += 0.002 * i.min(20) as f32;
+        }
+        let mut look = |state: &mut State, raw: &RawSkeleton| {
+            tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw }).drop
+        };
+        let without = look(&mut plain, &raw);
+        NOISE.filter(&mut noise, CAMERA, &mut raw);
+        assert_eq!(look(&mut filtered, &raw), without, "frame {i}");
+        drops += usize::from(without == Some(DropReason::Frozen));
+    }
+    assert!(drops > 10, "{drops}");
+}
+
+#[test]
+fn f007_a_joint_that_jumps_is_where_it_jumped_to() {
+    let mut state = NoiseState::default();
+    for i in 0..60 {
+        let mut raw = frame(i);
+        let jumped = if i >= 30 { 0.2 } else { 0.0 };
+        raw.positions[18][2] += jumped;
+        let came = raw.positions[18];
+        NOISE.filter(&mut state, CAMERA, &mut raw);
+        assert!((raw.positions[18][2] - came[2]).abs() < 1e-6, "frame {i}");
+    }
+}
+
+#[test]
+fn what_is_no_number_or_not_seen_passes_and_leaves_no_trace() {
+    let (mut state, mut clean) = (NoiseState::default(), NoiseState::default());
+    for i in 0..30 {
+        let (mut raw, mut reference) = (frame(i), frame(i));
+        for person in [&mut raw, &mut reference] {
+            person.positions[21][2] += 0.001 * i as f32;
+        }
+        if i == 10 {
+            raw.positions[20] = [f32::NAN, 1.0, f32::INFINITY];
+        }
+        if i == 15 {
+            (raw.positions[18][0], raw.confidence[18]) = (1e30, 0.2);
+        }
+        let came = raw;
+        NOISE.filter(&mut state, CAMERA, &mut raw);
+        NOISE.filter(&mut clean, CAMERA, &mut reference);
+        if i == 10 {
+            assert!(raw.positions[20][0].is_nan() && raw.positions[20][2].is_infinite());
+        } else if i == 15 {
+            assert_eq!(raw.positions[18], came.positions[18]);
+        } else {
+            assert_eq!(raw.positions[..22], reference.positions[..22], "frame {i}");
+        }
+    }
+}
+
+#[test]
+fn another_session_another_person_and_a_pause_begin_anew() {
+    let changes: [&dyn Fn(&mut RawSkeleton); 3] = [&|raw| raw.session_nonce = 8, &|raw| raw.operator_id = 2, &|raw| {
+        raw.header.origin = raw.header.origin.plus_ns(300_000_000)
+    }];
+    for change in changes {
+        let mut state = NoiseState::default();
+        for i in 0..10 {
+            NOISE.filter(&mut state, CAMERA, &mut frame(i));
+        }
+        let mut raw = frame(10);
+        raw.positions[20][0] += 0.05;
+        change(&mut raw);
+        let came = raw.positions[20];
+        NOISE.filter(&mut state, CAMERA, &mut raw);
+        assert_eq!(raw.positions[20], came);
+    }
+}
