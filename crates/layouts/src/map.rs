@@ -113,8 +113,8 @@ impl Map {
 
     /// Parents as those of SMPL-22, where each joint comes from one of the client's.
     pub(crate) fn hang_like_smpl(&mut self) {
-        for joint in 1..SMPL_JOINTS {
-            let (own, above) = (self.from[joint][0], self.from[PARENT[joint]][0]);
+        for (joint, parent) in PARENT.into_iter().enumerate().skip(1) {
+            let (own, above) = (self.from[joint][0], self.from[parent][0]);
             if let Some(parent) = self.parent.get_mut(usize::from(own)) {
                 *parent = above;
             }

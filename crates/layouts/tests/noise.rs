@@ -69,7 +69,7 @@ fn f013_a_tracker_that_stands_still_is_seen_to_stand_still_at_the_same_frame() {
         for place in &mut raw.positions {
             place[0] += 0.002 * i.min(20) as f32;
         }
-        let mut look = |state: &mut State, raw: &RawSkeleton| {
+        let look = |state: &mut State, raw: &RawSkeleton| {
             tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw }).drop
         };
         let without = look(&mut plain, &raw);
