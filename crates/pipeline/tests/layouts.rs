@@ -6,6 +6,9 @@ use pipeline::{InputConfig, InputState, Loaded, Overrides, input_tick, load};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
+/// What a client does to a good frame.
+type Change<'a> = &'a dyn Fn(&mut RawSkeleton);
+
 fn config() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
 }
@@ -84,7 +87,7 @@ fn f018_frames_of_no_layout_are_counted_by_their_reason() {
         input_tick(&config, state, now, &raw)
     };
     let local = raw_flag::ROTATIONS | raw_flag::LOCAL;
-    let cases: [(&dyn Fn(&mut RawSkeleton), Option<DropReason>); 8] = [
+    let cases: [(Change<'_>, Option<DropReason>); 8] = [
         (&|_| (), None),
         (&|raw| raw.layout = 77, Some(DropReason::Layout)),
         (&|raw| raw.layout = 1038, Some(DropReason::Layout)),
