@@ -9,12 +9,31 @@ const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 6] = [
+const NUMBERS: [(&str, u64, &str); 13] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
+    ("LAYOUT_SMPL24", SkeletonLayout::Smpl24 as u64, "SMPL-22 and both hands, in the same frame"),
+    ("LAYOUT_XR_BD24", SkeletonLayout::XrBd24 as u64, "OpenXR XR_BD_body_tracking, metres, x right, y up, z back"),
+    (
+        "LAYOUT_MEDIAPIPE33",
+        SkeletonLayout::MediaPipe33 as u64,
+        "MediaPipe Pose world landmarks, metres, y down, z away",
+    ),
+    (
+        "LAYOUT_AZURE_KINECT32",
+        SkeletonLayout::AzureKinect32 as u64,
+        "Azure Kinect, mm, x right, y down, z away; w x y z",
+    ),
+    ("LAYOUT_XSENS_MVN23", SkeletonLayout::XsensMvn23 as u64, "Xsens MVN segments, metres, z up; w x y z"),
+    ("LAYOUT_UNITY", SkeletonLayout::UnityHumanoid as u64, "Unity HumanBodyBones, left-handed, local rotations"),
     ("FLAG_MIRRORED", raw_flag::MIRRORED as u64, "the image was mirrored: left and right are swapped"),
     ("FLAG_ROTATIONS", raw_flag::ROTATIONS as u64, "rotations are filled"),
+    (
+        "FLAG_LOCAL",
+        raw_flag::LOCAL as u64,
+        "they are relative to the parent joint; of the positions the root's alone counts",
+    ),
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
 ];
 

@@ -18,10 +18,24 @@
 #define TELEOP_LIMBS 4
 /* SMPL-22, metres, x forward, y left, z up */
 #define TELEOP_LAYOUT_SMPL22 1
+/* SMPL-22 and both hands, in the same frame */
+#define TELEOP_LAYOUT_SMPL24 2
+/* OpenXR XR_BD_body_tracking, metres, x right, y up, z back */
+#define TELEOP_LAYOUT_XR_BD24 3
+/* MediaPipe Pose world landmarks, metres, y down, z away */
+#define TELEOP_LAYOUT_MEDIAPIPE33 4
+/* Azure Kinect, mm, x right, y down, z away; w x y z */
+#define TELEOP_LAYOUT_AZURE_KINECT32 5
+/* Xsens MVN segments, metres, z up; w x y z */
+#define TELEOP_LAYOUT_XSENS_MVN23 6
+/* Unity HumanBodyBones, left-handed, local rotations */
+#define TELEOP_LAYOUT_UNITY 7
 /* the image was mirrored: left and right are swapped */
 #define TELEOP_FLAG_MIRRORED 1
 /* rotations are filled */
 #define TELEOP_FLAG_ROTATIONS 2
+/* they are relative to the parent joint; of the positions the root's alone counts */
+#define TELEOP_FLAG_LOCAL 4
 /* all four hinges of the calibration are valid */
 #define TELEOP_CALIBRATION_ALL 15
 /* the service that clients write, and the one that wakes its reader */

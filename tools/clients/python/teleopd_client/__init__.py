@@ -17,14 +17,21 @@ import time
 import iceoryx2
 
 from . import layout as _layout
-from .layout import CALIBRATION_ALL, LAYOUT_SMPL22, RAW_JOINTS_MAX, HingeCalibration, RawSkeleton
-
-__all__ = ["SkeletonPublisher", "TeleopdError", "HingeCalibration", "RawSkeleton", "LAYOUT_SMPL22", "CALIBRATION_ALL"]
+from .layout import *  # noqa: F403
+from .layout import LAYOUT_SMPL22, RAW_JOINTS_MAX, HingeCalibration, RawSkeleton
 
 #: the folder of an instance that was given none
 DEFAULT_RUN_DIR = "/tmp/teleopd"
-#: joints of a layout whose number is fixed
-JOINTS = {LAYOUT_SMPL22: 22}
+#: joints of the layouts; those from files (`[ingest] layouts`) have other numbers, and are not counted here
+JOINTS = {
+    LAYOUT_SMPL22: 22,
+    _layout.LAYOUT_SMPL24: 24,
+    _layout.LAYOUT_XR_BD24: 24,
+    _layout.LAYOUT_MEDIAPIPE33: 33,
+    _layout.LAYOUT_AZURE_KINECT32: 32,
+    _layout.LAYOUT_XSENS_MVN23: 23,
+    _layout.LAYOUT_UNITY: 55,
+}
 
 
 class TeleopdError(RuntimeError):
@@ -79,11 +86,11 @@ class SkeletonPublisher:
         self._frame.session_nonce = random.SystemRandom().getrandbits(64)
         self._frame.header.incarnation = random.SystemRandom().getrandbits(32)
 
-    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, calibration=None):
+    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None):
         """Publishes one frame; answers its sequence number.
 
-        positions: a row of three numbers for each joint of the layout, in its unit and axes. rotations: x y z w each, unit
-        quaternions, global. confidence: 0 to 1 each (default: 1). seen_ns: when the person was seen, on CLOCK_MONOTONIC
+        positions: a row of three numbers for each joint of the layout, in its unit and axes. rotations: unit quaternions in
+        the layout's order, global, or relative to the parent joint if `local`. confidence: one number each (default: 1). seen_ns: when the person was seen, on CLOCK_MONOTONIC
         (`time.monotonic_ns()`, default: now); give the time of capture, because the robot's latency is counted from it.
         mirrored: the image was (a selfie camera's). calibration: a HingeCalibration, if you have one.
 
@@ -103,7 +110,8 @@ class SkeletonPublisher:
         for i in range(count):
             frame.confidence[i] = given[i]
         frame.joint_count = count
-        frame.flags = (_layout.FLAG_ROTATIONS if rotations is not None else 0) | (_layout.FLAG_MIRRORED if mirrored else 0)
+        flags = [_layout.FLAG_ROTATIONS] * (rotations is not None)
+        frame.flags = sum(flags + [_layout.FLAG_MIRRORED] * bool(mirrored) + [_layout.FLAG_LOCAL] * bool(local))
         frame.calibration = calibration if calibration is not None else HingeCalibration()
         now = time.monotonic_ns()
         frame.header.sequence += 1

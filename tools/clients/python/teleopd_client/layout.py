@@ -8,10 +8,24 @@ RAW_JOINTS_MAX = 96
 LIMBS = 4
 #: SMPL-22, metres, x forward, y left, z up
 LAYOUT_SMPL22 = 1
+#: SMPL-22 and both hands, in the same frame
+LAYOUT_SMPL24 = 2
+#: OpenXR XR_BD_body_tracking, metres, x right, y up, z back
+LAYOUT_XR_BD24 = 3
+#: MediaPipe Pose world landmarks, metres, y down, z away
+LAYOUT_MEDIAPIPE33 = 4
+#: Azure Kinect, mm, x right, y down, z away; w x y z
+LAYOUT_AZURE_KINECT32 = 5
+#: Xsens MVN segments, metres, z up; w x y z
+LAYOUT_XSENS_MVN23 = 6
+#: Unity HumanBodyBones, left-handed, local rotations
+LAYOUT_UNITY = 7
 #: the image was mirrored: left and right are swapped
 FLAG_MIRRORED = 1
 #: rotations are filled
 FLAG_ROTATIONS = 2
+#: they are relative to the parent joint; of the positions the root's alone counts
+FLAG_LOCAL = 4
 #: all four hinges of the calibration are valid
 CALIBRATION_ALL = 15
 #: name of the service that clients write
