@@ -53,8 +53,7 @@ fn a_python_script_moves_the_robot() {
         .spawn();
     let script = Client(script.expect("it starts"));
     hand.engage_until(Mode::Engaged);
-    let moved = |a: &[f64; 17], b: &[f64; 17]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    eyes.wait("moving with the script", |state| moved(&state.q, &before.q) > 0.5);
+    eyes.wait_moved(&before, 0.5);
     // A script that ends is silence.
     drop(script);
     hand.wait_mode(Mode::Disengaged);

@@ -15,8 +15,7 @@ fn engages_follows_and_stops_at_rest() {
     let client = rig.client(&motion::builtin(), 11);
     hand.engage_until(Mode::Engaged);
     client.set_engaged(true);
-    let moved = |a: &[f64; 17], b: &[f64; 17]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    eyes.wait("moving with the person", |state| moved(&state.q, &before.q) > 0.5);
+    eyes.wait_moved(&before, 0.5);
     std::thread::sleep(Duration::from_secs(4));
     hand.release();
     hand.wait_mode(Mode::Disengaged);

@@ -266,6 +266,11 @@ impl Eyes {
         }
     }
 
+    /// Waits until a joint is further than this, rad or m, from where it was.
+    pub fn wait_moved(&mut self, before: &RobotState, by: f64) -> RobotState {
+        self.wait("moving with the person", |state| state.q.iter().zip(&before.q).any(|(q, was)| (q - was).abs() > by))
+    }
+
     pub fn wait_at_rest(&mut self) -> RobotState {
         self.wait("at rest", |state| state.v.iter().chain(&state.a).all(|value| *value == 0.0))
     }

@@ -1,8 +1,10 @@
 //! One frame of any layout as SMPL-22.
 
 use crate::map::{Layouts, Map, NONE, Sends};
-use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, PARENT, UP_THE_TRUNK};
-use messages::{HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Smpl, raw_flag};
+use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, UP_THE_TRUNK};
+use messages::{
+    HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_PARENT, SkeletonLayout, Smpl, raw_flag,
+};
 use nalgebra::{Quaternion, Vector3};
 
 /// Why a frame cannot be converted. Whether its numbers are a person's is not judged here.
@@ -163,7 +165,7 @@ fn from_global(map: &Map, raw: &RawSkeleton, has_rotations: bool, mirrored: bool
         let [a, b] = map.from[if mirrored { OTHER_SIDE[joint] } else { joint }];
         if has_rotations {
             // Without one of its own a joint has that of the joint that it hangs on.
-            body.rotation[joint] = if a == NONE { body.rotation[PARENT[joint]] } else { rotation(map, raw, a) };
+            body.rotation[joint] = if a == NONE { body.rotation[SMPL_PARENT[joint]] } else { rotation(map, raw, a) };
         }
         if a == NONE {
             continue;
@@ -209,7 +211,7 @@ fn from_local(map: &Map, raw: &RawSkeleton) -> Body {
     }
     let mut body = Body::NOBODY;
     for joint in 0..SMPL_JOINTS {
-        let (parent, own) = (PARENT[joint], map.from[joint][0]);
+        let (parent, own) = (SMPL_PARENT[joint], map.from[joint][0]);
         let (rotation, seen) = match own {
             NONE => (body.rotation[parent], body.confidence[parent]),
             own => global[usize::from(own)],

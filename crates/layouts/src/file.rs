@@ -3,7 +3,7 @@
 use crate::axes::{Axes, Direction};
 use crate::error::LayoutError;
 use crate::map::{Map, NONE, Sends};
-use messages::{CUSTOM_LAYOUTS, RAW_JOINTS_MAX, SMPL_JOINTS};
+use messages::{CUSTOM_LAYOUTS, RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_NAMES};
 use serde::Deserialize;
 
 /// The only format that is read.
@@ -12,32 +12,6 @@ const FORMAT: u32 = 1;
 const NAME_MAX: usize = 64;
 /// The largest confidence that a tracker may count up to: assumption, per cent and per mille are below it.
 const CONFIDENCE_MAX: f64 = 1e6;
-
-/// Names of the joints of SMPL-22, by index.
-const NAMES: [&str; SMPL_JOINTS] = [
-    "pelvis",
-    "left_hip",
-    "right_hip",
-    "spine1",
-    "left_knee",
-    "right_knee",
-    "spine2",
-    "left_ankle",
-    "right_ankle",
-    "spine3",
-    "left_foot",
-    "right_foot",
-    "neck",
-    "left_collar",
-    "right_collar",
-    "head",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-];
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -132,7 +106,7 @@ impl Map {
         };
         joints(&read, &mut map, &say)?;
         if let Some(joint) = map.missing() {
-            return Err(say("joint", &NAMES[joint], "among those that some joint `is`"));
+            return Err(say("joint", &SMPL_NAMES[joint], "among those that some joint `is`"));
         }
         Ok(map)
     }
@@ -196,7 +170,7 @@ fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
         let above = above.ok_or_else(|| say(&key("parent"), &format!("{parent:?}"), "the name of a joint"))?;
         map.parent[joint.index as usize] = above.index as u8;
     }
-    for (name, [a, b]) in NAMES.iter().zip(map.from) {
+    for (name, [a, b]) in SMPL_NAMES.iter().zip(map.from) {
         if a != NONE && b == NONE {
             return Err(say("half_of", &format!("{name:?}"), "there twice, or be `is`"));
         }
@@ -222,8 +196,8 @@ fn place(map: &mut Map, joint: &Joint, say: Say<'_>) -> Result<(), LayoutError> 
     };
     let key = format!("joint {:?} {field}", joint.name);
     let refuse = |bound: &str| Err(say(&key, &format!("{name:?}"), bound));
-    let Some(smpl) = NAMES.iter().position(|known| known == name) else {
-        return refuse(&format!("one of {}", NAMES.join(", ")));
+    let Some(smpl) = SMPL_NAMES.iter().position(|known| known == name) else {
+        return refuse(&format!("one of {}", SMPL_NAMES.join(", ")));
     };
     if field == "half_of" && map.sends == Sends::LocalRotations {
         return refuse("`is`: rotations have no middle");

@@ -2,8 +2,7 @@
 
 use crate::axes::Axes;
 use crate::error::LayoutError;
-use crate::neutral::PARENT;
-use messages::{RAW_JOINTS_MAX, SMPL_JOINTS, Smpl};
+use messages::{RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_PARENT, Smpl};
 use serde::Deserialize;
 
 /// What a layout sends beside confidences.
@@ -113,7 +112,7 @@ impl Map {
 
     /// Parents as those of SMPL-22, where each joint comes from one of the client's.
     pub(crate) fn hang_like_smpl(&mut self) {
-        for (joint, parent) in PARENT.into_iter().enumerate().skip(1) {
+        for (joint, parent) in SMPL_PARENT.into_iter().enumerate().skip(1) {
             let (own, above) = (self.from[joint][0], self.from[parent][0]);
             if let Some(parent) = self.parent.get_mut(usize::from(own)) {
                 *parent = above;

@@ -2,10 +2,6 @@
 
 use messages::SMPL_JOINTS;
 
-/// Parent of each joint of SMPL-22; the pelvis is its own. Parents come before their children.
-pub(crate) const PARENT: [usize; SMPL_JOINTS] =
-    [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
-
 /// How far the shoulders stand behind the hips in a T-pose, m: the trunk of 0.504 m leans back by 0.1 rad, which is what
 /// the chest frame of `skeleton` counts as upright (`skeleton::TORSO_LEAN_RAD`).
 const BEHIND_M: f64 = 0.050_568_674_731;

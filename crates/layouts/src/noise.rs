@@ -16,10 +16,6 @@ use std::f64::consts::TAU;
 const SPEED_CUTOFF_HZ: f64 = 1.0;
 /// After so long without a frame everything begins anew, ns: as long as several frames of the slowest camera.
 const GAP_NS: u64 = 250_000_000;
-/// A joint that goes further in a 30th of a second has jumped, m: `skeleton` allows as much between two frames.
-const JUMP_M: f64 = 0.15;
-/// Below this confidence a joint is not seen, as for `skeleton`.
-const CONFIDENCE_MIN: f32 = 0.5;
 
 /// How much is filtered.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +24,10 @@ pub struct Noise {
     pub rest_cutoff_hz: f64,
     /// Hz more for each m/s, g.
     pub cutoff_per_m: f64,
+    /// A joint that goes further in a 30th of a second has jumped, m: what `skeleton` allows between two frames.
+    pub step_max_m: f64,
+    /// Below this confidence a joint is not seen: that of `skeleton`.
+    pub confidence_min: f32,
 }
 
 /// One coordinate: what came out last, and its speed per second.
@@ -86,10 +86,10 @@ impl Noise {
         }
         let period_s = period_ns as f64 * 1e-9;
         for (joint, place) in came.iter().enumerate() {
-            let seen = frame.confidence[joint] >= CONFIDENCE_MIN && place.iter().all(|x| x.is_finite());
+            let seen = frame.confidence[joint] >= self.confidence_min && place.iter().all(|x| x.is_finite());
             let step =
                 (0..3).map(|i| (f64::from(place[i]) - f64::from(state.came[joint][i])).powi(2)).sum::<f64>().sqrt();
-            let known = state.known & (1 << joint) != 0 && step <= JUMP_M * (period_s * 30.0).max(1.0);
+            let known = state.known & (1 << joint) != 0 && step <= self.step_max_m * (period_s * 30.0).max(1.0);
             state.known = if seen { state.known | 1 << joint } else { state.known & !(1 << joint) };
             state.left[joint] = *place;
             if !seen {

@@ -19,7 +19,7 @@ fn f076_no_conversion_and_no_filter_allocates() {
             assert_eq!(counted.allocated, 0, "layout {number}, flags {flags}");
             converted += usize::from(out.is_ok());
             let (mut noise, mut state) = (raw, NoiseState::default());
-            let filter = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0 };
+            let filter = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, step_max_m: 0.15, confidence_min: 0.5 };
             for origin in 1..4 {
                 (noise.header.origin.0, noise.positions[0][0]) = (origin * 10_000_000, origin as f32);
                 let ((), counted) = count_allocations(|| filter.filter(&mut state, number, &mut noise));

@@ -26,8 +26,8 @@ pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
-    CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout,
-    Smpl, calibration_flag, raw_flag, skeleton_flag,
+    CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT,
+    Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
 };
 pub use status::{Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 pub use time::{Header, Stamp, TICK_HZ, TICK_S, comes_after, deadline, tick_at};

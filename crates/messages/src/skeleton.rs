@@ -53,6 +53,35 @@ pub enum Smpl {
     RightWrist = 21,
 }
 
+/// Names of the SMPL-22 joints, by index: in messages and in files of layouts.
+pub const SMPL_NAMES: [&str; SMPL_JOINTS] = [
+    "pelvis",
+    "left_hip",
+    "right_hip",
+    "spine1",
+    "left_knee",
+    "right_knee",
+    "spine2",
+    "left_ankle",
+    "right_ankle",
+    "spine3",
+    "left_foot",
+    "right_foot",
+    "neck",
+    "left_collar",
+    "right_collar",
+    "head",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+];
+
+/// Parent of each joint of SMPL-22; the pelvis is its own. Parents come before their children.
+pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
+
 /// The layouts of `RawSkeleton` that `ingest` understands. The numbers are part of the contract with clients: one that is
 /// given never changes its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

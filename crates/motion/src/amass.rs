@@ -6,9 +6,8 @@ use crate::bvh::{Pose, RigFrame};
 use crate::error::ArrayError;
 use crate::npy::{Array, Npz};
 use crate::{FRAMES_MAX, LoadOptions, builtin};
-use messages::SMPL_JOINTS;
+use messages::{SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{UnitQuaternion, Vector3};
-use skeleton::PARENT;
 use std::io::{Read, Seek};
 
 /// Columns of `poses` that move the 22 joints of the body: an axis-angle vector each.
@@ -128,7 +127,7 @@ fn matrix(array: Array, widths: &[usize], expected: &'static str) -> Result<Vec<
 /// Bones of the T-pose from parent to joint, m, in the axes of SMPL's body: x left, y up, z forward.
 fn rest_bones() -> [Vector3<f64>; SMPL_JOINTS] {
     let rest = builtin::t_pose().map(|[x, y, z]| Vector3::new(f64::from(y), f64::from(z), f64::from(x)));
-    std::array::from_fn(|j| rest[j] - rest[PARENT[j]])
+    std::array::from_fn(|j| rest[j] - rest[SMPL_PARENT[j]])
 }
 
 /// Global poses: R_j = R_parent exp(pose_j), p_j = p_parent + R_parent bone_j, from the pelvis at `trans`.
@@ -136,8 +135,8 @@ fn forward(pose: &[f64], trans: Vector3<f64>, rest: &[Vector3<f64>; SMPL_JOINTS]
     let mut out = [Pose { position: trans, rotation: UnitQuaternion::identity() }; SMPL_JOINTS];
     for (j, turn) in pose.chunks_exact(3).enumerate().take(SMPL_JOINTS) {
         let local = UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(turn));
-        let parent = out[PARENT[j]];
-        out[j] = if j == PARENT[j] {
+        let parent = out[SMPL_PARENT[j]];
+        out[j] = if j == SMPL_PARENT[j] {
             Pose { position: trans, rotation: local }
         } else {
             Pose { position: parent.position + parent.rotation * rest[j], rotation: parent.rotation * local }

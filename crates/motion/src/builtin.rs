@@ -1,9 +1,9 @@
 //! The built-in demo motion: our own, procedural, and slow enough for a robot arm of 2 rad/s.
 
 use crate::{Frame, Guesses, Motion};
-use messages::{SMPL_JOINTS, Smpl};
+use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
 use nalgebra::{UnitQuaternion, Vector3};
-use skeleton::{PARENT, TORSO_LEAN_RAD};
+use skeleton::TORSO_LEAN_RAD;
 
 const RATE_HZ: f64 = 60.0;
 const STATURE_M: f64 = 1.75;
@@ -118,7 +118,7 @@ fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
             if side == 1 {
                 bone.y = -bone.y;
             }
-            let parent = Vector3::from(out.positions[PARENT[joint as usize]]);
+            let parent = Vector3::from(out.positions[SMPL_PARENT[joint as usize]]);
             out.positions[joint as usize] = (parent + bone.cast::<f32>()).into();
         }
     }

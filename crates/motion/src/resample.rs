@@ -1,8 +1,9 @@
 //! Mixing poses: upsampling of slow sources, and loops without a seam.
 
 use crate::{Frame, Motion, RATE_MIN_HZ, RATE_UPSAMPLED_HZ};
+use messages::SMPL_PARENT;
 use nalgebra::{UnitQuaternion, Vector3};
-use skeleton::{PARENT, slerp};
+use skeleton::slerp;
 
 /// A source below [`RATE_MIN_HZ`] resampled to [`RATE_UPSAMPLED_HZ`] (rotations by slerp, bones by direction and length,
 /// so that no limb shrinks between frames); any other is returned as it is.
@@ -49,7 +50,7 @@ pub(crate) fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
     let hips = slerp(hips_a, hips_b, t);
     let [q_a, q_b, q] = [hips_a, hips_b, hips].map(quaternion);
     let mut out = *a;
-    for (joint, &parent) in PARENT.iter().enumerate() {
+    for (joint, &parent) in SMPL_PARENT.iter().enumerate() {
         let in_hips = |q: UnitQuaternion<f64>, frame: &Frame| store(q.inverse() * quaternion(frame.rotations[joint]));
         let local = slerp(in_hips(q_a, a), in_hips(q_b, b), t);
         out.rotations[joint] = store(q * quaternion(local));

@@ -2,33 +2,7 @@
 
 use crate::bvh::Joint;
 use crate::error::BvhError;
-use messages::{SMPL_JOINTS, Smpl};
-
-/// Names of the SMPL-22 joints, for messages.
-pub(crate) const SMPL_NAMES: [&str; SMPL_JOINTS] = [
-    "pelvis",
-    "left_hip",
-    "right_hip",
-    "spine1",
-    "left_knee",
-    "right_knee",
-    "spine2",
-    "left_ankle",
-    "right_ankle",
-    "spine3",
-    "left_foot",
-    "right_foot",
-    "neck",
-    "left_collar",
-    "right_collar",
-    "head",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-];
+use messages::{SMPL_JOINTS, SMPL_NAMES, Smpl};
 
 /// Joints that have a side, as left and right SMPL index and their names without the side, best first. "leg", "shoulder",
 /// "foot" and "hand" are ambiguous and are decided by the tree.

@@ -1,9 +1,8 @@
 //! Writing BVH: SMPL-22 with the names of LAFAN1, six channels on every joint, centimetres, Y up, +Z forward.
 
 use crate::{Frame, Motion, MotionError};
-use messages::SMPL_JOINTS;
+use messages::{SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
-use skeleton::PARENT;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -82,7 +81,7 @@ fn write_joint(
         "{pad}{kind} {}\n{pad}{{\n{pad}  OFFSET {:.6} {:.6} {:.6}\n{pad}  {CHANNELS}\n",
         NAMES[joint], p.x, p.y, p.z
     );
-    let children: Vec<usize> = (1..SMPL_JOINTS).filter(|&child| PARENT[child] == joint).collect();
+    let children: Vec<usize> = (1..SMPL_JOINTS).filter(|&child| SMPL_PARENT[child] == joint).collect();
     for &child in &children {
         write_joint(text, order, locals, child, depth + 1);
     }
@@ -103,7 +102,7 @@ fn locals(frame: &Frame) -> [(Vector3<f64>, UnitQuaternion<f64>); SMPL_JOINTS] {
         file * UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
     };
     std::array::from_fn(|joint| {
-        let parent = PARENT[joint];
+        let parent = SMPL_PARENT[joint];
         if joint == parent {
             return (position(joint), rotation(joint));
         }

@@ -25,7 +25,12 @@ impl InputConfig {
         Self {
             layouts,
             filter: settings.filter,
-            noise: Noise { rest_cutoff_hz: settings.filter_rest_cutoff_hz, cutoff_per_m: settings.filter_cutoff_per_m },
+            noise: Noise {
+                rest_cutoff_hz: settings.filter_rest_cutoff_hz,
+                cutoff_per_m: settings.filter_cutoff_per_m,
+                step_max_m: measured.step_max_m,
+                confidence_min: measured.confidence_min,
+            },
             seen: skeleton::Config {
                 length_change_max: settings.camera_length_change_max,
                 length_step_max: settings.camera_length_step_max,

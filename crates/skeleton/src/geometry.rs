@@ -1,10 +1,6 @@
 //! Vectors and quaternions of messages as those of the formulas.
 
-use messages::SMPL_JOINTS;
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
-
-/// Parent of each SMPL-22 joint; the pelvis is its own.
-pub const PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
 
 /// Below this length (m) a bone has no direction: a tenth of a millimetre, far below any tracker's noise.
 const LENGTH_MIN_M: f64 = 1e-4;

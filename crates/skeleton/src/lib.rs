@@ -15,7 +15,7 @@ mod session;
 mod tick;
 
 pub use config::{Config, DROP_REASONS, DropReason};
-pub use geometry::{PARENT, slerp};
+pub use geometry::slerp;
 pub use hinge::Calibrator;
 pub use limbs::{Hold, LimbFrames, TORSO_LEAN_RAD, limbs_from_positions_rotations, torso_rotation};
 pub use plausible::{Chirality, chirality};

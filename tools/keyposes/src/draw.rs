@@ -1,10 +1,9 @@
 //! Stick figures of a motion as SVG: from the front, from the left and from above.
 
 use crate::person::{HAND_M, hands, head};
-use messages::Smpl;
+use messages::{SMPL_PARENT, Smpl};
 use motion::{Frame, Motion};
 use nalgebra::Vector3;
-use skeleton::PARENT;
 use std::fmt::Write;
 
 /// Size of one figure, in pixels, and pixels per metre.
@@ -55,7 +54,7 @@ fn figure(out: &mut String, frame: &Frame, at: impl Fn(Vector3<f64>) -> [f64; 2]
         j if j == Smpl::RightElbow as usize || j == Smpl::RightWrist as usize => Some("royalblue"),
         _ => None,
     };
-    for (joint, &parent) in PARENT.iter().enumerate().skip(1) {
+    for (joint, &parent) in SMPL_PARENT.iter().enumerate().skip(1) {
         line(
             position(parent),
             position(joint),

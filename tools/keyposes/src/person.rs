@@ -1,9 +1,8 @@
 //! A standing person with given arms: key poses by angles or by where the hand is.
 
-use messages::{SMPL_JOINTS, Smpl};
+use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
 use motion::Frame;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use skeleton::PARENT;
 
 /// Stature of the person, m: that of the built-in motion, whose trunk and legs it has.
 pub const STATURE_M: f64 = 1.75;
@@ -92,7 +91,7 @@ pub fn with_limbs(frame: &Frame, arms: &[[UnitQuaternion<f64>; 3]; 2]) -> Frame 
             if side == 1 {
                 bone.y = -bone.y;
             }
-            let parent = Vector3::from(out.positions[PARENT[joint as usize]]);
+            let parent = Vector3::from(out.positions[SMPL_PARENT[joint as usize]]);
             out.positions[joint as usize] = (parent + bone.cast::<f32>()).into();
         }
     }

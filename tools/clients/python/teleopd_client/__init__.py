@@ -110,8 +110,11 @@ class SkeletonPublisher:
         for i in range(count):
             frame.confidence[i] = given[i]
         frame.joint_count = count
-        flags = [_layout.FLAG_ROTATIONS] * (rotations is not None)
-        frame.flags = sum(flags + [_layout.FLAG_MIRRORED] * bool(mirrored) + [_layout.FLAG_LOCAL] * bool(local))
+        frame.flags = (
+            (_layout.FLAG_ROTATIONS if rotations is not None else 0)
+            | (_layout.FLAG_MIRRORED if mirrored else 0)
+            | (_layout.FLAG_LOCAL if local else 0)
+        )
         frame.calibration = calibration if calibration is not None else HingeCalibration()
         now = time.monotonic_ns()
         frame.header.sequence += 1
