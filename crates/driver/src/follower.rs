@@ -4,7 +4,9 @@ use crate::acceptance::{self, Refusal, Rule};
 use crate::chain::Chain;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
-use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_S, known_bug, state_flag};
+use messages::{
+    Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, TICK_S, known_bug, state_flag,
+};
 
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
@@ -13,6 +15,14 @@ pub const SILENCE_TICKS: u64 = 15;
 /// Ticks in a row in which the drives do not follow after which what is measured is held: by then the robot is not on
 /// the plan any more, while a setpoint or two that were lost on the way leave it there.
 pub const UNDRIVEN_TICKS: u64 = 3;
+
+/// Once the drives follow again, ticks for which what is measured is still held while a joint moves: a setpoint that stood
+/// still would be overshot. 500 ms, the longest stop of the robots; then what is held stands, whatever is measured.
+pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
+
+/// A joint that is measured slower than this stands, rad/s or m/s: five times the noise of the simulated drives' velocities.
+/// A servo of 5 Hz takes it over within some 3 mrad. Assumption.
+const STANDING: f64 = 0.1;
 
 /// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
 /// As `safety` judges measurements.
@@ -59,8 +69,10 @@ pub struct State {
     silent: Option<u64>,
     /// Ticks in a row in which the drives did not follow.
     undriven: u64,
-    /// What is measured is held since the drives complained.
+    /// What is measured is held: since the drives complained, and until the joints stand.
     holds_measured: bool,
+    /// Ticks for which that may still last once they do not complain any more.
+    settle_ticks: u64,
     /// The last measured posture that could be, and its index.
     believed: ([f64; JOINTS], u64),
     /// `origin` of the last accepted command.
@@ -87,6 +99,7 @@ impl State {
             silent: None,
             undriven: 0,
             holds_measured: false,
+            settle_ticks: 0,
             believed: (*q, k),
             origin: Stamp::NONE,
             reset: None,
@@ -255,14 +268,15 @@ impl State {
         Some(command)
     }
 
-    /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow.
+    /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow, nor
+    /// before the joints stand.
     fn listen(&mut self, config: &Config, now: Stamp, command: &JointCommand, driven: bool) -> Result<Rule, Refusal> {
         acceptance::plausible(now, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
-        if edge && self.latched && self.motion.at_rest() && driven {
+        if edge && self.latched && self.motion.at_rest() && driven && !self.holds_measured {
             self.latched = false;
             self.silent = None;
         }
@@ -324,16 +338,25 @@ impl State {
     }
 
     /// Holds where the joints stand if the robot as a whole has not followed for long enough; and, once, where a drive
-    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. The state is
-    /// latched, so at least one tick of a plan lies between the last accepted command and the identity that is given here:
-    /// it is new.
+    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. Joints that
+    /// still move when nothing is complained of any more come to rest first. The state is latched, so at least one tick of
+    /// a plan lies between the last accepted command and the identity that is given here: it is new.
     fn hold_undriven(&mut self, input: &Input<'_>, standing: Option<[f64; JOINTS]>, each: &mut impl FnMut(&Step)) {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
         let undriven = (input.port_fault || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
-        self.holds_measured &= undriven || drives.fault;
+        let complained = undriven || drives.fault;
+        let stands = input.measured.is_none_or(|measured| measured.dq.iter().all(|dq| dq.abs() <= STANDING));
+        self.settle_ticks = match complained {
+            true => SETTLE_TICKS,
+            false if stands => 0,
+            false => self.settle_ticks.saturating_sub(1),
+        };
+        self.holds_measured &= self.settle_ticks > 0;
+        let settles = self.holds_measured && !complained;
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
-        let Some(standing) = standing.filter(|_| stopped || self.undriven >= UNDRIVEN_TICKS) else { return };
+        let held = stopped || settles || self.undriven >= UNDRIVEN_TICKS;
+        let Some(standing) = standing.filter(|_| held) else { return };
         self.holds_measured = true;
         self.motion = Motion::rest(standing);
         (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);

@@ -27,8 +27,10 @@
 //!
 //! A robot whose drives do not follow (no power, its own emergency stop, setpoints refused) for [`UNDRIVEN_TICKS`] moves as
 //! gravity likes. From then on the follower holds what is measured, tick by tick, under a new identity each time and still
-//! latched, so that the return of power finds a setpoint where the robot stands, and nothing moves. A measurement that no
-//! joint can have come to since the last one (three times its speed limit) is passed over.
+//! latched, so that the return of power finds a setpoint where the robot stands, and nothing moves. A power that returns
+//! while joints still move finds it where they are, for as long as they do ([`SETTLE_TICKS`] at most): the servos brake
+//! them, and nothing swings back. A measurement that no joint can have come to since the last one (three times its speed
+//! limit) is passed over.
 #![no_std]
 
 mod acceptance;
@@ -40,7 +42,8 @@ mod port;
 pub use acceptance::{PLAN_MAX_S, REST_TOLERANCE, Refusal};
 pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
 pub use follower::{
-    Accepted, Config, Input, Output, SILENCE_TICKS, State, Step, StepKind, UNDRIVEN_TICKS, tick, tick_each,
+    Accepted, Config, Input, Output, SETTLE_TICKS, SILENCE_TICKS, State, Step, StepKind, UNDRIVEN_TICKS, tick,
+    tick_each,
 };
 pub use plan::Motion;
 pub use port::{Driver, Drives, Measured, Setpoint};

@@ -1,6 +1,8 @@
 //! What the follower refuses, when it latches, and what a reset does.
 
-use driver::{Accepted, Chain, Config, Input, Motion, Output, Refusal, SILENCE_TICKS, State, reseed, tick};
+use driver::{
+    Accepted, Chain, Config, Input, Motion, Output, Refusal, SETTLE_TICKS, SILENCE_TICKS, State, reseed, tick,
+};
 use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag};
 
 const K: u64 = 1000;
@@ -215,6 +217,35 @@ fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
     let input = Input { due_k: K + 6, command: Some(&next), port_fault: true, measured: None };
     let out = tick(&CONFIG, &mut bench.state, deadline(K + 6), input);
     assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
+}
+
+#[test]
+fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_stands() {
+    // Joint 3 goes on at 0.5 rad/s, for a while or for ever.
+    for (moves_for, held_for) in [(200, 200), (u64::MAX, SETTLE_TICKS - 1)] {
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        let (mut now, mut held_until) = (measured(), 0);
+        for n in 0..10 + held_for + 20 {
+            let k = K + 6 + n;
+            let moves = n < moves_for.saturating_add(10);
+            now.drives.emergency_stop = n < 10;
+            now.dq[3] = if moves { 0.5 } else { 0.02 };
+            now.q[3] += if moves { 0.5 * TICK_S } else { 0.0 };
+            // Whoever resets and goes on sending is heard only once the joint stands.
+            let command = bench.fresh(k, n as u32 / 2);
+            let input = Input { due_k: k, command: Some(&command), port_fault: false, measured: Some(&now) };
+            let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+            let holds = bench.state.chain.is_none() && bench.state.executed_k == k;
+            if holds {
+                assert!(bench.state.latched && out.accepted.is_none(), "tick {n}");
+                assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS]), "tick {n}");
+                held_until = n;
+            }
+        }
+        assert_eq!(held_until, 9 + held_for, "the joint moved for {moves_for} ticks");
+        assert!(!bench.state.latched, "a reset is taken then");
+    }
 }
 
 #[test]
