@@ -42,6 +42,8 @@ pub(crate) struct Session {
     /// Low-passed evidence on left and right.
     chirality: Option<Chirality>,
     upright: bool,
+    /// Hash of the last frame of which all else was right.
+    payload: Option<u64>,
     moved: bool,
     frozen_since: Stamp,
 }
@@ -53,7 +55,6 @@ struct Body {
     /// Relative to the middle of the hips, m, with NaN-free values; shoulders, elbows, wrists of both arms.
     arms: [[Vector3<f64>; 3]; 2],
     lengths: [Option<f64>; LIMBS],
-    payload: u64,
 }
 
 impl Body {
@@ -70,7 +71,7 @@ impl Body {
                 }
             }
         }
-        Self { origin: raw.header.origin, arms, lengths, payload: payload_hash(person) }
+        Self { origin: raw.header.origin, arms, lengths }
     }
 }
 
@@ -91,6 +92,7 @@ impl Session {
             lengths_refused_since: Stamp::NONE,
             chirality: None,
             upright: false,
+            payload: None,
             moved: false,
             frozen_since: Stamp::NONE,
         }
@@ -139,7 +141,6 @@ impl Session {
         let body = Body::read(raw, person);
         let previous = self.previous.replace(body);
         if let Some(previous) = previous {
-            self.check_frozen(config, now, &previous, &body)?;
             if teleported(config, person, &previous, &body) {
                 self.settling = config.coherent_frames;
                 // It may be the two sides that jumped.
@@ -152,7 +153,8 @@ impl Session {
             }
             check_length_steps(config, &previous, &body)?;
         }
-        self.check_lengths(config, &body)
+        self.check_lengths(config, &body)?;
+        self.check_frozen(config, now, payload_hash(person))
     }
 
     /// Upright at the start, and never a mirror image.
@@ -177,9 +179,11 @@ impl Session {
         if mean.sides < SIDES_MIN || mean.front < FRONT_MIN { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
-    fn check_frozen(&mut self, config: &Config, now: Stamp, previous: &Body, body: &Body) -> Result<(), DropReason> {
-        if body.payload != previous.payload {
-            self.moved = true;
+    /// Compares with the last frame of which all else was right: one that is refused is no sign of life.
+    fn check_frozen(&mut self, config: &Config, now: Stamp, payload: u64) -> Result<(), DropReason> {
+        let last = self.payload.replace(payload);
+        if last != Some(payload) {
+            self.moved |= last.is_some();
             self.frozen_since = Stamp::NONE;
             return Ok(());
         }

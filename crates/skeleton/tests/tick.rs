@@ -138,7 +138,7 @@ fn f007_after_a_teleport_five_coherent_frames_are_needed() {
 fn f006_limbs_keep_their_length() {
     let mut state = running(100);
     let stretched = |i: u64, factor: f32| {
-        let mut frame = raw(&standing(100.0 / 60.0), i);
+        let mut frame = raw(&standing(i as f64 / 60.0), i);
         for c in 0..3 {
             let (elbow, wrist) = (frame.positions[18][c], frame.positions[20][c]);
             frame.positions[20][c] = elbow + (wrist - elbow) * factor;
@@ -170,6 +170,25 @@ fn f012_f013_a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
     assert!((5..=7).contains(&first), "dropped after {first} frames of 16.7 ms");
     assert_eq!(state.dropped(DropReason::Frozen), dropped.iter().filter(|&&d| d).count() as u64);
     assert!(!dropped[119], "after a second the posture counts as held on purpose");
+}
+
+#[test]
+fn f013_a_refused_frame_is_no_sign_of_life() {
+    let mut state = running(60);
+    let mut accepted_last = 0;
+    for i in 0..60 {
+        let mut frame = raw(&standing(59.0 / 60.0), 60 + i);
+        // Now and then the arm is too long, each time by another length, and then right again: both are refused.
+        if i % 5 == 3 {
+            frame.positions[20][1] += 0.05 + 0.001 * i as f32;
+        }
+        match feed(&mut state, &frame) {
+            None => accepted_last = i,
+            Some(DropReason::LengthStep) => assert!(i % 5 >= 3, "frame {i}"),
+            Some(reason) => assert_eq!((reason, i % 5 < 3), (DropReason::Frozen, true), "frame {i}"),
+        }
+    }
+    assert!(accepted_last <= 8, "{accepted_last}: 100 ms after the tracker got stuck nothing of it is used");
 }
 
 #[test]
