@@ -48,7 +48,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline"]),
     ("latency", &["messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
-    ("simulate", &["messages", "robot", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
+    ("simulate", &["messages", "robot", "driver", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
     ("chaos", &["messages", "driver", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "sim", "motion", "pipeline", "rt"]),
 ];

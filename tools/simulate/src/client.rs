@@ -10,6 +10,10 @@ use rand::RngExt;
 /// Without an accepted frame for so long (ticks) the person starts his client anew: 1.5 s.
 const PATIENCE: u64 = TICK_HZ * 3 / 2;
 
+/// Ticks from one start of a client that keeps starting anew to the next: every second one comes before the person of the
+/// one before has been forgotten (1 s).
+const RECONNECT: u64 = TICK_HZ / 2;
+
 /// A client that publishes without authority, or takes it.
 const STRANGER: u64 = 0x5712_a26e;
 
@@ -74,9 +78,15 @@ impl Client {
     /// The frames that arrive in tick `k` of the run, whose deadline is `now`.
     pub fn tick(&mut self, k: u64, now: Stamp, engaged: bool, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
         out.clear();
-        if faults.active.iter().any(|a| a.fault == Fault::Delivery(Delivery::Reconnect) && a.age == 0) {
+        let reconnects = |fault| (fault == Fault::Delivery(Delivery::Reconnect)).then_some(());
+        let mut restarts = false;
+        faults.each(reconnects, |active, ()| {
+            let again = active.age.is_multiple_of(RECONNECT);
+            restarts |= again;
+            again
+        });
+        if restarts {
             self.restart(k);
-            faults.each(|fault| (fault == Fault::Delivery(Delivery::Reconnect)).then_some(()), |a, ()| a.age == 0);
         }
         if let Some((_, mut raw)) = self.player.due(now, engaged) {
             self.sequence += 1;

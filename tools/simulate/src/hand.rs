@@ -68,8 +68,13 @@ impl Hand {
         }
     }
 
+    /// Whether neither enable nor recover is held.
+    pub fn has_let_go(&self) -> bool {
+        !self.view.enable_level && !self.view.recover_level
+    }
+
     fn let_go(&mut self) {
-        if self.view.enable_level || self.view.recover_level {
+        if !self.has_let_go() {
             self.view.release_edges += 1;
         }
         (self.view.enable_level, self.view.recover_level) = (false, false);
@@ -228,7 +233,7 @@ impl Hand {
 
     /// The server takes the enable from a client that it has lost.
     fn lose(&mut self) {
-        if self.view.enable_level || self.view.recover_level {
+        if !self.has_let_go() {
             self.view.holders_lost += 1;
         }
         (self.view.enable_level, self.view.recover_level) = (false, false);

@@ -315,7 +315,7 @@ kinds! {
     "old-session" ["f014"] Del(D::OldSession), 60..900;
     "stranger" ["f068"] Del(D::Stranger), 300..3000;
     "holder-pauses" ["f069"] Del(D::HolderPauses), 1600..3000;
-    "reconnect" ["f070"] Del(D::Reconnect), 30..300;
+    "reconnect" ["f070"] Del(D::Reconnect), 30..3000;
     "pause-all" ["f031"] Pr(Process::PauseAll), 8..1500;
     "target-nan" ["f033"] Of(C::TargetNan), 1..60;
     "target-infinite" ["f033"] Of(C::TargetInfinite), 1..60;

@@ -19,6 +19,9 @@ use sim::Injection;
 /// A joint's distance from its target that makes an engagement one from elsewhere, rad: ten times what counts as aligned.
 const ELSEWHERE_RAD: f64 = 0.2;
 
+/// Ticks after the last one in which the drives do not follow for which what is measured may still be held.
+const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
+
 /// A bug that is planted on purpose, so that a test sees it found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bug {
@@ -156,8 +159,11 @@ impl<'a> Run<'a> {
             None if tick + 1 == ticks => {
                 return broken("liveness", format!("still {} {QUIET_TICKS} ticks after the last fault", mode.name()));
             }
-            // A fault of before may still have to be seen for the tenth of a second in which inputs go stale.
-            Some(_) if !follows && tick < self.quiet_from + TICK_HZ / 2 => self.followed_since = None,
+            // A fault of before may still have to be seen for the tenth of a second in which inputs go stale; and who lets go
+            // of a robot that held a moment ago stops it himself.
+            Some(_) if !follows && (tick < self.quiet_from + TICK_HZ / 2 || self.hand.has_let_go()) => {
+                self.followed_since = None;
+            }
             Some(since) if !follows => {
                 return broken("false stop", format!("{} though nothing is wrong, engaged since {since}", mode.name()));
             }
@@ -309,7 +315,7 @@ impl<'a> Run<'a> {
                 Fault::Content(_) if KINDS[active.episode.kind].name.ends_with("-target") => *forged_until = k + 300,
                 Fault::Content(Content::TargetBits) => *forged_until = k + 300,
                 Fault::Robot(Robot::Rejected | Robot::DriveFault | Robot::Stopped | Robot::PowerReturns) => {
-                    *undriven_until = k + 3;
+                    *undriven_until = k + UNDRIVEN;
                 }
                 _ => {}
             }
@@ -376,7 +382,7 @@ impl<'a> Run<'a> {
         for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
             inject(self.world.sim_mut(), active.fault, active.episode.param, active.strength);
         }
-        self.undriven_until = self.undriven_until.max(self.k + 3);
+        self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         self.injected = wanted;
     }
 

@@ -18,8 +18,8 @@ const BETWEEN_STORMS: u64 = 4500;
 /// Episodes of one storm at most.
 const STORM_MAX: usize = 8;
 
-/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn three times as often.
-const RARE_MORE: usize = 2;
+/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn four times as often.
+const RARE_MORE: usize = 3;
 /// See above.
 const RARE: [&str; 13] = [
     "found-outside",
@@ -57,8 +57,8 @@ pub struct Episode {
 }
 
 /// The faults of a run of `ticks` ticks, of these kinds. Storms of 1 to 8 episodes with time to recover between them. `deal`
-/// names kinds that come first, so that a campaign meets all kinds; a third of the seeds draw
-/// no others, and a third only one of them again.
+/// names kinds that come first, so that a campaign meets all kinds; a third of the seeds draw no others, and a third only
+/// one of them again.
 pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episode> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let end = ticks.saturating_sub(QUIET_TICKS);
