@@ -262,6 +262,76 @@ mod tests {
         assert!(meeting > 1000, "{meeting}");
     }
 
+    /// Boxes and a plane about the robot, of which some are nearer than the robot to itself.
+    fn solids(rng: &mut rand_pcg::Pcg64) -> Vec<robot::Obstacle> {
+        let floor = Solid::HalfSpace { normal: Vector3::z(), offset_m: rng.random_range(-0.3..0.3) };
+        let turned = nalgebra::Rotation3::from_scaled_axis(point(rng, 2.0)).into_inner();
+        let half_m = point(rng, 0.3).abs() + Vector3::repeat(0.01);
+        let shelf = Solid::Box { center: point(rng, 1.0) + Vector3::z(), r: turned, half_m };
+        let small = Solid::Box {
+            center: point(rng, 0.8) + Vector3::z() * 0.5,
+            r: nalgebra::Matrix3::identity(),
+            half_m: Vector3::repeat(0.02),
+        };
+        let named = |solid| robot::Obstacle { name: "solid".into(), solid };
+        [floor, shelf, small].into_iter().map(named).collect()
+    }
+
+    /// Every pair and every obstacle, each by the arithmetic of the other implementation: the two least.
+    fn all_distances(model: &Model, frames: &Frames) -> [(f64, [u32; 2]); 2] {
+        let ends: Vec<_> = (model.capsules.iter())
+            .map(|capsule| {
+                let pose = &frames.base_from_body[capsule.body];
+                (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b))
+            })
+            .collect();
+        let mut all = Vec::new();
+        for pair in &model.pairs {
+            let ((a0, a1), (b0, b1)) = (&ends[pair.a], &ends[pair.b]);
+            let radii_m = model.capsules[pair.a].radius_m + model.capsules[pair.b].radius_m;
+            let distance_m = robot::segment_distance(a0, a1, b0, b1).distance_m - radii_m;
+            all.push((distance_m, [pair.a as u32, pair.b as u32]));
+        }
+        for (i, capsule) in model.capsules.iter().enumerate().filter(|(_, capsule)| capsule.body != 0) {
+            for (k, obstacle) in model.obstacles.iter().enumerate() {
+                let distance_m = obstacle.solid.segment_distance(&ends[i].0, &ends[i].1) - capsule.radius_m;
+                all.push((distance_m, [i as u32, (model.capsules.len() + k) as u32]));
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        [all[0], all[1]]
+    }
+
+    #[test]
+    fn nothing_that_is_passed_over_is_nearer() {
+        let mut model = Model::from_text(
+            "tiago_dual.toml",
+            include_str!("../../../config/robots/tiago_dual.toml"),
+            "tiago_dual.urdf",
+            include_str!("../../../config/robots/tiago_dual.urdf"),
+        )
+        .expect("the robot of the repository loads");
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
+        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
+        let (mut of_obstacles, mut overlapping) = (0, 0);
+        for n in 0..4000 {
+            if n % 20 == 0 {
+                model.obstacles = if n % 40 == 0 { vec![] } else { solids(&mut rng) };
+            }
+            let q = model.limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
+            let own = clearance(&model, &mut frames, &q);
+            let [least, next] = all_distances(&model, &frames);
+            assert!((own.distance_m - least.0).abs() < 1e-9, "{n}: {own:?}, {least:?}");
+            assert!(own.pair == least.1 || next.0 - least.0 < 1e-9, "{n}: {own:?}, {least:?}, {next:?}");
+            of_obstacles += u32::from(own.pair[1] as usize >= model.capsules.len());
+            overlapping += u32::from(own.distance_m < -0.01);
+        }
+        assert!(of_obstacles > 500 && overlapping > 500, "{of_obstacles}, {overlapping}");
+        let mut nan = model.home;
+        nan[3] = f64::NAN;
+        assert!(clearance(&model, &mut frames, &nan).distance_m.is_nan());
+    }
+
     #[test]
     fn known_distances() {
         let segment = |a: [f64; 3], b: [f64; 3]| [Vector3::from(a), Vector3::from(b)];
