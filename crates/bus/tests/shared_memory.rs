@@ -144,6 +144,12 @@ struct Exchanged([u64; 60]);
 impl Layout for Exchanged {
     const HASH: u64 = JointTarget::HASH ^ 1;
     const ZERO: Self = Self([0; 60]);
+    fn put(&self, out: &mut [u8]) {
+        self.0.put(out);
+    }
+    fn get(bytes: &[u8]) -> Self {
+        Self(Layout::get(bytes))
+    }
 }
 
 bus::carried!(Exchanged);

@@ -20,6 +20,11 @@ pub trait Layout: Copy {
     const HASH: u64;
     /// The value whose every number is zero.
     const ZERO: Self;
+    /// Writes the value into the first `size_of::<Self>()` bytes of `out`, numbers little-endian; what is longer stays, and
+    /// into what is shorter nothing of the number that does not fit is written.
+    fn put(&self, out: &mut [u8]);
+    /// The value whose bytes [`Layout::put`] wrote; a number whose bytes are missing is zero.
+    fn get(bytes: &[u8]) -> Self;
 }
 
 /// A message: a layout with a name, a version and a list of fields.
@@ -32,6 +37,22 @@ pub trait Message: Layout + Send + Sync + 'static {
     const FIELDS: &'static [Field];
     /// `teleop.<name>.v<version>.<hash>`: the name under which the transport knows the type.
     const TYPE_NAME: TypeName = TypeName::new(Self::NAME, Self::VERSION, Self::HASH);
+
+    /// The message of these bytes, as [`Layout::put`] wrote them; none if they are more or fewer than its size. Whatever
+    /// they are, they are a value of the type: whether it makes sense is for its reader to judge.
+    fn from_le_bytes(bytes: &[u8]) -> Option<Self> {
+        (bytes.len() == size_of::<Self>()).then(|| Self::get(bytes))
+    }
+}
+
+/// The bytes from `offset` on; none where there are none.
+pub(crate) fn tail(bytes: &[u8], offset: usize) -> &[u8] {
+    bytes.get(offset..).unwrap_or_default()
+}
+
+/// See [`tail`].
+pub(crate) fn tail_mut(bytes: &mut [u8], offset: usize) -> &mut [u8] {
+    bytes.get_mut(offset..).unwrap_or_default()
 }
 
 /// A string built at compile time.
@@ -107,6 +128,14 @@ macro_rules! primitive {
         impl Layout for $t {
             const HASH: u64 = fnv(FNV_BASIS, stringify!($t).as_bytes());
             const ZERO: Self = 0 as $t;
+            fn put(&self, out: &mut [u8]) {
+                if let Some(place) = out.first_chunk_mut() {
+                    *place = self.to_le_bytes();
+                }
+            }
+            fn get(bytes: &[u8]) -> Self {
+                bytes.first_chunk().map_or(Self::ZERO, |bytes| Self::from_le_bytes(*bytes))
+            }
         }
     )*};
 }
@@ -115,6 +144,14 @@ primitive!(u32, u64, i64, f32, f64);
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const HASH: u64 = fnv(fnv(T::HASH, b"array"), &(N as u64).to_le_bytes());
     const ZERO: Self = [T::ZERO; N];
+    fn put(&self, out: &mut [u8]) {
+        for (i, value) in self.iter().enumerate() {
+            value.put(tail_mut(out, i * size_of::<T>()));
+        }
+    }
+    fn get(bytes: &[u8]) -> Self {
+        core::array::from_fn(|i| T::get(tail(bytes, i * size_of::<T>())))
+    }
 }
 
 /// Declares a message: the struct, its layout hash, its field table, and the proof that it holds no padding.
@@ -138,6 +175,17 @@ macro_rules! message {
                 hash
             };
             const ZERO: Self = Self { $($field: <$ty as $crate::Layout>::ZERO,)* };
+            fn put(&self, out: &mut [u8]) {
+                $($crate::Layout::put(
+                    &self.$field,
+                    $crate::layout::tail_mut(out, core::mem::offset_of!($name, $field)),
+                );)*
+            }
+            fn get(bytes: &[u8]) -> Self {
+                Self { $($field: $crate::Layout::get(
+                    $crate::layout::tail(bytes, core::mem::offset_of!($name, $field)),
+                ),)* }
+            }
         }
 
         impl $crate::Message for $name {

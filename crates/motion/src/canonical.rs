@@ -95,24 +95,27 @@ impl Canonical {
 
 /// Scale (m per unit), its name, and the stature (m), from the bones' lengths in the first frame.
 fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), f64> {
-    use Smpl::{
-        Head, LeftAnkle, LeftHip, LeftKnee, Neck, Pelvis, RightAnkle, RightHip, RightKnee, Spine1, Spine2, Spine3,
-    };
-    let frame = frames.first().ok_or(0.0)?;
-    let chain = |joints: &[Smpl]| -> f64 {
-        joints.windows(2).map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm()).sum()
-    };
-    let legs = (chain(&[LeftHip, LeftKnee, LeftAnkle]) + chain(&[RightHip, RightKnee, RightAnkle])) / 2.0;
-    let length = legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head]);
-    let stature = length / LEG_AND_SPINE_OF_STATURE;
+    let stature = stature_m(frames.first().ok_or(0.0)?);
     if !stature.is_finite() || stature < 1e-6 {
-        return Err(length);
+        return Err(stature * LEG_AND_SPINE_OF_STATURE);
     }
     let plausible = |scale: f64| (STATURE_M[0]..=STATURE_M[1]).contains(&(stature * scale));
     Ok(match UNITS.into_iter().find(|&(_, scale)| plausible(scale)) {
         Some((unit, scale)) => (scale, unit, stature * scale),
         None => (STATURE_NOMINAL_M / stature, "scaled to 1.75 m", STATURE_NOMINAL_M),
     })
+}
+
+/// The stature that follows from the bones' lengths in `frame`, in its unit.
+pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
+    use Smpl::{
+        Head, LeftAnkle, LeftHip, LeftKnee, Neck, Pelvis, RightAnkle, RightHip, RightKnee, Spine1, Spine2, Spine3,
+    };
+    let chain = |joints: &[Smpl]| -> f64 {
+        joints.windows(2).map(|w| (frame[w[1] as usize].position - frame[w[0] as usize].position).norm()).sum()
+    };
+    let legs = (chain(&[LeftHip, LeftKnee, LeftAnkle]) + chain(&[RightHip, RightKnee, RightAnkle])) / 2.0;
+    (legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head])) / LEG_AND_SPINE_OF_STATURE
 }
 
 /// The file's axis nearest to the mean direction from the ankles to the head.

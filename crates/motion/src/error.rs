@@ -15,7 +15,7 @@ pub enum MotionError {
         source: std::io::Error,
     },
     /// No reader for this extension.
-    #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh, .npy and .npz")]
+    #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh, .npy, .npz and .mcap")]
     UnknownFormat {
         /// Path.
         file: String,
@@ -48,6 +48,14 @@ pub enum MotionError {
         /// Cause.
         source: ArrayError,
     },
+    /// Not a recording that can be played.
+    #[error("{file}: {source}")]
+    Mcap {
+        /// Path.
+        file: String,
+        /// Cause.
+        source: McapError,
+    },
     /// Left and right cannot be trusted.
     #[error("{file}: {source}")]
     Mirror {
@@ -55,6 +63,45 @@ pub enum MotionError {
         file: String,
         /// Cause.
         source: MirrorError,
+    },
+}
+
+/// What is wrong with a .mcap.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum McapError {
+    /// Another kind of file.
+    #[error("is not an MCAP file: {cause}")]
+    NotMcap {
+        /// What its reader says.
+        cause: String,
+    },
+    /// The file cannot be read.
+    #[error("cannot be read: {cause}")]
+    Read {
+        /// What the system says.
+        cause: String,
+    },
+    /// More channels or schemas than are read.
+    #[error("names more than {bound} channels or schemas")]
+    Channels {
+        /// Bound.
+        bound: usize,
+    },
+    /// A longer motion than is read.
+    #[error("holds more than {bound} skeletons")]
+    Frames {
+        /// Bound.
+        bound: usize,
+    },
+    /// A recording of something else, or of another version.
+    #[error("holds {count} skeletons of the layout {layout}, at least 2 are needed; its topics are {topics}")]
+    NoSkeletons {
+        /// How many were found.
+        count: usize,
+        /// Their schema.
+        layout: &'static str,
+        /// Topics of the file, the first 16.
+        topics: String,
     },
 }
 

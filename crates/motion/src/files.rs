@@ -4,7 +4,7 @@ use crate::MotionError;
 use std::path::{Path, PathBuf};
 
 /// Extensions that have a reader, in lower case.
-pub const EXTENSIONS: [&str; 3] = ["bvh", "npy", "npz"];
+pub const EXTENSIONS: [&str; 4] = ["bvh", "mcap", "npy", "npz"];
 /// Deepest folder below the one that is listed; the deepest public data set has 4.
 const DEPTH_MAX: usize = 32;
 

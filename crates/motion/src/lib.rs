@@ -1,5 +1,5 @@
 //! Motion files and built-in motions: reads any rig of BVH, HumanML3D's positions and features, and AMASS into SMPL-22,
-//! x forward, y left, z up, metres; writes BVH; resamples, loops and calibrates. A shell crate: it reads and writes
+//! x forward, y left, z up, metres, and skeletons of recordings; writes BVH; resamples, loops and calibrates. A shell crate: it reads and writes
 //! files, and prints nothing.
 //!
 //! What had to be guessed (unit, up-axis, missing joints) is returned as data in [`Motion::guesses`].
@@ -11,6 +11,7 @@ mod canonical;
 mod error;
 mod files;
 mod humanml3d;
+pub mod mcap;
 mod mirror;
 pub mod npy;
 mod resample;
@@ -21,7 +22,7 @@ mod write;
 pub use builtin::builtin;
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
-pub use error::{ArrayError, BvhError, MotionError};
+pub use error::{ArrayError, BvhError, McapError, MotionError};
 pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
 pub use mirror::MirrorError;
 pub use resample::{loop_blend, upsample};
@@ -34,6 +35,8 @@ use std::path::{Path, PathBuf};
 
 /// Largest file that is read: 128 MiB, a quarter of an hour of a rig of 100 joints at 60 Hz.
 pub const FILE_BYTES_MAX: u64 = 1 << 27;
+/// Largest recording that is read: it is streamed, and never in memory as a whole. An hour of every message takes about 8 GB.
+pub const RECORDING_BYTES_MAX: u64 = 1 << 35;
 /// Most frames that are read: 33 minutes at 60 Hz. A frame takes 1.8 kB while it is read, so that no file, whatever it
 /// claims and however it is packed, takes more than 512 MB (`tests/bounds.rs`). Longer recordings come in parts.
 pub const FRAMES_MAX: usize = 120_000;
@@ -107,7 +110,7 @@ pub struct LoadOptions {
 }
 
 /// Reads a motion file, by its extension: `.bvh`; `.npy` with HumanML3D's positions (N, 22, 3) or features (N, 263);
-/// `.npz` of AMASS (SMPL-H or SMPL-X). As [`load_with`] without options.
+/// `.npz` of AMASS (SMPL-H or SMPL-X); `.mcap`, a recording of `record`. As [`load_with`] without options.
 ///
 /// # Errors
 /// Names the file and the cause; a file above [`FILE_BYTES_MAX`] is refused before it is read.
@@ -129,10 +132,13 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     if let Some(value) = options.frame_rate_hz.filter(|rate| !(low..=high).contains(rate)) {
         return Err(MotionError::Array { file: file(), source: ArrayError::FrameRate { value, low, high } });
     }
-    let source = open(path)?;
+    let most = if extension == "mcap" { RECORDING_BYTES_MAX } else { FILE_BYTES_MAX };
+    let source = open(path, most)?;
     let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
     let mut motion = match extension.as_str() {
         "bvh" => read_bvh(&name, path, source)?,
+        "mcap" => mcap::parse_mcap(BufReader::new(source), &name)
+            .map_err(|source| MotionError::Mcap { file: file(), source })?,
         "npy" => read_humanml3d(&name, path, source, options)
             .map_err(|source| MotionError::Array { file: file(), source })?,
         _ => read_amass(&name, source, options).map_err(|source| MotionError::Array { file: file(), source })?,
@@ -150,7 +156,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
 }
 
 /// Opens a regular file that is not too large.
-fn open(path: &Path) -> Result<std::fs::File, MotionError> {
+fn open(path: &Path, most: u64) -> Result<std::fs::File, MotionError> {
     let file = || path.display().to_string();
     let io = |source| MotionError::Io { file: file(), source };
     // Before it is opened: opening a pipe would wait for whoever writes into it.
@@ -159,8 +165,8 @@ fn open(path: &Path) -> Result<std::fs::File, MotionError> {
     }
     let source = std::fs::File::open(path).map_err(io)?;
     let bytes = source.metadata().map_err(io)?.len();
-    if bytes > FILE_BYTES_MAX {
-        return Err(MotionError::TooLarge { file: file(), bytes, bound: FILE_BYTES_MAX });
+    if bytes > most {
+        return Err(MotionError::TooLarge { file: file(), bytes, bound: most });
     }
     Ok(source)
 }

@@ -28,7 +28,7 @@ pub use input::{InputConfig, InputState, input_tick};
 pub use instance::{DEFAULT_RUN_DIR, Instance};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
-pub use offline::{Offline, OfflineEnd, OfflineReport, Row};
+pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use player::{PlayOptions, Player};
 pub use publisher::{ClientError, Publisher, Way};
 pub use settings::{

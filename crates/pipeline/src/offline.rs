@@ -60,6 +60,9 @@ pub struct OfflineReport {
     pub limb_error_measured_deg_mean: f64,
 }
 
+/// Who is shown every tick, with what the operator did in it.
+pub type Watch<'a> = dyn FnMut(&Moment, &OperatorView) + 'a;
+
 /// A run in progress.
 #[derive(Clone, Debug)]
 pub struct Offline {
@@ -78,6 +81,16 @@ pub struct Offline {
 impl Offline {
     /// A robot at rest in its home posture, the first frame held, an operator about to enable.
     pub fn new(loaded: &Loaded, motion: &Motion, options: PlayOptions) -> Result<Self, ConfigError> {
+        Self::watched(loaded, motion, options, &mut |_, _| {})
+    }
+
+    /// As [`Offline::new`]; `watch` is shown every tick and what the operator did in it.
+    pub fn watched(
+        loaded: &Loaded,
+        motion: &Motion,
+        options: PlayOptions,
+        watch: &mut Watch<'_>,
+    ) -> Result<Self, ConfigError> {
         let config = WorldConfig::new(loaded)?;
         let mut run = Self {
             world: World::new(&config, SEED, Links::default()),
@@ -92,7 +105,7 @@ impl Offline {
             limb_count: 0,
         };
         for _ in 0..SETTLE {
-            run.moment();
+            run.moment(watch);
         }
         run.report.modes.push((0, run.mode));
         Ok(run)
@@ -116,6 +129,11 @@ impl Offline {
 
     /// Advances by one tick.
     pub fn step(&mut self) -> Result<Row, OfflineEnd> {
+        self.step_watched(&mut |_, _| {})
+    }
+
+    /// As [`Offline::step`]; `watch` is shown the tick.
+    pub fn step_watched(&mut self, watch: &mut Watch<'_>) -> Result<Row, OfflineEnd> {
         let k = self.report.rows;
         let released = self.released_at;
         if self.mode == Mode::Faulted {
@@ -137,7 +155,7 @@ impl Offline {
             self.released_at = Some(k);
         }
         self.enabled = self.released_at.is_none();
-        let moment = self.moment();
+        let moment = self.moment(watch);
         self.report.rows += 1;
         let command = moment.control.and_then(|control| control.command);
         let (Some(command), Some(target)) = (command, moment.target) else {
@@ -147,7 +165,7 @@ impl Offline {
     }
 
     /// Client, operator, and one tick of everything.
-    fn moment(&mut self) -> Moment {
+    fn moment(&mut self, watch: &mut Watch<'_>) -> Moment {
         let k = self.report.rows;
         let now = self.world.now();
         if let Some((frame, raw)) = self.player.due(now, self.mode == Mode::Engaged) {
@@ -166,6 +184,7 @@ impl Offline {
             ..OperatorView::default()
         };
         let moment = self.world.step(&self.config, &operator, Running::ALL);
+        watch(&moment, &operator);
         if let Some(control) = &moment.control {
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
             if mode != self.mode {

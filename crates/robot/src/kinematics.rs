@@ -95,6 +95,11 @@ impl Model {
         columns
     }
 
+    /// The links of the URDF: name, body, and pose in the body's frame.
+    pub fn links(&self) -> impl Iterator<Item = (&str, usize, &Pose)> {
+        self.links.iter().map(|link| (link.name.as_str(), link.body, &link.body_from_link))
+    }
+
     /// Pose in the base frame of any link of the URDF, or `None` where there is no such link. Searches by name: not for
     /// ticks.
     pub fn link_pose(&self, frames: &Frames, link: &str) -> Option<Pose> {

@@ -1,9 +1,9 @@
 //! Wake-ups over time: median, 99th percentile and maximum of each second, block by block.
 
-use super::canvas::{Area, Drawn, FINE};
 use super::{BLUE, GREY, INK, LARGE, Look, ORANGE, SMALL, duration_label, font, legend, write};
 use crate::distribution::{Distribution, Second};
 use crate::measured::Measured;
+use canvas::{Area, Drawn, FINE};
 use plotters::prelude::*;
 
 /// Room about the axes, pixels.

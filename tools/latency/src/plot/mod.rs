@@ -1,6 +1,5 @@
 //! The picture of a run: how often each duration is exceeded, and the wake-ups second by second.
 
-mod canvas;
 mod jitter;
 mod tails;
 

@@ -1,6 +1,6 @@
 //! How often each duration is exceeded: the complement of the cumulative distribution, both axes logarithmic.
 
-use super::canvas::{Area, Drawn, FINE};
+use canvas::{Area, Drawn, FINE};
 use super::{
     AMBER, BLACK_, BLUE, DASH, GAP, GREEN, GREY, INK, LARGE, Look, ORANGE, PURPLE, SKY, SMALL, duration_label, font,
     legend, write,

@@ -1,0 +1,282 @@
+//! Recordings (.mcap): a reader that takes any file from its beginning to its last whole chunk, in bounded memory, and the
+//! motion of the skeletons in it.
+
+use crate::error::McapError;
+use crate::{FRAMES_MAX, Frame, Guesses, Motion};
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use messages::{LIMBS, Limb, Message, SMPL_JOINTS, Skeleton, Smpl, skeleton_flag};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
+use std::collections::BTreeMap;
+use std::io::Read;
+
+/// Largest record and chunk that is read, bytes: our own chunks have 1 MiB, other writers' seldom more than 8.
+const RECORD_BYTES_MAX: usize = 64 << 20;
+/// Most schemas and channels of a file.
+const CHANNELS_MAX: usize = 4096;
+/// Bytes asked of the file at once.
+const READ_BYTES: usize = 1 << 16;
+/// The rates to which skeletons are resampled, Hz: those that a live client may have.
+const RATE_HZ: (f64, f64) = (30.0, 240.0);
+/// A pause longer than this between two skeletons, s, is cut out: the person was not seen.
+const PAUSE_S: f64 = 0.5;
+
+/// Where a message came from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// The channel's topic.
+    pub topic: String,
+    /// How its messages are encoded: `teleopd`, `protobuf`, `json`, ...
+    pub encoding: String,
+    /// Name of its schema; empty where it has none.
+    pub schema: String,
+}
+
+/// Something in a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// A message.
+    Message {
+        /// Its channel; [`Reader::source`] names it.
+        channel: u16,
+        /// As its writer counted.
+        sequence: u32,
+        /// When it was recorded, ns.
+        log_time: u64,
+        /// Its bytes.
+        data: Vec<u8>,
+    },
+    /// A table of texts.
+    Metadata {
+        /// Name of the table.
+        name: String,
+        /// The texts.
+        entries: BTreeMap<String, String>,
+    },
+    /// A file in the file.
+    Attachment {
+        /// Its name.
+        name: String,
+        /// Its bytes.
+        data: Vec<u8>,
+    },
+}
+
+/// How the reading ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// There is more.
+    Open,
+    /// The writer finished the file.
+    Complete,
+    /// The file breaks off, as after kill -9 or on a full disk: what was read until there is good.
+    BrokenOff(String),
+}
+
+/// Reads a recording from its beginning. No index is needed, so that a file that breaks off is read up to its last chunk.
+pub struct Reader<R> {
+    input: R,
+    reader: LinearReader,
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, Source>,
+    ending: Ending,
+    any: bool,
+}
+
+impl<R: Read> Reader<R> {
+    /// Reads from `input`.
+    pub fn new(input: R) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_BYTES_MAX);
+        let reader = LinearReader::new_with_options(options);
+        let ending = Ending::Open;
+        Self { input, reader, schemas: BTreeMap::new(), channels: BTreeMap::new(), ending, any: false }
+    }
+
+    /// The channel that a message names.
+    pub fn source(&self, channel: u16) -> Option<&Source> {
+        self.channels.get(&channel)
+    }
+
+    /// Every channel met so far.
+    pub fn sources(&self) -> impl Iterator<Item = &Source> {
+        self.channels.values()
+    }
+
+    /// How the reading ended.
+    pub fn ending(&self) -> &Ending {
+        &self.ending
+    }
+
+    /// The next item; none at the end, whichever it is ([`Reader::ending`]).
+    ///
+    /// # Errors
+    /// The file is no MCAP at all, names more channels than are read, or cannot be read.
+    pub fn next_item(&mut self) -> Result<Option<Item>, McapError> {
+        while self.ending == Ending::Open {
+            let event = match self.reader.next_event() {
+                None => {
+                    self.ending = Ending::Complete;
+                    break;
+                }
+                Some(event) => event,
+            };
+            match event {
+                Ok(LinearReadEvent::ReadRequest(need)) => {
+                    let place = self.reader.insert(need.clamp(1, READ_BYTES));
+                    let count = self.input.read(place).map_err(|error| McapError::Read { cause: error.to_string() })?;
+                    self.reader.notify_read(count);
+                }
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    self.any = true;
+                    let Ok(record) = mcap::parse_record(opcode, data).map(Record::into_owned) else {
+                        self.ending = Ending::BrokenOff("a record that cannot be parsed".to_owned());
+                        break;
+                    };
+                    if let Some(item) = self.take(record)? {
+                        return Ok(Some(item));
+                    }
+                }
+                Err(error) if self.any => self.ending = Ending::BrokenOff(error.to_string()),
+                Err(error) => return Err(McapError::NotMcap { cause: error.to_string() }),
+            }
+        }
+        Ok(None)
+    }
+
+    fn take(&mut self, record: Record<'_>) -> Result<Option<Item>, McapError> {
+        match record {
+            Record::Schema { header, .. } => {
+                self.schemas.insert(header.id, header.name);
+            }
+            Record::Channel(channel) => {
+                let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                let source = Source { topic: channel.topic, encoding: channel.message_encoding, schema };
+                self.channels.insert(channel.id, source);
+            }
+            Record::Message { header, data } => {
+                return Ok(Some(Item::Message {
+                    channel: header.channel_id,
+                    sequence: header.sequence,
+                    log_time: header.log_time,
+                    data: data.into_owned(),
+                }));
+            }
+            Record::Metadata(metadata) => {
+                return Ok(Some(Item::Metadata { name: metadata.name, entries: metadata.metadata }));
+            }
+            Record::Attachment { header, data, .. } => {
+                return Ok(Some(Item::Attachment { name: header.name, data: data.into_owned() }));
+            }
+            _ => {}
+        }
+        if self.schemas.len() > CHANNELS_MAX || self.channels.len() > CHANNELS_MAX {
+            return Err(McapError::Channels { bound: CHANNELS_MAX });
+        }
+        Ok(None)
+    }
+}
+
+/// Reads the motion of the skeletons that `ingest` published: `name` is the motion's.
+///
+/// # Errors
+/// The file is no MCAP, or holds no stretch of at least two skeletons of the layout of this version.
+pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
+    let mut reader = Reader::new(input);
+    let mut timed: Vec<(f64, Frame)> = Vec::new();
+    let (mut begin_ns, mut cut_s, mut unusable) = (None, 0.0, 0_usize);
+    while let Some(item) = reader.next_item()? {
+        let Item::Message { channel, data, .. } = item else { continue };
+        let skeletons = reader.source(channel).is_some_and(|source| source.schema == Skeleton::TYPE_NAME.as_str());
+        if !skeletons {
+            continue;
+        }
+        let Some(skeleton) = Skeleton::from_le_bytes(&data) else { continue };
+        let Some(frame) = frame_of(&skeleton) else {
+            unusable += 1;
+            continue;
+        };
+        // The time at which the person was seen, as the header has it.
+        let origin = skeleton.header.origin.0;
+        let mut at_s = (origin.wrapping_sub(*begin_ns.get_or_insert(origin)) as i64) as f64 * 1e-9 - cut_s;
+        if let Some((before_s, _)) = timed.last() {
+            if at_s <= *before_s {
+                continue;
+            }
+            if at_s - before_s > PAUSE_S {
+                cut_s += at_s - before_s - 1.0 / RATE_HZ.0;
+                at_s = before_s + 1.0 / RATE_HZ.0;
+            }
+        }
+        if timed.len() >= FRAMES_MAX {
+            return Err(McapError::Frames { bound: FRAMES_MAX });
+        }
+        timed.push((at_s, frame));
+    }
+    let (Some((last_s, _)), true) = (timed.last(), timed.len() >= 2) else {
+        let topics = reader.sources().map(|source| source.topic.clone()).take(16).collect::<Vec<_>>().join(", ");
+        return Err(McapError::NoSkeletons { count: timed.len(), layout: Skeleton::TYPE_NAME.as_str(), topics });
+    };
+    let rate_hz = ((timed.len() - 1) as f64 / last_s).clamp(RATE_HZ.0, RATE_HZ.1);
+    let count = (last_s * rate_hz).round() as usize + 1;
+    if count > FRAMES_MAX {
+        return Err(McapError::Frames { bound: FRAMES_MAX });
+    }
+    let mut warnings = Vec::new();
+    if let Ending::BrokenOff(_) = reader.ending() {
+        warnings.push("the recording breaks off; it is played up to its last whole chunk".to_owned());
+    }
+    if cut_s > 0.0 {
+        warnings.push(format!("{cut_s:.1} s of pauses without a person are cut out"));
+    }
+    if unusable > 0 {
+        warnings.push(format!("{unusable} skeletons without both arms are left out"));
+    }
+    let frames = (0..count).map(|i| at(&timed, i as f64 / rate_hz)).collect();
+    let stature_m = stature_m(&timed[0].1.positions);
+    let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m, up: "+Z", warnings };
+    Ok(Motion { name: name.to_owned(), frame_rate_hz: rate_hz, frames, first: None, has_rotations: true, guesses })
+}
+
+/// The frame whose limbs, by the hinges of `CalibrationMode::Rig`, are those recorded. None where an arm is missing or a number
+/// is none.
+fn frame_of(skeleton: &Skeleton) -> Option<Frame> {
+    let finite = skeleton.positions.iter().flatten().chain(skeleton.limbs.iter().flatten()).all(|x| x.is_finite());
+    if !finite || skeleton.flags & skeleton_flag::ALL != skeleton_flag::ALL {
+        return None;
+    }
+    let torso: Matrix3<f64> = skeleton::torso_rotation(&skeleton.positions)?;
+    let torso = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(torso));
+    let mut frame = Frame { positions: skeleton.positions, rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    const CARRIES: [(Limb, &[Smpl]); LIMBS] = [
+        (Limb::LeftUpper, &[Smpl::LeftShoulder]),
+        (Limb::LeftFore, &[Smpl::LeftElbow, Smpl::LeftWrist]),
+        (Limb::RightUpper, &[Smpl::RightShoulder]),
+        (Limb::RightFore, &[Smpl::RightElbow, Smpl::RightWrist]),
+    ];
+    for (limb, joints) in CARRIES {
+        let [x, y, z, w] = skeleton.limbs[limb as usize].map(f64::from);
+        let local = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-3)?;
+        let global = (torso * local).cast::<f32>();
+        for &joint in joints {
+            frame.rotations[joint as usize] = [global.i, global.j, global.k, global.w];
+        }
+    }
+    Some(frame)
+}
+
+/// The stature that follows from the legs and the spine, m.
+fn stature_m(positions: &[[f32; 3]; SMPL_JOINTS]) -> f64 {
+    let pose = |p: &[f32; 3]| crate::bvh::Pose { position: (*p).map(f64::from).into(), rotation: Default::default() };
+    crate::canonical::stature_m(&positions.each_ref().map(pose))
+}
+
+/// The person at `at_s`, between the frames around it.
+fn at(timed: &[(f64, Frame)], at_s: f64) -> Frame {
+    let after = timed.partition_point(|(t, _)| *t <= at_s).clamp(1, timed.len() - 1);
+    let ((t0, a), (t1, b)) = (&timed[after - 1], &timed[after]);
+    let t = ((at_s - t0) / (t1 - t0)).clamp(0.0, 1.0) as f32;
+    // The frame itself where it falls on the time: nothing is added to what was seen.
+    if t == 0.0 { *a } else if t == 1.0 { *b } else { crate::resample::mix(a, b, t) }
+}

@@ -1,0 +1,60 @@
+//! What a recording says of itself: the settings, robot and weights that it was made with.
+
+use pipeline::{Loaded, Overrides};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The largest file that is attached, bytes; of larger ones only the hash is kept.
+const ATTACHED_BYTES_MAX: u64 = 1 << 20;
+
+/// How the messages came into the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// Read from a running instance.
+    Live,
+    /// Made by the stages in virtual time: every message of every tick.
+    Offline,
+}
+
+impl Origin {
+    /// Its name in the file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Live => "live",
+            Self::Offline => "offline",
+        }
+    }
+}
+
+/// Attachments: name and bytes.
+pub type Files = Vec<(String, Vec<u8>)>;
+
+/// The table of metadata, and the files to attach: settings, robot, manifest of the weights. Files that cannot be read any more
+/// are left out.
+pub fn about(loaded: &Loaded, overrides: Overrides, origin: Origin) -> (BTreeMap<String, String>, Files) {
+    let mut about = BTreeMap::from([
+        ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("origin".to_owned(), origin.name().to_owned()),
+        ("config_hash".to_owned(), format!("{:016x}", loaded.hash)),
+        ("robot".to_owned(), loaded.model.name.clone()),
+        ("robot_hash".to_owned(), format!("{:016x}", loaded.model.hash)),
+        ("tick_hz".to_owned(), messages::TICK_HZ.to_string()),
+        ("engage_without_realtime".to_owned(), overrides.engage_without_realtime.to_string()),
+        ("interface".to_owned(), loaded.settings.sim.interface.name().to_owned()),
+    ]);
+    let mut files = Vec::new();
+    for path in &loaded.files {
+        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let Ok(bytes) = std::fs::read(path) else { continue };
+        about.insert(format!("sha256 {name}"), hex(&Sha256::digest(&bytes)));
+        if bytes.len() as u64 <= ATTACHED_BYTES_MAX && path != Path::new("") {
+            files.push((name, bytes));
+        }
+    }
+    (about, files)
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

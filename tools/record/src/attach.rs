@@ -1,0 +1,101 @@
+//! Reads a running instance's messages. Only by polling: a reader that waits would have to be woken, which costs the writer a
+//! system call; polling costs this process alone.
+
+use crate::scribe::{Sample, Scribe};
+use crate::{Entry, Rates, Topic};
+use bus::{BusError, Domain, DomainConfig, Reader};
+use messages::{JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
+use robot::Model;
+
+/// Time between two looks, ns: well below a tick (667 us) for every message, else below the period of the fastest client.
+const LOOK_FULL_NS: u64 = 250_000;
+const LOOK_NS: u64 = 2_000_000;
+
+/// A reader of every service of the core domain.
+pub struct Attached {
+    skeletons: Reader<Skeleton>,
+    targets: Reader<JointTarget>,
+    commands: Reader<JointCommand>,
+    states: Reader<RobotState>,
+    statuses: Reader<Status>,
+    scribe: Scribe,
+    look_ns: u64,
+    /// Hash of the settings that messages carry, where it is not ours.
+    other_settings: Option<u64>,
+    own_hash: u64,
+    any: bool,
+    _domain: Domain,
+}
+
+impl Attached {
+    /// Attaches to the domain of an instance. `hash` is that of the settings whose robot is drawn; `offset_ns` leads from the
+    /// monotonic clock to that of the file.
+    ///
+    /// # Errors
+    /// The domain or a service cannot be opened.
+    pub fn open(
+        domain: DomainConfig,
+        (model, hash): (&Model, u64),
+        rates: Rates,
+        offset_ns: u64,
+    ) -> Result<Self, BusError> {
+        let domain = Domain::open(domain, "record")?;
+        Ok(Self {
+            skeletons: domain.reader(Service::Skeleton)?,
+            targets: domain.reader(Service::JointTarget)?,
+            commands: domain.reader(Service::JointCommand)?,
+            states: domain.reader(Service::RobotState)?,
+            statuses: domain.reader(Service::Status)?,
+            scribe: Scribe::new(model, rates, offset_ns),
+            look_ns: if rates.full { LOOK_FULL_NS } else { LOOK_NS },
+            other_settings: None,
+            own_hash: hash,
+            any: false,
+            _domain: domain,
+        })
+    }
+
+    /// When to look again after a look at `now`.
+    pub fn next_look(&self, now: Stamp) -> Stamp {
+        now.plus_ns(self.look_ns)
+    }
+
+    /// Takes what is new, in the order in which it flows.
+    pub fn look(&mut self, write: &mut dyn FnMut(Entry)) {
+        let mut hash = None;
+        if let Some(skeleton) = self.skeletons.latest() {
+            self.scribe.take(Sample::Skeleton(&skeleton), write);
+        }
+        if let Some(target) = self.targets.latest() {
+            self.scribe.take(Sample::Target(&target), write);
+        }
+        if let Some(command) = self.commands.latest() {
+            hash = Some(command.header.config_hash);
+            self.scribe.take(Sample::Command(&command), write);
+        }
+        if let Some(state) = self.states.latest() {
+            hash = hash.or(Some(state.header.config_hash));
+            self.scribe.take(Sample::State(&state), write);
+        }
+        if let Some(status) = self.statuses.latest() {
+            self.scribe.take(Sample::Status(&status), write);
+        }
+        self.any |= hash.is_some();
+        self.other_settings = self.other_settings.or(hash.filter(|&hash| hash != self.own_hash));
+    }
+
+    /// The instance's hash of its settings, if it runs with others than ours.
+    pub fn other_settings(&self) -> Option<u64> {
+        self.other_settings
+    }
+
+    /// Whether a driver or `control` was heard.
+    pub fn heard_any(&self) -> bool {
+        self.any
+    }
+
+    /// See [`Scribe::missed`].
+    pub fn missed(&self) -> [(Topic, u64); 4] {
+        self.scribe.missed()
+    }
+}

@@ -1,0 +1,53 @@
+//! The command line.
+
+use clap::Parser;
+use pipeline::{Overrides, RobotInterface};
+use std::path::PathBuf;
+
+/// Records a running instance as an MCAP file, or says what a recording holds.
+#[derive(Debug, Parser)]
+#[command(name = "record", version)]
+pub struct Cli {
+    /// The file to write; refused if it exists.
+    #[arg(value_name = "OUT.mcap", required_unless_present = "summary")]
+    pub out: Option<PathBuf>,
+    /// Folder of the running instance.
+    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    pub run_dir: PathBuf,
+    /// Settings of the instance: its robot is drawn, and attached to the file.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// Pictures, targets, commands and states a second; every skeleton and status is recorded whatever it is.
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]
+    pub rate: f64,
+    /// Every target, command and state that can be seen; the pictures stay at --rate.
+    #[arg(long, conflicts_with = "summary")]
+    pub full: bool,
+    /// End after so many seconds (default: at SIGINT or SIGTERM).
+    #[arg(long, value_name = "N", conflicts_with = "summary")]
+    pub seconds: Option<f64>,
+    /// The instance was started with this flag; it is part of what the file says of the settings.
+    #[arg(long, conflicts_with = "summary")]
+    pub engage_without_realtime: bool,
+    /// The instance was started with this interface: direct or jtc100.
+    #[arg(long, value_name = "NAME", value_parser = interface, conflicts_with = "summary")]
+    pub interface: Option<RobotInterface>,
+    /// Say what this recording holds: duration, topics, counts, modes, faults in words.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "out")]
+    pub summary: Option<PathBuf>,
+    /// Draw it too: joints against their limits, clearance, latency, modes.
+    #[arg(long, value_name = "OUT.png", requires = "summary")]
+    pub plot: Option<PathBuf>,
+}
+
+impl Cli {
+    /// What the instance's command line changed of the settings.
+    pub fn overrides(&self) -> Overrides {
+        Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
+    }
+}
+
+fn interface(text: &str) -> Result<RobotInterface, String> {
+    let found = RobotInterface::ALL.into_iter().find(|interface| interface.name() == text);
+    found.ok_or_else(|| format!("is one of {}", RobotInterface::ALL.map(RobotInterface::name).join(", ")))
+}

@@ -1,0 +1,119 @@
+//! The file that is written: chunks of at most a second, each flushed as a whole, so that what ends the writer costs at most
+//! the last one.
+
+use crate::error::RecordError;
+use crate::topic::Topic;
+use mcap::records::MessageHeader;
+use mcap::{Attachment, Compression, WriteOptions, Writer};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::{Seek, Write};
+use std::path::Path;
+
+/// A chunk is closed after so many bytes before compression.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// A message on its way into the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Its channel.
+    pub topic: Topic,
+    /// As its writer counted, modulo 2^32.
+    pub sequence: u32,
+    /// When it was published, ns of the file's clock.
+    pub log_time: u64,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// A recording being written.
+pub struct Recording<W: Write + Seek> {
+    writer: Writer<W>,
+    channels: Vec<u16>,
+}
+
+impl<W: Write + Seek> Recording<W> {
+    /// Begins a file with every channel described, `about` as its metadata, and `files` as attachments.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn begin(sink: W, about: &BTreeMap<String, String>, files: &[(String, Vec<u8>)]) -> Result<Self, RecordError> {
+        // Nothing is patched after it was written: a chunk is on the disk as a whole, or not at all.
+        let options = WriteOptions::new()
+            .compression(Some(Compression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true)
+            .profile("")
+            .library(concat!("teleopd ", env!("CARGO_PKG_VERSION")));
+        let mut writer = options.create(sink).map_err(RecordError::write)?;
+        let metadata = mcap::records::Metadata { name: crate::ABOUT.to_owned(), metadata: about.clone() };
+        writer.write_metadata(&metadata).map_err(RecordError::write)?;
+        for (name, data) in files {
+            let attachment = Attachment {
+                log_time: 0,
+                create_time: 0,
+                name: name.clone(),
+                media_type: media_type(name).to_owned(),
+                data: Cow::Borrowed(data),
+            };
+            writer.attach(&attachment).map_err(RecordError::write)?;
+        }
+        let mut channels = Vec::new();
+        for topic in Topic::ALL {
+            let about = topic.described();
+            let schema = writer.add_schema(&about.name, &about.schema_encoding, &about.schema);
+            let schema = schema.map_err(RecordError::write)?;
+            let channel = writer.add_channel(schema, about.topic, about.encoding, &BTreeMap::new());
+            channels.push(channel.map_err(RecordError::write)?);
+        }
+        writer.flush().map_err(RecordError::write)?;
+        Ok(Self { writer, channels })
+    }
+
+    /// Adds a message to the present chunk.
+    ///
+    /// # Errors
+    /// The chunk before was full and cannot be written.
+    pub fn add(&mut self, entry: &Entry) -> Result<(), RecordError> {
+        let header = MessageHeader {
+            channel_id: self.channels[entry.topic as usize],
+            sequence: entry.sequence,
+            log_time: entry.log_time,
+            publish_time: entry.log_time,
+        };
+        self.writer.write_to_known_channel(&header, &entry.data).map_err(RecordError::write)
+    }
+
+    /// Closes the present chunk and writes it.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.writer.flush().map_err(RecordError::write)
+    }
+
+    /// Closes the file, with `last` as a second table of metadata.
+    ///
+    /// # Errors
+    /// Its end cannot be written; what was flushed before can be read.
+    pub fn finish(&mut self, last: &BTreeMap<String, String>) -> Result<(), RecordError> {
+        let metadata = mcap::records::Metadata { name: crate::OUTCOME.to_owned(), metadata: last.clone() };
+        self.writer.write_metadata(&metadata).map_err(RecordError::write)?;
+        self.writer.finish().map(drop).map_err(RecordError::write)
+    }
+
+    /// Gives up the file as it is: nothing more is written.
+    pub fn into_sink(self) -> W {
+        self.writer.into_inner()
+    }
+}
+
+fn media_type(name: &str) -> &'static str {
+    match Path::new(name).extension().and_then(|extension| extension.to_str()) {
+        Some("toml") => "application/toml",
+        Some("urdf") => "application/xml",
+        _ => "application/octet-stream",
+    }
+}

@@ -1,0 +1,103 @@
+//! What a control tick was given beside messages, as JSON.
+
+use messages::{Layout, Stamp, Status};
+use safety::engage::OperatorView;
+use serde_json::{Value, json};
+
+/// One control tick's inputs: the sequence numbers name the messages that it took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// Tick index.
+    pub k: u64,
+    /// The time that the tick was given.
+    pub now: Stamp,
+    /// Incarnation of `control`.
+    pub incarnation: u32,
+    /// The operator, with the edges since the tick before.
+    pub operator: OperatorView,
+    /// Whether scheduling counted as real-time.
+    pub realtime_ok: bool,
+    /// Sequence of the target that was taken; zero for none.
+    pub target: u64,
+    /// Sequence of the robot state that was taken; zero for none.
+    pub state: u64,
+}
+
+impl Inputs {
+    /// As JSON.
+    pub fn to_json(&self) -> Value {
+        let operator = &self.operator;
+        json!({
+            "k": self.k,
+            "now_ns": self.now.0,
+            "incarnation": self.incarnation,
+            "realtime_ok": self.realtime_ok,
+            "target_sequence": self.target,
+            "state_sequence": self.state,
+            "operator": {
+                "connected": operator.connected,
+                "enable_level": operator.enable_level,
+                "enable_edge": operator.enable_edge,
+                "recover_level": operator.recover_level,
+                "recover_edge": operator.recover_edge,
+                "release_edge": operator.release_edge,
+                "reset_edge": operator.reset_edge,
+                "estop_edge": operator.estop_edge,
+                "heartbeat_received_ns": operator.heartbeat_received.0,
+            },
+        })
+    }
+
+    /// From JSON; none if a key is missing or of another type.
+    pub fn from_json(bytes: &[u8]) -> Option<Self> {
+        let value: Value = serde_json::from_slice(bytes).ok()?;
+        let number = |key: &str| value.get(key)?.as_u64();
+        let operator = value.get("operator")?;
+        let bit = |key: &str| operator.get(key)?.as_bool();
+        Some(Self {
+            k: number("k")?,
+            now: Stamp(number("now_ns")?),
+            incarnation: u32::try_from(number("incarnation")?).ok()?,
+            realtime_ok: value.get("realtime_ok")?.as_bool()?,
+            target: number("target_sequence")?,
+            state: number("state_sequence")?,
+            operator: OperatorView {
+                connected: bit("connected")?,
+                enable_level: bit("enable_level")?,
+                enable_edge: bit("enable_edge")?,
+                recover_level: bit("recover_level")?,
+                recover_edge: bit("recover_edge")?,
+                release_edge: bit("release_edge")?,
+                reset_edge: bit("reset_edge")?,
+                estop_edge: bit("estop_edge")?,
+                heartbeat_received: Stamp(operator.get("heartbeat_received_ns")?.as_u64()?),
+            },
+        })
+    }
+}
+
+pub(crate) fn example() -> Value {
+    Inputs::default().to_json()
+}
+
+pub(crate) fn status_example() -> Value {
+    let mut status = Status::ZERO;
+    // One of each list, so that its items have a type.
+    (status.faults, status.latched, status.transition_count) = (1, 1, 1);
+    pipeline::status_json(&status)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_come_back_and_what_is_none_is_refused() {
+        let operator = OperatorView { estop_edge: true, heartbeat_received: Stamp(u64::MAX), ..Default::default() };
+        let inputs = Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
+        let text = inputs.to_json().to_string();
+        assert_eq!(Inputs::from_json(text.as_bytes()), Some(inputs));
+        assert_eq!(Inputs::from_json(text.replace("true", "1").as_bytes()), None);
+        assert_eq!(Inputs::from_json(b"{"), None);
+    }
+}

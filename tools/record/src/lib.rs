@@ -1,0 +1,44 @@
+//! Recordings of an instance as MCAP files. The library writes and reads them; the binary `record` attaches to a running
+//! instance as a reader, in a process of its own: what it does, and whatever happens to its disk, costs the daemon nothing.
+//!
+//! Our own messages stand in a recording bit for bit, under schemas whose names carry the layout's hash; joint states,
+//! transforms, scenes and sentences stand beside them in the schemas of Foxglove, which several viewers read.
+
+mod about;
+mod attach;
+pub mod cli;
+mod compare;
+mod error;
+mod file;
+mod inputs;
+mod offline;
+mod picture;
+mod plot;
+mod queue;
+mod read;
+mod scribe;
+mod summary;
+mod topic;
+mod trace;
+mod words;
+
+pub use about::{Files, Origin, about};
+pub use attach::Attached;
+pub use compare::{Compared, compare};
+pub use error::RecordError;
+pub use file::{Entry, Recording};
+pub use inputs::Inputs;
+pub use offline::OfflineRecording;
+pub use plot::plot;
+pub use queue::{Outcome, Queue, Sink};
+pub use read::{Content, Recorded};
+pub use scribe::{Rates, Sample, Scribe};
+pub use summary::Summary;
+pub use topic::{Described, Topic};
+pub use trace::{Row, Trace};
+pub use words::{Sentence, sentences};
+
+/// Name of the metadata that a recording begins with.
+pub const ABOUT: &str = "teleopd";
+/// Name of the metadata that a recording ends with.
+pub const OUTCOME: &str = "teleopd.outcome";

@@ -1,0 +1,149 @@
+//! Records a running instance, in a process of its own; or says what a recording holds.
+
+use clap::Parser;
+use pipeline::{Instance, Loaded, Names};
+use record::cli::Cli;
+use record::{Attached, Origin, Queue, Rates, RecordError, Summary};
+use rt::{ServiceManager, Shutdown};
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+/// Pictures a second that are drawn: none faster than a tick, none slower than one in ten seconds.
+const RATE_HZ: (f64, f64) = (0.1, 1500.0);
+/// Longest recording that --seconds may ask for: a week.
+const SECONDS_MAX: f64 = 604_800.0;
+
+/// A text for the user and the exit code of sysexits(3).
+struct Failure(u8, String);
+
+/// EX_USAGE, EX_NOINPUT, EX_UNAVAILABLE, EX_SOFTWARE, EX_CANTCREAT, EX_CONFIG of sysexits(3); and a run in which samples were lost.
+const USAGE: u8 = 64;
+const NO_INPUT: u8 = 66;
+const UNAVAILABLE: u8 = 69;
+const SOFTWARE: u8 = 70;
+const CANT_CREATE: u8 = 73;
+const CONFIG: u8 = 78;
+const FAILED: u8 = 1;
+
+impl Failure {
+    fn of(code: u8) -> impl Fn(&dyn std::fmt::Display) -> Self {
+        move |error| Self(code, error.to_string())
+    }
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let outcome = match (&cli.summary, &cli.out) {
+        (Some(file), _) => summary(&cli, file),
+        (None, Some(out)) => record(&cli, out),
+        (None, None) => Err(Failure(USAGE, "give a file to write, or --summary FILE.mcap".to_owned())),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure(code, text)) => {
+            eprintln!("record: {text}");
+            ExitCode::from(code)
+        }
+    }
+}
+
+fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
+    // The names of the parts, and the limits in the picture, are those of --config; without it, indices stand in for names.
+    let loaded = pipeline::load(&cli.config, cli.overrides());
+    let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
+    let summary = Summary::read(file, &names).map_err(|error| Failure(NO_INPUT, error.to_string()))?;
+    print!("{}", summary.text());
+    let Some(picture) = &cli.plot else { return Ok(()) };
+    let loaded = loaded.map_err(|error| Failure::of(CONFIG)(&error))?;
+    let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
+    record::plot(picture, &summary.trace, &loaded.model, &title).map_err(|error| Failure::of(CANT_CREATE)(&error))?;
+    println!("picture   {}", picture.display());
+    Ok(())
+}
+
+fn check(cli: &Cli) -> Result<(), Failure> {
+    let (low, high) = RATE_HZ;
+    if !(low..=high).contains(&cli.rate) {
+        return Err(Failure(USAGE, format!("--rate {} is outside [{low}, {high}]", cli.rate)));
+    }
+    if let Some(seconds) = cli.seconds.filter(|&seconds| !(seconds > 0.0 && seconds <= SECONDS_MAX)) {
+        return Err(Failure(USAGE, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
+    }
+    if !cli.run_dir.is_dir() {
+        let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
+        return Err(Failure(UNAVAILABLE, text));
+    }
+    Ok(())
+}
+
+fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
+    check(cli)?;
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
+    let manager = ServiceManager::from_environment().map_err(|error| Failure::of(SOFTWARE)(&error))?;
+    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let mut attached = attach(cli, &loaded)?;
+    let mut queue = begin(cli, out, &loaded)?;
+    let _ = manager.ready();
+    println!("record: writing {}", out.display());
+    let begun = rt::now();
+    let end = cli.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+    let (mut warned, mut failed) = (false, false);
+    while !shutdown.requested() && end.is_none_or(|end| rt::now() < end) {
+        attached.look(&mut |entry| queue.add(entry));
+        if let (false, Some(hash)) = (warned, attached.other_settings()) {
+            warned = true;
+            let ours = loaded.hash;
+            eprintln!("record: the instance runs with the settings {hash:016x}, --config gives {ours:016x}: give the same");
+        }
+        if !failed && queue.failed() {
+            failed = true;
+            eprintln!("record: {}: nothing more can be written; the file is good up to here", out.display());
+        }
+        shutdown.sleep_until(attached.next_look(rt::now()));
+    }
+    // What was published last.
+    attached.look(&mut |entry| queue.add(entry));
+    finish(out, &attached, queue)
+}
+
+fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {
+    let instance = Instance::unmade(&cli.run_dir);
+    let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO);
+    // Viewers show the time of day; the stamps inside our own messages stay those of the monotonic clock.
+    let offset_ns = u64::try_from(wall.as_nanos()).unwrap_or(0).saturating_sub(rt::now().0);
+    let rates = Rates { pictures_hz: cli.rate, full: cli.full };
+    Attached::open(instance.core_domain(), (&loaded.model, loaded.hash), rates, offset_ns)
+        .map_err(|error| Failure::of(UNAVAILABLE)(&error))
+}
+
+fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
+    let (mut about, files) = record::about(loaded, cli.overrides(), Origin::Live);
+    about.insert("full".to_owned(), cli.full.to_string());
+    about.insert("rate_hz".to_owned(), cli.rate.to_string());
+    let file = OpenOptions::new().write(true).create_new(true).open(out);
+    let file = file.map_err(|error| {
+        let error = RecordError::Open { file: out.display().to_string(), cause: error.to_string() };
+        Failure(CANT_CREATE, error.to_string())
+    })?;
+    Queue::start(file, &about, &files).map_err(|error| Failure(CANT_CREATE, format!("{}: {error}", out.display())))
+}
+
+fn finish(out: &Path, attached: &Attached, queue: Queue) -> Result<(), Failure> {
+    let missed = attached.missed();
+    let named = |(topic, count): &(record::Topic, u64)| (format!("missed {}", topic.name()), count.to_string());
+    let last: BTreeMap<String, String> = missed.iter().map(named).collect();
+    let outcome = queue.finish(last);
+    let unseen: Vec<_> = missed.iter().map(|(topic, count)| format!("{count} of {}", topic.name())).collect();
+    println!("record: {} messages in {}, {} lost", outcome.written, out.display(), outcome.lost);
+    println!("record: published between two looks and not seen: {}", unseen.join(", "));
+    if !attached.heard_any() {
+        println!("record: no process of an instance was heard; was --run-dir the right one?");
+    }
+    match outcome.failure {
+        Some(failure) => Err(Failure(FAILED, format!("{}: {failure}; {} messages lost", out.display(), outcome.lost))),
+        None => Ok(()),
+    }
+}

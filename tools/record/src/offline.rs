@@ -1,0 +1,95 @@
+//! Records a run in virtual time: every message of every tick, and what each control tick was given.
+
+use crate::about::{Origin, about};
+use crate::error::RecordError;
+use crate::file::Recording;
+use crate::inputs::Inputs;
+use crate::scribe::{Rates, Sample, Scribe};
+use messages::TICK_HZ;
+use pipeline::{Loaded, Moment, Overrides};
+use safety::engage::OperatorView;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
+
+/// `Status` is written on every thirtieth tick, as `control` publishes it, and on transitions.
+const STATUS_EVERY: u64 = 30;
+/// Pictures a second.
+const PICTURES_HZ: f64 = 60.0;
+
+/// A recording of a run in virtual time.
+pub struct OfflineRecording {
+    recording: Recording<File>,
+    scribe: Scribe,
+    flushed: u64,
+    failure: Option<RecordError>,
+}
+
+impl OfflineRecording {
+    /// Begins the file, in place of one that is there.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn create(path: &Path, loaded: &Loaded) -> Result<Self, RecordError> {
+        let file = File::create(path)
+            .map_err(|error| RecordError::Open { file: path.display().to_string(), cause: error.to_string() })?;
+        let (table, files) = about(loaded, Overrides::default(), Origin::Offline);
+        let rates = Rates { pictures_hz: PICTURES_HZ, full: true };
+        let recording = Recording::begin(file, &table, &files)?;
+        Ok(Self { recording, scribe: Scribe::new(&loaded.model, rates, 0), flushed: 0, failure: None })
+    }
+
+    /// Adds a tick.
+    pub fn moment(&mut self, moment: &Moment, operator: &OperatorView) {
+        let Self { recording, scribe, failure, .. } = self;
+        let mut write = |entry| {
+            if failure.is_none() {
+                *failure = recording.add(&entry).err();
+            }
+        };
+        if let Some(skeleton) = &moment.skeleton {
+            scribe.take(Sample::Skeleton(skeleton), &mut write);
+        }
+        if let Some(target) = &moment.target {
+            scribe.take(Sample::Target(target), &mut write);
+        }
+        if let Some(control) = &moment.control {
+            let status = &control.status;
+            let inputs = Inputs {
+                k: status.k,
+                now: status.header.stamp,
+                incarnation: status.header.incarnation,
+                operator: *operator,
+                realtime_ok: true,
+                target: moment.target_seen.map_or(0, |target| target.header.sequence),
+                state: moment.state_seen.map_or(0, |state| state.header.sequence),
+            };
+            scribe.take(Sample::Inputs(&inputs), &mut write);
+            if let Some(command) = &control.command {
+                scribe.take(Sample::Command(command), &mut write);
+            }
+            if status.k.is_multiple_of(STATUS_EVERY) || control.transition.is_some() {
+                scribe.take(Sample::Status(status), &mut write);
+            }
+        }
+        if let Some(robot) = &moment.robot {
+            scribe.take(Sample::State(robot), &mut write);
+        }
+        // A chunk of at most half a second.
+        if moment.k >= self.flushed + TICK_HZ / 2 && self.failure.is_none() {
+            self.flushed = moment.k;
+            self.failure = self.recording.flush().err();
+        }
+    }
+
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// Something could not be written.
+    pub fn finish(mut self) -> Result<(), RecordError> {
+        match self.failure {
+            Some(failure) => Err(failure),
+            None => self.recording.finish(&BTreeMap::from([("samples_lost".to_owned(), "0".to_owned())])),
+        }
+    }
+}

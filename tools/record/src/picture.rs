@@ -1,0 +1,153 @@
+//! What viewers draw: joint states, transforms of the links, the person as lines, the robot's capsules.
+
+use foxglove::messages::{
+    Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive, Point3,
+    Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3, line_primitive,
+};
+use messages::{JOINTS, SMPL_JOINTS, Smpl};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use robot::{Frames, Model};
+
+/// The frame in which the person is drawn, and where it stands beside the robot, m.
+const PERSON_FRAME: &str = "person";
+const PERSON_AT_M: [f64; 3] = [0.0, 1.5, 0.0];
+/// Thickness of the person's lines, m.
+const BONE_M: f64 = 0.03;
+
+/// The bones of a person.
+const BONES: [(Smpl, Smpl); 21] = [
+    (Smpl::Pelvis, Smpl::LeftHip),
+    (Smpl::Pelvis, Smpl::RightHip),
+    (Smpl::Pelvis, Smpl::Spine1),
+    (Smpl::LeftHip, Smpl::LeftKnee),
+    (Smpl::RightHip, Smpl::RightKnee),
+    (Smpl::Spine1, Smpl::Spine2),
+    (Smpl::LeftKnee, Smpl::LeftAnkle),
+    (Smpl::RightKnee, Smpl::RightAnkle),
+    (Smpl::Spine2, Smpl::Spine3),
+    (Smpl::LeftAnkle, Smpl::LeftFoot),
+    (Smpl::RightAnkle, Smpl::RightFoot),
+    (Smpl::Spine3, Smpl::Neck),
+    (Smpl::Spine3, Smpl::LeftCollar),
+    (Smpl::Spine3, Smpl::RightCollar),
+    (Smpl::Neck, Smpl::Head),
+    (Smpl::LeftCollar, Smpl::LeftShoulder),
+    (Smpl::RightCollar, Smpl::RightShoulder),
+    (Smpl::LeftShoulder, Smpl::LeftElbow),
+    (Smpl::RightShoulder, Smpl::RightElbow),
+    (Smpl::LeftElbow, Smpl::LeftWrist),
+    (Smpl::RightElbow, Smpl::RightWrist),
+];
+
+/// ns as a time of the schemas.
+pub fn timestamp(ns: u64) -> Timestamp {
+    let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
+    Timestamp::new(seconds, (ns % 1_000_000_000) as u32)
+}
+
+/// Joint states; joints whose bit in `mask` is clear have no position.
+pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS], v: &[f64; JOINTS], mask: u32) -> JointStates {
+    let joint = |j: usize| {
+        let meant = mask & 1 << j != 0;
+        JointState {
+            name: model.joint_names[j].clone(),
+            position: meant.then_some(q[j]),
+            velocity: meant.then_some(v[j]),
+            ..JointState::default()
+        }
+    };
+    JointStates { timestamp: Some(timestamp(at_ns)), joints: (0..JOINTS).map(joint).collect() }
+}
+
+/// The link that does not move and has the base's own frame.
+fn root(model: &Model) -> &str {
+    let is_root = |(_, body, pose): &(&str, usize, &robot::Pose)| *body == 0 && **pose == robot::Pose::identity();
+    model.links().find(is_root).map_or("base", |(name, ..)| name)
+}
+
+/// Every link of the robot at `q`, and the person's frame beside it.
+pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOINTS]) -> FrameTransforms {
+    model.forward(q, frames);
+    let root = root(model);
+    let transform = |child: &str, r: &Matrix3<f64>, t: [f64; 3]| FrameTransform {
+        timestamp: Some(timestamp(at_ns)),
+        parent_frame_id: root.to_owned(),
+        child_frame_id: child.to_owned(),
+        translation: Some(Vector3 { x: t[0], y: t[1], z: t[2] }),
+        rotation: Some(quaternion(r)),
+    };
+    let links = model.links().filter(|(name, ..)| *name != root).map(|(name, body, in_body)| {
+        let pose = frames.base_from_body[body].compose(in_body);
+        transform(name, &pose.r, pose.t.into())
+    });
+    let person = transform(PERSON_FRAME, &Matrix3::identity(), PERSON_AT_M);
+    FrameTransforms { transforms: links.chain([person]).collect() }
+}
+
+fn quaternion(r: &Matrix3<f64>) -> Quaternion {
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r));
+    Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
+}
+
+/// The robot's capsules at the frames given.
+pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
+    let colour = Some(Color { r: 0.2, g: 0.5, b: 0.9, a: 0.5 });
+    let (mut cylinders, mut spheres) = (Vec::new(), Vec::new());
+    for capsule in &model.capsules {
+        let body = &frames.base_from_body[capsule.body];
+        let (a, b) = (body.transform_point(&capsule.a), body.transform_point(&capsule.b));
+        let (middle, along, d) = ((a + b) / 2.0, b - a, 2.0 * capsule.radius_m);
+        let turn = UnitQuaternion::rotation_between(&nalgebra::Vector3::z(), &along).unwrap_or_default();
+        cylinders.push(CylinderPrimitive {
+            pose: Some(pose(middle, &turn)),
+            size: Some(Vector3 { x: d, y: d, z: along.norm() }),
+            bottom_scale: 1.0,
+            top_scale: 1.0,
+            color: colour,
+        });
+        spheres.extend([a, b].map(|end| SpherePrimitive {
+            pose: Some(pose(end, &UnitQuaternion::identity())),
+            size: Some(Vector3 { x: d, y: d, z: d }),
+            color: colour,
+        }));
+    }
+    scene(SceneEntity { cylinders, spheres, ..entity(root(model), "capsules", at_ns) })
+}
+
+/// The person.
+pub fn person(positions: &[[f32; 3]; SMPL_JOINTS], at_ns: u64) -> SceneUpdate {
+    let point = |joint: Smpl| {
+        let [x, y, z] = positions[joint as usize].map(f64::from);
+        Point3 { x, y, z }
+    };
+    let line = LinePrimitive {
+        r#type: line_primitive::Type::LineList as i32,
+        pose: Some(pose(nalgebra::Vector3::zeros(), &UnitQuaternion::identity())),
+        thickness: BONE_M,
+        points: BONES.iter().flat_map(|(from, to)| [point(*from), point(*to)]).collect(),
+        color: Some(Color { r: 0.95, g: 0.6, b: 0.1, a: 1.0 }),
+        ..LinePrimitive::default()
+    };
+    scene(SceneEntity { lines: vec![line], ..entity(PERSON_FRAME, "person", at_ns) })
+}
+
+fn pose(at: nalgebra::Vector3<f64>, turn: &UnitQuaternion<f64>) -> Pose {
+    Pose {
+        position: Some(Vector3 { x: at.x, y: at.y, z: at.z }),
+        orientation: Some(Quaternion { x: turn.i, y: turn.j, z: turn.k, w: turn.w }),
+    }
+}
+
+fn entity(frame: &str, id: &str, at_ns: u64) -> SceneEntity {
+    SceneEntity {
+        timestamp: Some(timestamp(at_ns)),
+        frame_id: frame.to_owned(),
+        id: id.to_owned(),
+        lifetime: Some(Duration::new(0, 0)),
+        ..SceneEntity::default()
+    }
+}
+
+fn scene(entity: SceneEntity) -> SceneUpdate {
+    SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
+}

@@ -1,0 +1,150 @@
+//! A picture of a run: every joint against its limits, clearance, latency, and the mode as a ribbon behind them.
+
+use crate::error::RecordError;
+use crate::trace::{Row, Trace};
+use canvas::{Area, Drawn, FINE};
+use messages::{JOINTS, Mode};
+use plotters::prelude::*;
+use robot::Model;
+use std::path::Path;
+
+/// Panels across and down: 17 joints, clearance, latency, and the legend.
+const ACROSS: usize = 4;
+const DOWN: usize = 5;
+/// The picture, pixels.
+const SIZE: (u32, u32) = (1680, 1400);
+/// Letters, in fine pixels.
+const LETTERS: u32 = 16 * FINE;
+
+const INK: RGBColor = RGBColor(40, 44, 52);
+const TARGET: RGBColor = RGBColor(230, 150, 30);
+const COMMAND: RGBColor = RGBColor(40, 110, 200);
+const MEASURED: RGBColor = RGBColor(60, 60, 60);
+const LIMIT: RGBColor = RGBColor(200, 40, 40);
+
+/// The mode's colour behind the lines.
+fn colour(mode: u32) -> RGBColor {
+    match Mode::from_u32(mode) {
+        Some(Mode::Disengaged) => RGBColor(240, 240, 240),
+        Some(Mode::Engaging) => RGBColor(255, 246, 205),
+        Some(Mode::Engaged) => RGBColor(222, 243, 222),
+        Some(Mode::Holding) => RGBColor(255, 226, 196),
+        Some(Mode::Recovering) => RGBColor(222, 230, 250),
+        Some(Mode::Faulted) | None => RGBColor(250, 208, 208),
+    }
+}
+
+/// One line of a panel.
+struct Line<'a> {
+    colour: RGBColor,
+    width: u32,
+    value: &'a dyn Fn(&Row) -> Option<f64>,
+}
+
+/// Draws `trace` into a PNG.
+///
+/// # Errors
+/// There is nothing to draw, or the file cannot be written.
+pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<(), RecordError> {
+    let refuse = |cause: String| RecordError::Plot { file: path.display().to_string(), cause };
+    if trace.rows().len() < 2 {
+        return Err(refuse("fewer than two states: nothing to draw".to_owned()));
+    }
+    canvas::save(path, SIZE, |area| draw(area, trace.rows(), model, title)).map_err(refuse)
+}
+
+fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
+    let (head, body) = area.split_vertically(34 * FINE);
+    head.draw(&Text::new(title.to_owned(), (16 * FINE as i32, 8 * FINE as i32), font().color(&INK)))?;
+    let panels = body.split_evenly((DOWN, ACROSS));
+    for (j, panel) in panels.iter().enumerate().take(JOINTS) {
+        let limits = (model.limits[j].q_min, model.limits[j].q_max);
+        let unit = if model.prismatic[j] { "m" } else { "rad" };
+        let name = format!("{}, {unit}", model.joint_names[j]);
+        let target = |row: &Row| row.target.filter(|(_, mask)| mask & 1 << j != 0).map(|(q, _)| q[j]);
+        let lines = [
+            Line { colour: TARGET, width: 2, value: &target },
+            Line { colour: COMMAND, width: 4, value: &|row| row.command.map(|q| q[j]) },
+            Line { colour: MEASURED, width: 2, value: &|row| Some(row.measured[j]) },
+        ];
+        let margin = 0.05 * (limits.1 - limits.0);
+        chart(panel, rows, &name, (limits.0 - margin, limits.1 + margin), &lines, &[limits.0, limits.1])?;
+    }
+    let highest = |value: &dyn Fn(&Row) -> Option<f64>| rows.iter().filter_map(value).fold(1.0, f64::max) * 1.1;
+    let clearance = |row: &Row| row.clearance_mm;
+    let bound = model.d_min_m * 1e3;
+    let lines = [Line { colour: COMMAND, width: 4, value: &clearance }];
+    chart(&panels[JOINTS], rows, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
+    let latency = |row: &Row| row.latency_ms;
+    let lines = [Line { colour: COMMAND, width: 2, value: &latency }];
+    chart(&panels[JOINTS + 1], rows, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
+    legend(&panels[JOINTS + 2])
+}
+
+fn font() -> TextStyle<'static> {
+    ("monospace", LETTERS).into_font().color(&INK)
+}
+
+fn chart(
+    panel: &Area<'_>,
+    rows: &[Row],
+    name: &str,
+    (low, high): (f64, f64),
+    lines: &[Line<'_>],
+    limits: &[f64],
+) -> Drawn {
+    let end_s = rows.last().map_or(1.0, |row| row.at_s).max(1e-3);
+    panel.draw(&Text::new(name.to_owned(), (56 * FINE as i32, 4 * FINE as i32), font()))?;
+    let mut chart = ChartBuilder::on(panel)
+        .margin(6 * FINE)
+        .margin_top(24 * FINE)
+        .x_label_area_size(24 * FINE)
+        .y_label_area_size(52 * FINE)
+        .build_cartesian_2d(0.0..end_s, low..high)?;
+    for run in rows.chunk_by(|a, b| a.mode == b.mode) {
+        let (first, last) = (&run[0], &run[run.len() - 1]);
+        let next_s = rows.partition_point(|row| row.at_s <= last.at_s);
+        let until_s = rows.get(next_s).map_or(end_s, |row| row.at_s);
+        chart.draw_series([Rectangle::new([(first.at_s, low), (until_s, high)], colour(first.mode).filled())])?;
+    }
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(5)
+        .y_labels(5)
+        .x_label_formatter(&|s: &f64| format!("{s:.0}"))
+        .y_label_formatter(&|y: &f64| if high - low > 20.0 { format!("{y:.0}") } else { format!("{y:.2}") })
+        .label_style(font())
+        .axis_style(INK.stroke_width(2))
+        .draw()?;
+    for &limit in limits {
+        chart.draw_series(LineSeries::new([(0.0, limit), (end_s, limit)], LIMIT.stroke_width(2)))?;
+    }
+    for line in lines {
+        // A pause in the values is a pause in the line.
+        let has = |row: &Row| (line.value)(row).is_some();
+        for run in rows.chunk_by(|a, b| has(a) == has(b)).filter(|run| has(&run[0])) {
+            let points = run.iter().filter_map(|row| Some((row.at_s, (line.value)(row)?.clamp(low, high))));
+            chart.draw_series(LineSeries::new(points, line.colour.stroke_width(line.width)))?;
+        }
+    }
+    Ok(())
+}
+
+fn legend(panel: &Area<'_>) -> Drawn {
+    let fine = FINE as i32;
+    let lines = [("target", TARGET), ("command", COMMAND), ("measured", MEASURED), ("limit", LIMIT)];
+    let mut y = 30 * fine;
+    for (name, line) in lines {
+        panel.draw(&PathElement::new([(60 * fine, y), (100 * fine, y)], line.stroke_width(6)))?;
+        panel.draw(&Text::new(name, (112 * fine, y - 8 * fine), font()))?;
+        y += 22 * fine;
+    }
+    for mode in Mode::ALL {
+        let square = [(60 * fine, y - 8 * fine), (100 * fine, y + 8 * fine)];
+        panel.draw(&Rectangle::new(square, colour(mode as u32).filled()))?;
+        panel.draw(&Text::new(mode.name(), (112 * fine, y - 8 * fine), font()))?;
+        y += 22 * fine;
+    }
+    Ok(())
+}

@@ -1,0 +1,134 @@
+//! Reads a recording back: our own messages, bit for bit.
+
+use crate::error::RecordError;
+use crate::inputs::Inputs;
+use crate::topic::Topic;
+use crate::{ABOUT, OUTCOME};
+use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
+use motion::mcap::{Ending, Item, Reader};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+/// A message of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// See [`Topic::Skeleton`].
+    Skeleton(Box<Skeleton>),
+    /// See [`Topic::Target`].
+    Target(Box<JointTarget>),
+    /// See [`Topic::Command`].
+    Command(Box<JointCommand>),
+    /// See [`Topic::State`].
+    State(Box<RobotState>),
+    /// See [`Topic::StatusRaw`].
+    Status(Box<Status>),
+    /// See [`Topic::Inputs`].
+    Inputs(Inputs),
+    /// A message for viewers, or of another program.
+    Other {
+        /// Its topic.
+        topic: String,
+        /// Its bytes.
+        data: Vec<u8>,
+    },
+}
+
+/// A recording being read.
+pub struct Recorded {
+    file: PathBuf,
+    reader: Reader<BufReader<File>>,
+    about: BTreeMap<String, String>,
+    outcome: BTreeMap<String, String>,
+    waiting: Option<(u64, Content)>,
+}
+
+impl Recorded {
+    /// Opens a file and reads up to its first message.
+    ///
+    /// # Errors
+    /// The file cannot be opened, or is no recording.
+    pub fn open(path: &Path) -> Result<Self, RecordError> {
+        let open = |cause: String| RecordError::Open { file: path.display().to_string(), cause };
+        if !std::fs::metadata(path).map_err(|error| open(error.to_string()))?.is_file() {
+            return Err(open("is not a regular file".to_owned()));
+        }
+        let file = File::open(path).map_err(|error| open(error.to_string()))?;
+        let reader = Reader::new(BufReader::new(file));
+        let (about, outcome) = (BTreeMap::new(), BTreeMap::new());
+        let mut recorded = Self { file: path.to_path_buf(), reader, about, outcome, waiting: None };
+        recorded.waiting = recorded.read()?;
+        Ok(recorded)
+    }
+
+    /// What the file says of itself.
+    pub fn about(&self) -> &BTreeMap<String, String> {
+        &self.about
+    }
+
+    /// What its writer said at its end; empty if it had none.
+    pub fn outcome(&self) -> &BTreeMap<String, String> {
+        &self.outcome
+    }
+
+    /// How the reading ended.
+    pub fn ending(&self) -> &Ending {
+        self.reader.ending()
+    }
+
+    /// The next message and its time in the file, ns.
+    ///
+    /// # Errors
+    /// The file cannot be read, or one of our channels has another layout than ours.
+    pub fn next_message(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
+        match self.waiting.take() {
+            Some(message) => Ok(Some(message)),
+            None => self.read(),
+        }
+    }
+
+    fn read(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
+        loop {
+            let item = self.reader.next_item();
+            let file = || self.file.display().to_string();
+            match item.map_err(|source| RecordError::Read { file: file(), source })? {
+                None => return Ok(None),
+                Some(Item::Message { channel, log_time, data, .. }) => {
+                    let Some(source) = self.reader.source(channel) else { continue };
+                    let message = decode(&source.topic, &source.encoding, &source.schema, data)
+                        .map_err(|cause| RecordError::Lacks { file: file(), cause })?;
+                    return Ok(Some((log_time, message)));
+                }
+                Some(Item::Metadata { name, entries }) if name == ABOUT => self.about = entries,
+                Some(Item::Metadata { name, entries }) if name == OUTCOME => self.outcome = entries,
+                Some(_) => {}
+            }
+        }
+    }
+}
+
+fn decode(topic: &str, encoding: &str, schema: &str, data: Vec<u8>) -> Result<Content, String> {
+    let ours = Topic::named(topic).filter(|_| encoding == "teleopd" || topic == Topic::Inputs.name());
+    let Some(ours) = ours else { return Ok(Content::Other { topic: topic.to_owned(), data }) };
+    if ours == Topic::Inputs {
+        let inputs = Inputs::from_json(&data).ok_or_else(|| format!("{topic}: a message without the keys of Inputs"))?;
+        return Ok(Content::Inputs(inputs));
+    }
+    fn boxed<M: Message>(topic: &str, schema: &str, data: &[u8]) -> Result<Box<M>, String> {
+        let (expected, size) = (M::TYPE_NAME, size_of::<M>());
+        if schema != expected.as_str() {
+            return Err(format!("{topic} has the layout {schema}, this version reads {}", expected.as_str()));
+        }
+        let message = M::from_le_bytes(data).map(Box::new);
+        message.ok_or_else(|| format!("{topic}: a message of {} bytes, not {size}", data.len()))
+    }
+    Ok(match ours {
+        Topic::Skeleton => Content::Skeleton(boxed(topic, schema, &data)?),
+        Topic::Target => Content::Target(boxed(topic, schema, &data)?),
+        Topic::Command => Content::Command(boxed(topic, schema, &data)?),
+        Topic::State => Content::State(boxed(topic, schema, &data)?),
+        Topic::StatusRaw => Content::Status(boxed(topic, schema, &data)?),
+        _ => Content::Other { topic: topic.to_owned(), data },
+    })
+}

@@ -1,0 +1,243 @@
+//! Turns messages into entries of the file: our own bit for bit, and pictures at a rate.
+
+use crate::file::Entry;
+use crate::inputs::Inputs;
+use crate::topic::Topic;
+use crate::{picture, words};
+use foxglove::Encode;
+use messages::{
+    ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after,
+};
+use pipeline::Names;
+use robot::{Frames, Model};
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Pictures a second, and, unless `full`, targets, commands and states.
+    pub pictures_hz: f64,
+    /// Every message of our own.
+    pub full: bool,
+}
+
+/// One message of the core domain.
+#[derive(Clone, Copy, Debug)]
+pub enum Sample<'a> {
+    /// From `ingest`.
+    Skeleton(&'a Skeleton),
+    /// From `retarget`.
+    Target(&'a JointTarget),
+    /// From `control`.
+    Command(&'a JointCommand),
+    /// From the driver.
+    State(&'a RobotState),
+    /// From `control`.
+    Status(&'a Status),
+    /// What a control tick was given beside messages.
+    Inputs(&'a Inputs),
+}
+
+/// Sequence numbers of one service.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counted {
+    last: Option<(u32, u64)>,
+    missed: u64,
+    seen: u64,
+}
+
+impl Counted {
+    fn note(&mut self, incarnation: u32, sequence: u64) {
+        self.seen += 1;
+        if let Some((writer, last)) = self.last
+            && writer == incarnation
+            && comes_after(sequence, last)
+        {
+            self.missed += sequence.wrapping_sub(last + 1);
+        }
+        self.last = Some((incarnation, sequence));
+    }
+}
+
+/// The next due time of what is written at a rate.
+#[derive(Clone, Copy, Debug, Default)]
+struct Paced(u64);
+
+impl Paced {
+    fn due(&mut self, at_ns: u64, period_ns: u64) -> bool {
+        if at_ns < self.0 {
+            return false;
+        }
+        // On the grid, so that the rate does not drift; after a pause the grid begins anew.
+        self.0 = if at_ns - self.0 < period_ns { self.0 + period_ns } else { at_ns + period_ns };
+        true
+    }
+}
+
+/// The state of a recording in progress.
+pub struct Scribe {
+    model: Model,
+    names: Names,
+    frames: Frames,
+    rates: Rates,
+    /// Added to every stamp: from the monotonic clock to that of the file.
+    offset_ns: u64,
+    counted: [Counted; 5],
+    pictures: [Paced; 4],
+    kept: [Paced; 4],
+    status: Option<Status>,
+    told: u32,
+}
+
+impl Scribe {
+    /// Nothing seen yet. `offset_ns` is added to every stamp.
+    pub fn new(model: &Model, rates: Rates, offset_ns: u64) -> Self {
+        Self {
+            names: Names::of(model),
+            model: model.clone(),
+            frames: Frames::default(),
+            rates,
+            offset_ns,
+            counted: Default::default(),
+            pictures: Default::default(),
+            kept: Default::default(),
+            status: None,
+            told: 0,
+        }
+    }
+
+    /// Messages that were published and never seen, by service, as far as sequence numbers tell: skeletons, targets,
+    /// commands, states.
+    pub fn missed(&self) -> [(Topic, u64); 4] {
+        [Topic::Skeleton, Topic::Target, Topic::Command, Topic::State]
+            .map(|topic| (topic, self.counted[topic as usize].missed))
+    }
+
+    /// Hands the entries of `sample` to `write`.
+    pub fn take(&mut self, sample: Sample<'_>, write: &mut dyn FnMut(Entry)) {
+        match sample {
+            Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
+            Sample::Target(target) => {
+                let at_ns = self.ours(Topic::Target, target, &target.header, write);
+                if self.pictures[1].due(at_ns, self.period_ns()) {
+                    let shown =
+                        picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask & ALL_JOINTS);
+                    put(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
+                }
+            }
+            Sample::Command(command) => {
+                let at_ns = self.ours(Topic::Command, command, &command.header, write);
+                if self.pictures[2].due(at_ns, self.period_ns()) {
+                    let shown = picture::joint_states(&self.model, at_ns, &command.q, &command.v, ALL_JOINTS);
+                    put(Topic::Commanded, command.header.sequence, at_ns, &shown, write);
+                }
+            }
+            Sample::State(state) => self.state(state, write),
+            Sample::Status(status) => self.status(status, write),
+            Sample::Inputs(inputs) => {
+                let at_ns = self.file_time(inputs.now);
+                let data = inputs.to_json().to_string().into_bytes();
+                write(Entry { topic: Topic::Inputs, sequence: inputs.k as u32, log_time: at_ns, data });
+            }
+        }
+    }
+
+    fn file_time(&self, stamp: Stamp) -> u64 {
+        stamp.0.saturating_add(self.offset_ns)
+    }
+
+    fn period_ns(&self) -> u64 {
+        (1e9 / self.rates.pictures_hz) as u64
+    }
+
+    /// Counts a message, writes it if it is to be written, and answers its time in the file.
+    fn ours<M: Message>(
+        &mut self,
+        topic: Topic,
+        message: &M,
+        header: &messages::Header,
+        write: &mut dyn FnMut(Entry),
+    ) -> u64 {
+        let at_ns = self.file_time(header.stamp);
+        self.counted[topic as usize].note(header.incarnation, header.sequence);
+        let always = self.rates.full || topic == Topic::Skeleton || topic == Topic::StatusRaw;
+        if always || self.kept[topic as usize].due(at_ns, self.period_ns()) {
+            let mut data = vec![0; size_of::<M>()];
+            message.put(&mut data);
+            write(Entry { topic, sequence: header.sequence as u32, log_time: at_ns, data });
+        }
+        at_ns
+    }
+
+    fn skeleton(&mut self, skeleton: &Skeleton, write: &mut dyn FnMut(Entry)) {
+        let at_ns = self.ours(Topic::Skeleton, skeleton, &skeleton.header, write);
+        if self.pictures[0].due(at_ns, self.period_ns()) {
+            let shown = picture::person(&skeleton.positions, at_ns);
+            put(Topic::Person, skeleton.header.sequence, at_ns, &shown, write);
+        }
+    }
+
+    fn state(&mut self, state: &RobotState, write: &mut dyn FnMut(Entry)) {
+        let at_ns = self.ours(Topic::State, state, &state.header, write);
+        if !self.pictures[3].due(at_ns, self.period_ns()) {
+            return;
+        }
+        let sequence = state.header.sequence;
+        let shown = picture::joint_states(&self.model, at_ns, &state.q_measured, &state.dq_measured, ALL_JOINTS);
+        put(Topic::Measured, sequence, at_ns, &shown, write);
+        // Kinematics of numbers that are none would be drawn nowhere.
+        if state.q_measured.iter().all(|q| q.is_finite()) {
+            let shown = picture::transforms(&self.model, &mut self.frames, at_ns, &state.q_measured);
+            put(Topic::Transforms, sequence, at_ns, &shown, write);
+            put(Topic::Capsules, sequence, at_ns, &picture::capsules(&self.model, &self.frames, at_ns), write);
+        }
+    }
+
+    fn status(&mut self, status: &Status, write: &mut dyn FnMut(Entry)) {
+        // Its sequence counts ticks, of which one in thirty is published: gaps mean nothing.
+        let at_ns = self.ours(Topic::StatusRaw, status, &status.header, write);
+        let data = pipeline::status_json(status).to_string().into_bytes();
+        let sequence = status.header.sequence as u32;
+        write(Entry { topic: Topic::Status, sequence, log_time: at_ns, data });
+        for said in words::sentences(self.status.as_ref(), status, &self.names) {
+            self.told = self.told.wrapping_add(1);
+            let log = foxglove::messages::Log {
+                timestamp: Some(picture::timestamp(at_ns)),
+                level: said.level as i32,
+                message: said.text,
+                name: "control".to_owned(),
+                ..foxglove::messages::Log::default()
+            };
+            put(Topic::Log, u64::from(self.told), at_ns, &log, write);
+        }
+        self.status = Some(*status);
+    }
+}
+
+fn put<M: Encode>(topic: Topic, sequence: u64, log_time: u64, message: &M, write: &mut dyn FnMut(Entry)) {
+    let mut data = Vec::with_capacity(message.encoded_len().unwrap_or_default());
+    if message.encode(&mut data).is_ok() {
+        write(Entry { topic, sequence: sequence as u32, log_time, data });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_are_missed_and_a_restarted_writer_begins_anew() {
+        let mut counted = Counted::default();
+        for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (2, 1), (2, 2), (2, 2)] {
+            counted.note(incarnation, sequence);
+        }
+        assert_eq!((counted.missed, counted.seen), (2, 6));
+    }
+
+    #[test]
+    fn a_rate_is_kept_on_its_grid() {
+        let mut paced = Paced(0);
+        let period = 16_666_666;
+        let due = (0..1500_u64).filter(|k| paced.due(k * 1_000_000_000 / 1500, period)).count();
+        assert!((59..=61).contains(&due), "{due}");
+    }
+}

@@ -1,0 +1,135 @@
+//! A recording in words: how long, which topics, which modes, what went wrong.
+
+use crate::error::RecordError;
+use crate::read::{Content, Recorded};
+use crate::topic::Topic;
+use crate::trace::Trace;
+use crate::words::{mode, sentences};
+use messages::Status;
+use motion::mcap::Ending;
+use pipeline::Names;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Sentences shown; the file has them all under `/log`.
+const SENTENCES_MAX: usize = 200;
+
+/// What a recording holds.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// The course of the run.
+    pub trace: Trace,
+    /// Messages by topic.
+    pub counts: BTreeMap<String, u64>,
+    /// First and last time in the file, ns.
+    pub span_ns: Option<(u64, u64)>,
+    /// Seconds in each mode, by the mode's number.
+    pub modes_s: BTreeMap<u32, f64>,
+    /// Time, s, and what happened.
+    pub said: Vec<(f64, String)>,
+    unsaid: usize,
+    about: BTreeMap<String, String>,
+    outcome: BTreeMap<String, String>,
+    broken_off: Option<String>,
+}
+
+impl Summary {
+    /// Reads a recording.
+    ///
+    /// # Errors
+    /// The file cannot be read, or one of our channels has another layout than ours.
+    pub fn read(path: &Path, names: &Names) -> Result<Self, RecordError> {
+        let mut recorded = Recorded::open(path)?;
+        let mut summary = Self::default();
+        let mut before: Option<(u64, Status)> = None;
+        while let Some((at_ns, content)) = recorded.next_message()? {
+            let (begin, end) = *summary.span_ns.get_or_insert((at_ns, at_ns));
+            summary.span_ns = Some((begin.min(at_ns), end.max(at_ns)));
+            let topic = match &content {
+                Content::Skeleton(_) => Topic::Skeleton.name(),
+                Content::Target(_) => Topic::Target.name(),
+                Content::Command(_) => Topic::Command.name(),
+                Content::State(_) => Topic::State.name(),
+                Content::Status(_) => Topic::StatusRaw.name(),
+                Content::Inputs(_) => Topic::Inputs.name(),
+                Content::Other { topic, .. } => topic,
+            };
+            match summary.counts.get_mut(topic) {
+                Some(count) => *count += 1,
+                None => drop(summary.counts.insert(topic.to_owned(), 1)),
+            }
+            match &content {
+                Content::Target(target) => summary.trace.target(target),
+                Content::Command(command) => summary.trace.command(command),
+                Content::State(state) => summary.trace.state(state),
+                Content::Status(status) => {
+                    summary.trace.status(status);
+                    summary.status(at_ns.saturating_sub(begin) as f64 * 1e-9, before.as_ref(), status, names);
+                    if let Some((before_ns, before)) = &before {
+                        let lasted_s = at_ns.saturating_sub(*before_ns) as f64 * 1e-9;
+                        *summary.modes_s.entry(before.mode).or_default() += lasted_s;
+                    }
+                    before = Some((at_ns, **status));
+                }
+                _ => {}
+            }
+        }
+        summary.about = recorded.about().clone();
+        summary.outcome = recorded.outcome().clone();
+        summary.broken_off = match recorded.ending() {
+            Ending::BrokenOff(why) => Some(why.clone()),
+            Ending::Open | Ending::Complete => None,
+        };
+        Ok(summary)
+    }
+
+    fn status(&mut self, at_s: f64, before: Option<&(u64, Status)>, status: &Status, names: &Names) {
+        for said in sentences(before.map(|(_, before)| before), status, names) {
+            if self.said.len() < SENTENCES_MAX {
+                self.said.push((at_s, said.text));
+            } else {
+                self.unsaid += 1;
+            }
+        }
+    }
+
+    /// How long the recording is, s.
+    pub fn duration_s(&self) -> f64 {
+        self.span_ns.map_or(0.0, |(begin, end)| (end - begin) as f64 * 1e-9)
+    }
+
+    /// As text.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let about = |key: &str| self.about.get(key).map_or("unknown", String::as_str);
+        let _ = writeln!(out, "duration  {:.3} s, recorded {}", self.duration_s(), about("origin"));
+        let _ = writeln!(out, "robot     {} ({}), settings {}", about("robot"), about("robot_hash"), about("config_hash"));
+        let ended = match (&self.broken_off, self.outcome.is_empty()) {
+            (Some(why), _) => format!("breaks off ({why}): read up to its last whole chunk"),
+            (None, true) => "complete".to_owned(),
+            (None, false) => {
+                let told: Vec<_> = self.outcome.iter().map(|(key, value)| format!("{key} {value}")).collect();
+                format!("complete; {}", told.join(", "))
+            }
+        };
+        let _ = writeln!(out, "file      {ended}");
+        let _ = writeln!(out, "topics");
+        for (topic, count) in &self.counts {
+            let rate_hz = *count as f64 / self.duration_s().max(1e-9);
+            let _ = writeln!(out, "  {topic:<24} {count:>9}  {rate_hz:8.1} Hz");
+        }
+        let _ = writeln!(out, "modes");
+        for (number, seconds) in &self.modes_s {
+            let _ = writeln!(out, "  {:<14} {seconds:9.3} s", mode(*number));
+        }
+        let _ = writeln!(out, "what happened");
+        for (at_s, text) in &self.said {
+            let _ = writeln!(out, "  {at_s:9.3} s  {text}");
+        }
+        if self.unsaid > 0 {
+            let _ = writeln!(out, "  and {} sentences more, in the file under {}", self.unsaid, Topic::Log.name());
+        }
+        out
+    }
+}

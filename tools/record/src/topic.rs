@@ -1,0 +1,174 @@
+//! The channels of a recording.
+
+use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
+use serde_json::{Map, Value, json};
+
+/// A channel. The first six hold messages bit for bit and are read back by `replay`; the others are for viewers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(usize)]
+pub enum Topic {
+    /// `Skeleton` as `ingest` passed it.
+    Skeleton,
+    /// `JointTarget`.
+    Target,
+    /// `JointCommand`.
+    Command,
+    /// `RobotState`.
+    State,
+    /// `Status`, every byte.
+    StatusRaw,
+    /// What a control tick was given beside messages; offline recordings only.
+    Inputs,
+    /// `Status` as JSON.
+    Status,
+    /// foxglove.JointStates: what the robot measures.
+    Measured,
+    /// foxglove.JointStates: where the arms should be.
+    Wanted,
+    /// foxglove.JointStates: what is commanded.
+    Commanded,
+    /// foxglove.FrameTransforms: every link of the robot.
+    Transforms,
+    /// foxglove.SceneUpdate: the person as lines.
+    Person,
+    /// foxglove.SceneUpdate: the robot's capsules.
+    Capsules,
+    /// foxglove.Log: what happened, a sentence each.
+    Log,
+}
+
+/// How the messages of a channel are encoded, and what describes them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Described {
+    /// The channel's topic.
+    pub topic: &'static str,
+    /// Encoding of its messages.
+    pub encoding: &'static str,
+    /// Name of the schema.
+    pub name: String,
+    /// Encoding of the schema.
+    pub schema_encoding: String,
+    /// The schema.
+    pub schema: Vec<u8>,
+}
+
+impl Topic {
+    /// All of them; the index is the value.
+    pub const ALL: [Self; 14] = [
+        Self::Skeleton,
+        Self::Target,
+        Self::Command,
+        Self::State,
+        Self::StatusRaw,
+        Self::Inputs,
+        Self::Status,
+        Self::Measured,
+        Self::Wanted,
+        Self::Commanded,
+        Self::Transforms,
+        Self::Person,
+        Self::Capsules,
+        Self::Log,
+    ];
+
+    /// Its name in the file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Skeleton => "/teleop/skeleton",
+            Self::Target => "/teleop/joint_target",
+            Self::Command => "/teleop/joint_command",
+            Self::State => "/teleop/robot_state",
+            Self::StatusRaw => "/teleop/status_raw",
+            Self::Inputs => "/teleop/inputs",
+            Self::Status => "/teleop/status",
+            Self::Measured => "/joint_states/measured",
+            Self::Wanted => "/joint_states/target",
+            Self::Commanded => "/joint_states/command",
+            Self::Transforms => "/tf",
+            Self::Person => "/scene/person",
+            Self::Capsules => "/scene/robot",
+            Self::Log => "/log",
+        }
+    }
+
+    /// The channel of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|topic| topic.name() == name)
+    }
+
+    /// The name of its schema.
+    pub fn schema_name(self) -> String {
+        self.described().name
+    }
+
+    /// Everything a reader needs.
+    pub fn described(self) -> Described {
+        match self {
+            Self::Skeleton => ours::<Skeleton>(self),
+            Self::Target => ours::<JointTarget>(self),
+            Self::Command => ours::<JointCommand>(self),
+            Self::State => ours::<RobotState>(self),
+            Self::StatusRaw => ours::<Status>(self),
+            Self::Inputs => json_schema(self, "teleopd.Inputs", &crate::inputs::example()),
+            Self::Status => json_schema(self, "teleopd.Status", &crate::inputs::status_example()),
+            Self::Measured | Self::Wanted | Self::Commanded => viewed::<foxglove::messages::JointStates>(self),
+            Self::Transforms => viewed::<foxglove::messages::FrameTransforms>(self),
+            Self::Person | Self::Capsules => viewed::<foxglove::messages::SceneUpdate>(self),
+            Self::Log => viewed::<foxglove::messages::Log>(self),
+        }
+    }
+}
+
+/// Our own layout: the schema's name carries the hash, its text lists the fields.
+fn ours<M: Message>(topic: Topic) -> Described {
+    let fields: Vec<_> = M::FIELDS
+        .iter()
+        .map(|field| json!({ "name": field.name, "type": field.ty, "offset": field.offset, "size": field.size }))
+        .collect();
+    let layout = json!({ "name": M::NAME, "version": M::VERSION, "size": size_of::<M>(), "byte_order": "little-endian",
+        "fields": fields });
+    Described {
+        topic: topic.name(),
+        encoding: "teleopd",
+        name: M::TYPE_NAME.as_str().to_owned(),
+        schema_encoding: "teleopd".to_owned(),
+        schema: layout.to_string().into_bytes(),
+    }
+}
+
+fn viewed<M: foxglove::Encode>(topic: Topic) -> Described {
+    let schema = M::get_schema();
+    let (name, encoding, data) = schema
+        .map_or_else(Default::default, |schema| (schema.name, schema.encoding, schema.data.into_owned()));
+    Described { topic: topic.name(), encoding: "protobuf", name, schema_encoding: encoding, schema: data }
+}
+
+/// A JSON schema from an example of the message.
+fn json_schema(topic: Topic, title: &str, example: &Value) -> Described {
+    let mut schema = schema_of(example);
+    schema["title"] = json!(title);
+    schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
+    Described {
+        topic: topic.name(),
+        encoding: "json",
+        name: title.to_owned(),
+        schema_encoding: "jsonschema".to_owned(),
+        schema: schema.to_string().into_bytes(),
+    }
+}
+
+fn schema_of(value: &Value) -> Value {
+    match value {
+        // Anything may stand in a place that is null in the example: the number or text comes and goes.
+        Value::Null => json!({}),
+        Value::Bool(_) => json!({ "type": "boolean" }),
+        Value::Number(number) if number.is_f64() => json!({ "type": "number" }),
+        Value::Number(_) => json!({ "type": "integer" }),
+        Value::String(_) => json!({ "type": "string" }),
+        Value::Array(all) => json!({ "type": "array", "items": all.first().map_or(json!({}), schema_of) }),
+        Value::Object(entries) => {
+            let properties: Map<_, _> = entries.iter().map(|(key, value)| (key.clone(), schema_of(value))).collect();
+            json!({ "type": "object", "properties": properties })
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! The course of a run at a few hundred instants a minute: what a picture and a summary are made of, in bounded memory.
+
+use messages::{JOINTS, JointCommand, JointTarget, RobotState, Status};
+use pipeline::Moment;
+
+/// Instants kept at most; when there are more, every second one is dropped.
+const ROWS_MAX: usize = 12_000;
+/// Time between two instants at first, ns: 60 a second.
+const PERIOD_NS: u64 = 16_666_666;
+
+/// One instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Time in the file, s from its first state.
+    pub at_s: f64,
+    /// Measured joint positions.
+    pub measured: [f64; JOINTS],
+    /// Newest command.
+    pub command: Option<[f64; JOINTS]>,
+    /// Newest target; joints that are not meant are left out.
+    pub target: Option<([f64; JOINTS], u32)>,
+    /// Smallest clearance at the command, mm.
+    pub clearance_mm: Option<f64>,
+    /// From the person seen to the command executed, ms; none without a person.
+    pub latency_ms: Option<f64>,
+    /// A `Mode`.
+    pub mode: u32,
+}
+
+/// The rows of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Trace {
+    rows: Vec<Row>,
+    begin_ns: Option<u64>,
+    period_ns: u64,
+    next_ns: u64,
+    command: Option<[f64; JOINTS]>,
+    target: Option<([f64; JOINTS], u32)>,
+    status: Option<(f64, u32)>,
+}
+
+impl Trace {
+    /// What is kept.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Notes a target.
+    pub fn target(&mut self, target: &JointTarget) {
+        self.target = Some((target.q, target.valid_mask));
+    }
+
+    /// Notes a command.
+    pub fn command(&mut self, command: &JointCommand) {
+        self.command = Some(command.q);
+    }
+
+    /// Notes a status.
+    pub fn status(&mut self, status: &Status) {
+        self.status = Some((status.clearance_command_m * 1e3, status.mode));
+    }
+
+    /// Notes a state, and keeps an instant if one is due.
+    pub fn state(&mut self, state: &RobotState) {
+        let at_ns = state.header.stamp.0;
+        if at_ns < self.next_ns || state.q_measured.iter().any(|q| !q.is_finite()) {
+            return;
+        }
+        self.period_ns = self.period_ns.max(PERIOD_NS);
+        self.next_ns = at_ns.saturating_add(self.period_ns);
+        if self.rows.len() >= ROWS_MAX {
+            let mut keep = false;
+            self.rows.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.period_ns = self.period_ns.saturating_mul(2);
+        }
+        let begin_ns = *self.begin_ns.get_or_insert(at_ns);
+        let origin = state.header.origin;
+        self.rows.push(Row {
+            at_s: (at_ns.saturating_sub(begin_ns)) as f64 * 1e-9,
+            measured: state.q_measured,
+            command: self.command,
+            target: self.target,
+            clearance_mm: self.status.map(|(clearance_mm, _)| clearance_mm).filter(|mm| mm.is_finite()),
+            latency_ms: (origin.0 > 0).then(|| state.header.stamp.since(origin) as f64 * 1e-6),
+            mode: self.status.map_or(0, |(_, mode)| mode),
+        });
+    }
+
+    /// Notes a tick of a run in virtual time.
+    pub fn moment(&mut self, moment: &Moment) {
+        if let Some(target) = &moment.target {
+            self.target(target);
+        }
+        if let Some(control) = &moment.control {
+            self.status(&control.status);
+            if let Some(command) = &control.command {
+                self.command(command);
+            }
+        }
+        if let Some(robot) = &moment.robot {
+            self.state(robot);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{Layout, Stamp};
+
+    #[test]
+    fn a_long_run_stays_within_its_bound_and_covers_it_all() {
+        let mut trace = Trace::default();
+        let mut state = RobotState::ZERO;
+        for second in 0..40_000_u64 {
+            state.header.stamp = Stamp(1 + second * 1_000_000_000);
+            trace.state(&state);
+        }
+        assert!(trace.rows().len() <= ROWS_MAX);
+        assert!(trace.rows().last().unwrap().at_s > 39_000.0);
+        assert!(trace.rows().windows(2).all(|pair| pair[0].at_s < pair[1].at_s));
+    }
+}
