@@ -111,7 +111,7 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
     if !built.ends_with("release") {
         return Err("the package takes release builds".into());
     }
-    for needed in ["dist", "replay", "latency"] {
+    for needed in ["dist", "replay", "latency", "record"] {
         if !built.join(needed).exists() {
             return Err(format!("{needed} is not built (cargo build --release --workspace)"));
         }
@@ -144,6 +144,7 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
         "usr/share/man/man1/teleopd.1.gz",
         "usr/share/man/man1/teleop-replay.1.gz",
         "usr/share/man/man1/teleop-latency.1.gz",
+        "usr/share/man/man1/teleop-record.1.gz",
         "usr/share/zsh/vendor-completions/_teleopctl",
         "usr/share/doc/teleopd/SAFETY.md",
         "usr/share/doc/teleopd/LICENSE-MIT",

@@ -55,13 +55,23 @@ pub enum Command {
     /// A simulated robot behind the driver's port.
     Sim(Place),
     /// Starts the four processes in order, and stops them with the robot at rest.
-    Up(Place),
+    Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints what was measured.
     Demo(Demo),
     /// Prints every effective value, where it came from, and the hash of them all.
     Check(Place),
     /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing.
     Doctor(Doctor),
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Up {
+    #[command(flatten)]
+    pub place: Place,
+    /// Also record the instance to this MCAP file, from a process of its own (the program `record`): every message that it can
+    /// see. Refused if the file exists.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
 }
 
 #[derive(Args, Clone, Debug)]
@@ -84,6 +94,9 @@ pub struct Demo {
     /// Stop after so many seconds of motion (default: the whole motion once).
     #[arg(long, value_name = "N")]
     pub seconds: Option<f64>,
+    /// Also record the run to this MCAP file; refused if it exists.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
     /// Write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

@@ -6,6 +6,7 @@ use crate::exit::{Exit, Failure};
 use crate::figure;
 use crate::operate::Operator;
 use crate::process::bus_failure;
+use crate::recorder::Recorder;
 use crate::report::Report;
 use bus::{Domain, Reader};
 use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
@@ -55,6 +56,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     for warning in &motion.guesses.warnings {
         println!("          {warning}");
     }
+    let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
     let mut children = Children::start(&instance, &place, true)?;
     println!("processes sim, control, retarget, ingest are ready");
     let play = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
@@ -72,6 +74,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     drop(publisher);
     drop(operator);
     let mut trouble = children.stop();
+    trouble.extend(recorder.as_mut().and_then(Recorder::stop));
     trouble.extend(ended.err());
     if folder.temporary {
         instance.retire();

@@ -12,6 +12,7 @@ mod figures;
 mod operate;
 mod process;
 mod processes;
+mod recorder;
 mod report;
 mod timeline;
 mod up;
@@ -37,7 +38,7 @@ pub fn main() -> ExitCode {
         Command::Retarget(place) => process::retarget::run(&place).map(|()| Exit::Ok),
         Command::Control(place) => process::control::run(&place).map(|()| Exit::Ok),
         Command::Sim(place) => process::sim::run(&place).map(|()| Exit::Ok),
-        Command::Up(place) => up::run(&place),
+        Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Check(place) => check::run(&place),
         Command::Doctor(options) => doctor::run(&options),

@@ -1,9 +1,10 @@
 //! Starts the four processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
 
 use crate::children::Children;
-use crate::cli::Place;
+use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::operate::Operator;
+use crate::recorder::Recorder;
 use messages::Mode;
 use pipeline::Instance;
 use rt::Shutdown;
@@ -17,10 +18,13 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 const SIGINT: i32 = 2;
 
 /// Runs until a signal, or until one process ends.
-pub fn run(place: &Place) -> Result<Exit, Failure> {
+pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
+    let place = &options.place;
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let instance = Instance::new(&place.run_dir)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    // Before the others, so that it sees their first messages; it is dropped after them.
+    let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, place)?;
     let mut children = Children::start(&instance, place, false)?;
     println!("teleopd: ready in {}", instance.run_dir().display());
     println!("teleopd: publish skeletons with `replay`, then `teleopctl engage`; Ctrl-C stops everything");
@@ -31,10 +35,14 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
         if let Some(ended) = children.ended() {
             break Some(ended);
         }
+        if let Some(recorder) = &mut recorder {
+            recorder.watch();
+        }
         std::thread::sleep(LOOK);
     };
     release(&instance);
-    let trouble = children.stop();
+    let mut trouble = children.stop();
+    trouble.extend(recorder.and_then(|mut recorder| recorder.stop()));
     if let Some((name, status)) = ended {
         return Err(Failure::new(Exit::Failed, format!("{name} ended by itself ({status}); everything was stopped")));
     }

@@ -15,12 +15,13 @@ mod teleopctl;
 mod teleopd;
 
 /// Every program of the package under its name there: a bare `replay` or `latency` would say too little in /usr/bin.
-pub fn programs() -> [Command; 4] {
+pub fn programs() -> [Command; 5] {
     [
         teleopd::Cli::command(),
         teleopctl::Cli::command(),
         replay::Cli::command().name("teleop-replay"),
         latency::cli::Cli::command().name("teleop-latency"),
+        record::cli::Cli::command().name("teleop-record"),
     ]
 }
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// The packages whose programs are packaged.
-const PACKAGED: [&str; 3] = ["teleopd", "replay", "latency"];
+const PACKAGED: [&str; 4] = ["teleopd", "replay", "latency", "record"];
 
 /// How the files that hold a licence begin.
 const BEGINNINGS: [&str; 5] = ["licen", "copying", "copyright", "notice", "unlicense"];

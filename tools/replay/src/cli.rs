@@ -8,8 +8,10 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "replay", version)]
 pub struct Cli {
-    /// The motion file (.bvh), a joint trajectory of both arms (.csv, as `keyposes interpolate` writes), or `builtin`.
-    pub file: PathBuf,
+    /// The motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms (.csv, as
+    /// `keyposes interpolate` writes), or `builtin`.
+    #[arg(required_unless_present = "compare")]
+    pub file: Option<PathBuf>,
     /// 1 is the recorded speed.
     #[arg(long, default_value_t = 1.0)]
     pub speed: f64,
@@ -19,8 +21,18 @@ pub struct Cli {
     /// Run all stages here, and write the commands at 1500 Hz to this CSV file (and a JSON file beside it).
     #[arg(long, value_name = "OUT.csv")]
     pub offline: Option<PathBuf>,
+    /// Also write every message of the run, and what every control tick was given, to this recording (.mcap).
+    #[arg(long, value_name = "OUT.mcap", requires = "offline")]
+    pub record: Option<PathBuf>,
+    /// Also draw the run: joints against their limits, clearance, latency, modes.
+    #[arg(long, value_name = "OUT.png", requires = "offline")]
+    pub plot: Option<PathBuf>,
+    /// Run the stages again over the inputs of a recording of --record, and compare targets, commands and statuses with the
+    /// recorded ones, bit for bit; exit code 1 if one differs.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["file", "looped", "offline", "run_dir", "socket"])]
+    pub compare: Option<PathBuf>,
     /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its
-    /// joints have no rotation in the T-pose. A joint trajectory's person has such a rig.
+    /// joints have no rotation in the T-pose. The person of a joint trajectory or a recording has such a rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
     /// Settings for --offline, and the robot of a joint trajectory.

@@ -1,6 +1,7 @@
 //! Plays a recorded motion: live, as any client would, or offline through the same stages as fast as the machine can.
 
 mod cli;
+mod compare;
 mod live;
 mod offline;
 
@@ -50,6 +51,9 @@ fn main() -> ExitCode {
         eprintln!("replay: --speed {} is outside [0.5, 10]", cli.speed);
         return ExitCode::from(EX_USAGE);
     }
+    if let Some(recording) = &cli.compare {
+        return ended(compare::run(&cli, recording));
+    }
     let motion = match read(&mut cli) {
         Ok(motion) => motion,
         Err(Failure(code, text)) => {
@@ -62,6 +66,10 @@ fn main() -> ExitCode {
         Some(out) => offline::run(&cli, &motion, out),
         None => live::run(&cli, &motion),
     };
+    ended(outcome)
+}
+
+fn ended(outcome: Result<(), Failure>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(code, text)) => {
@@ -75,15 +83,21 @@ fn main() -> ExitCode {
 /// so that it takes the way of every live person, through retargeting and every check.
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let no_input = |error: &dyn std::fmt::Display| Failure(EX_NOINPUT, error.to_string());
-    if cli.file.as_os_str() == "builtin" {
+    let file = cli.file.clone().unwrap_or_default();
+    if file.as_os_str() == "builtin" {
         return Ok(motion::builtin());
     }
-    if !cli.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
-        return motion::load(&cli.file).map_err(|error| no_input(&error));
+    let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
+    if is("mcap") {
+        // The skeletons' limbs are those that `ingest` found, whatever the hinges were.
+        cli.calibration = CalibrationMode::Rig;
+    }
+    if !is("csv") {
+        return motion::load(&file).map_err(|error| no_input(&error));
     }
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
-    let trajectory = trajectory::read_csv(&cli.file, &loaded.model).map_err(|error| no_input(&error))?;
-    let name = cli.file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
+    let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(|error| no_input(&error))?;
+    let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
     cli.calibration = CalibrationMode::Rig;
     Ok(trajectory::to_motion(&trajectory, &loaded.model, &name))
 }

@@ -4,7 +4,10 @@ use crate::{Cli, EX_USAGE, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
-use pipeline::{Offline, OfflineEnd, Overrides, PlayOptions};
+use pipeline::{Moment, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions};
+use record::{OfflineRecording, Trace};
+use robot::Model;
+use safety::engage::OperatorView;
 use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -19,8 +22,12 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
         ));
     }
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
-    if same(out, &cli.file) {
-        return Err(Failure(EX_USAGE, format!("--offline {}: is the motion itself; give another file", out.display())));
+    let file = cli.file.as_deref().unwrap_or(Path::new(""));
+    for (option, out) in [("--offline", Some(out)), ("--record", cli.record.as_deref()), ("--plot", cli.plot.as_deref())] {
+        if let Some(out) = out.filter(|out| same(out, file)) {
+            let text = format!("{option} {}: is the motion itself; give another file", out.display());
+            return Err(Failure(EX_USAGE, text));
+        }
     }
     if cli.looped {
         return Err(Failure(EX_USAGE, "--offline ends, --loop does not: give one of them".into()));
@@ -33,7 +40,18 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
-    let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::config)?;
+    let mut recording = match &cli.record {
+        Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::cannot_create)?),
+        None => None,
+    };
+    let mut trace = Trace::default();
+    let mut watch = |moment: &Moment, operator: &OperatorView| {
+        if let Some(recording) = &mut recording {
+            recording.moment(moment, operator);
+        }
+        trace.moment(moment);
+    };
+    let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::config)?;
     let file = File::create(out).map_err(|error| Failure::cannot_create(format!("{}: {error}", out.display())))?;
     let mut csv = BufWriter::new(file);
     let write = |error: std::io::Error| Failure::cannot_create(format!("{}: {error}", out.display()));
@@ -45,7 +63,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     }
     let mut line = String::new();
     let end = loop {
-        let row = match offline.step() {
+        let row = match offline.step_watched(&mut watch) {
             Ok(row) => row,
             Err(end) => break end,
         };
@@ -62,9 +80,33 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     };
     csv.flush().map_err(write)?;
     bar.finish();
-
-    let beside = out.with_extension("json");
+    written(cli, recording, &trace, &loaded.model)?;
     let report = offline.report();
+    write_summary(out, motion, report)?;
+    match end {
+        OfflineEnd::AtRest => Ok(()),
+        OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
+    }
+}
+
+/// Closes the recording and draws the picture, where they were asked for.
+fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model: &Model) -> Result<(), Failure> {
+    if let (Some(recording), Some(path)) = (recording, &cli.record) {
+        let failed = |error| Failure::cannot_create(format!("{}: {error}", path.display()));
+        recording.finish().map_err(failed)?;
+        println!("every message in {}", path.display());
+    }
+    if let Some(path) = &cli.plot {
+        let title = cli.file.as_deref().unwrap_or(Path::new("")).display().to_string();
+        record::plot(path, trace, model, &title).map_err(Failure::cannot_create)?;
+        println!("picture in {}", path.display());
+    }
+    Ok(())
+}
+
+/// Writes the JSON file beside the CSV, and says what was measured.
+fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<(), Failure> {
+    let beside = out.with_extension("json");
     let summary = json!({
         "motion": motion.name,
         "rows": report.rows,
@@ -86,10 +128,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         report.min_clearance_mm,
         json!(report.violations)
     );
-    match end {
-        OfflineEnd::AtRest => Ok(()),
-        OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
-    }
+    Ok(())
 }
 
 /// `t_s`, one column per joint of the command, then one per joint of the target.

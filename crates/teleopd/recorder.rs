@@ -1,0 +1,123 @@
+//! The recorder of `up` and `demo`: a child that only reads. Whatever becomes of it, the robot goes on.
+
+use crate::cli::Place;
+use crate::exit::{Exit, Failure};
+use crate::processes::END_WITHIN;
+use pipeline::Instance;
+use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Its names: beside this program in a build folder, and as it is installed.
+const PROGRAMS: [&str; 2] = ["record", "teleop-record"];
+/// Longest time until it reads: it loads the settings and opens the services.
+const READY_WITHIN: Duration = Duration::from_secs(10);
+
+/// The running recorder.
+pub struct Recorder {
+    child: Child,
+    /// It has ended by itself and that was said.
+    told: bool,
+}
+
+impl Recorder {
+    /// Starts it if a file is given, and waits until it reads.
+    pub fn start_if(file: Option<&Path>, instance: &Instance, place: &Place) -> Result<Option<Self>, Failure> {
+        file.map(|file| Self::start(file, instance, place)).transpose()
+    }
+
+    fn start(file: &Path, instance: &Instance, place: &Place) -> Result<Self, Failure> {
+        let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
+        let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
+        let _ = std::fs::remove_file(&socket_path);
+        let socket = UnixDatagram::bind(&socket_path).map_err(software)?;
+        socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(software)?;
+        let mut command = Command::new(program()?);
+        command.arg(file).arg("--full").arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
+        if place.engage_without_realtime {
+            command.arg("--engage-without-realtime");
+        }
+        if let Some(interface) = place.interface {
+            command.arg("--interface").arg(interface.name());
+        }
+        // A process group of its own: Ctrl-C ends the others first.
+        command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &socket_path).process_group(0);
+        let mut recorder = Self { child: command.spawn().map_err(software)?, told: false };
+        let ready = recorder.wait_ready(&socket);
+        let _ = std::fs::remove_file(&socket_path);
+        ready.map(|()| recorder)
+    }
+
+    fn wait_ready(&mut self, socket: &UnixDatagram) -> Result<(), Failure> {
+        let give_up = Instant::now() + READY_WITHIN;
+        let mut text = [0_u8; 512];
+        while Instant::now() < give_up {
+            if let Ok(length) = socket.recv(&mut text)
+                && text[..length].split(|&byte| byte == b'\n').any(|line| line == b"READY=1")
+            {
+                return Ok(());
+            }
+            if let Ok(Some(status)) = self.child.try_wait() {
+                self.told = true;
+                let exit = match status.code() {
+                    Some(73) => Exit::CantCreate,
+                    Some(78) => Exit::Config,
+                    _ => Exit::Unavailable,
+                };
+                return Err(Failure::new(exit, format!("the recorder ended before it was ready ({status})")));
+            }
+        }
+        Err(Failure::new(Exit::Unavailable, format!("the recorder was not ready within {} s", READY_WITHIN.as_secs())))
+    }
+
+    /// Says once if it has ended by itself; the robot goes on.
+    pub fn watch(&mut self) {
+        if !self.told
+            && let Ok(Some(status)) = self.child.try_wait()
+        {
+            self.told = true;
+            eprintln!("teleopd: the recorder ended by itself ({status}); the instance goes on");
+        }
+    }
+
+    /// Ends it, after everything that it reads; what was not as it must be.
+    pub fn stop(&mut self) -> Option<String> {
+        let judged = |status: ExitStatus| (!status.success()).then(|| format!("the recorder ended badly ({status})"));
+        if let Ok(Some(status)) = self.child.try_wait() {
+            return judged(status).or_else(|| Some("the recorder had ended already".to_owned())).filter(|_| !self.told);
+        }
+        rt::terminate(self.child.id());
+        let give_up = Instant::now() + END_WITHIN;
+        while Instant::now() < give_up {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                self.told = true;
+                return judged(status);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        Some(format!("the recorder did not end within {} s and was killed", END_WITHIN.as_secs()))
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn program() -> Result<PathBuf, Failure> {
+    let own = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
+    let folder = own.parent().unwrap_or(Path::new("/"));
+    // Tests run from a folder below that of the programs.
+    let folders = [Some(folder), folder.parent()];
+    let places = folders.into_iter().flatten().flat_map(|folder| PROGRAMS.map(|name| folder.join(name)));
+    let missing = || {
+        let text = format!("{}: no program `record` there (cargo build --release -p record)", folder.display());
+        Failure::new(Exit::Unavailable, text)
+    };
+    places.into_iter().find(|path| path.is_file()).ok_or_else(missing)
+}
