@@ -48,10 +48,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline", "record"]),
     ("canvas", &[]),
-    (
-        "record",
-        &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas"],
-    ),
+    ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
     ("simulate", &["messages", "robot", "driver", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
     ("chaos", &["messages", "driver", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),

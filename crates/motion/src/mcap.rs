@@ -21,6 +21,9 @@ const RATE_HZ: (f64, f64) = (30.0, 240.0);
 /// A pause longer than this between two skeletons, s, is cut out: the person was not seen.
 const PAUSE_S: f64 = 0.5;
 
+/// A joint farther from the origin, m, is no person's: farther than any camera or tracker sees.
+const POSITION_MAX_M: f32 = 1e4;
+
 /// Where a message came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
@@ -86,9 +89,8 @@ pub struct Reader<R> {
 impl<R: Read> Reader<R> {
     /// Reads from `input`.
     pub fn new(input: R) -> Self {
-        let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_BYTES_MAX);
+        let options =
+            LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_BYTES_MAX);
         let reader = LinearReader::new_with_options(options);
         let ending = Ending::Open;
         Self { input, reader, schemas: BTreeMap::new(), channels: BTreeMap::new(), ending, any: false }
@@ -242,8 +244,11 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
 /// The frame whose limbs, by the hinges of `CalibrationMode::Rig`, are those recorded. None where an arm is missing or a number
 /// is none.
 fn frame_of(skeleton: &Skeleton) -> Option<Frame> {
-    let finite = skeleton.positions.iter().flatten().chain(skeleton.limbs.iter().flatten()).all(|x| x.is_finite());
-    if !finite || skeleton.flags & skeleton_flag::ALL != skeleton_flag::ALL {
+    let near = skeleton.positions.iter().flatten().all(|x| x.abs() < POSITION_MAX_M);
+    if !near
+        || !skeleton.limbs.iter().flatten().all(|x| x.is_finite())
+        || skeleton.flags & skeleton_flag::ALL != skeleton_flag::ALL
+    {
         return None;
     }
     let torso: Matrix3<f64> = skeleton::torso_rotation(&skeleton.positions)?;
@@ -278,5 +283,11 @@ fn at(timed: &[(f64, Frame)], at_s: f64) -> Frame {
     let ((t0, a), (t1, b)) = (&timed[after - 1], &timed[after]);
     let t = ((at_s - t0) / (t1 - t0)).clamp(0.0, 1.0) as f32;
     // The frame itself where it falls on the time: nothing is added to what was seen.
-    if t == 0.0 { *a } else if t == 1.0 { *b } else { crate::resample::mix(a, b, t) }
+    if t == 0.0 {
+        *a
+    } else if t == 1.0 {
+        *b
+    } else {
+        crate::resample::mix(a, b, t)
+    }
 }

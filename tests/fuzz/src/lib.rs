@@ -26,6 +26,7 @@ pub const TARGETS: [Target; 12] = [
     ("bvh", files::bvh),
     ("npy", files::npy),
     ("npz", files::npz),
+    ("mcap", files::mcap),
     ("robot", robots::run),
     ("settings", settings::run),
     ("weights", weights::run),

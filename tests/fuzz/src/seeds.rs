@@ -1,6 +1,7 @@
 //! Good inputs to begin with: what a fuzzer would take long to find. The stored ones grew out of these.
 
 use crate::{frames, robots, settings, weights};
+use messages::{Layout, Message, Skeleton, Stamp};
 use motion::{Frame, Motion, npy};
 
 /// Good inputs of this target.
@@ -12,6 +13,7 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "bvh" => vec![motion::write_bvh(&short()).into()],
         "npy" => vec![positions(), features()],
         "npz" => archives(),
+        "mcap" => vec![recording(&[]), b"A".to_vec(), b"A\x28\x00\x00\x00\xc0\x7f".to_vec()],
         "robot" => robots(),
         "settings" => vec![
             [&[0], settings::TEXT.as_bytes()].concat(),
@@ -35,6 +37,36 @@ fn short() -> Motion {
     let mut motion = motion::builtin();
     motion.frames = motion.frames.into_iter().step_by(60).take(4).collect();
     motion
+}
+
+/// A recording of a few skeletons. `changes` are written over them: a place (u16) and four bytes, again and again.
+pub(crate) fn recording(changes: &[u8]) -> Vec<u8> {
+    let motion = short();
+    let limbs = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::Rig));
+    let mut frames = Vec::new();
+    for (i, (frame, limbs)) in motion.frames.iter().zip(limbs).enumerate() {
+        let mut skeleton = Skeleton { positions: frame.positions, limbs, ..Skeleton::ZERO };
+        skeleton.header.origin = Stamp(1_000_000_000 + i as u64 * 16_666_667);
+        skeleton.flags = messages::skeleton_flag::ALL;
+        let mut bytes = vec![0; size_of::<Skeleton>()];
+        skeleton.put(&mut bytes);
+        frames.extend(bytes);
+    }
+    for change in changes.chunks_exact(6) {
+        let at = usize::from(u16::from_le_bytes([change[0], change[1]])) % (frames.len() - 4);
+        frames[at..at + 4].copy_from_slice(&change[2..]);
+    }
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).expect("in memory");
+    let schema = writer.add_schema(Skeleton::TYPE_NAME.as_str(), "teleopd", b"{}").expect("in memory");
+    let channel = writer.add_channel(schema, "/teleop/skeleton", "teleopd", &Default::default()).expect("in memory");
+    for (i, data) in frames.chunks(size_of::<Skeleton>()).enumerate() {
+        let log_time = i as u64;
+        let header =
+            mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time, publish_time: log_time };
+        writer.write_to_known_channel(&header, data).expect("in memory");
+    }
+    writer.finish().expect("in memory");
+    writer.into_inner().into_inner()
 }
 
 fn skeletons() -> Vec<Vec<u8>> {

@@ -110,6 +110,11 @@ fn f104_any_bytes_of_an_npy_give_a_motion_or_an_error() {
 }
 
 #[test]
+fn f096_f104_any_bytes_of_a_recording_give_a_motion_or_an_error() {
+    exercise("mcap");
+}
+
+#[test]
 fn f096_f104_any_bytes_of_an_npz_give_a_motion_or_an_error() {
     exercise("npz");
 }

@@ -139,10 +139,8 @@ impl Stages {
     fn control(&mut self, inputs: &crate::Inputs) {
         let taken = |sequence: Option<u64>| sequence.unwrap_or_default();
         let (target, state) = (self.target.take(), self.state.take());
-        let given = (
-            taken(target.map(|target| target.header.sequence)),
-            taken(state.map(|state| state.header.sequence)),
-        );
+        let given =
+            (taken(target.map(|target| target.header.sequence)), taken(state.map(|state| state.header.sequence)));
         if given != (inputs.target, inputs.state) {
             self.found.broken_off = Some(format!(
                 "tick {} took target {} and state {}, and the recording has {} and {} before it",

@@ -45,6 +45,11 @@ pub enum RecordError {
 
 impl RecordError {
     pub(crate) fn write(error: mcap::McapError) -> Self {
-        Self::Write { cause: error.to_string() }
+        // The system's own words, if it has any.
+        let cause = match &error {
+            mcap::McapError::Io(cause) => cause.to_string(),
+            error => error.to_string(),
+        };
+        Self::Write { cause }
     }
 }

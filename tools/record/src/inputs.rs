@@ -94,7 +94,8 @@ mod tests {
     #[test]
     fn inputs_come_back_and_what_is_none_is_refused() {
         let operator = OperatorView { estop_edge: true, heartbeat_received: Stamp(u64::MAX), ..Default::default() };
-        let inputs = Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
+        let inputs =
+            Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
         let text = inputs.to_json().to_string();
         assert_eq!(Inputs::from_json(text.as_bytes()), Some(inputs));
         assert_eq!(Inputs::from_json(text.replace("true", "1").as_bytes()), None);

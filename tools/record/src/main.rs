@@ -96,7 +96,9 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
         if let (false, Some(hash)) = (warned, attached.other_settings()) {
             warned = true;
             let ours = loaded.hash;
-            eprintln!("record: the instance runs with the settings {hash:016x}, --config gives {ours:016x}: give the same");
+            eprintln!(
+                "record: the instance runs with the settings {hash:016x}, --config gives {ours:016x}: give the same"
+            );
         }
         if !failed && queue.failed() {
             failed = true;

@@ -1,8 +1,8 @@
 //! What viewers draw: joint states, transforms of the links, the person as lines, the robot's capsules.
 
 use foxglove::messages::{
-    Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive, Point3,
-    Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3, line_primitive,
+    Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive,
+    Point3, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3, line_primitive,
 };
 use messages::{JOINTS, SMPL_JOINTS, Smpl};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};

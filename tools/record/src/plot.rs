@@ -37,6 +37,7 @@ fn colour(mode: u32) -> RGBColor {
 /// One line of a panel.
 struct Line<'a> {
     colour: RGBColor,
+    /// Fine pixels; 0 draws a dot for each instant.
     width: u32,
     value: &'a dyn Fn(&Row) -> Option<f64>,
 }
@@ -76,7 +77,7 @@ fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
     let lines = [Line { colour: COMMAND, width: 4, value: &clearance }];
     chart(&panels[JOINTS], rows, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
     let latency = |row: &Row| row.latency_ms;
-    let lines = [Line { colour: COMMAND, width: 2, value: &latency }];
+    let lines = [Line { colour: COMMAND, width: 0, value: &latency }];
     chart(&panels[JOINTS + 1], rows, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
     legend(&panels[JOINTS + 2])
 }
@@ -125,7 +126,11 @@ fn chart(
         let has = |row: &Row| (line.value)(row).is_some();
         for run in rows.chunk_by(|a, b| has(a) == has(b)).filter(|run| has(&run[0])) {
             let points = run.iter().filter_map(|row| Some((row.at_s, (line.value)(row)?.clamp(low, high))));
-            chart.draw_series(LineSeries::new(points, line.colour.stroke_width(line.width)))?;
+            if line.width == 0 {
+                chart.draw_series(points.map(|at| Circle::new(at, FINE, line.colour.mix(0.6).filled())))?;
+            } else {
+                chart.draw_series(LineSeries::new(points, line.colour.stroke_width(line.width)))?;
+            }
         }
     }
     Ok(())

@@ -112,7 +112,8 @@ fn decode(topic: &str, encoding: &str, schema: &str, data: Vec<u8>) -> Result<Co
     let ours = Topic::named(topic).filter(|_| encoding == "teleopd" || topic == Topic::Inputs.name());
     let Some(ours) = ours else { return Ok(Content::Other { topic: topic.to_owned(), data }) };
     if ours == Topic::Inputs {
-        let inputs = Inputs::from_json(&data).ok_or_else(|| format!("{topic}: a message without the keys of Inputs"))?;
+        let inputs =
+            Inputs::from_json(&data).ok_or_else(|| format!("{topic}: a message without the keys of Inputs"))?;
         return Ok(Content::Inputs(inputs));
     }
     fn boxed<M: Message>(topic: &str, schema: &str, data: &[u8]) -> Result<Box<M>, String> {

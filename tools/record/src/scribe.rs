@@ -5,9 +5,7 @@ use crate::inputs::Inputs;
 use crate::topic::Topic;
 use crate::{picture, words};
 use foxglove::Encode;
-use messages::{
-    ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after,
-};
+use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
 use pipeline::Names;
 use robot::{Frames, Model};
 
@@ -119,8 +117,13 @@ impl Scribe {
             Sample::Target(target) => {
                 let at_ns = self.ours(Topic::Target, target, &target.header, write);
                 if self.pictures[1].due(at_ns, self.period_ns()) {
-                    let shown =
-                        picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask & ALL_JOINTS);
+                    let shown = picture::joint_states(
+                        &self.model,
+                        at_ns,
+                        &target.q,
+                        &target.dq,
+                        target.valid_mask & ALL_JOINTS,
+                    );
                     put(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
                 }
             }

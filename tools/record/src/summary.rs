@@ -104,7 +104,8 @@ impl Summary {
         let mut out = String::new();
         let about = |key: &str| self.about.get(key).map_or("unknown", String::as_str);
         let _ = writeln!(out, "duration  {:.3} s, recorded {}", self.duration_s(), about("origin"));
-        let _ = writeln!(out, "robot     {} ({}), settings {}", about("robot"), about("robot_hash"), about("config_hash"));
+        let _ =
+            writeln!(out, "robot     {} ({}), settings {}", about("robot"), about("robot_hash"), about("config_hash"));
         let ended = match (&self.broken_off, self.outcome.is_empty()) {
             (Some(why), _) => format!("breaks off ({why}): read up to its last whole chunk"),
             (None, true) => "complete".to_owned(),

@@ -138,8 +138,8 @@ fn ours<M: Message>(topic: Topic) -> Described {
 
 fn viewed<M: foxglove::Encode>(topic: Topic) -> Described {
     let schema = M::get_schema();
-    let (name, encoding, data) = schema
-        .map_or_else(Default::default, |schema| (schema.name, schema.encoding, schema.data.into_owned()));
+    let (name, encoding, data) =
+        schema.map_or_else(Default::default, |schema| (schema.name, schema.encoding, schema.data.into_owned()));
     Described { topic: topic.name(), encoding: "protobuf", name, schema_encoding: encoding, schema: data }
 }
 

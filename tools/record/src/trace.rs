@@ -21,7 +21,7 @@ pub struct Row {
     pub target: Option<([f64; JOINTS], u32)>,
     /// Smallest clearance at the command, mm.
     pub clearance_mm: Option<f64>,
-    /// From the person seen to the command executed, ms; none without a person.
+    /// From the person seen to the first command of it executed, ms; none without a person.
     pub latency_ms: Option<f64>,
     /// A `Mode`.
     pub mode: u32,
@@ -37,6 +37,9 @@ pub struct Trace {
     command: Option<[f64; JOINTS]>,
     target: Option<([f64; JOINTS], u32)>,
     status: Option<(f64, u32)>,
+    /// The origin that was executed last, and how old it was when it was executed first, ms.
+    origin: u64,
+    latency_ms: Option<f64>,
 }
 
 impl Trace {
@@ -63,6 +66,11 @@ impl Trace {
     /// Notes a state, and keeps an instant if one is due.
     pub fn state(&mut self, state: &RobotState) {
         let at_ns = state.header.stamp.0;
+        let origin = state.header.origin;
+        if origin.0 != self.origin {
+            self.origin = origin.0;
+            self.latency_ms = (origin.0 > 0).then(|| state.header.stamp.since(origin) as f64 * 1e-6);
+        }
         if at_ns < self.next_ns || state.q_measured.iter().any(|q| !q.is_finite()) {
             return;
         }
@@ -77,14 +85,14 @@ impl Trace {
             self.period_ns = self.period_ns.saturating_mul(2);
         }
         let begin_ns = *self.begin_ns.get_or_insert(at_ns);
-        let origin = state.header.origin;
         self.rows.push(Row {
             at_s: (at_ns.saturating_sub(begin_ns)) as f64 * 1e-9,
             measured: state.q_measured,
             command: self.command,
             target: self.target,
-            clearance_mm: self.status.map(|(clearance_mm, _)| clearance_mm).filter(|mm| mm.is_finite()),
-            latency_ms: (origin.0 > 0).then(|| state.header.stamp.since(origin) as f64 * 1e-6),
+            // Zero, to the bit, before there was a command.
+            clearance_mm: self.status.map(|(clearance_mm, _)| clearance_mm).filter(|mm| mm.is_finite() && *mm != 0.0),
+            latency_ms: self.latency_ms,
             mode: self.status.map_or(0, |(_, mode)| mode),
         });
     }

@@ -115,7 +115,9 @@ mod tests {
         let texts: Vec<_> = sentences(Some(&before), &status, &names).into_iter().map(|said| said.text).collect();
         assert_eq!(texts.len(), 4, "{texts:?}");
         assert_eq!(texts[0], "Engaging after Disengaged: enabled.");
-        assert!(texts[1].starts_with("Holding after Engaging: CollisionNear") && texts[1].contains("part 3 and part 4"));
+        assert!(
+            texts[1].starts_with("Holding after Engaging: CollisionNear") && texts[1].contains("part 3 and part 4")
+        );
         assert!(texts[2].starts_with("StateLate: "), "{texts:?}");
         assert_eq!(texts[3], "The gate denied 2 commands; part 1 and part 2 are nearest.");
         assert!(sentences(Some(&status), &status, &names).is_empty());

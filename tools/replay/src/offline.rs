@@ -23,7 +23,9 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     }
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     let file = cli.file.as_deref().unwrap_or(Path::new(""));
-    for (option, out) in [("--offline", Some(out)), ("--record", cli.record.as_deref()), ("--plot", cli.plot.as_deref())] {
+    for (option, out) in
+        [("--offline", Some(out)), ("--record", cli.record.as_deref()), ("--plot", cli.plot.as_deref())]
+    {
         if let Some(out) = out.filter(|out| same(out, file)) {
             let text = format!("{option} {}: is the motion itself; give another file", out.display());
             return Err(Failure(EX_USAGE, text));

@@ -1,0 +1,246 @@
+//! The program beside writers of a test's own: what it sees, how it ends, and what a killed one or a full disk leaves.
+
+use crate::support::{config, contents};
+use bus::{Domain, Writer};
+use messages::{Header, JointCommand, JointTarget, Layout, RobotState, Service, Skeleton, Stamp, Status};
+use motion::mcap::Ending;
+use pipeline::Instance;
+use record::{Content, Entry, Queue, Sink, Topic};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Seek, SeekFrom, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Writers of every service of a core domain.
+struct Writers {
+    skeletons: Writer<Skeleton>,
+    targets: Writer<JointTarget>,
+    commands: Writer<JointCommand>,
+    states: Writer<RobotState>,
+    statuses: Writer<Status>,
+    sequence: u64,
+    sent: Vec<JointCommand>,
+    _domain: Domain,
+}
+
+impl Writers {
+    fn new(instance: &Instance) -> Self {
+        let domain = Domain::open(instance.core_domain(), "test").expect("a domain");
+        Self {
+            skeletons: domain.writer(Service::Skeleton).unwrap(),
+            targets: domain.writer(Service::JointTarget).unwrap(),
+            commands: domain.writer(Service::JointCommand).unwrap(),
+            states: domain.writer(Service::RobotState).unwrap(),
+            statuses: domain.writer(Service::Status).unwrap(),
+            sequence: 0,
+            sent: Vec::new(),
+            _domain: domain,
+        }
+    }
+
+    /// One message of each, every number another one.
+    fn publish(&mut self) {
+        self.sequence += 1;
+        let (k, stamp) = (self.sequence, rt::now());
+        let header = Header { sequence: k, stamp, origin: Stamp::NONE, config_hash: 7, incarnation: 1, reserved: 0 };
+        let q = std::array::from_fn(|j| (k as f64).sin() + j as f64 * 0.01);
+        let command = JointCommand { header, k, q, ..JointCommand::ZERO };
+        self.skeletons.publish(&Skeleton { header, ..Skeleton::ZERO }).unwrap();
+        self.targets.publish(&JointTarget { header, k, q, ..JointTarget::ZERO }).unwrap();
+        self.commands.publish(&command).unwrap();
+        self.states.publish(&RobotState { header, q_measured: q, ..RobotState::ZERO }).unwrap();
+        self.statuses.publish(&Status { header, k, ..Status::ZERO }).unwrap();
+        self.sent.push(command);
+    }
+
+    /// Publishes for so long, slowly enough for a loaded machine to see nearly all.
+    fn publish_for(&mut self, duration: Duration) {
+        let end = Instant::now() + duration;
+        while Instant::now() < end {
+            self.publish();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+fn start(run_dir: &Path, out: &Path) -> Child {
+    let child = Command::new(env!("CARGO_BIN_EXE_record"))
+        .arg(out)
+        .args(["--full", "--run-dir"])
+        .arg(run_dir)
+        .arg("--config")
+        .arg(config())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    // The file begins with the channels; then it reads.
+    let begun = Instant::now();
+    while std::fs::metadata(out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    child
+}
+
+/// The commands of a recording, each checked to be one that was sent, and in order.
+fn commands(path: &Path, sent: &[JointCommand]) -> (Vec<JointCommand>, Ending) {
+    let (all, recorded) = contents(path);
+    let read: Vec<JointCommand> = all
+        .iter()
+        .filter_map(|(_, content)| match content {
+            Content::Command(command) => Some(**command),
+            _ => None,
+        })
+        .collect();
+    assert!(read.windows(2).all(|pair| pair[0].k < pair[1].k), "in order");
+    for command in &read {
+        assert_eq!(*command, sent[command.k as usize - 1], "bit for bit");
+    }
+    (read, recorded.ending().clone())
+}
+
+#[test]
+fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new(&folder.path().join("run")).unwrap();
+    let mut writers = Writers::new(&instance);
+    let out = folder.path().join("out.mcap");
+    let child = start(instance.run_dir(), &out);
+    writers.publish_for(Duration::from_millis(1500));
+    rt::terminate(child.id());
+    let ended = child.wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.success(), "{said}");
+    assert!(
+        said.contains("0 lost") && said.contains("not seen: ") && said.contains("runs with the settings"),
+        "{said}"
+    );
+
+    let (read, ending) = commands(&out, &writers.sent);
+    assert_eq!(ending, Ending::Complete);
+    let (_, recorded) = contents(&out);
+    let missed: usize = recorded.outcome()["missed /teleop/joint_command"].parse().unwrap();
+    assert!(read.len() > writers.sent.len() / 2, "{} of {}", read.len(), writers.sent.len());
+    // What lies between the first and the last that were seen was either read or counted as missed.
+    let span = (read[read.len() - 1].k - read[0].k + 1) as usize;
+    assert_eq!(read.len() + missed, span);
+
+    let program = || Command::new(env!("CARGO_BIN_EXE_record"));
+    let again = program().arg(&out).arg("--run-dir").arg(instance.run_dir()).arg("--config").arg(config()).output();
+    let again = again.unwrap();
+    assert_eq!(again.status.code(), Some(73), "a recording is never written over");
+    let summary = program().arg("--summary").arg(&out).arg("--config").arg(config()).output().unwrap();
+    let text = String::from_utf8_lossy(&summary.stdout);
+    assert!(text.contains("/teleop/joint_command") && text.contains("The robot is Disengaged."), "{text}");
+    instance.retire();
+}
+
+#[test]
+fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new(&folder.path().join("run")).unwrap();
+    let mut writers = Writers::new(&instance);
+    let out = folder.path().join("out.mcap");
+    let mut child = start(instance.run_dir(), &out);
+    writers.publish_for(Duration::from_millis(2500));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let (read, ending) = commands(&out, &writers.sent);
+    assert!(matches!(ending, Ending::BrokenOff(_)), "{ending:?}");
+    assert!(read.len() > writers.sent.len() / 4, "{} of {}", read.len(), writers.sent.len());
+    instance.retire();
+}
+
+/// A disk with so many bytes of room.
+#[derive(Clone, Default)]
+struct Small {
+    bytes: Arc<Mutex<Cursor<Vec<u8>>>>,
+    room: usize,
+}
+
+impl Write for Small {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let mut disk = self.bytes.lock().unwrap();
+        let room = self.room.saturating_sub(disk.get_ref().len());
+        if room == 0 {
+            return Err(std::io::Error::from(std::io::ErrorKind::StorageFull));
+        }
+        disk.write(&bytes[..bytes.len().min(room)])
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Small {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.bytes.lock().unwrap().seek(to)
+    }
+}
+
+impl Sink for Small {
+    fn shorten(&mut self, bytes: u64) {
+        self.bytes.lock().unwrap().get_mut().truncate(bytes as usize);
+    }
+}
+
+#[test]
+fn on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
+    let disk = Small { room: 1_600_000, ..Small::default() };
+    let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("room for the beginning");
+    let mut sent = 0;
+    let begun = Instant::now();
+    while !queue.failed() && begun.elapsed() < Duration::from_secs(20) {
+        // Not compressible, so that the room is soon used.
+        let mut hash = sent ^ 0x9e37_79b9_7f4a_7c15;
+        let data = std::iter::repeat_with(|| {
+            hash = u64::wrapping_mul(hash ^ hash >> 29, 0xbf58_476d_1ce4_e5b9);
+            (hash >> 32) as u8
+        });
+        let data = data.take(size_of::<JointCommand>()).collect();
+        queue.add(Entry { topic: Topic::Command, sequence: sent as u32, log_time: sent, data });
+        sent += 1;
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    queue.add(Entry { topic: Topic::Command, sequence: 0, log_time: sent, data: vec![0; 1312] });
+    let outcome = queue.finish(BTreeMap::new());
+    assert!(outcome.failure.is_some() && outcome.lost > 0 && outcome.written > 0, "{outcome:?}");
+    assert_eq!(outcome.written + outcome.lost, sent + 1);
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), disk.bytes.lock().unwrap().get_ref()).unwrap();
+    let (all, recorded) = contents(file.path());
+    assert_eq!(all.len() as u64, outcome.written, "{:?}", recorded.ending());
+}
+
+#[test]
+fn a_full_file_system_ends_the_recording_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = folder.path().join("small");
+    std::fs::create_dir(&small).unwrap();
+    let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=8m", "none"]).arg(&small).output();
+    if !mounted.is_ok_and(|mounted| mounted.status.success()) {
+        return println!("skipped: no right to mount a small file system");
+    }
+    let instance = Instance::new(&folder.path().join("run")).unwrap();
+    let mut writers = Writers::new(&instance);
+    let out = small.join("out.mcap");
+    let child = start(instance.run_dir(), &out);
+    writers.publish_for(Duration::from_millis(1500));
+    // Somebody else takes all the room that is left.
+    let _ = std::fs::write(small.join("other"), vec![0; 8 << 20]);
+    writers.publish_for(Duration::from_millis(2500));
+    rt::terminate(child.id());
+    let ended = child.wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
+    let kept = folder.path().join("kept.mcap");
+    std::fs::copy(&out, &kept).unwrap();
+    let _ = Command::new("umount").arg(&small).output();
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("nothing more can be written") && said.contains("messages lost"), "{said}");
+    let (_, ending) = commands(&kept, &writers.sent);
+    assert!(matches!(ending, Ending::BrokenOff(_)), "{ending:?}");
+    instance.retire();
+}

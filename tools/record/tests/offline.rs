@@ -1,0 +1,160 @@
+//! Recordings of runs in virtual time: what stands in them, and that the stages make the same of it again.
+
+use crate::support::{contents, loaded, recorded_offline};
+use messages::{JointCommand, Layout, Skeleton};
+use motion::mcap::Ending;
+use record::{Content, Entry, Recording, Topic};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn bytes<M: Layout>(message: &M) -> Vec<u8> {
+    let mut bytes = vec![0; size_of::<M>()];
+    message.put(&mut bytes);
+    bytes
+}
+
+/// The same recording with its commands changed by `change`.
+fn rewritten(from: &Path, to: &Path, change: impl Fn(&mut JointCommand)) {
+    let (all, recorded) = contents(from);
+    let file = std::fs::File::create(to).unwrap();
+    let mut copy = Recording::begin(file, recorded.about(), &[]).unwrap();
+    for (log_time, content) in all {
+        let (topic, data) = match content {
+            Content::Skeleton(message) => (Topic::Skeleton, bytes(&*message)),
+            Content::Target(message) => (Topic::Target, bytes(&*message)),
+            Content::State(message) => (Topic::State, bytes(&*message)),
+            Content::Status(message) => (Topic::StatusRaw, bytes(&*message)),
+            Content::Inputs(inputs) => (Topic::Inputs, inputs.to_json().to_string().into_bytes()),
+            Content::Command(mut message) => {
+                change(&mut message);
+                (Topic::Command, bytes(&*message))
+            }
+            Content::Other { .. } => continue,
+        };
+        copy.add(&Entry { topic, sequence: 0, log_time, data }).unwrap();
+    }
+    copy.finish(&BTreeMap::new()).unwrap();
+}
+
+#[test]
+fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    let commands = recorded_offline(&path, &loaded);
+    let found = record::compare(&path, &loaded).expect("a comparison");
+    assert!(found.equal(), "{found:?}");
+    assert_eq!(found.commands, (commands.len() as u64, 0));
+    assert!(found.targets.0 > found.commands.0 && found.statuses.0 > 50, "{found:?}");
+
+    let k = commands[commands.len() / 2].k;
+    let changed = folder.path().join("changed.mcap");
+    rewritten(&path, &changed, |command| {
+        if command.k == k {
+            command.q[5] = f64::from_bits(command.q[5].to_bits() ^ 1);
+        }
+    });
+    let found = record::compare(&changed, &loaded).expect("a comparison");
+    assert_eq!((found.commands.1, found.targets.1), (1, 0), "{found:?}");
+    assert!(found.first.as_ref().is_some_and(|first| first.starts_with(&format!("command {k}: joint 5"))), "{found:?}");
+
+    let mut other = loaded.clone();
+    other.hash ^= 1;
+    let refused = record::compare(&path, &other).unwrap_err().to_string();
+    assert!(refused.contains("recorded with the settings"), "{refused}");
+}
+
+#[test]
+fn values_are_those_published_and_times_rise() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    let commands = recorded_offline(&path, &loaded);
+    let (all, recorded) = contents(&path);
+    assert_eq!(*recorded.ending(), Ending::Complete);
+    assert_eq!(recorded.about()["config_hash"], format!("{:016x}", loaded.hash));
+    let read: Vec<_> = all
+        .iter()
+        .filter_map(|(at, content)| match content {
+            Content::Command(command) => Some((*at, **command)),
+            _ => None,
+        })
+        .collect();
+    assert!(read.windows(2).all(|pair| pair[0].0 < pair[1].0), "times rise");
+    assert!(read.iter().all(|(at, command)| *at == command.header.stamp.0));
+    assert_eq!(read.iter().map(|(_, command)| *command).collect::<Vec<_>>(), commands);
+
+    // Any other reader of MCAP finds an index, the counts, and the files that the run was made with.
+    let file = std::fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&file).unwrap().expect("a summary");
+    let stats = summary.stats.as_ref().expect("statistics");
+    assert_eq!(stats.channel_count as usize, Topic::ALL.len());
+    assert_eq!(stats.message_count as usize, all.len());
+    assert!(summary.attachment_indexes.iter().any(|file| file.name.ends_with(".urdf")));
+    for topic in Topic::ALL {
+        let channel = summary.channels.values().find(|channel| channel.topic == topic.name()).expect("every topic");
+        let schema = channel.schema.as_ref().expect("a schema");
+        assert!(!schema.data.is_empty(), "{topic:?}");
+        let viewed = topic.name().starts_with("/teleop");
+        assert_eq!(schema.name.starts_with("foxglove."), !viewed, "{}", schema.name);
+    }
+}
+
+#[test]
+fn a_file_that_was_cut_anywhere_is_read_up_to_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    recorded_offline(&path, &loaded);
+    let whole = std::fs::read(&path).unwrap();
+    let (all, _) = contents(&path);
+    let mut before = 0;
+    for share in 1..8 {
+        let cut = folder.path().join("cut.mcap");
+        std::fs::write(&cut, &whole[..whole.len() * share / 8]).unwrap();
+        let (part, recorded) = contents(&cut);
+        assert!(matches!(recorded.ending(), Ending::BrokenOff(_)), "{:?}", recorded.ending());
+        assert!(part.len() >= before && part.len() < all.len());
+        assert_eq!(part, all[..part.len()], "what is read is what was written");
+        before = part.len();
+    }
+    assert!(before > all.len() / 2, "{before} of {}", all.len());
+}
+
+#[test]
+fn a_recording_is_a_motion_with_the_limbs_that_were_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    recorded_offline(&path, &loaded);
+    let motion = motion::load(&path).expect("a motion");
+    let skeletons: Vec<Skeleton> = contents(&path)
+        .0
+        .into_iter()
+        .filter_map(|(_, content)| match content {
+            Content::Skeleton(skeleton) => Some(*skeleton),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(motion.frames.len(), skeletons.len());
+    assert!((motion.frame_rate_hz - 60.0).abs() < 0.1, "{} Hz", motion.frame_rate_hz);
+    let limbs = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::Rig));
+    // A frame may lie a tick beside its skeleton: 0.7 ms of a motion of less than 10 rad/s.
+    for (limbs, skeleton) in limbs.iter().zip(&skeletons) {
+        for (limb, seen) in limbs.iter().zip(&skeleton.limbs) {
+            let dot: f64 = limb.iter().zip(seen).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+            assert!(2.0 * dot.abs().min(1.0).acos() < 0.02, "{limb:?} is not {seen:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_recording_is_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("text.mcap");
+    std::fs::write(&path, "not a recording").unwrap();
+    let error = motion::load(&path).unwrap_err().to_string();
+    assert!(error.contains("text.mcap: is not an MCAP file"), "{error}");
+    let file = std::fs::File::create(&path).unwrap();
+    Recording::begin(file, &BTreeMap::new(), &[]).unwrap().finish(&BTreeMap::new()).unwrap();
+    let error = motion::load(&path).unwrap_err().to_string();
+    assert!(error.contains("holds 0 skeletons of the layout teleop.Skeleton.v1"), "{error}");
+    let error = record::compare(&path, &loaded()).unwrap_err().to_string();
+    assert!(error.contains("recorded with the settings none"), "{error}");
+}

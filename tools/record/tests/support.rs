@@ -1,0 +1,48 @@
+//! What several tests need.
+
+use motion::{CalibrationMode, Motion};
+use pipeline::{Loaded, Offline, Overrides, PlayOptions};
+use record::{Content, OfflineRecording, Recorded};
+use std::path::{Path, PathBuf};
+
+/// The shipped settings.
+pub fn config() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml")
+}
+
+pub fn loaded() -> Loaded {
+    let _ = rt::flush_denormals();
+    pipeline::load(&config(), Overrides::default()).expect("the shipped settings")
+}
+
+/// A second of the built-in motion.
+fn short() -> Motion {
+    let mut motion = motion::builtin();
+    motion.frames = motion.frames.into_iter().skip(300).take(60).collect();
+    motion
+}
+
+/// A run in virtual time, recorded to `path`; the commands that it gave.
+pub fn recorded_offline(path: &Path, loaded: &Loaded) -> Vec<messages::JointCommand> {
+    let mut recording = OfflineRecording::create(path, loaded).expect("a file");
+    let mut commands = Vec::new();
+    let mut watch = |moment: &pipeline::Moment, operator: &safety::engage::OperatorView| {
+        recording.moment(moment, operator);
+        commands.extend(moment.control.and_then(|control| control.command));
+    };
+    let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
+    let mut offline = Offline::watched(loaded, &short(), options, &mut watch).expect("a run");
+    while offline.step_watched(&mut watch).is_ok() {}
+    recording.finish().expect("the end of the file");
+    commands
+}
+
+/// Everything in a recording.
+pub fn contents(path: &Path) -> (Vec<(u64, Content)>, Recorded) {
+    let mut recorded = Recorded::open(path).expect("a recording");
+    let mut all = Vec::new();
+    while let Some(message) = recorded.next_message().expect("a message") {
+        all.push(message);
+    }
+    (all, recorded)
+}

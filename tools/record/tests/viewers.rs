@@ -1,0 +1,62 @@
+//! Other programs read the file: the MCAP and protobuf readers of PyPI, where there is Python and a registry.
+
+use crate::support::{loaded, recorded_offline};
+use std::path::Path;
+use std::process::Command;
+
+const SCRIPT: &str = r#"
+import sys
+from collections import Counter
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+counts, log, tf, joints, scene = Counter(), [], None, None, None
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file, decoder_factories=[DecoderFactory()])
+    topics = [c.topic for c in reader.get_summary().channels.values() if c.message_encoding == "protobuf"]
+    for schema, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
+        counts[schema.name] += 1
+        if channel.topic == "/log":
+            log.append(decoded.message)
+        elif channel.topic == "/tf":
+            tf = decoded
+        elif channel.topic == "/joint_states/command":
+            joints = decoded
+        elif channel.topic == "/scene/robot":
+            scene = decoded
+print(sorted(counts))
+print(log)
+print("links", sorted(t.child_frame_id for t in tf.transforms))
+print("joints", len(joints.joints), joints.joints[0].name, all(abs(j.position) < 10 for j in joints.joints))
+print("capsules", len(scene.entities[0].cylinders) > 10)
+"#;
+
+fn run(program: &Path, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).output().ok()?;
+    let text = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    if output.status.success() {
+        return Some(text.into_owned());
+    }
+    println!("{}: {}", program.display(), text.trim_end());
+    None
+}
+
+#[test]
+fn the_readers_of_pypi_find_what_viewers_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let venv = folder.path().join("venv");
+    let (python, pip) = (venv.join("bin/python"), venv.join("bin/pip"));
+    let made = run(Path::new("python3"), &["-m", "venv", &venv.to_string_lossy()]);
+    let packages = ["install", "--quiet", "--disable-pip-version-check", "--timeout", "5", "--retries", "0"];
+    let installed = made.and_then(|_| run(&pip, &[&packages[..], &["mcap", "mcap-protobuf-support"]].concat()));
+    if installed.is_none() {
+        return println!("skipped: no Python with a registry to install mcap and mcap-protobuf-support from");
+    }
+    let path = folder.path().join("run.mcap");
+    recorded_offline(&path, &loaded());
+    let said = run(&python, &["-c", SCRIPT, &path.to_string_lossy()]).expect("it is read");
+    for schema in ["foxglove.FrameTransforms", "foxglove.JointStates", "foxglove.Log", "foxglove.SceneUpdate"] {
+        assert!(said.contains(schema), "{schema}: {said}");
+    }
+    assert!(said.contains("Engaging after Disengaged: enabled.") && said.contains("capsules True"), "{said}");
+    assert!(said.contains("joints 17 torso_lift_joint True") && said.contains("torso_lift_link"), "{said}");
+}
