@@ -37,6 +37,14 @@ impl Compared {
 pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     let mut recorded = Recorded::open(path)?;
     let lacks = |cause: String| RecordError::Lacks { file: path.display().to_string(), cause };
+    if recorded.about().get("origin").is_some_and(|origin| origin != "offline") {
+        return Err(lacks(
+            "is a live recording: the times at which the stages woke and the operator's edges are not on the bus, so that its \
+             commands cannot be computed again; `replay FILE --offline OUT.csv --record OUT.mcap` makes one that can be \
+             compared"
+                .to_owned(),
+        ));
+    }
     let hash = format!("{:016x}", loaded.hash);
     match recorded.about().get("config_hash") {
         Some(found) if *found == hash => {}
@@ -47,14 +55,6 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
                  as attachments"
             )));
         }
-    }
-    if recorded.about().get("origin").is_none_or(|origin| origin != "offline") {
-        return Err(lacks(
-            "is a live recording: the times at which the stages woke and the operator's edges are not on the bus, so that its \
-             commands cannot be computed again; `replay FILE --offline OUT.csv --record OUT.mcap` makes one that can be \
-             compared"
-                .to_owned(),
-        ));
     }
     let config = |error: pipeline::ConfigError| lacks(error.to_string());
     let retarget = pipeline::retarget_config(loaded).map_err(config)?;
