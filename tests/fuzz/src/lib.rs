@@ -19,7 +19,7 @@ mod weights;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 13] = [
     ("skeleton", skeletons::run),
     ("layouts", frames::run),
     ("door", door::run),
