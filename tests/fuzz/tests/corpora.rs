@@ -1,11 +1,13 @@
-//! Every target over its stored inputs, over good ones, and over seeded changes of both: the same executions each time.
+//! Every target over its stored inputs, over good ones, and over seeded changes of both: the same executions each time, and
+//! more of them where somebody has the time.
 
 use fuzz_targets::{TARGETS, run, seeds};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-/// Changed inputs that each target is given; `FUZZ_EXECUTIONS` takes more.
+/// Changed inputs that each target is given; `FUZZ_EXECUTIONS` takes more, and `FUZZ_SECONDS` goes on for so long.
 const EXECUTIONS: usize = 1500;
 /// Longest input that is made by changes.
 const LENGTH_MAX: usize = 4096;
@@ -58,7 +60,9 @@ fn peak_kb() -> Option<u64> {
 }
 
 fn exercise(target: &str) {
-    let executions = std::env::var("FUZZ_EXECUTIONS").ok().and_then(|text| text.parse().ok()).unwrap_or(EXECUTIONS);
+    let asked = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<usize>().ok());
+    let least = asked("FUZZ_EXECUTIONS").unwrap_or(EXECUTIONS);
+    let until = Instant::now() + Duration::from_secs(asked("FUZZ_SECONDS").unwrap_or(0) as u64);
     let mut inputs = stored(target);
     assert!(!inputs.is_empty(), "{target} has no stored input");
     inputs.extend(seeds::of(target));
@@ -66,8 +70,10 @@ fn exercise(target: &str) {
         run(target, input);
     }
     let mut rng = Pcg64::seed_from_u64(104);
-    for _ in 0..executions {
+    let mut executions = 0;
+    while executions < least || Instant::now() < until {
         run(target, &changed(&inputs, &mut rng));
+        executions += 1;
     }
     let peak = peak_kb().unwrap_or(0);
     println!("{target}: {} inputs, {executions} changes of them, at most {} MB", inputs.len(), peak >> 10);

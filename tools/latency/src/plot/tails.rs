@@ -1,12 +1,12 @@
 //! How often each duration is exceeded: the complement of the cumulative distribution, both axes logarithmic.
 
-use canvas::{Area, Drawn, FINE};
 use super::{
     AMBER, BLACK_, BLUE, DASH, GAP, GREEN, GREY, INK, LARGE, Look, ORANGE, PURPLE, SKY, SMALL, duration_label, font,
     legend, write,
 };
 use crate::distribution::Distribution;
 use crate::measured::Measured;
+use canvas::{Area, Drawn, FINE};
 use plotters::prelude::*;
 
 /// Lowest fraction shown: one wake-up in 11 minutes.
