@@ -184,14 +184,13 @@ fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> f6
     }
     let normal = u.cross(&w);
     let area = normal.norm_squared();
-    // sin^2 of the angle below 1e-20: parallel, and then an end is closest.
-    if area > 1e-20 * u.norm_squared() * w.norm_squared() {
-        let r = second[0] - first[0];
-        let s = r.cross(&w).dot(&normal) / area;
-        let t = r.cross(&u).dot(&normal) / area;
-        if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
-            squared = squared.min((r + w * t - u * s).norm_squared());
-        }
+    let r = second[0] - first[0];
+    let s = r.cross(&w).dot(&normal) / area;
+    let t = r.cross(&u).dot(&normal) / area;
+    // Parallel lines, of which s and t are no numbers or any: an end is closest, and two points of the segments are never
+    // closer than the segments.
+    if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
+        squared = squared.min((r + w * t - u * s).norm_squared());
     }
     squared.sqrt()
 }
@@ -340,6 +339,8 @@ mod tests {
         assert_eq!(between_segments(&x, &segment([-3.0, 2.0, 0.0], [3.0, 2.0, 0.0])), 2.0, "parallel");
         assert_eq!(between_segments(&x, &segment([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])), 1.0, "in line");
         assert_eq!(between_segments(&x, &segment([0.0, 0.0, 3.0], [0.0, 0.0, 3.0])), 3.0, "a point");
+        let point = |p: [f64; 3]| segment(p, p);
+        assert_eq!(between_segments(&point([0.0, 0.0, 3.0]), &point([0.0, 4.0, 0.0])), 5.0, "two points");
         assert_eq!(between_segments(&x, &segment([0.0, -1.0, 0.0], [0.0, 1.0, 0.0])), 0.0, "meeting");
     }
 }
