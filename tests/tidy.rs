@@ -48,6 +48,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline", "record"]),
     ("canvas", &[]),
+    ("say", &[]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
     ("simulate", &["messages", "robot", "driver", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),

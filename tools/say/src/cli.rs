@@ -1,0 +1,31 @@
+//! The command line.
+
+use clap::Parser;
+use std::path::PathBuf;
+
+/// Finds the recorded motion that a sentence describes.
+#[derive(Debug, Parser)]
+#[command(name = "say", version)]
+pub struct Cli {
+    /// What the person does, for example "wave with the left hand".
+    pub sentence: String,
+    /// Folder of motions; its captions.tsv has a line FILE<tab>CAPTION for each, or several.
+    #[arg(long, value_name = "DIR", default_value = "tools/keyposes/motions")]
+    pub library: PathBuf,
+    /// Words that mean the same: a line for each meaning, divided by commas (default: synonyms.txt in the library, if it is
+    /// there).
+    #[arg(long, value_name = "FILE")]
+    pub synonyms: Option<PathBuf>,
+    /// How many motions are shown.
+    #[arg(long, value_name = "K", default_value_t = 5)]
+    pub top: usize,
+    /// As JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Has `replay` play the best.
+    #[arg(long)]
+    pub play: bool,
+    /// What else `replay` is told, after --.
+    #[arg(last = true, requires = "play", value_name = "REPLAY")]
+    pub replay: Vec<String>,
+}

@@ -1,0 +1,138 @@
+//! A folder of motions and what they show.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// The file of captions in the folder.
+const CAPTIONS: &str = "captions.tsv";
+/// Longest file of captions that is read, bytes: HumanML3D's 45,000 captions take 3 MB.
+const BYTES_MAX: u64 = 64 << 20;
+
+/// What a motion shows; a motion may have several.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Caption {
+    /// The motion's file, in the folder.
+    pub file: String,
+    /// In words.
+    pub text: String,
+}
+
+/// A library that cannot be used.
+#[derive(Debug, Error)]
+pub enum LibraryError {
+    /// No captions.
+    #[error("{file}: {cause}")]
+    Read {
+        /// The file of captions.
+        file: String,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// Too many of them.
+    #[error("{file}: {bytes} bytes, at most {BYTES_MAX}")]
+    Large {
+        /// The file of captions.
+        file: String,
+        /// Its length.
+        bytes: u64,
+    },
+    /// A line that is none.
+    #[error("{file}, line {line}: must be FILE<tab>CAPTION; the file lies in the folder of the captions")]
+    Line {
+        /// The file of captions.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+    },
+    /// Nothing in it.
+    #[error("{file}: no caption")]
+    Empty {
+        /// The file of captions.
+        file: String,
+    },
+}
+
+/// The captions of a folder.
+#[derive(Clone, Debug)]
+pub struct Library {
+    folder: PathBuf,
+    captions: Vec<Caption>,
+}
+
+impl Library {
+    /// Reads `captions.tsv` in `folder`.
+    ///
+    /// # Errors
+    /// It cannot be read, is too long, empty, or has a line that is no caption.
+    pub fn open(folder: &Path) -> Result<Self, LibraryError> {
+        let path = folder.join(CAPTIONS);
+        let file = path.display().to_string();
+        let failed = |cause| LibraryError::Read { file: file.clone(), cause };
+        let bytes = std::fs::metadata(&path).map_err(failed)?.len();
+        if bytes > BYTES_MAX {
+            return Err(LibraryError::Large { file, bytes });
+        }
+        let text = std::fs::read_to_string(&path).map_err(failed)?;
+        Ok(Self { folder: folder.to_owned(), ..Self::from_text(&file, &text)? })
+    }
+
+    /// Of the text of a `file` of captions, in the present folder. Empty lines and those that begin with `#` are remarks.
+    ///
+    /// # Errors
+    /// It is empty, or has a line that is no caption.
+    pub fn from_text(file: &str, text: &str) -> Result<Self, LibraryError> {
+        let mut captions = Vec::new();
+        for (n, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
+        {
+            let parts = line.split_once('\t').map(|(motion, text)| (motion.trim(), text.trim()));
+            let inside = |motion: &str| {
+                Path::new(motion).components().all(|part| matches!(part, std::path::Component::Normal(_)))
+            };
+            match parts {
+                Some((motion, text)) if !motion.is_empty() && !text.is_empty() && inside(motion) => {
+                    captions.push(Caption { file: motion.to_owned(), text: text.to_owned() });
+                }
+                _ => return Err(LibraryError::Line { file: file.to_owned(), line: n + 1 }),
+            }
+        }
+        if captions.is_empty() {
+            return Err(LibraryError::Empty { file: file.to_owned() });
+        }
+        Ok(Self { folder: PathBuf::new(), captions })
+    }
+
+    /// All captions, as they stand in the file.
+    pub fn captions(&self) -> &[Caption] {
+        &self.captions
+    }
+
+    /// Where the motion of a caption lies.
+    pub fn motion(&self, caption: usize) -> PathBuf {
+        self.folder.join(&self.captions[caption].file)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_is_none_is_refused_by_its_number() {
+        for text in [
+            "a.bvh\twaves\nb.bvh",
+            "a.bvh\twaves\n\tno file",
+            "a.bvh\twaves\nb.bvh\t ",
+            "# x\n../b.bvh\tclaps",
+            "\n/b.bvh\tclaps",
+        ] {
+            let error = Library::from_text("captions.tsv", text).expect_err(text).to_string();
+            assert!(error.starts_with("captions.tsv, line 2: "), "{text}: {error}");
+        }
+        assert!(matches!(Library::from_text("captions.tsv", "# nothing\n"), Err(LibraryError::Empty { .. })));
+        let good = Library::from_text("captions.tsv", "# remark\n\na.bvh\twaves\r\nsub/b.bvh\t claps\ttwice ")
+            .expect("is good");
+        let texts: Vec<_> = good.captions().iter().map(|caption| caption.text.as_str()).collect();
+        assert_eq!(texts, ["waves", "claps\ttwice"]);
+        assert_eq!(good.motion(1), Path::new("sub/b.bvh"));
+    }
+}

@@ -1,0 +1,98 @@
+//! See the library.
+
+use clap::Parser;
+use say::cli::Cli;
+use say::{Index, Library, Match, Words};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+/// Exit codes of sysexits(3).
+const EX_DATAERR: u8 = 65;
+const EX_NOINPUT: u8 = 66;
+const EX_UNAVAILABLE: u8 = 69;
+
+/// Names of the program that plays: in a build folder, and as it is installed.
+const PLAYERS: [&str; 2] = ["replay", "teleop-replay"];
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match find(&cli) {
+        Ok(Some(motion)) if cli.play => play(&motion, &cli.replay).unwrap_or_else(|text| fail(EX_UNAVAILABLE, &text)),
+        Ok(Some(_)) => ExitCode::SUCCESS,
+        Ok(None) => ExitCode::FAILURE,
+        Err((code, text)) => fail(code, &text),
+    }
+}
+
+fn fail(code: u8, text: &str) -> ExitCode {
+    eprintln!("say: {text}");
+    ExitCode::from(code)
+}
+
+/// The best motion, if there is one; shows it and those after it.
+fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
+    let library = Library::open(&cli.library).map_err(|error| {
+        let code = if matches!(error, say::LibraryError::Read { .. }) { EX_NOINPUT } else { EX_DATAERR };
+        (code, error.to_string())
+    })?;
+    let words = Words::new(&synonyms(cli)?);
+    let index = Index::new(&library, &words);
+    let query = words.of(&cli.sentence);
+    let found = best(&library, index.find(&query));
+    let unknown: Vec<_> = query.iter().filter(|word| !index.knows(word)).map(String::as_str).collect();
+    if cli.json {
+        println!("{:#}", json(&library, &found, cli.top, &unknown));
+    } else {
+        show(&library, &found, cli.top, &unknown);
+    }
+    Ok(found.first().map(|best| library.motion(best.caption)))
+}
+
+fn synonyms(cli: &Cli) -> Result<String, (u8, String)> {
+    let own = cli.library.join("synonyms.txt");
+    let path = match &cli.synonyms {
+        Some(path) => path,
+        None if own.exists() => &own,
+        None => return Ok(String::new()),
+    };
+    std::fs::read_to_string(path).map_err(|error| (EX_NOINPUT, format!("{}: {error}", path.display())))
+}
+
+/// Of every motion its best caption.
+fn best(library: &Library, found: Vec<Match>) -> Vec<Match> {
+    let mut seen = HashSet::new();
+    found.into_iter().filter(|found| seen.insert(library.captions()[found.caption].file.as_str())).collect()
+}
+
+fn json(library: &Library, found: &[Match], top: usize, unknown: &[&str]) -> serde_json::Value {
+    let one = |found: &Match| {
+        let caption = &library.captions()[found.caption];
+        serde_json::json!({ "file": caption.file, "caption": caption.text, "score": found.score })
+    };
+    serde_json::json!({ "found": found.iter().take(top).map(one).collect::<Vec<_>>(), "unknown": unknown })
+}
+
+fn show(library: &Library, found: &[Match], top: usize, unknown: &[&str]) {
+    for found in found.iter().take(top) {
+        let caption = &library.captions()[found.caption];
+        println!("{:6.2}  {:<24}  {}", found.score, caption.file, caption.text);
+    }
+    if !unknown.is_empty() {
+        println!("no caption says: {}", unknown.join(", "));
+    }
+    if found.is_empty() {
+        println!("no motion of this library says any of it");
+    }
+}
+
+/// Hands over to `replay`: what it ends with is what this ends with.
+fn play(motion: &Path, arguments: &[String]) -> Result<ExitCode, String> {
+    let own = std::env::current_exe().map_err(|error| error.to_string())?;
+    let folder = own.parent().unwrap_or(Path::new("/"));
+    let missing = || format!("{}: no program `replay` there (cargo build --release -p replay)", folder.display());
+    let player = PLAYERS.map(|name| folder.join(name)).into_iter().find(|path| path.is_file()).ok_or_else(missing)?;
+    let ended = Command::new(&player).arg(motion).args(arguments).status();
+    let ended = ended.map_err(|error| format!("{}: {error}", player.display()))?;
+    Ok(ended.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from))
+}

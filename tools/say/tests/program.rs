@@ -1,0 +1,73 @@
+//! The program, on the library that is shipped.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn say(arguments: &[&str]) -> Output {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    Command::new(env!("CARGO_BIN_EXE_say")).current_dir(root).args(arguments).output().expect("it runs")
+}
+
+fn first(sentence: &str) -> String {
+    let output = say(&[sentence, "--json"]);
+    assert!(output.status.success(), "{sentence}: {output:?}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    json["found"][0]["file"].as_str().expect("a file").to_owned()
+}
+
+#[test]
+fn sentences_find_the_motion_that_they_describe() {
+    for (sentence, file) in [
+        ("wave with your left hand", "wave-left.bvh"),
+        ("He greets somebody with his right arm", "wave-right.bvh"),
+        ("applaud", "clap.bvh"),
+        ("raise both arms above the head", "hands-up.bvh"),
+        ("folding one's arms", "cross-arms.bvh"),
+        ("throwing punches", "box.bvh"),
+    ] {
+        assert_eq!(first(sentence), file, "{sentence}");
+    }
+}
+
+#[test]
+fn every_caption_is_of_a_motion_that_is_there_and_every_motion_has_one() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../keyposes/motions");
+    let library = say::Library::open(&folder).expect("the shipped library");
+    for caption in 0..library.captions().len() {
+        assert!(library.motion(caption).is_file(), "{}", library.captions()[caption].file);
+    }
+    for entry in std::fs::read_dir(&folder).expect("a folder") {
+        let name = entry.expect("an entry").file_name().into_string().expect("a name");
+        let captioned = library.captions().iter().any(|caption| caption.file == name);
+        assert!(captioned || !name.ends_with(".bvh"), "{name} has no caption");
+    }
+}
+
+#[test]
+fn what_nothing_describes_is_said_and_fails() {
+    let output = say(&["quantum chromodynamics"]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("no motion of this library says any of it"), "{text}");
+    assert_eq!(say(&["wave", "--library", "/nowhere"]).status.code(), Some(66));
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("captions.tsv"), "no tab").expect("a file");
+    let output = say(&["wave", "--library", folder.path().to_str().expect("a path")]);
+    assert_eq!(output.status.code(), Some(65));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("captions.tsv, line 1"), "{output:?}");
+}
+
+/// The whole way: words, the motion, the stages, the commands.
+#[test]
+fn words_move_the_robot() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let commands = folder.path().join("commands.csv");
+    let output = say(&["wave hello, left", "--play", "--", "--offline", commands.to_str().expect("a path")]);
+    assert!(output.status.success(), "{output:?}");
+    let text = std::fs::read_to_string(&commands).expect("commands");
+    let elbow = text.lines().next().and_then(|head| head.split(',').position(|name| name == "arm_left_4_joint"));
+    let elbow = elbow.expect("a column");
+    let angles = text.lines().skip(1).filter_map(|line| line.split(',').nth(elbow)?.parse::<f64>().ok());
+    let (least, most) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| (a.min(q), b.max(q)));
+    assert!(most - least > 0.5, "the left elbow moves by {} rad", most - least);
+}
