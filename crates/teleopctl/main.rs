@@ -6,7 +6,7 @@ use clap::Parser;
 use cli::{Cli, Command};
 use messages::{FAULTS, Fault, Faults, Mode, Stamp, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
-use pipeline::Names;
+use pipeline::{Names, meaning};
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -56,13 +56,16 @@ fn mode(status: &Status) -> Mode {
 
 fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, OperatorError> {
     let status = client.heartbeat()?;
+    let names = Names::read(run_dir);
     if json {
-        println!("{}", pipeline::status_json(&status));
+        println!("{}", pipeline::status_json(&status, &names));
         return Ok(true);
     }
-    let names = Names::read(run_dir);
     let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
     println!("mode              {}{note}", mode(&status).name());
+    if let Some(why) = pipeline::why_stopped(&status, &names) {
+        println!("why               {why}");
+    }
     println!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     match input_age_ms(&status) {
         Some(age_ms) => println!("input age         {age_ms:.1} ms"),
@@ -118,29 +121,6 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
     text
 }
 
-/// What happened, with the joint or the pair that it happened to.
-fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
-    let meaning = fault.row().meaning;
-    let joint = status.joint_outside.checked_sub(1).map(|joint| joint as usize);
-    match (fault, joint) {
-        (Fault::StartOutsideLimits, Some(joint)) => {
-            let (name, unit, by) = (names.joint(joint), names.unit(joint), status.outside_by);
-            let side = if by < 0.0 { "below its lowest position" } else { "above its highest position" };
-            format!("{meaning} {name} is {:.4} {unit} {side}; teleopctl recover brings it back.", by.abs())
-        }
-        (Fault::StartInCollision, _) => {
-            let pair = names.pair(status.nearest_pair_measured);
-            let clearance_mm = status.clearance_measured_m * 1e3;
-            format!("{meaning} {pair} are {clearance_mm:.1} mm apart; teleopctl recover takes them apart.")
-        }
-        (Fault::CollisionNear, _) => {
-            let pair = names.pair(status.nearest_pair_measured);
-            format!("{meaning} {pair} are {:.1} mm apart.", status.clearance_measured_m * 1e3)
-        }
-        _ => meaning.into(),
-    }
-}
-
 /// Holds the enable until Ctrl-C.
 fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
@@ -192,7 +172,7 @@ fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, Oper
     let mut beat = pressed;
     while !stop.requested() {
         last = client.heartbeat()?;
-        show_transitions(&last, &mut shown);
+        show_transitions(&last, &mut shown, names);
         let note = pipeline::status_note(&last);
         if let Some(note) = note.filter(|_| note != noted) {
             println!("{note}: {:.0} mm to go", last.torso_to_go_m.abs() * 1e3);
@@ -218,22 +198,19 @@ fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, Oper
     Ok(mode(&last) != Mode::Faulted)
 }
 
-fn show_transitions(status: &Status, shown: &mut u32) {
+fn show_transitions(status: &Status, shown: &mut u32, names: &Names) {
     let kept = TRANSITIONS_KEPT as u32;
     *shown = (*shown).max(status.transition_count.saturating_sub(kept));
     while *shown < status.transition_count {
         let transition = status.transitions[(*shown % kept) as usize];
-        let name = |mode: u32| Mode::from_u32(mode).map_or("?", Mode::name);
-        println!("{} -> {}: {}", name(transition.from), name(transition.to), why(&transition));
+        let [from, to] = [transition.from, transition.to].map(pipeline::mode_name);
+        println!("{from} -> {to}: {}", why(&transition, status, names));
         *shown += 1;
     }
 }
 
-fn why(transition: &Transition) -> &'static str {
-    match Fault::from_u32(transition.why) {
-        Some(fault) => fault.row().meaning,
-        None => transition.why_name(),
-    }
+fn why(transition: &Transition, status: &Status, names: &Names) -> String {
+    Fault::from_u32(transition.why).map_or_else(|| transition.why_name().into(), |fault| meaning(fault, status, names))
 }
 
 /// Repeats the heartbeat until `done`, and prints `word` then; says what stands in the way otherwise.
@@ -262,26 +239,6 @@ fn until(client: &mut Client, word: &str, done: impl Fn(&Status) -> bool) -> Res
 mod tests {
     use super::*;
     use messages::Layout;
-
-    #[test]
-    fn a_refusal_names_the_joint_or_the_pair() {
-        let status = Status {
-            joint_outside: 6,
-            outside_by: -0.0123,
-            clearance_measured_m: 0.0042,
-            nearest_pair_measured: [3, 30],
-            ..Status::ZERO
-        };
-        let said = |fault| meaning(fault, &status, &Names::default());
-        let outside = said(Fault::StartOutsideLimits);
-        assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
-        let close = said(Fault::StartInCollision);
-        assert!(
-            close.contains("part 3 and part 30 are 4.2 mm apart") && close.contains("teleopctl recover"),
-            "{close}"
-        );
-        assert_eq!(said(Fault::NoTarget), Fault::NoTarget.row().meaning);
-    }
 
     #[test]
     fn a_faulted_robot_is_refused_with_its_fault_and_the_way_out() {

@@ -15,6 +15,7 @@ mod publisher;
 mod settings;
 mod stages;
 mod tamper;
+mod words;
 mod world;
 
 pub use authority::{Authority, Claim, Door};
@@ -38,6 +39,7 @@ pub use settings::{
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
+pub use words::{Gravity, Sentence, meaning, mode_name, sentences, why_stopped};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

@@ -9,7 +9,7 @@ use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
 use operator::{Deed, OperatorError, Order, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, OperatorEdges};
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges};
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
@@ -25,7 +25,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
-    pipeline::Names::of(&config.model).write(process.instance.run_dir()).map_err(|error| {
+    let names = Names::of(&config.model);
+    names.write(process.instance.run_dir()).map_err(|error| {
         Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))
     })?;
     let group = door_group(place, "doors.operator_group", &process.loaded.settings.doors.operator_group)?;
@@ -51,6 +52,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         timeline: Timeline::new(),
         following: Following::new(),
         server,
+        names,
         config,
         process,
     };
@@ -64,6 +66,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
 struct Control {
     process: Process,
     config: ControlConfig,
+    names: Names,
     state: ControlState,
     server: Server,
     edges: OperatorEdges,
@@ -214,7 +217,7 @@ impl Control {
     fn leave(self) -> Result<(), Failure> {
         let mut figures = self.following.to_json();
         figures["timeline"] = self.timeline.to_json();
-        figures["status"] = pipeline::status_json(&self.status);
+        figures["status"] = pipeline::status_json(&self.status, &self.names);
         self.process.leave(figures)
     }
 }

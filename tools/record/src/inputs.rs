@@ -1,6 +1,7 @@
 //! What a control tick was given beside messages, as JSON.
 
 use messages::{Layout, Stamp, Status};
+use pipeline::Names;
 use safety::engage::OperatorView;
 use serde_json::{Value, json};
 
@@ -84,7 +85,7 @@ pub(crate) fn status_example() -> Value {
     let mut status = Status::ZERO;
     // One of each list, so that its items have a type.
     (status.faults, status.latched, status.transition_count) = (1, 1, 1);
-    pipeline::status_json(&status)
+    pipeline::status_json(&status, &Names::default())
 }
 
 #[cfg(test)]

@@ -20,7 +20,6 @@ mod scribe;
 mod summary;
 mod topic;
 mod trace;
-mod words;
 
 pub use about::{Files, Origin, about};
 pub use attach::Attached;
@@ -36,7 +35,6 @@ pub use scribe::{Rates, Sample, Scribe};
 pub use summary::Summary;
 pub use topic::{Described, Topic};
 pub use trace::{Row, Trace};
-pub use words::{Sentence, sentences};
 
 /// Name of the metadata that a recording begins with.
 pub const ABOUT: &str = "teleopd";

@@ -2,11 +2,12 @@
 
 use crate::file::Entry;
 use crate::inputs::Inputs;
+use crate::picture;
 use crate::topic::Topic;
-use crate::{picture, words};
 use foxglove::Encode;
+use foxglove::messages::log::Level;
 use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
-use pipeline::Names;
+use pipeline::{Gravity, Names};
 use robot::{Frames, Model};
 
 /// What is written.
@@ -198,14 +199,14 @@ impl Scribe {
     fn status(&mut self, status: &Status, write: &mut dyn FnMut(Entry)) {
         // Its sequence counts ticks, of which one in thirty is published: gaps mean nothing.
         let at_ns = self.ours(Topic::StatusRaw, status, &status.header, write);
-        let data = pipeline::status_json(status).to_string().into_bytes();
+        let data = pipeline::status_json(status, &self.names).to_string().into_bytes();
         let sequence = status.header.sequence as u32;
         write(Entry { topic: Topic::Status, sequence, log_time: at_ns, data });
-        for said in words::sentences(self.status.as_ref(), status, &self.names) {
+        for said in pipeline::sentences(self.status.as_ref(), status, &self.names) {
             self.told = self.told.wrapping_add(1);
             let log = foxglove::messages::Log {
                 timestamp: Some(picture::timestamp(at_ns)),
-                level: said.level as i32,
+                level: level(said.gravity) as i32,
                 message: said.text,
                 name: "control".to_owned(),
                 ..foxglove::messages::Log::default()
@@ -213,6 +214,14 @@ impl Scribe {
             put(Topic::Log, u64::from(self.told), at_ns, &log, write);
         }
         self.status = Some(*status);
+    }
+}
+
+fn level(gravity: Gravity) -> Level {
+    match gravity {
+        Gravity::Note => Level::Info,
+        Gravity::Warning => Level::Warning,
+        Gravity::Error => Level::Error,
     }
 }
 

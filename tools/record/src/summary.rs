@@ -4,10 +4,9 @@ use crate::error::RecordError;
 use crate::read::{Content, Recorded};
 use crate::topic::Topic;
 use crate::trace::Trace;
-use crate::words::{mode, sentences};
 use messages::Status;
 use motion::mcap::Ending;
-use pipeline::Names;
+use pipeline::{Names, mode_name, sentences};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -122,7 +121,7 @@ impl Summary {
         }
         let _ = writeln!(out, "modes");
         for (number, seconds) in &self.modes_s {
-            let _ = writeln!(out, "  {:<14} {seconds:9.3} s", mode(*number));
+            let _ = writeln!(out, "  {:<14} {seconds:9.3} s", mode_name(*number));
         }
         let _ = writeln!(out, "what happened");
         for (at_s, text) in &self.said {

@@ -1,6 +1,7 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
+use crate::{Names, why_stopped};
 use messages::{
     FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Status, TORSO, TRANSITIONS_KEPT,
     reduced_flag,
@@ -52,8 +53,8 @@ fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
-/// A status as JSON; its keys are those of the message.
-pub fn status_json(status: &Status) -> Value {
+/// A status as JSON; its keys are those of the message, and `why` says why the robot does not follow.
+pub fn status_json(status: &Status, names: &Names) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
     let names = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();
     let counts: serde_json::Map<_, _> = FAULTS
@@ -70,6 +71,7 @@ pub fn status_json(status: &Status) -> Value {
     json!({
         "k": status.k,
         "mode": mode(status.mode),
+        "why": why_stopped(status, names),
         "ticks": status.ticks,
         "missed_deadlines": status.missed_deadlines,
         "faults": names(status.faults),

@@ -1,0 +1,247 @@
+//! What happened, and why the robot does not move, in sentences for the operator: the fault, the joint or the pair is named.
+
+use crate::Names;
+use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
+
+/// Transitions that a status keeps.
+const KEPT: u32 = TRANSITIONS_KEPT as u32;
+
+/// How grave a sentence is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Gravity {
+    /// To be known.
+    Note,
+    /// The robot slowed down, held or was released.
+    Warning,
+    /// The robot was stopped, or a command denied.
+    Error,
+}
+
+impl Gravity {
+    fn of(fault: Fault) -> Self {
+        match fault.row().response {
+            Response::Inhibit => Self::Note,
+            Response::Hold | Response::Release => Self::Warning,
+            Response::Stop => Self::Error,
+        }
+    }
+}
+
+/// A sentence and how grave it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sentence {
+    /// How grave.
+    pub gravity: Gravity,
+    /// What happened.
+    pub text: String,
+}
+
+/// Everything that happened after `before`, up to `now`; without `before`, or where `now` is of another `control`, where the
+/// robot stands.
+pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Sentence> {
+    let say = |gravity, text| Sentence { gravity, text };
+    let of = |fault| say(Gravity::of(fault), named(fault, now, names));
+    let Some(before) = before.filter(|before| before.header.incarnation == now.header.incarnation) else {
+        let mut all = vec![say(Gravity::Note, format!("The robot is {}.", mode_name(now.mode)))];
+        all.extend(Faults(now.faults).iter().map(of));
+        return all;
+    };
+    let mut all = Vec::new();
+    let made = now.transition_count.wrapping_sub(before.transition_count);
+    if made > KEPT {
+        all.push(say(Gravity::Warning, format!("{} changes of mode were not seen.", made - KEPT)));
+    }
+    let mut told = Faults::NONE;
+    for made in newest(now, made.min(KEPT)) {
+        let fault = Fault::from_u32(made.why);
+        told = fault.map_or(told, |fault| told.with(fault));
+        all.push(say(fault.map_or(Gravity::Note, Gravity::of), changed(made, now, names)));
+    }
+    for row in &FAULTS {
+        let count = now.fault_counts[row.fault.index()].wrapping_sub(before.fault_counts[row.fault.index()]);
+        if count > 0 && !told.has(row.fault) {
+            all.push(of(row.fault));
+        }
+    }
+    let denied = now.gate_denials.wrapping_sub(before.gate_denials);
+    if denied > 0 {
+        let pair = names.pair(now.nearest_pair);
+        all.push(say(Gravity::Error, format!("The gate denied {denied} commands; {pair} are nearest.")));
+    }
+    let refused = now.fallbacks.wrapping_sub(before.fallbacks);
+    if refused > 0 {
+        let (pair, clearance_mm) = (names.pair(now.nearest_pair), now.clearance_command_m * 1e3);
+        let text = format!("{refused} motions were refused, the plan went on: {pair} are {clearance_mm:.1} mm apart.");
+        all.push(say(Gravity::Note, text));
+    }
+    for (flag, name) in reduced_flag::NAMES {
+        if now.reduced & flag != 0 && before.reduced & flag == 0 {
+            all.push(say(Gravity::Warning, format!("The speed is reduced: {name}.")));
+        }
+    }
+    all
+}
+
+/// Why the robot does not follow, or follows slowly: how it came into this mode, and what stands in the way now. None while it
+/// follows at full speed, and before anything has happened.
+pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
+    let mut all = Vec::new();
+    if Mode::from_u32(status.mode).is_some_and(moves) {
+        let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
+        all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
+    } else {
+        // From where it last moved.
+        let moved = |made: &&Transition| Mode::from_u32(made.from).is_some_and(moves);
+        let since = newest(status, KEPT).enumerate().filter(|(_, made)| moved(made)).last().map_or(0, |(n, _)| n);
+        let mut told = Faults::NONE;
+        for made in newest(status, KEPT).skip(since) {
+            told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
+            all.push(changed(made, status, names));
+        }
+        let others = Faults(status.faults | status.latched).iter().filter(|&fault| !told.has(fault));
+        all.extend(others.map(|fault| named(fault, status, names)));
+    }
+    (!all.is_empty()).then(|| all.join(" "))
+}
+
+/// What a fault means; while it is there, with the joint or the pair that it is about, and what helps.
+pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
+    let meaning = fault.row().meaning;
+    if !Faults(status.faults | status.latched).has(fault) {
+        return meaning.into();
+    }
+    let measured_pair = || {
+        let (pair, clearance_mm) = (names.pair(status.nearest_pair_measured), status.clearance_measured_m * 1e3);
+        format!("{pair} are {clearance_mm:.1} mm apart")
+    };
+    match (fault, status.joint_outside.checked_sub(1)) {
+        (Fault::StartOutsideLimits, Some(joint)) => {
+            let joint = joint as usize;
+            let (name, unit, by) = (names.joint(joint), names.unit(joint), status.outside_by);
+            let side = if by < 0.0 { "below its lowest position" } else { "above its highest position" };
+            format!("{meaning} {name} is {:.4} {unit} {side}; teleopctl recover brings it back.", by.abs())
+        }
+        (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover takes them apart.", measured_pair()),
+        (Fault::CollisionNear, _) => format!("{meaning} {}.", measured_pair()),
+        (Fault::GateDenied, _) => format!("{meaning} {} are nearest.", names.pair(status.nearest_pair)),
+        (Fault::TrackingError, _) => format!("{meaning} The largest error is {:.4}.", status.tracking_error),
+        _ => meaning.into(),
+    }
+}
+
+const fn moves(mode: Mode) -> bool {
+    matches!(mode, Mode::Engaging | Mode::Engaged | Mode::Recovering)
+}
+
+/// The mode's name.
+pub fn mode_name(mode: u32) -> &'static str {
+    Mode::from_u32(mode).map_or("in an unknown mode", Mode::name)
+}
+
+/// A fault by its name, and what it means.
+fn named(fault: Fault, status: &Status, names: &Names) -> String {
+    format!("{}: {}", fault.row().name, meaning(fault, status, names))
+}
+
+/// A change of mode.
+fn changed(made: &Transition, status: &Status, names: &Names) -> String {
+    let why = match Fault::from_u32(made.why) {
+        Some(fault) => named(fault, status, names),
+        None => format!("{}.", made.why_name()),
+    };
+    format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))
+}
+
+/// The newest `count` transitions, the oldest first.
+fn newest(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
+    let end = status.transition_count;
+    (end.saturating_sub(count.min(KEPT))..end).map(|n| &status.transitions[(n % KEPT) as usize])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    fn transition(k: u64, from: Mode, to: Mode, why: u32) -> Transition {
+        Transition { k, from: from as u32, to: to as u32, why, reserved: 0 }
+    }
+
+    #[test]
+    fn every_transition_fault_and_denial_is_told_once() {
+        let names = Names::default();
+        let mut status = Status::ZERO;
+        let first = sentences(None, &status, &names);
+        assert_eq!(first[0].text, "The robot is Disengaged.");
+        let before = status;
+        status.transitions[0] = transition(5, Mode::Disengaged, Mode::Engaging, Transition::ENABLED);
+        status.transitions[1] = transition(9, Mode::Engaging, Mode::Holding, Fault::CollisionNear as u32);
+        status.transition_count = 2;
+        status.faults = Faults::NONE.with(Fault::CollisionNear).0;
+        status.fault_counts[Fault::CollisionNear.index()] = 1;
+        status.fault_counts[Fault::StateLate.index()] = 1;
+        (status.gate_denials, status.nearest_pair, status.nearest_pair_measured) = (2, [1, 2], [3, 4]);
+        let texts: Vec<_> = sentences(Some(&before), &status, &names).into_iter().map(|said| said.text).collect();
+        assert_eq!(texts.len(), 4, "{texts:?}");
+        assert_eq!(texts[0], "Engaging after Disengaged: enabled.");
+        assert!(texts[1].starts_with("Holding after Engaging: CollisionNear"), "{texts:?}");
+        assert!(texts[1].contains("part 3 and part 4"), "{texts:?}");
+        assert!(texts[2].starts_with("StateLate: "), "{texts:?}");
+        assert_eq!(texts[3], "The gate denied 2 commands; part 1 and part 2 are nearest.");
+        assert!(sentences(Some(&status), &status, &names).is_empty());
+        status.header.incarnation = 9;
+        let anew = sentences(Some(&before), &status, &names);
+        assert_eq!(anew.len(), 2, "another control begins anew: {anew:?}");
+    }
+
+    #[test]
+    fn the_cause_of_a_stop_is_said_as_long_as_it_lasts_and_only_what_is_there_is_measured() {
+        let names = Names::default();
+        let mut status = Status::ZERO;
+        assert_eq!(why_stopped(&status, &names), None, "nothing has happened");
+        let near = Fault::CollisionNear;
+        status.mode = Mode::Holding as u32;
+        status.transitions[0] = transition(9, Mode::Engaged, Mode::Holding, near as u32);
+        status.transition_count = 1;
+        (status.faults, status.nearest_pair_measured) = (Faults::NONE.with(near).0, [3, 4]);
+        let why = why_stopped(&status, &names).expect("it holds");
+        assert!(why.starts_with("Holding after Engaged: CollisionNear: "), "{why}");
+        assert!(why.contains("part 3 and part 4 are 0.0 mm apart"), "{why}");
+        // They are apart again: which pair was near is not known any more, and another is not blamed.
+        status.faults = Faults::NONE.with(Fault::InputStale).0;
+        let why = why_stopped(&status, &names).expect("it holds still");
+        assert!(!why.contains("part 3") && why.contains("InputStale: No valid skeleton"), "{why}");
+        // Once it rests, it is still said why.
+        status.mode = Mode::Disengaged as u32;
+        status.transitions[1] = transition(12, Mode::Holding, Mode::Disengaged, Transition::AT_REST);
+        status.transition_count = 2;
+        let why = why_stopped(&status, &names).expect("it rests");
+        assert!(why.contains("CollisionNear") && why.contains("Disengaged after Holding: at rest."), "{why}");
+        status.mode = Mode::Engaged as u32;
+        assert_eq!(why_stopped(&status, &names), None, "it follows");
+        status.reduced = reduced_flag::NAMES[0].0;
+        assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));
+    }
+
+    #[test]
+    fn a_refusal_names_the_joint_or_the_pair() {
+        let both = Faults::NONE.with(Fault::StartOutsideLimits).with(Fault::StartInCollision);
+        let status = Status {
+            faults: both.0,
+            joint_outside: 6,
+            outside_by: -0.0123,
+            clearance_measured_m: 0.0042,
+            nearest_pair_measured: [3, 30],
+            ..Status::ZERO
+        };
+        let said = |fault| meaning(fault, &status, &Names::default());
+        let outside = said(Fault::StartOutsideLimits);
+        assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
+        let close = said(Fault::StartInCollision);
+        assert!(
+            close.contains("part 3 and part 30 are 4.2 mm apart") && close.contains("teleopctl recover"),
+            "{close}"
+        );
+        assert_eq!(said(Fault::NoTarget), Fault::NoTarget.row().meaning);
+    }
+}
