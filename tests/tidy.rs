@@ -49,6 +49,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("dist", &["latency", "motion", "pipeline", "record"]),
     ("canvas", &[]),
     ("say", &[]),
+    ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
     ("simulate", &["messages", "robot", "driver", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),

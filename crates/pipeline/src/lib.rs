@@ -31,7 +31,7 @@ pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use player::{PlayOptions, Player};
-pub use publisher::{ClientError, Publisher, Way};
+pub use publisher::{ClientError, Port, Publisher, Way};
 pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings,

@@ -40,39 +40,49 @@ pub enum ClientError {
     Door(#[from] DoorError),
 }
 
-/// An open way.
-enum Port {
+/// An open way, for a client whose frames are its own.
+pub struct Port(Open);
+
+enum Open {
     Bus(Box<(Writer<RawSkeleton>, Domain)>),
     Socket(doors::Client),
 }
 
 impl Port {
-    fn open(way: Way) -> Result<Self, ClientError> {
-        Ok(match way {
+    /// Opens `way`; `name` is what the bus calls the client.
+    ///
+    /// # Errors
+    /// The domain cannot be entered, or the door is closed.
+    pub fn open(way: Way, name: &str) -> Result<Self, ClientError> {
+        Ok(Self(match way {
             Way::Domain(config) => {
-                let domain = Domain::open(config, "replay")?;
-                Self::Bus(Box::new((domain.writer(Service::RawSkeleton)?, domain)))
+                let domain = Domain::open(config, name)?;
+                Open::Bus(Box::new((domain.writer(Service::RawSkeleton)?, domain)))
             }
-            Way::Socket(path) => Self::Socket(doors::Client::attach(path)?),
-        })
+            Way::Socket(path) => Open::Socket(doors::Client::attach(path)?),
+        }))
     }
 
-    fn publish(&mut self, frame: &RawSkeleton) -> Result<(), ClientError> {
-        match self {
-            Self::Bus(port) => {
+    /// Publishes a frame, with the header and the session that it has; on the socket the session is the one that `ingest` gives.
+    ///
+    /// # Errors
+    /// The frame was not taken.
+    pub fn publish(&mut self, frame: &RawSkeleton) -> Result<(), ClientError> {
+        match &mut self.0 {
+            Open::Bus(port) => {
                 port.0.publish(frame)?;
                 port.0.notify()?;
             }
-            Self::Socket(client) => client.publish(frame)?,
+            Open::Socket(client) => client.publish(frame)?,
         }
         Ok(())
     }
 
     /// What the daemon said last, where it says anything.
-    fn told(&self) -> Option<&'static str> {
-        match self {
-            Self::Bus(_) => None,
-            Self::Socket(client) => Some(client.told().meaning()),
+    pub fn told(&self) -> Option<&'static str> {
+        match &self.0 {
+            Open::Bus(_) => None,
+            Open::Socket(client) => Some(client.told().meaning()),
         }
     }
 }
@@ -102,7 +112,7 @@ impl Publisher {
             .name("client".into())
             .spawn(move || {
                 // The port is made here because it cannot change its thread.
-                match Port::open(way) {
+                match Port::open(way, "replay") {
                     Ok(port) => {
                         let _ = opened.send(Ok(()));
                         publish(port, player, &twin, &said, now);

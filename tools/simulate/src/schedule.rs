@@ -18,10 +18,11 @@ const BETWEEN_STORMS: u64 = 4500;
 /// Episodes of one storm at most.
 const STORM_MAX: usize = 8;
 
-/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn four times as often.
-const RARE_MORE: usize = 3;
+/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn six times as often.
+const RARE_MORE: usize = 5;
 /// See above.
-const RARE: [&str; 13] = [
+const RARE: [&str; 14] = [
+    "kill-driver",
     "found-outside",
     "found-close",
     "operator-gone",

@@ -56,7 +56,7 @@ fn reduced(status: &Status) -> Vec<&'static str> {
 /// A status as JSON; its keys are those of the message, and `why` says why the robot does not follow.
 pub fn status_json(status: &Status, names: &Names) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
-    let names = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();
+    let listed = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();
     let counts: serde_json::Map<_, _> = FAULTS
         .iter()
         .map(|row| (row.name.to_owned(), status.fault_counts[row.fault.index()]))
@@ -74,8 +74,8 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "why": why_stopped(status, names),
         "ticks": status.ticks,
         "missed_deadlines": status.missed_deadlines,
-        "faults": names(status.faults),
-        "latched": names(status.latched),
+        "faults": listed(status.faults),
+        "latched": listed(status.latched),
         "fault_counts": counts,
         "input_age_ms": status.input_age_ns as f64 * 1e-6,
         "clearance_command_m": status.clearance_command_m,

@@ -1,0 +1,65 @@
+//! Motion capture programs send persons over UDP; this is the client that listens to them and publishes what they send. It is a
+//! process of its own: what a network brings is parsed here, and nowhere in the daemon.
+//!
+//! A packet is never trusted: its length is checked before it is read, what is not of the protocol is refused and counted, and
+//! whether a person is believable is judged behind the door of `ingest`, as with every other client.
+
+pub mod cli;
+mod mvn;
+mod senders;
+mod vmc;
+
+pub use mvn::Mvn;
+pub use senders::{Senders, Turn};
+pub use vmc::Vmc;
+
+use messages::{Layout, RawSkeleton, SkeletonLayout};
+
+/// Longest packet that is read, bytes. A person of MVN takes 760, one of VMC with all fingers some 4,000.
+pub const PACKET_MAX: usize = 16 << 10;
+
+/// Why nothing was made of a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// It is not of this protocol.
+    #[error("not of this protocol")]
+    Protocol,
+    /// Its length is not what it says.
+    #[error("not as long as it says")]
+    Length,
+    /// It is older than one before.
+    #[error("older than the one before")]
+    Late,
+    /// It has a segment twice.
+    #[error("a segment twice")]
+    Twice,
+    /// A number is none.
+    #[error("a number that is none")]
+    NotANumber,
+    /// Somebody else sends, and only one is listened to at a time.
+    #[error("of another sender")]
+    Stranger,
+}
+
+impl Refused {
+    /// All of them; the index is the value.
+    pub const ALL: [Self; 6] =
+        [Self::Protocol, Self::Length, Self::Late, Self::Twice, Self::NotANumber, Self::Stranger];
+}
+
+/// What listens to one protocol.
+pub trait Protocol {
+    /// Takes a packet, and hands every person that it completes to `publish`.
+    ///
+    /// # Errors
+    /// Nothing was made of it; what was pending stays.
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused>;
+
+    /// How often the sender was started anew, as far as its packets tell; the packet that tells it is refused.
+    fn restarts(&self) -> u64;
+}
+
+/// A frame without anybody in it.
+fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {
+    RawSkeleton { layout: layout as u32, joint_count: joints as u32, flags, ..RawSkeleton::ZERO }
+}

@@ -1,0 +1,234 @@
+//! Xsens MVN's real-time stream, message 02: position and rotation of every segment, global, z up.
+//!
+//! A packet is a header of 24 bytes and items of 32, all big-endian: `MXTP02`, u32 sample, u8 number of the packet in its sample
+//! (bit 7: the last), u8 items, u32 time code, u8 character, u8 body segments, u8 props, u8 finger segments, u16 reserved, u16
+//! length of the items; an item is u32 segment id, 3 f32 position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network
+//! Streaming Protocol Specification.)
+
+use crate::{Protocol, Refused, empty};
+use messages::{RawSkeleton, SkeletonLayout, raw_flag};
+
+const HEADER: usize = 24;
+const ITEM: usize = 32;
+/// Segments of the body; ids begin at 1, and what follows are props and fingers.
+const SEGMENTS: usize = 23;
+const ALL: u32 = (1 << SEGMENTS) - 1;
+
+/// A sample that is so much older than the last is of a recording that began anew, not of a packet that came late: 2 s at 240 Hz.
+const BEGAN_ANEW: u32 = 480;
+
+/// Listens to one character.
+#[derive(Clone, Debug)]
+pub struct Mvn {
+    character: Option<u8>,
+    /// The sample that is being put together, or was last.
+    sample: Option<u32>,
+    /// Bit i: segment i + 1 has come.
+    seen: u32,
+    frame: RawSkeleton,
+    restarts: u64,
+}
+
+impl Mvn {
+    /// Of this character, or of the first that is seen.
+    pub fn new(character: Option<u8>) -> Self {
+        let mut frame = empty(SkeletonLayout::XsensMvn23, SEGMENTS, raw_flag::ROTATIONS);
+        frame.confidence[..SEGMENTS].fill(1.0);
+        Self { character, sample: None, seen: 0, frame, restarts: 0 }
+    }
+
+    /// Whether the packet's sample is to be listened to; a new one begins with nothing seen.
+    fn begin(&mut self, sample: u32) -> Result<(), Refused> {
+        let Some(last) = self.sample.filter(|&last| last != sample) else {
+            self.sample = Some(sample);
+            return Ok(());
+        };
+        // Serial numbers (RFC 1982): they may wrap.
+        if sample.wrapping_sub(last) > u32::MAX / 2 {
+            if last.wrapping_sub(sample) >= BEGAN_ANEW {
+                // Whoever comes after it is of another session.
+                (self.sample, self.seen) = (None, 0);
+                self.restarts += 1;
+            }
+            return Err(Refused::Late);
+        }
+        (self.sample, self.seen) = (Some(sample), 0);
+        Ok(())
+    }
+}
+
+impl Protocol for Mvn {
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+        match packet {
+            [b'M', b'X', b'T', b'P', b'0', b'2', ..] => {}
+            // Joint angles, scaling, metadata and the like, of the same stream.
+            [b'M', b'X', b'T', b'P', b'0'..=b'9', b'0'..=b'9', ..] => return Ok(()),
+            _ => return Err(Refused::Protocol),
+        }
+        let (header, items) = packet.split_at_checked(HEADER).ok_or(Refused::Length)?;
+        let length = usize::from(u16::from_be_bytes([header[22], header[23]]));
+        if items.len() != length || items.len() != usize::from(header[11]) * ITEM {
+            return Err(Refused::Length);
+        }
+        if *self.character.get_or_insert(header[16]) != header[16] {
+            return Ok(());
+        }
+        // Nothing is taken of a packet of which something is wrong.
+        let mut seen = 0_u32;
+        for item in items.chunks_exact(ITEM) {
+            let bit = segment(item).map_or(0, |i| 1 << i);
+            if seen & bit != 0 {
+                return Err(Refused::Twice);
+            }
+            if !numbers(item).iter().all(|x| x.is_finite()) {
+                return Err(Refused::NotANumber);
+            }
+            seen |= bit;
+        }
+        self.begin(u32::from_be_bytes([header[6], header[7], header[8], header[9]]))?;
+        if self.seen & seen != 0 {
+            return Err(Refused::Twice);
+        }
+        for item in items.chunks_exact(ITEM) {
+            let Some(i) = segment(item) else { continue };
+            let [x, y, z, q @ ..] = numbers(item);
+            (self.frame.positions[i], self.frame.rotations[i]) = ([x, y, z], q);
+        }
+        self.seen |= seen;
+        if seen != 0 && self.seen == ALL {
+            publish(&self.frame);
+        }
+        Ok(())
+    }
+
+    fn restarts(&self) -> u64 {
+        self.restarts
+    }
+}
+
+/// The index of an item's segment, if it is one of the body.
+fn segment(item: &[u8]) -> Option<usize> {
+    let id = u32::from_be_bytes([item[0], item[1], item[2], item[3]]);
+    (id as usize).checked_sub(1).filter(|&i| i < SEGMENTS)
+}
+
+fn numbers(item: &[u8]) -> [f32; 7] {
+    std::array::from_fn(|n| {
+        let at = 4 + 4 * n;
+        f32::from_be_bytes([item[at], item[at + 1], item[at + 2], item[at + 3]])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Item = (u32, [f32; 7]);
+
+    fn packet(sample: u32, number: u8, character: u8, items: &[Item]) -> Vec<u8> {
+        let mut bytes = b"MXTP02".to_vec();
+        bytes.extend(sample.to_be_bytes());
+        bytes.extend([number, items.len() as u8]);
+        bytes.extend(0_u32.to_be_bytes());
+        bytes.extend([character, 23, 0, 0, 0, 0]);
+        bytes.extend((32 * items.len() as u16).to_be_bytes());
+        for (id, numbers) in items {
+            bytes.extend(id.to_be_bytes());
+            numbers.iter().for_each(|x| bytes.extend(x.to_be_bytes()));
+        }
+        bytes
+    }
+
+    /// Segment i + 1 at (i, 2 i, 3 i), turned about z by i degrees.
+    fn items() -> Vec<Item> {
+        let turned = |i: u32| (i as f32).to_radians() / 2.0;
+        (0..23)
+            .map(|i| (i + 1, [i as f32, 2.0 * i as f32, 3.0 * i as f32, turned(i).cos(), 0.0, 0.0, turned(i).sin()]))
+            .collect()
+    }
+
+    fn take(mvn: &mut Mvn, packet: &[u8]) -> (Result<(), Refused>, Vec<RawSkeleton>) {
+        let mut frames = Vec::new();
+        let outcome = mvn.take(packet, &mut |frame| frames.push(*frame));
+        (outcome, frames)
+    }
+
+    #[test]
+    fn a_person_in_one_packet_or_in_several_is_one_frame() {
+        let items = items();
+        let whole = packet(7, 0x80, 0, &items);
+        assert_eq!(whole.len(), 760, "as the manual has it");
+        let (outcome, frames) = take(&mut Mvn::new(None), &whole);
+        assert_eq!((outcome, frames.len()), (Ok(()), 1));
+        let frame = frames[0];
+        assert_eq!((frame.layout, frame.joint_count, frame.flags), (6, 23, raw_flag::ROTATIONS));
+        for (i, (_, expected)) in items.iter().enumerate() {
+            assert_eq!(frame.positions[i], expected[..3]);
+            assert_eq!(frame.rotations[i], expected[3..]);
+            assert_eq!(frame.confidence[i], 1.0);
+        }
+        // In two packets, in either order, with fingers and props behind the body.
+        let mut more = items.clone();
+        more.extend([(24, [0.5; 7]), (40, [0.25; 7])]);
+        for order in [[0, 1], [1, 0]] {
+            let parts = [packet(7, 0, 0, &more[..10]), packet(7, 0x81, 0, &more[10..])];
+            let mut mvn = Mvn::new(None);
+            assert!(take(&mut mvn, &parts[order[0]]).1.is_empty());
+            let (outcome, frames) = take(&mut mvn, &parts[order[1]]);
+            assert_eq!((outcome, frames), (Ok(()), vec![frame]));
+        }
+    }
+
+    #[test]
+    fn a_packet_that_is_none_is_refused_and_changes_nothing() {
+        let items = items();
+        let good = packet(7, 0x80, 0, &items);
+        let mut mvn = Mvn::new(None);
+        assert!(take(&mut mvn, &packet(7, 0, 0, &items[..10])).1.is_empty());
+        let mut twice = items[10..].to_vec();
+        twice[1].0 = twice[0].0;
+        let mut nan = items[10..].to_vec();
+        nan[3].1[2] = f32::NAN;
+        let mut longer = good.clone();
+        longer.push(0);
+        let mut says_more = good.clone();
+        says_more[11] = 24;
+        for (bytes, refused) in [
+            (&packet(7, 0x81, 0, &twice)[..], Refused::Twice),
+            (&packet(7, 0x81, 0, &items[9..]), Refused::Twice),
+            (&packet(7, 0x81, 0, &nan), Refused::NotANumber),
+            (&packet(6, 0x80, 0, &items), Refused::Late),
+            (&longer, Refused::Length),
+            (&says_more, Refused::Length),
+            (&good[..23], Refused::Length),
+            (b"MXTP0", Refused::Protocol),
+            (b"/VMC/Ext/OK", Refused::Protocol),
+            (b"", Refused::Protocol),
+        ] {
+            assert_eq!(take(&mut mvn, bytes), (Err(refused), vec![]));
+        }
+        assert_eq!(take(&mut mvn, b"MXTP13").0, Ok(()), "another message of the same stream");
+        assert_eq!(take(&mut mvn, &packet(9, 0x80, 1, &items)), (Ok(()), vec![]), "another character");
+        assert_eq!(take(&mut mvn, &packet(7, 0x81, 0, &items[10..])).1.len(), 1, "the rest of sample 7");
+        assert_eq!(take(&mut mvn, &packet(7, 0x82, 0, &[(30, [0.0; 7])])).1.len(), 0, "fingers alone are nobody");
+    }
+
+    #[test]
+    fn a_stream_that_begins_anew_is_a_restart_and_a_counter_that_wraps_is_none() {
+        let items = items();
+        let mut mvn = Mvn::new(None);
+        for (sample, frames, restarts) in [
+            (u32::MAX - 1, 1, 0),
+            (u32::MAX, 1, 0),
+            (u32::MAX - 1, 0, 0),
+            (0, 1, 0),
+            (5000, 1, 0),
+            (5000, 0, 0),
+            (0, 0, 1),
+            (1, 1, 1),
+        ] {
+            let (_, made) = take(&mut mvn, &packet(sample, 0x80, 0, &items));
+            assert_eq!((made.len(), mvn.restarts()), (frames, restarts), "{sample}");
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! VMC (Virtual Motion Capture): local transforms of Unity's bones as OSC messages.
+//!
+//! `/VMC/Ext/Root/Pos` and `/VMC/Ext/Bone/Pos` carry a name, a position (m) and a quaternion x y z w; `/VMC/Ext/T` ends a frame,
+//! and where a sender leaves it out, the next hips do. `/VMC/Ext/OK 0` says that nobody is seen. (Virtual Motion Capture
+//! Protocol 2.7.)
+
+use crate::{Protocol, Refused, empty};
+use messages::{RawSkeleton, SkeletonLayout, raw_flag};
+use rosc::{OscMessage, OscPacket, OscType};
+
+/// Bones of the body and their places in `HumanBodyBones`; fingers, eyes and jaw move nothing here.
+const BONES: [(&str, usize); 22] = [
+    ("Hips", HIPS),
+    ("LeftUpperLeg", 1),
+    ("RightUpperLeg", 2),
+    ("LeftLowerLeg", 3),
+    ("RightLowerLeg", 4),
+    ("LeftFoot", 5),
+    ("RightFoot", 6),
+    ("Spine", 7),
+    ("Chest", 8),
+    ("Neck", 9),
+    ("Head", 10),
+    ("LeftShoulder", 11),
+    ("RightShoulder", 12),
+    ("LeftUpperArm", 13),
+    ("RightUpperArm", 14),
+    ("LeftLowerArm", 15),
+    ("RightLowerArm", 16),
+    ("LeftHand", 17),
+    ("RightHand", 18),
+    ("LeftToes", 19),
+    ("RightToes", 20),
+    ("UpperChest", 54),
+];
+const HIPS: usize = 0;
+/// Bones of `HumanBodyBones`.
+const COUNT: usize = 55;
+/// Bits of both upper and both lower arms: a frame without them moves nobody's arms.
+const ARMS: u64 = 0b1111 << 13;
+
+/// A rotation, x y z w, and a position before it.
+type Transform = ([f32; 3], [f32; 4]);
+const IDENTITY: Transform = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+
+/// Listens to one performer.
+#[derive(Clone, Debug)]
+pub struct Vmc {
+    root: Transform,
+    hips: Transform,
+    /// Bit i: bone i came since the last frame.
+    seen: u64,
+    frame: RawSkeleton,
+    /// Nobody is seen, says the sender.
+    absent: bool,
+    time: Option<f32>,
+    restarts: u64,
+}
+
+impl Vmc {
+    /// Nothing heard yet.
+    pub fn new() -> Self {
+        let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
+        frame.rotations[..COUNT].fill(IDENTITY.1);
+        Self { root: IDENTITY, hips: IDENTITY, seen: 0, frame, absent: false, time: None, restarts: 0 }
+    }
+
+    fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+        match message.addr.as_str() {
+            "/VMC/Ext/Root/Pos" => {
+                (_, self.root) = named(&message.args)?;
+            }
+            "/VMC/Ext/Bone/Pos" => {
+                let (name, transform) = named(&message.args)?;
+                let Some(&(_, bone)) = BONES.iter().find(|(known, _)| *known == name) else { return Ok(()) };
+                if self.seen & 1 << bone != 0 {
+                    // Another round has begun.
+                    self.complete(publish);
+                }
+                if bone == HIPS {
+                    self.hips = transform;
+                } else {
+                    self.frame.rotations[bone] = transform.1;
+                }
+                self.seen |= 1 << bone;
+            }
+            "/VMC/Ext/T" => {
+                let Some(&OscType::Float(time)) = message.args.first() else { return Err(Refused::Protocol) };
+                // Time since the sender's start: a smaller one is of another start.
+                if self.time.replace(time).is_some_and(|before| time < before) {
+                    // Whoever comes after it is of another session.
+                    self.restarts += 1;
+                    self.seen = 0;
+                    return Err(Refused::Late);
+                }
+                self.complete(publish);
+            }
+            "/VMC/Ext/OK" => {
+                let Some(&OscType::Int(loaded)) = message.args.first() else { return Err(Refused::Protocol) };
+                self.absent = loaded == 0;
+            }
+            // Blend shapes, cameras, controllers and whatever else there is.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Ends a frame. Bones that did not come keep the rotation that they had, but arms that did not come are not vouched for.
+    fn complete(&mut self, publish: &mut dyn FnMut(&RawSkeleton)) {
+        let seen = std::mem::take(&mut self.seen);
+        if self.absent || seen & 1 << HIPS == 0 || seen & ARMS == 0 {
+            return;
+        }
+        let (position, rotation) = after(&self.root, &self.hips);
+        (self.frame.positions[HIPS], self.frame.rotations[HIPS]) = (position, rotation);
+        self.frame.confidence[..COUNT].fill(1.0);
+        for bone in (13..=18).filter(|bone| seen & 1 << bone == 0) {
+            self.frame.confidence[bone] = 0.0;
+        }
+        publish(&self.frame);
+    }
+
+    fn packet(&mut self, packet: &OscPacket, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+        match packet {
+            OscPacket::Message(message) => self.message(message, publish),
+            OscPacket::Bundle(bundle) => bundle.content.iter().try_for_each(|packet| self.packet(packet, publish)),
+        }
+    }
+}
+
+impl Default for Vmc {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Protocol for Vmc {
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+        // Bundles in bundles are none of this protocol, and would be read by recursion.
+        if packet.windows(8).filter(|bytes| bytes == b"#bundle\0").count() > 1 {
+            return Err(Refused::Protocol);
+        }
+        let (rest, packet) = rosc::decoder::decode_udp(packet).map_err(|_| Refused::Protocol)?;
+        if !rest.is_empty() {
+            return Err(Refused::Length);
+        }
+        self.packet(&packet, publish)
+    }
+
+    fn restarts(&self) -> u64 {
+        self.restarts
+    }
+}
+
+/// A name and a transform; what follows (scale and offset of the root) says nothing of the person.
+fn named(args: &[OscType]) -> Result<(&str, Transform), Refused> {
+    let Some((OscType::String(name), numbers)) = args.split_first() else { return Err(Refused::Protocol) };
+    let mut all = [0.0; 7];
+    for (n, x) in all.iter_mut().enumerate() {
+        let Some(&OscType::Float(number)) = numbers.get(n) else { return Err(Refused::Protocol) };
+        *x = number;
+    }
+    if !all.iter().all(|x| x.is_finite()) {
+        return Err(Refused::NotANumber);
+    }
+    let [x, y, z, q @ ..] = all;
+    Ok((name, ([x, y, z], q)))
+}
+
+/// The transform `child` under `parent`; the algebra of left-handed axes is that of right-handed ones.
+fn after(parent: &Transform, child: &Transform) -> Transform {
+    let ([px, py, pz, pw], [cx, cy, cz, cw]) = (parent.1, child.1);
+    let rotation = [
+        pw * cx + px * cw + py * cz - pz * cy,
+        pw * cy - px * cz + py * cw + pz * cx,
+        pw * cz + px * cy - py * cx + pz * cw,
+        pw * cw - px * cx - py * cy - pz * cz,
+    ];
+    // v + 2 u x (u x v + w v), with the quaternion (u, w).
+    let (u, v) = ([px, py, pz], child.0);
+    let cross =
+        |a: [f32; 3], b: [f32; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let uv = cross(u, v);
+    let turned = cross(u, std::array::from_fn(|i| uv[i] + pw * v[i]));
+    (std::array::from_fn(|i| parent.0[i] + v[i] + 2.0 * turned[i]), rotation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rosc::{OscBundle, OscTime, encoder};
+
+    fn bone(address: &str, name: &str, numbers: [f32; 7]) -> OscPacket {
+        let mut args = vec![OscType::String(name.into())];
+        args.extend(numbers.map(OscType::Float));
+        message(address, args)
+    }
+
+    fn message(address: &str, args: Vec<OscType>) -> OscPacket {
+        OscPacket::Message(OscMessage { addr: address.into(), args })
+    }
+
+    fn bytes(content: Vec<OscPacket>) -> Vec<u8> {
+        let timetag = OscTime { seconds: 0, fractional: 1 };
+        encoder::encode(&OscPacket::Bundle(OscBundle { timetag, content })).expect("a packet")
+    }
+
+    fn take(vmc: &mut Vmc, packet: &[u8]) -> (Result<(), Refused>, Vec<RawSkeleton>) {
+        let mut frames = Vec::new();
+        let outcome = vmc.take(packet, &mut |frame| frames.push(*frame));
+        (outcome, frames)
+    }
+
+    const STILL: [f32; 7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    const HALF: f32 = std::f32::consts::FRAC_1_SQRT_2;
+
+    fn body(time: f32) -> Vec<OscPacket> {
+        let mut all = vec![
+            // A quarter turn about y, a metre along x.
+            bone("/VMC/Ext/Root/Pos", "root", [1.0, 0.0, 0.0, 0.0, HALF, 0.0, HALF]),
+            bone("/VMC/Ext/Bone/Pos", "Hips", [0.0, 0.9, 0.5, 0.0, HALF, 0.0, HALF]),
+        ];
+        for (name, i) in &BONES[1..] {
+            let q = (*i as f32 / 100.0).sin_cos();
+            all.push(bone("/VMC/Ext/Bone/Pos", name, [0.0, 0.1, 0.0, q.0, 0.0, 0.0, q.1]));
+        }
+        all.push(message("/VMC/Ext/T", vec![OscType::Float(time)]));
+        all
+    }
+
+    #[test]
+    fn a_person_in_one_bundle_or_message_by_message_is_one_frame() {
+        let (outcome, whole) = take(&mut Vmc::new(), &bytes(body(1.0)));
+        assert_eq!((outcome, whole.len()), (Ok(()), 1));
+        let frame = &whole[0];
+        assert_eq!((frame.layout, frame.joint_count, frame.flags), (7, 55, raw_flag::ROTATIONS | raw_flag::LOCAL));
+        // z turned by 90 degrees about y is x.
+        for (is, expected) in frame.positions[0].iter().zip([1.5, 0.9, 0.0]) {
+            assert!((is - expected).abs() < 1e-6, "{:?}", frame.positions[0]);
+        }
+        for (is, expected) in frame.rotations[0].iter().zip([0.0, 1.0, 0.0, 0.0]) {
+            assert!((is - expected).abs() < 1e-6, "half a turn: {:?}", frame.rotations[0]);
+        }
+        for &(_, i) in &BONES[1..] {
+            let (sin, cos) = (i as f32 / 100.0).sin_cos();
+            assert_eq!((frame.rotations[i], frame.confidence[i]), ([sin, 0.0, 0.0, cos], 1.0));
+        }
+        assert_eq!(frame.rotations[21], IDENTITY.1, "an eye");
+        let mut vmc = Vmc::new();
+        let one_by_one: Vec<_> =
+            body(1.0).iter().flat_map(|packet| take(&mut vmc, &encoder::encode(packet).expect("a packet")).1).collect();
+        assert_eq!(one_by_one, whole);
+    }
+
+    #[test]
+    fn without_a_time_the_next_round_ends_a_frame() {
+        let mut vmc = Vmc::new();
+        let round: Vec<_> = body(1.0)
+            .into_iter()
+            .filter(|packet| !matches!(packet, OscPacket::Message(m) if m.addr == "/VMC/Ext/T"))
+            .collect();
+        assert_eq!(take(&mut vmc, &bytes(round.clone())).1.len(), 0);
+        assert_eq!(take(&mut vmc, &bytes(round.clone())).1.len(), 1);
+        assert_eq!(take(&mut vmc, &bytes(round)).1.len(), 1);
+    }
+
+    #[test]
+    fn arms_that_did_not_come_are_not_vouched_for_and_nobody_is_no_frame() {
+        let mut vmc = Vmc::new();
+        let left = |packet: &OscPacket| !matches!(packet, OscPacket::Message(m) if matches!(&m.args[0], OscType::String(name) if name.starts_with("Right")));
+        let (_, frames) = take(&mut vmc, &bytes(body(1.0).into_iter().filter(left).collect()));
+        assert_eq!(frames[0].confidence[13..=18], [1.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
+        let mut all = body(2.0);
+        all.insert(0, message("/VMC/Ext/OK", vec![OscType::Int(0)]));
+        assert_eq!(take(&mut vmc, &bytes(all)), (Ok(()), vec![]));
+        let mut all = body(3.0);
+        all.insert(0, message("/VMC/Ext/OK", vec![OscType::Int(1), OscType::Int(3)]));
+        assert_eq!(take(&mut vmc, &bytes(all)).1.len(), 1);
+        let hips = vec![bone("/VMC/Ext/Bone/Pos", "Hips", STILL), message("/VMC/Ext/T", vec![OscType::Float(4.0)])];
+        assert_eq!(take(&mut vmc, &bytes(hips)).1.len(), 0, "hips alone");
+        assert_eq!(vmc.restarts(), 0);
+        assert_eq!(take(&mut vmc, &bytes(body(0.5))), (Err(Refused::Late), vec![]));
+        assert_eq!(vmc.restarts(), 1, "the time began anew");
+        assert_eq!(take(&mut vmc, &bytes(body(0.6))).1.len(), 1);
+    }
+
+    #[test]
+    fn what_is_not_of_the_protocol_is_refused() {
+        let mut vmc = Vmc::new();
+        let mut nan = STILL;
+        nan[4] = f32::NAN;
+        let inner = OscPacket::Bundle(OscBundle { timetag: OscTime { seconds: 0, fractional: 1 }, content: vec![] });
+        let mut rest = encoder::encode(&message("/VMC/Ext/T", vec![OscType::Float(1.0)])).expect("a packet");
+        rest.extend([0; 4]);
+        for (packet, refused) in [
+            (bytes(vec![bone("/VMC/Ext/Bone/Pos", "Hips", nan)]), Refused::NotANumber),
+            (bytes(vec![message("/VMC/Ext/Bone/Pos", vec![OscType::String("Hips".into()); 3])]), Refused::Protocol),
+            (bytes(vec![message("/VMC/Ext/T", vec![])]), Refused::Protocol),
+            (bytes(vec![message("/VMC/Ext/OK", vec![OscType::Float(1.0)])]), Refused::Protocol),
+            (bytes(vec![inner]), Refused::Protocol),
+            (b"MXTP02".to_vec(), Refused::Protocol),
+            (rest, Refused::Length),
+            (vec![], Refused::Protocol),
+        ] {
+            assert_eq!(take(&mut vmc, &packet), (Err(refused), vec![]), "{packet:?}");
+        }
+        assert_eq!(take(&mut vmc, &bytes(vec![message("/VMC/Ext/Blend/Apply", vec![])])).0, Ok(()));
+    }
+}
