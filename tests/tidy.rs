@@ -38,7 +38,10 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ),
     (
         "fuzz-targets",
-        &["messages", "doors", "layouts", "motion", "operator", "pipeline", "retarget", "robot", "safety", "skeleton"],
+        &[
+            "bridge", "messages", "doors", "layouts", "motion", "operator", "pipeline", "retarget", "robot", "safety",
+            "skeleton",
+        ],
     ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),

@@ -13,13 +13,14 @@ mod robots;
 pub mod seeds;
 mod settings;
 mod skeletons;
+mod udp;
 mod weights;
 
 /// A target: its name, which is also that of its folder of stored inputs, and what it runs.
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 15] = [
     ("skeleton", skeletons::run),
     ("layouts", frames::run),
     ("door", door::run),
@@ -27,6 +28,8 @@ pub const TARGETS: [Target; 13] = [
     ("npy", files::npy),
     ("npz", files::npz),
     ("mcap", files::mcap),
+    ("mvn", udp::mvn),
+    ("vmc", udp::vmc),
     ("robot", robots::run),
     ("settings", settings::run),
     ("weights", weights::run),

@@ -1,6 +1,6 @@
 //! Good inputs to begin with: what a fuzzer would take long to find. The stored ones grew out of these.
 
-use crate::{frames, robots, settings, weights};
+use crate::{frames, robots, settings, udp, weights};
 use messages::{Layout, Message, Skeleton, Stamp};
 use motion::{Frame, Motion, npy};
 
@@ -14,6 +14,8 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "npy" => vec![positions(), features()],
         "npz" => archives(),
         "mcap" => vec![recording(&[]), b"A".to_vec(), b"A\x28\x00\x00\x00\xc0\x7f".to_vec()],
+        "mvn" => udp::mvn_seeds(),
+        "vmc" => udp::vmc_seeds(),
         "robot" => robots(),
         "settings" => vec![
             [&[0], settings::TEXT.as_bytes()].concat(),

@@ -121,6 +121,16 @@ fn f096_f104_any_bytes_of_a_recording_give_a_motion_or_an_error() {
 }
 
 #[test]
+fn f001_f018_any_packets_of_mvn_are_a_person_or_refused() {
+    exercise("mvn");
+}
+
+#[test]
+fn f001_f018_any_packets_of_vmc_are_a_person_or_refused() {
+    exercise("vmc");
+}
+
+#[test]
 fn f096_f104_any_bytes_of_an_npz_give_a_motion_or_an_error() {
     exercise("npz");
 }
