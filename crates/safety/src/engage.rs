@@ -153,8 +153,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         jumps_on: state.reduced.jumps_on(config, &input),
     };
     let active = state.watch.judge(config, mode, now, &input);
-    let deaf = known_bug!(StopForgottenWhileEngaging) && before.mode() == Mode::Engaging;
-    let stops = if deaf { Faults::NONE } else { active.of(Response::Stop) };
+    let stops = if deaf_to_stops(before) { Faults::NONE } else { active.of(Response::Stop) };
     state.latched = state.latched.union(stops);
     let (share, why_reduced) = state.reduced.judge(config, state.watch.ages, &input);
 
@@ -233,8 +232,7 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
         Phase::Engaging { elapsed_ns, settled_ns } => {
-            let deaf = |why| known_bug!(ReleaseIgnoredWhileEngaging) && why == Transition::RELEASED;
-            let withdrawn = withdrawn(input, active).filter(|&(_, why)| !deaf(why));
+            let withdrawn = withdrawn(input, active).filter(|&(_, why)| !deaf_to_release(why));
             withdrawn.unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
         }
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
@@ -242,6 +240,14 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
         Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
         Phase::Recovering { blocked_ns } => recovery::next(input, active, blocked_ns),
     }
+}
+
+fn deaf_to_stops(phase: Phase) -> bool {
+    known_bug!(StopForgottenWhileEngaging) && phase.mode() == Mode::Engaging
+}
+
+fn deaf_to_release(why: u32) -> bool {
+    known_bug!(ReleaseIgnoredWhileEngaging) && why == Transition::RELEASED
 }
 
 fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
@@ -299,7 +305,7 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (
         let expired = active.has(Fault::HoldTimeout);
         (Phase::Disengaged, if expired { Fault::HoldTimeout as u32 } else { Transition::AT_REST })
     } else if active.is_empty() {
-        let elapsed_ns = if known_bug!(RampForgottenOnResume) { FIRST_NS + RAMP_NS } else { 0 };
+        let elapsed_ns = if known_bug!(RampForgottenOnResume) { u64::MAX } else { 0 };
         (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
     } else {
         (Phase::Holding { elapsed_ns, resumable }, 0)

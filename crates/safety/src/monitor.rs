@@ -53,7 +53,7 @@ fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
     let mut worst: Option<Outside> = None;
     for (joint, (limits, q)) in model.limits.iter().zip(q).enumerate() {
         let by = q - q.clamp(limits.q_min, limits.q_max);
-        let inside = if known_bug!(OutsideBelowUnseen) { by <= margin } else { by.abs() <= margin };
+        let inside = if known_bug!(OutsideBelowUnseen) { by } else { by.abs() } <= margin;
         let worse = worst.is_none_or(|worst| by.is_nan() || by.abs() > worst.by.abs());
         if !inside && worse {
             worst = Some(Outside { joint, by });
@@ -115,6 +115,7 @@ impl Near {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
 
     fn model() -> Model {
         Model::from_text(
@@ -143,6 +144,52 @@ mod tests {
                 let worst = outside_limits(&model, &q).expect("is outside");
                 assert!(past.is_nan() || (worst.joint, worst.by > 0.4) == (JOINTS - 1 - j, true), "{worst:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_command_is_outside_beyond_rounding() {
+        let model = model();
+        assert_eq!(commanded_outside(&model, &model.home), None);
+        for j in 0..JOINTS {
+            for (past, outside) in [(0.5e-9, false), (2e-9, true), (0.1, true)] {
+                for (limit, side) in [(model.limits[j].q_max, 1.0), (model.limits[j].q_min, -1.0)] {
+                    let mut q = model.home;
+                    q[j] = limit + side * past;
+                    let found = commanded_outside(&model, &q);
+                    assert_eq!(found.map(|outside| outside.joint), outside.then_some(j), "joint {j} by {past}");
+                    assert!(found.is_none_or(|found| (found.by - side * past).abs() < 1e-12), "{found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_may_begin_within_limits_and_with_room_around() {
+        let model = model();
+        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+        assert!(clear_to_start(&model, &mut frames, &model.home));
+        let mut outside = model.home;
+        outside[0] = model.limits[0].q_max + 1e-6;
+        assert!(!clear_to_start(&model, &mut frames, &outside));
+        // From home towards postures that collide, to where the clearance is d_min and 3 mm.
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+        let mut met = 0;
+        while met < 20 {
+            let end = model.limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
+            let at = |t: f64| core::array::from_fn(|j| model.home[j] + t * (end[j] - model.home[j]));
+            let mut room = |t: f64| measured_clearance(&model, &mut frames, &at(t)).distance_m - model.d_min_m;
+            if room(1.0) > 0.0 {
+                continue;
+            }
+            let (mut clear, mut close) = (0.0, 1.0);
+            for _ in 0..60 {
+                let half = (clear + close) / 2.0;
+                *(if room(half) >= 0.003 { &mut clear } else { &mut close }) = half;
+            }
+            assert!(clear_to_start(&model, &mut frames, &at(clear)), "{clear} of the way");
+            assert!(!clear_to_start(&model, &mut frames, &at(close)), "{close} of the way");
+            met += 1;
         }
     }
 

@@ -102,8 +102,8 @@ impl Session {
 impl Session {
     /// Forgets the person, but not which frames were seen.
     pub(crate) fn forget(&mut self, raw: &RawSkeleton) {
-        let Self { incarnation, sequence, origin, .. } = *self;
-        *self = Self { incarnation, sequence, origin, ..Self::new(raw) };
+        let Self { sequence, origin, .. } = *self;
+        *self = Self { sequence, origin, ..Self::new(raw) };
     }
 
     /// Refuses what was seen before, and forgets the person after a gap, which it says.
@@ -201,6 +201,11 @@ impl Session {
         if frozen { Err(DropReason::Frozen) } else { Ok(()) }
     }
 
+    /// Of the frames that were learnt from, m.
+    fn mean_length(&self, limb: usize) -> Option<f64> {
+        (self.learnt > 0).then(|| self.lengths[limb] / f64::from(self.learnt))
+    }
+
     fn check_lengths(&mut self, config: &Config, body: &Body) -> Result<(), DropReason> {
         if self.learning_until == Stamp::NONE {
             self.learning_until = body.origin.plus_ns(config.gap_ns);
@@ -211,8 +216,7 @@ impl Session {
         };
         let learning = self.learnt == 0 || body.origin < self.learning_until;
         for limb in 0..LIMBS {
-            if let (Some(length), true) = (body.lengths[limb], self.learnt > 0) {
-                let mean = self.lengths[limb] / f64::from(self.learnt);
+            if let (Some(length), Some(mean)) = (body.lengths[limb], self.mean_length(limb)) {
                 if (length - mean).abs() > config.length_change_max * mean {
                     self.refuse_lengths(config, body.origin);
                     return Err(DropReason::LengthChange);
@@ -281,3 +285,6 @@ fn payload_hash(person: &Person) -> u64 {
         .chain(person.rotations.iter().flatten())
         .fold(0xcbf2_9ce4_8422_2325, |hash, value| (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3))
 }
+
+#[cfg(test)]
+mod tests;

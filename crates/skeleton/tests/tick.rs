@@ -192,6 +192,29 @@ fn f013_a_refused_frame_is_no_sign_of_life() {
 }
 
 #[test]
+fn whoever_comes_after_a_contradiction_is_another_person_whatever_number_the_client_gives() {
+    let config = Config::default();
+    for operator_id in [0, 1, u32::MAX] {
+        for (silent_ns, same) in [(config.distrust_after_ns, true), (config.distrust_after_ns + 1, false)] {
+            let mut state = State::new();
+            let mut see = |ns: u64, i: u64, damage: bool| {
+                let mut frame = raw(&standing(0.0), i);
+                (frame.operator_id, frame.header.origin) = (operator_id, Stamp(1_000_000_000 + ns));
+                if damage {
+                    frame.positions[20][2] = f32::NAN;
+                }
+                let input = Input { raw: &frame };
+                tick(&config, &mut state, Stamp(1_000_000_000 + ns), input).skeleton.map(|person| person.operator_id)
+            };
+            let first = see(0, 1, false);
+            assert!(first.is_some() && see(1, 2, true).is_none());
+            assert_eq!(see(silent_ns, 3, false) == first, same, "operator {operator_id}, {silent_ns} ns");
+            assert_eq!(state.accepted(), 2);
+        }
+    }
+}
+
+#[test]
 fn a_new_session_and_a_gap_forget_what_was_learnt() {
     let mut state = running(60);
     let mut child = raw(&standing(1.0), 60);
