@@ -216,11 +216,11 @@ impl Session {
         };
         let learning = self.learnt == 0 || body.origin < self.learning_until;
         for limb in 0..LIMBS {
-            if let (Some(length), Some(mean)) = (body.lengths[limb], self.mean_length(limb)) {
-                if (length - mean).abs() > config.length_change_max * mean {
-                    self.refuse_lengths(config, body.origin);
-                    return Err(DropReason::LengthChange);
-                }
+            if let (Some(length), Some(mean)) = (body.lengths[limb], self.mean_length(limb))
+                && (length - mean).abs() > config.length_change_max * mean
+            {
+                self.refuse_lengths(config, body.origin);
+                return Err(DropReason::LengthChange);
             }
         }
         self.lengths_refused_since = Stamp::NONE;
