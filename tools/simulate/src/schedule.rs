@@ -77,6 +77,7 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();
     let mut at = rng.random_range(0..between / 2);
+    let mut deals = deal.len();
     let first = by_name(ALONE[(seed / 2 % 3) as usize]).filter(|kind| seed % 2 == 1 && kinds.contains(kind));
     if let Some(kind) = first.filter(|_| ALONE_TICKS.1 < end) {
         let (start, param) = (ALONE_TICKS.0, rng.random::<u64>() >> 32);
@@ -86,13 +87,18 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
     while at < end && !kinds.is_empty() {
         // Half of the storms are one fault alone.
         let size = if rng.random::<bool>() { 1 } else { rng.random_range(2..=STORM_MAX) };
-        for _ in 0..size {
+        // What is dealt comes in the first storm: later ones may lie beyond the end.
+        let due = std::mem::take(&mut deals);
+        let size = size.max(due);
+        for n in 0..size {
             let Some(kind) = next.next() else { break };
             let start = at + rng.random_range(0..between / 4);
             let (low, high) = KINDS[kind].ticks;
             // Short ones as often as long ones.
             let (low, high) = (f64::from(low), f64::from(high));
-            let ticks = (low * (high / low).powf(rng.random::<f64>())) as u64;
+            let share = rng.random::<f64>();
+            // One that is dealt lasts as long as its kind may: it has its chance to act.
+            let ticks = (low * (high / low).powf(if n < due { 1.0 } else { share })) as u64;
             let ticks = ticks.min(end.saturating_sub(start));
             let param = rng.random::<u64>() >> 32;
             if ticks > 0 {
