@@ -199,9 +199,15 @@ mod tests {
         let mut near = Near::new();
         let least = model.d_measured_min_m;
         let (below, between, above) = (least - 1e-6, least + NEAR_HYSTERESIS_M / 2.0, least + NEAR_HYSTERESIS_M + 1e-6);
-        for (clearance, expected) in
-            [(between, false), (below, true), (between, true), (above, false), (f64::NAN, true), (above, false)]
-        {
+        for (clearance, expected) in [
+            (least, false),
+            (between, false),
+            (below, true),
+            (between, true),
+            (above, false),
+            (f64::NAN, true),
+            (above, false),
+        ] {
             assert_eq!(near.update(&model, clearance), expected, "{clearance}");
         }
     }
