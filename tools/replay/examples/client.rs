@@ -1,0 +1,30 @@
+//! A client in 30 lines: publishes the frames of a motion, as your own would publish what it sees.
+
+use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
+use pipeline::{ClientError, Instance, Port, Way};
+use std::path::PathBuf;
+use std::time::Duration;
+
+fn main() -> Result<(), ClientError> {
+    let run_dir = std::env::args_os().nth(1).map_or_else(|| pipeline::DEFAULT_RUN_DIR.into(), PathBuf::from);
+    let mut port = Port::open(Way::Domain(Instance::unmade(&run_dir).input_domain()), "example")?;
+    let motion = motion::builtin();
+    // Another number at each start: a client that comes back is another one, to be enabled anew.
+    let incarnation = rt::incarnation();
+    let session_nonce = u64::from(incarnation) << 32 | 1;
+    for (sequence, person) in (1..).zip(motion.frames.iter().cycle()) {
+        let seen = rt::now();
+        let mut frame = RawSkeleton {
+            header: Header { sequence, stamp: seen, origin: seen, incarnation, ..Header::ZERO },
+            session_nonce,
+            layout: SkeletonLayout::Smpl22 as u32,
+            joint_count: SMPL_JOINTS as u32,
+            ..RawSkeleton::ZERO
+        };
+        frame.positions[..SMPL_JOINTS].copy_from_slice(&person.positions);
+        frame.confidence[..SMPL_JOINTS].fill(1.0);
+        port.publish(&frame)?;
+        std::thread::sleep(Duration::from_secs_f64(1.0 / motion.frame_rate_hz));
+    }
+    Ok(())
+}
