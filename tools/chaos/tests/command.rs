@@ -8,30 +8,38 @@ fn chaos(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_chaos")).args(arguments).args(["--config", config]).output().expect("chaos runs")
 }
 
-/// Every process, a client and an operator are killed four times each and suspended some more, at random moments of a
-/// moving robot: it comes to rest by certified motion alone, and stays there until it is engaged anew.
-#[test]
-fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_stays() {
+/// Half of the blows; the other half falls on another instance at the same time, because most of it is waiting.
+fn half(seed: u64) -> (Value, String) {
     let folder = tempfile::tempdir().expect("a folder");
-    let file = folder.path().join("chaos.json");
-    let output = chaos(&["--kills", "24", "--suspends", "16", "--seed", "3", "--json", file.to_str().unwrap()]);
+    let (file, seed) = (folder.path().join("chaos.json"), seed.to_string());
+    let output = chaos(&["--kills", "12", "--suspends", "8", "--seed", &seed, "--json", file.to_str().unwrap()]);
     let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{told}");
     let figures: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).expect("JSON");
-    assert_eq!((&figures["kills"], &figures["suspends"]), (&24.into(), &16.into()));
-    for victim in ["ingest", "retarget", "control", "sim", "client", "operator"] {
-        let of = &figures["victims"][victim];
-        assert_eq!(of["kills"], 4, "{victim}: {told}");
-        // Most blows must have met a moving robot, or they show nothing.
-        assert!(of["moving"].as_u64() >= Some(3), "{victim}: {told}");
-        assert!(victim == "sim" || of["rests"].as_u64() >= Some(4), "{victim}: {told}");
-    }
+    assert_eq!((&figures["kills"], &figures["suspends"]), (&12.into(), &8.into()));
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
         assert_eq!(figures["violations_witnessed"][kind], 0, "{told}");
         assert_eq!(figures["violations_recorded"][kind], 0, "{told}");
     }
     assert_eq!(figures["moved_without_enable"], 0, "{told}");
-    assert!(figures["states_witnessed"].as_u64() > Some(10_000), "{told}");
+    assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{told}");
+    (figures, told)
+}
+
+/// Every process, a client and an operator are killed four times each and suspended some more, at random moments of a
+/// moving robot: it comes to rest by certified motion alone, and stays there until it is engaged anew.
+#[test]
+fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_stays() {
+    let other = std::thread::spawn(|| half(4));
+    let halves = [half(3), other.join().expect("the other half")];
+    let told = || format!("{}\n{}", halves[0].1, halves[1].1);
+    for victim in ["ingest", "retarget", "control", "sim", "client", "operator"] {
+        let sum = |what: &str| halves.iter().filter_map(|half| half.0["victims"][victim][what].as_u64()).sum::<u64>();
+        assert_eq!(sum("kills"), 4, "{victim}: {}", told());
+        // Most blows must have met a moving robot, or they show nothing.
+        assert!(sum("moving") >= 3, "{victim}: {}", told());
+        assert!(victim == "sim" || sum("rests") >= 4, "{victim}: {}", told());
+    }
 }
 
 #[test]
