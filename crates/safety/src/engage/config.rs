@@ -75,7 +75,7 @@ pub struct Settings {
 }
 
 /// Validated thresholds, in the integers that the tick compares.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     pub(super) target_stale_ns: u64,
     pub(super) target_late_ns: u64,
@@ -192,5 +192,68 @@ impl Config {
             deadlines_missed_max: (f64::from(settings.deadlines_missed_max) * factor) as u32,
             deadlines_late_per_s_max: (f64::from(settings.deadlines_late_per_s_max) * factor) as u32,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patience_with_the_streams_and_the_own_deadlines_grows_and_nothing_else() {
+        let settings = Settings {
+            target_stale_ms: 10.0,
+            target_late_ms: 2.0,
+            state_late_ms: 5.0,
+            state_stale_ms: 20.0,
+            input_late_ms: 50.0,
+            input_stale_ms: 100.0,
+            operator_silent_ms: 200.0,
+            enable_released_ms: 210.0,
+            hold_timeout_ms: 5000.0,
+            tracking_error_rad: 0.05,
+            tracking_error_now_rad: 0.15,
+            tracking_error_m: 0.01,
+            tracking_error_now_m: 0.03,
+            tracking_error_ms: 110.0,
+            target_jump_slow_ms: 250.0,
+            target_jump_hold_ms: 1000.0,
+            deadlines_missed_slow: 3,
+            deadlines_missed_max: 9,
+            deadlines_late_per_s_max: 12,
+        };
+        let ns = |ms: u64| ms * 1_000_000;
+        let strict = Config {
+            target_stale_ns: ns(10),
+            target_late_ns: ns(2),
+            state_late_ns: ns(5),
+            state_stale_ns: ns(20),
+            input_late_ns: ns(50),
+            input_stale_ns: ns(100),
+            operator_silent_ns: ns(200),
+            enable_released_ns: ns(210),
+            hold_timeout_ns: ns(5000),
+            tracking_error_rad: 0.05,
+            tracking_error_now_rad: 0.15,
+            tracking_error_m: 0.01,
+            tracking_error_now_m: 0.03,
+            tracking_error_ns: ns(110),
+            target_jump_slow_ns: ns(250),
+            target_jump_hold_ns: ns(1000),
+            deadlines_missed_slow: 3,
+            deadlines_missed_max: 9,
+            deadlines_late_per_s_max: 12,
+        };
+        let relaxed = Config {
+            target_stale_ns: ns(40),
+            target_late_ns: ns(8),
+            state_late_ns: ns(20),
+            state_stale_ns: ns(80),
+            deadlines_missed_slow: 12,
+            deadlines_missed_max: 36,
+            deadlines_late_per_s_max: 48,
+            ..strict
+        };
+        assert_eq!((Config::new(&settings), Config::relaxed(&settings, 4.0)), (Ok(strict), Ok(relaxed)));
     }
 }
