@@ -18,24 +18,23 @@ const BETWEEN_STORMS: u64 = 4500;
 /// Episodes of one storm at most.
 const STORM_MAX: usize = 8;
 
-/// Kinds that act once an episode, or only if the robot happens to do what they wait for: they are drawn six times as often.
-const RARE_MORE: usize = 5;
-/// See above.
-const RARE: [&str; 14] = [
-    "kill-driver",
-    "found-outside",
-    "found-close",
-    "operator-gone",
-    "engage-elsewhere",
-    "reconnect",
-    "release",
-    "estop",
-    "estop-engaging",
-    "corrupt-skeleton",
-    "double-skeleton",
-    "reorder-skeleton",
-    "sequence-wrap",
-    "target-posture",
+/// Kinds that act once an episode, or only if the robot happens to do what they wait for, and how many times more they are
+/// drawn than others.
+const RARE: [(&str, usize); 14] = [
+    ("found-outside", 9),
+    ("found-close", 5),
+    ("kill-driver", 5),
+    ("operator-gone", 5),
+    ("engage-elsewhere", 5),
+    ("reconnect", 5),
+    ("release", 5),
+    ("estop", 5),
+    ("estop-engaging", 5),
+    ("corrupt-skeleton", 5),
+    ("double-skeleton", 5),
+    ("reorder-skeleton", 5),
+    ("sequence-wrap", 5),
+    ("target-posture", 5),
 ];
 
 /// What an operator does while the robot engages, undisturbed at first: every second seed begins with one of these alone.
@@ -70,9 +69,8 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
         1 if !deal.is_empty() => deal,
         _ => kinds,
     };
-    let rare = drawn.iter().filter(|&&kind| RARE.contains(&KINDS[kind].name));
-    let rare_count = rare.clone().count();
-    let mut deck: Vec<usize> = drawn.iter().chain(rare.cycle().take(RARE_MORE * rare_count)).copied().collect();
+    let more = |kind: usize| RARE.iter().find(|(name, _)| *name == KINDS[kind].name).map_or(0, |(_, more)| *more);
+    let mut deck: Vec<usize> = drawn.iter().flat_map(|&kind| std::iter::repeat_n(kind, 1 + more(kind))).collect();
     deck.shuffle(&mut rng);
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();
