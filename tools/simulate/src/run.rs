@@ -421,7 +421,7 @@ fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Act
     match process {
         Process::Kill(who) => {
             // Once at the beginning, and now and then for as long as it lasts.
-            if !first && active.rng.random_range(0..150) != 0 {
+            if !first && active.rng.random_range(0..100) != 0 {
                 return false;
             }
             // At least 3 indices lie between two drivers.

@@ -20,10 +20,13 @@ const STORM_MAX: usize = 8;
 
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for, and how many times more they are
 /// drawn than others.
-const RARE: [(&str, usize); 14] = [
+const RARE: [(&str, usize); 17] = [
     ("found-outside", 9),
     ("found-close", 5),
     ("kill-driver", 5),
+    ("kill-control", 5),
+    ("kill-ingest", 5),
+    ("kill-retarget", 5),
     ("operator-gone", 5),
     ("engage-elsewhere", 5),
     ("reconnect", 5),
