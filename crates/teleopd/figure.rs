@@ -1,36 +1,11 @@
 //! Two stick figures for a terminal, drawn with Braille dots: the person and the robot, seen from the front.
 
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, SMPL_JOINTS, Smpl};
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, SMPL_JOINTS, SMPL_PARENT, Smpl};
 
 /// Columns of one figure, in characters.
 pub const COLUMNS: usize = 36;
 /// Rows of one figure, in characters.
 pub const ROWS: usize = 16;
-
-/// Bones of the SMPL-22 skeleton.
-const BONES: [(Smpl, Smpl); 21] = [
-    (Smpl::Pelvis, Smpl::LeftHip),
-    (Smpl::Pelvis, Smpl::RightHip),
-    (Smpl::LeftHip, Smpl::LeftKnee),
-    (Smpl::RightHip, Smpl::RightKnee),
-    (Smpl::LeftKnee, Smpl::LeftAnkle),
-    (Smpl::RightKnee, Smpl::RightAnkle),
-    (Smpl::LeftAnkle, Smpl::LeftFoot),
-    (Smpl::RightAnkle, Smpl::RightFoot),
-    (Smpl::Pelvis, Smpl::Spine1),
-    (Smpl::Spine1, Smpl::Spine2),
-    (Smpl::Spine2, Smpl::Spine3),
-    (Smpl::Spine3, Smpl::Neck),
-    (Smpl::Neck, Smpl::Head),
-    (Smpl::Spine3, Smpl::LeftCollar),
-    (Smpl::Spine3, Smpl::RightCollar),
-    (Smpl::LeftCollar, Smpl::LeftShoulder),
-    (Smpl::RightCollar, Smpl::RightShoulder),
-    (Smpl::LeftShoulder, Smpl::LeftElbow),
-    (Smpl::RightShoulder, Smpl::RightElbow),
-    (Smpl::LeftElbow, Smpl::LeftWrist),
-    (Smpl::RightElbow, Smpl::RightWrist),
-];
 
 /// A grid of Braille dots: two across and four down in each character.
 pub struct Canvas {
@@ -90,16 +65,17 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     let heading = (right[0] - left[0]).atan2(left[1] - right[1]);
     let pelvis = at(Smpl::Pelvis);
     let floor = pelvis[2] - 0.98;
-    let turned = |joint: Smpl| {
-        let p = at(joint);
+    let turned = |joint: usize| {
+        let p = positions[joint].map(f64::from);
         let (dx, dy) = (p[0] - pelvis[0], p[1] - pelvis[1]);
         let (sin, cos) = heading.sin_cos();
         [cos * dx + sin * dy, -sin * dx + cos * dy, p[2]]
     };
-    for (from, to) in BONES {
-        canvas.line(project(turned(from), [0.0; 2], floor), project(turned(to), [0.0; 2], floor));
+    for (joint, &parent) in SMPL_PARENT.iter().enumerate().skip(1) {
+        let (from, to) = (turned(parent), turned(joint));
+        canvas.line(project(from, [0.0; 2], floor), project(to, [0.0; 2], floor));
     }
-    head(&mut canvas, project(turned(Smpl::Head), [0.0; 2], floor));
+    head(&mut canvas, project(turned(Smpl::Head as usize), [0.0; 2], floor));
     canvas
 }
 

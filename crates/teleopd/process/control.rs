@@ -9,14 +9,12 @@ use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
 use operator::{Deed, OperatorError, Order, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges};
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
 /// The operator socket is served on every fourth tick, 375 times a second: an emergency stop waits at most 2.7 ms.
 const SERVE_EVERY: u64 = 4;
-/// `Status` is published on every thirtieth tick: 50 Hz.
-const STATUS_EVERY: u64 = 30;
 /// On SIGTERM the process ends at rest, or after this long: twice the longest stop (0.5 s) and the mode change.
 const END_WITHIN_NS: u64 = 2_000_000_000;
 

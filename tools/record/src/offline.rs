@@ -6,14 +6,12 @@ use crate::file::Recording;
 use crate::inputs::Inputs;
 use crate::scribe::{Rates, Sample, Scribe};
 use messages::TICK_HZ;
-use pipeline::{Loaded, Moment, Overrides};
+use pipeline::{Loaded, Moment, Overrides, STATUS_EVERY};
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
-/// `Status` is written on every thirtieth tick, as `control` publishes it, and on transitions.
-const STATUS_EVERY: u64 = 30;
 /// Pictures a second.
 const PICTURES_HZ: f64 = 60.0;
 

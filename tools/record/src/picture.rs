@@ -4,7 +4,7 @@ use foxglove::messages::{
     Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive,
     Point3, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3, line_primitive,
 };
-use messages::{JOINTS, SMPL_JOINTS, Smpl};
+use messages::{JOINTS, SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use robot::{Frames, Model};
 
@@ -13,31 +13,6 @@ const PERSON_FRAME: &str = "person";
 const PERSON_AT_M: [f64; 3] = [0.0, 1.5, 0.0];
 /// Thickness of the person's lines, m.
 const BONE_M: f64 = 0.03;
-
-/// The bones of a person.
-const BONES: [(Smpl, Smpl); 21] = [
-    (Smpl::Pelvis, Smpl::LeftHip),
-    (Smpl::Pelvis, Smpl::RightHip),
-    (Smpl::Pelvis, Smpl::Spine1),
-    (Smpl::LeftHip, Smpl::LeftKnee),
-    (Smpl::RightHip, Smpl::RightKnee),
-    (Smpl::Spine1, Smpl::Spine2),
-    (Smpl::LeftKnee, Smpl::LeftAnkle),
-    (Smpl::RightKnee, Smpl::RightAnkle),
-    (Smpl::Spine2, Smpl::Spine3),
-    (Smpl::LeftAnkle, Smpl::LeftFoot),
-    (Smpl::RightAnkle, Smpl::RightFoot),
-    (Smpl::Spine3, Smpl::Neck),
-    (Smpl::Spine3, Smpl::LeftCollar),
-    (Smpl::Spine3, Smpl::RightCollar),
-    (Smpl::Neck, Smpl::Head),
-    (Smpl::LeftCollar, Smpl::LeftShoulder),
-    (Smpl::RightCollar, Smpl::RightShoulder),
-    (Smpl::LeftShoulder, Smpl::LeftElbow),
-    (Smpl::RightShoulder, Smpl::RightElbow),
-    (Smpl::LeftElbow, Smpl::LeftWrist),
-    (Smpl::RightElbow, Smpl::RightWrist),
-];
 
 /// ns as a time of the schemas.
 pub fn timestamp(ns: u64) -> Timestamp {
@@ -74,7 +49,7 @@ pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOIN
         parent_frame_id: root.to_owned(),
         child_frame_id: child.to_owned(),
         translation: Some(Vector3 { x: t[0], y: t[1], z: t[2] }),
-        rotation: Some(quaternion(r)),
+        rotation: Some(quaternion(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r)))),
     };
     let links = model.links().filter(|(name, ..)| *name != root).map(|(name, body, in_body)| {
         let pose = frames.base_from_body[body].compose(in_body);
@@ -84,8 +59,7 @@ pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOIN
     FrameTransforms { transforms: links.chain([person]).collect() }
 }
 
-fn quaternion(r: &Matrix3<f64>) -> Quaternion {
-    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r));
+fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
 }
 
@@ -116,15 +90,15 @@ pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
 
 /// The person.
 pub fn person(positions: &[[f32; 3]; SMPL_JOINTS], at_ns: u64) -> SceneUpdate {
-    let point = |joint: Smpl| {
-        let [x, y, z] = positions[joint as usize].map(f64::from);
+    let point = |joint: usize| {
+        let [x, y, z] = positions[joint].map(f64::from);
         Point3 { x, y, z }
     };
     let line = LinePrimitive {
         r#type: line_primitive::Type::LineList as i32,
         pose: Some(pose(nalgebra::Vector3::zeros(), &UnitQuaternion::identity())),
         thickness: BONE_M,
-        points: BONES.iter().flat_map(|(from, to)| [point(*from), point(*to)]).collect(),
+        points: (1..SMPL_JOINTS).flat_map(|joint| [point(SMPL_PARENT[joint]), point(joint)]).collect(),
         color: Some(Color { r: 0.95, g: 0.6, b: 0.1, a: 1.0 }),
         ..LinePrimitive::default()
     };
@@ -132,10 +106,7 @@ pub fn person(positions: &[[f32; 3]; SMPL_JOINTS], at_ns: u64) -> SceneUpdate {
 }
 
 fn pose(at: nalgebra::Vector3<f64>, turn: &UnitQuaternion<f64>) -> Pose {
-    Pose {
-        position: Some(Vector3 { x: at.x, y: at.y, z: at.z }),
-        orientation: Some(Quaternion { x: turn.i, y: turn.j, z: turn.k, w: turn.w }),
-    }
+    Pose { position: Some(Vector3 { x: at.x, y: at.y, z: at.z }), orientation: Some(quaternion(turn)) }
 }
 
 fn entity(frame: &str, id: &str, at_ns: u64) -> SceneEntity {

@@ -56,10 +56,7 @@ fn main() -> ExitCode {
     }
     let motion = match read(&mut cli) {
         Ok(motion) => motion,
-        Err(Failure(code, text)) => {
-            eprintln!("replay: {text}");
-            return ExitCode::from(code);
-        }
+        Err(failure) => return ended(Err(failure)),
     };
     describe(&motion, cli.calibration);
     let outcome = match &cli.offline {

@@ -51,7 +51,9 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         if let Some(recording) = &mut recording {
             recording.moment(moment, operator);
         }
-        trace.moment(moment);
+        if cli.plot.is_some() {
+            trace.moment(moment);
+        }
     };
     let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::config)?;
     let file = File::create(out).map_err(|error| Failure::cannot_create(format!("{}: {error}", out.display())))?;

@@ -53,6 +53,9 @@ fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
+/// Ticks from one published `Status` to the next: 50 Hz. A change of mode is published at once.
+pub const STATUS_EVERY: u64 = 30;
+
 /// A status as JSON; its keys are those of the message, and `why` says why the robot does not follow.
 pub fn status_json(status: &Status, names: &Names) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
