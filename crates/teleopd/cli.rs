@@ -60,6 +60,8 @@ pub enum Command {
     Demo(Demo),
     /// Prints every effective value, where it came from, and the hash of them all.
     Check(Place),
+    /// Shows a running instance in a browser on this machine: the address, with the token of this run, is printed.
+    View(View),
     /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing.
     Doctor(Doctor),
 }
@@ -73,6 +75,18 @@ pub struct Up {
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
 }
+
+#[derive(Args, Clone, Debug)]
+pub struct View {
+    #[command(flatten)]
+    pub place: Place,
+    /// Port of 127.0.0.1; 0 is any free one.
+    #[arg(long, value_name = "PORT", default_value_t = VIEW_PORT)]
+    pub port: u16,
+}
+
+/// Port of the page, unless another is given: one that IANA lists for nobody.
+pub const VIEW_PORT: u16 = 8484;
 
 #[derive(Args, Clone, Debug)]
 pub struct Doctor {
@@ -97,6 +111,12 @@ pub struct Demo {
     /// Also record the run to this MCAP file; refused if it exists.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Also show the run in a browser on this machine: the address is printed, and the run begins once a page is open.
+    #[arg(long)]
+    pub view: bool,
+    /// Port of 127.0.0.1 for --view; 0 is any free one.
+    #[arg(long, value_name = "PORT", default_value_t = VIEW_PORT, requires = "view")]
+    pub view_port: u16,
     /// Write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

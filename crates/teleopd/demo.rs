@@ -65,14 +65,14 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
     let mut operator = Operator::connect(&instance.operator_socket())?;
     let mut show = Show::new(&instance, &place, options.quiet)?;
+    let server = if options.view { Some(shown(&instance, &place, options.view_port, &shutdown)?) } else { None };
     let mut run = Run { children: &mut children, operator: &mut operator, publisher: &publisher, shutdown: &shutdown };
     let ended = run.engage_and_follow(options.seconds, &mut show);
     show.end();
 
     operator.release();
     operator.wait(REST_WITHIN, |status| !matches!(mode_of(status), Mode::Engaging | Mode::Engaged | Mode::Holding));
-    drop(publisher);
-    drop(operator);
+    drop((publisher, operator, server));
     let mut trouble = children.stop();
     trouble.extend(recorder.as_mut().and_then(Recorder::stop));
     trouble.extend(ended.err());
@@ -95,6 +95,16 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     trouble.extend(report.complaints());
     if trouble.is_empty() { Ok(Exit::Ok) } else { Err(Failure::new(Exit::Failed, trouble.join("; "))) }
+}
+
+/// Serves the page, and waits until one is open.
+fn shown(instance: &Instance, place: &cli::Place, port: u16, shutdown: &Shutdown) -> Result<view::Server, Failure> {
+    let server = crate::view::start(instance, place, port)?;
+    println!("open      {}", server.address());
+    while server.pages() == 0 && !shutdown.requested() {
+        std::thread::sleep(LOOK);
+    }
+    Ok(server)
 }
 
 fn mode_of(status: &Status) -> Mode {

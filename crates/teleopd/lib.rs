@@ -16,6 +16,7 @@ mod recorder;
 mod report;
 mod timeline;
 mod up;
+mod view;
 
 use clap::Parser;
 use cli::{Cli, Command};
@@ -41,6 +42,7 @@ pub fn main() -> ExitCode {
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Check(place) => check::run(&place),
+        Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),
     };
     match outcome {

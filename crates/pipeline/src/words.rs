@@ -18,6 +18,15 @@ pub enum Gravity {
 }
 
 impl Gravity {
+    /// Its name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Note => "note",
+            Self::Warning => "warning",
+            Self::Error => "error",
+        }
+    }
+
     fn of(fault: Fault) -> Self {
         match fault.row().response {
             Response::Inhibit => Self::Note,

@@ -21,6 +21,7 @@ mod pose;
 mod segment;
 mod shapes;
 mod urdf;
+mod visual;
 
 pub use arm::Arm;
 pub use collision::{AllowedPair, AllowedReason, CAPSULES_MAX, Capsule, Pair};
@@ -33,3 +34,4 @@ pub use model::Model;
 pub use pose::Pose;
 pub use segment::{SegmentDistance, segment_distance};
 pub use shapes::{Hull, hull_volume_oracle, segment_distance_oracle};
+pub use visual::{Form, Visual};

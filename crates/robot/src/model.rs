@@ -9,6 +9,7 @@ use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
 use crate::pose::Pose;
 use crate::urdf::Tree;
+use crate::visual::Visual;
 use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -65,6 +66,8 @@ pub(crate) struct Link {
     pub(crate) name: String,
     pub(crate) body: usize,
     pub(crate) body_from_link: Pose,
+    /// In the link's own frame.
+    pub(crate) visuals: Vec<Visual>,
 }
 
 impl Model {
@@ -326,7 +329,7 @@ impl Source<'_> {
         }
         let links = (0..tree.links.len()).map(|link| {
             let (body, body_from_link) = locate(link);
-            Link { name: tree.links[link].clone(), body, body_from_link }
+            Link { name: tree.links[link].clone(), body, body_from_link, visuals: tree.visuals[link].clone() }
         });
         Ok((frames, links.collect()))
     }

@@ -2,6 +2,7 @@
 
 use crate::error::RobotError;
 use crate::pose::Pose;
+use crate::visual::Visual;
 use nalgebra::Vector3;
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -35,6 +36,8 @@ pub(crate) struct UrdfJoint {
 /// All links and joints as one tree.
 pub(crate) struct Tree {
     pub(crate) links: Vec<String>,
+    /// What is drawn of each link, in its own frame.
+    pub(crate) visuals: Vec<Vec<Visual>>,
     pub(crate) joints: Vec<UrdfJoint>,
     /// The joint above each link; none above the root.
     pub(crate) joint_above: Vec<Option<usize>>,
@@ -70,7 +73,8 @@ impl Tree {
             joints.push(read_joint(file, joint, &index)?);
         }
         let (joint_above, root) = check_tree(file, &links, &joints)?;
-        Ok(Self { links, joints, joint_above, root })
+        let visuals = robot.links.iter().map(|link| crate::visual::read(&link.visual)).collect();
+        Ok(Self { links, visuals, joints, joint_above, root })
     }
 
     /// The joint of that name.

@@ -3,7 +3,7 @@
 use crate::support;
 
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
-use robot::{AllowedReason, Frames};
+use robot::{AllowedReason, Form, Frames};
 use std::f64::consts::FRAC_PI_2;
 use support::{TOML, URDF, load, shipped};
 
@@ -140,4 +140,30 @@ fn the_manufacturers_urdf_has_the_same_kinematics() {
             assert!((ours.t - theirs.t).amax() < 1e-12 && (ours.r - theirs.r).amax() < 1e-12);
         }
     }
+}
+
+/// As many as the URDF has visuals, since none of them is a mesh; the wheels' box of the base is where the file says.
+#[test]
+fn every_shape_is_drawn_in_its_body() {
+    let model = shipped();
+    let shapes: Vec<_> = model.visuals().collect();
+    assert_eq!(shapes.len(), URDF.matches("<visual>").count());
+    let size = |form: Form| if let Form::Box(size) = form { size } else { [0.0; 3] };
+    let base = shapes.iter().find(|shape| size(shape.form) == [0.5, 0.4996, 0.275]).expect("the base's box");
+    let link = model.links().find(|(name, ..)| *name == "base_link").expect("base_link");
+    assert_eq!((base.body, base.body_from_shape.t - link.2.t), (0, nalgebra::Vector3::new(0.0, 0.0, 0.064)));
+    assert!(shapes.iter().any(|shape| shape.body == LEFT_ARM.start + 1));
+}
+
+#[test]
+fn shapes_that_cannot_be_drawn_are_left_out() {
+    let count = |box_size: &str| {
+        let text = URDF.replace("<box size=\"0.5 0.4996 0.275\"/>", box_size);
+        load(TOML, &text).expect("a robot").visuals().count()
+    };
+    let all = count("<box size=\"0.5 0.4996 0.275\"/>");
+    for bad in ["<box size=\"0.5 -1 0.275\"/>", "<box size=\"0.5 NaN 0.275\"/>", "<sphere radius=\"99\"/>"] {
+        assert!(count(bad) < all, "{bad}");
+    }
+    assert_eq!(count("<sphere radius=\"0.2\"/>"), all);
 }

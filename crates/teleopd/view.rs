@@ -1,0 +1,44 @@
+//! Shows a running instance in a browser.
+
+use crate::cli;
+use crate::exit::{Exit, Failure};
+use pipeline::Instance;
+use rt::Shutdown;
+use std::time::Duration;
+use view::{Server, ViewError};
+
+/// How often the signals are looked for.
+const LOOK: Duration = Duration::from_millis(50);
+/// SIGINT of signal(7).
+const SIGINT: i32 = 2;
+
+/// Serves until a signal.
+pub fn run(options: &cli::View) -> Result<Exit, Failure> {
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let place = &options.place;
+    let instance = Instance::new(&place.run_dir)
+        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    let server = start(&instance, place, options.port)?;
+    println!(
+        "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
+         instance",
+        instance.run_dir().display(),
+        server.address()
+    );
+    while !shutdown.requested() {
+        if server.has_ended() {
+            return Err(Failure::new(Exit::Software, "the server of the page ended by itself"));
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
+}
+
+/// A server for `instance` as it was started at `place`.
+pub fn start(instance: &Instance, place: &cli::Place, port: u16) -> Result<Server, Failure> {
+    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+    Server::start(instance, &loaded.model, port).map_err(|error| match error {
+        ViewError::Bus(error) => crate::process::bus_failure(error),
+        error => Failure::new(Exit::Unavailable, error),
+    })
+}

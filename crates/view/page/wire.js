@@ -1,0 +1,65 @@
+// The connection: texts are JSON, frames are little-endian 32-bit floats in the order of the server's `frame` module.
+
+export const VERSION = 1;
+export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
+  "limbMeasured", "speed", "targetMask"];
+export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16 };
+const PERSON = 22, BODIES = 18, POSE = 7, JOINTS = 17;
+const LENGTH = FIELDS.length + 6 + 3 * PERSON + 3 * BODIES * POSE + 4 * JOINTS;
+// Time to the next attempt, ms.
+const AGAIN = 500;
+// A page that only looks says so, ms; the server waits for ten seconds.
+const HERE = 2000;
+
+export function decode(buffer) {
+  if (buffer.byteLength !== 4 * LENGTH) throw new Error(`a frame of ${buffer.byteLength} bytes, not ${4 * LENGTH}`);
+  const all = new Float32Array(buffer);
+  if (all[0] !== VERSION) throw new Error(`frames of version ${all[0]}, not ${VERSION}: load the page again`);
+  const frame = {};
+  FIELDS.forEach((name, n) => { frame[name] = all[n]; });
+  let at = FIELDS.length;
+  const take = (count) => all.subarray(at, at += count);
+  frame.pair = take(6);
+  frame.person = take(3 * PERSON);
+  frame.poses = { measured: take(BODIES * POSE), target: take(BODIES * POSE), command: take(BODIES * POSE) };
+  frame.q = { measured: take(JOINTS), target: take(JOINTS), command: take(JOINTS) };
+  frame.v = take(JOINTS);
+  return frame;
+}
+
+export class Wire {
+  // `told` has a function for each kind of text, `frame`, `up` and `down`.
+  constructor(token, told) {
+    this.token = token;
+    this.told = told;
+    setInterval(() => this.ask("here"), HERE);
+    this.connect();
+  }
+
+  connect() {
+    const socket = new WebSocket(`ws://${location.host}/live?token=${this.token}`);
+    socket.binaryType = "arraybuffer";
+    let opened = false;
+    socket.onopen = () => { opened = true; this.told.up(); };
+    socket.onmessage = ({ data }) => {
+      if (typeof data === "string") {
+        const message = JSON.parse(data);
+        this.told[message.tell]?.(message);
+      } else {
+        this.told.frame(decode(data));
+      }
+    };
+    socket.onclose = () => {
+      this.told.down(opened);
+      setTimeout(() => this.connect(), AGAIN);
+    };
+    this.socket = socket;
+  }
+
+  // Whether it went out.
+  ask(what) {
+    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify({ do: what }));
+    return true;
+  }
+}

@@ -1,0 +1,189 @@
+//! A page's hand on the robot: its own connection to the operator socket. A page can only ask; `control` decides.
+
+use messages::{Mode, Status};
+use operator::{Client, OperatorError};
+use pipeline::{Instance, Names};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two heartbeats: 50 Hz.
+const HEARTBEAT: Duration = Duration::from_millis(20);
+/// A page that holds the enable says so ten times a second; after three of its periods without a word the enable is let go.
+pub const HOLD_FOR: Duration = Duration::from_millis(300);
+/// How long an enable may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
+const REFUSED_AFTER: Duration = Duration::from_secs(1);
+
+/// What a page asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ask {
+    /// Press the enable.
+    Engage,
+    /// It is still held; nothing by itself.
+    Keep,
+    /// Let it go.
+    Release,
+    /// Clear what is latched.
+    Reset,
+    /// Stop now.
+    Stop,
+}
+
+/// What became of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// Whether this page holds the enable now.
+    pub held: bool,
+    /// What there is to say.
+    pub text: Option<String>,
+}
+
+/// The hand and its thread. Dropping it lets go of what it holds.
+pub struct Hand {
+    asks: Sender<Ask>,
+    answers: Receiver<Answer>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Hand {
+    /// A hand that connects when it is first asked for something.
+    ///
+    /// # Errors
+    /// No thread can be started.
+    pub fn new(instance: &Instance) -> std::io::Result<Self> {
+        let (asks, asked) = channel();
+        let (answer, answers) = channel();
+        let grip = Grip { instance: instance.clone(), client: None, held: None, answer };
+        let thread = std::thread::Builder::new().name("hand".into()).spawn(move || grip.work(&asked))?;
+        Ok(Self { asks, answers, thread: Some(thread) })
+    }
+
+    /// Passes on what is asked.
+    pub fn ask(&self, ask: Ask) {
+        let _ = self.asks.send(ask);
+    }
+
+    /// What became of it since.
+    pub fn answer(&self) -> Option<Answer> {
+        self.answers.try_recv().ok()
+    }
+}
+
+impl Drop for Hand {
+    fn drop(&mut self) {
+        let (closed, _) = channel();
+        self.asks = closed;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// An enable that is pressed.
+#[derive(Clone, Copy)]
+struct Held {
+    since: Instant,
+    until: Instant,
+    /// Transitions of control before it; none until its first answer.
+    transitions: Option<u32>,
+}
+
+struct Grip {
+    instance: Instance,
+    client: Option<Client>,
+    held: Option<Held>,
+    answer: Sender<Answer>,
+}
+
+impl Grip {
+    fn work(mut self, asked: &Receiver<Ask>) {
+        let mut beat = Instant::now();
+        loop {
+            match asked.recv_timeout(beat.saturating_duration_since(Instant::now())) {
+                Ok(ask) => self.obey(ask),
+                Err(RecvTimeoutError::Timeout) => beat = Instant::now() + HEARTBEAT,
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if self.held.is_some_and(|held| held.until < Instant::now()) {
+                self.let_go("The page fell silent: the enable was let go.".to_owned());
+            }
+            self.beat();
+        }
+        if self.held.is_some() {
+            self.let_go(String::new());
+            self.beat();
+        }
+    }
+
+    fn obey(&mut self, ask: Ask) {
+        if ask == Ask::Keep {
+            if let Some(held) = &mut self.held {
+                held.until = Instant::now() + HOLD_FOR;
+            }
+            return;
+        }
+        if self.client.is_none() {
+            match Client::connect(self.instance.operator_socket()) {
+                Ok(client) => self.client = Some(client),
+                Err(error) => return self.say(format!("control does not answer: {error}")),
+            }
+        }
+        let Some(client) = &mut self.client else { return };
+        match ask {
+            Ask::Engage => {
+                client.enable();
+                let now = Instant::now();
+                self.held = Some(Held { since: now, until: now + HOLD_FOR, transitions: None });
+                self.say(String::new());
+            }
+            Ask::Release => self.let_go(String::new()),
+            Ask::Reset => _ = client.reset(),
+            Ask::Stop => {
+                client.estop();
+                self.let_go(String::new());
+            }
+            Ask::Keep => {}
+        }
+    }
+
+    /// Also withdraws the enable of another connection, as every release does.
+    fn let_go(&mut self, text: String) {
+        self.held = None;
+        if let Some(client) = &mut self.client {
+            client.release();
+        }
+        self.say(text);
+    }
+
+    fn beat(&mut self) {
+        let Some(client) = &mut self.client else { return };
+        match client.heartbeat() {
+            Ok(status) => self.watch(&status),
+            // One late reply is no end: the socket keeps the connection, and control judges the silence.
+            Err(OperatorError::Timeout { .. }) => {}
+            Err(error) => {
+                (self.client, self.held) = (None, None);
+                self.say(format!("The connection to control is lost: {error}"));
+            }
+        }
+    }
+
+    /// An enable that control has refused or withdrawn is held no longer: nothing engages anew by itself.
+    fn watch(&mut self, status: &Status) {
+        let Some(held) = &mut self.held else { return };
+        let before = *held.transitions.get_or_insert(status.transition_count);
+        let follows = Mode::from_u32(status.mode).is_some_and(|mode| !matches!(mode, Mode::Disengaged | Mode::Faulted));
+        let changed = status.transition_count != before;
+        if follows || !changed && held.since.elapsed() < REFUSED_AFTER {
+            return;
+        }
+        let why = pipeline::why_stopped(status, &Names::read(self.instance.run_dir())).unwrap_or_default();
+        let what = if changed { "The robot follows no longer." } else { "The enable was refused." };
+        self.let_go(format!("{what} {why}"));
+    }
+
+    fn say(&self, text: String) {
+        let _ =
+            self.answer.send(Answer { held: self.held.is_some(), text: Some(text).filter(|text| !text.is_empty()) });
+    }
+}

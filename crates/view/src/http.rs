@@ -1,0 +1,148 @@
+//! The few requests that a page makes: its files, and the one that becomes a WebSocket.
+
+use crate::assets::ASSETS;
+use rustix::rand::{GetRandomFlags, getrandom};
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+use tungstenite::handshake::server::{Request, create_response, write_response};
+use tungstenite::http;
+
+/// Longest request, bytes, and headers in it: browsers send less than a tenth.
+const REQUEST_BYTES: usize = 16 << 10;
+const HEADERS_MAX: usize = 64;
+/// How long a request may take.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// What a browser may do with the page: nothing from elsewhere, no frame around it.
+const POLICY: &str = "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
+                      img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
+                      X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n";
+
+/// Who may look and ask: whoever was given the address with its token.
+#[derive(Clone, Debug)]
+pub struct Key {
+    token: String,
+    port: u16,
+}
+
+impl Key {
+    /// A new token of 128 bits, for a server at `port` of the loopback.
+    ///
+    /// # Errors
+    /// The kernel gives no random numbers.
+    pub fn new(port: u16) -> std::io::Result<Self> {
+        let mut bytes = [0_u8; 16];
+        let length = getrandom(&mut bytes[..], GetRandomFlags::empty())?;
+        if length != bytes.len() {
+            return Err(ErrorKind::UnexpectedEof.into());
+        }
+        Ok(Self { token: bytes.iter().map(|byte| format!("{byte:02x}")).collect(), port })
+    }
+
+    /// The address to open. The token stands behind the #, which browsers send nowhere.
+    pub fn address(&self) -> String {
+        format!("http://127.0.0.1:{}/#{}", self.port, self.token)
+    }
+
+    /// The names of this server: another one in `Host` is that of a page which has its name resolved to us.
+    fn hosts(&self) -> [String; 2] {
+        ["127.0.0.1", "localhost"].map(|host| format!("{host}:{}", self.port))
+    }
+
+    /// Whether a request for the WebSocket comes from our page with our token; else why not.
+    fn admits(&self, request: &Request) -> Result<(), &'static str> {
+        let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
+        let origins = self.hosts().map(|host| format!("http://{host}"));
+        if !header("origin").is_some_and(|origin| origins.iter().any(|own| own == origin)) {
+            return Err("only this server's own page may ask");
+        }
+        let token = request.uri().query().and_then(|query| query.strip_prefix("token="));
+        // Every byte is compared: how long it takes says nothing of the token.
+        let same = |given: &str| given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0;
+        if !token.is_some_and(|given| given.len() == self.token.len() && same(given)) {
+            return Err("the token is missing or wrong: open the address that the server printed");
+        }
+        Ok(())
+    }
+}
+
+/// Answers one connection; the stream comes back if it is a page's WebSocket now.
+///
+/// # Errors
+/// The other side is gone, too slow, or speaks something else.
+pub fn answer(mut stream: TcpStream, key: &Key) -> std::io::Result<Option<TcpStream>> {
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let request = read(&mut stream)?;
+    let host = request.headers().get("host").and_then(|host| host.to_str().ok());
+    if !host.is_some_and(|host| key.hosts().iter().any(|own| own == host)) {
+        return refuse(stream, "403 Forbidden", "this server is called 127.0.0.1");
+    }
+    if request.method() != http::Method::GET {
+        return refuse(stream, "405 Method Not Allowed", "only GET is answered");
+    }
+    if request.uri().path() == "/live" {
+        if let Err(why) = key.admits(&request) {
+            return refuse(stream, "403 Forbidden", why);
+        }
+        return match create_response(&request) {
+            Ok(response) => {
+                write_response(&mut stream, &response).map_err(std::io::Error::other)?;
+                Ok(Some(stream))
+            }
+            Err(error) => refuse(stream, "400 Bad Request", &error.to_string()),
+        };
+    }
+    match ASSETS.iter().find(|asset| asset.path == request.uri().path()) {
+        Some(asset) => send(stream, "200 OK", asset.kind, asset.bytes),
+        None => refuse(stream, "404 Not Found", "no such page"),
+    }
+}
+
+fn refuse(stream: TcpStream, status: &str, why: &str) -> std::io::Result<Option<TcpStream>> {
+    send(stream, status, "text/plain; charset=utf-8", format!("{why}\n").as_bytes())
+}
+
+fn send(mut stream: TcpStream, status: &str, kind: &str, body: &[u8]) -> std::io::Result<Option<TcpStream>> {
+    let length = body.len();
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n{POLICY}Connection: close\r\n\r\n"
+    );
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(body)?;
+    Ok(None)
+}
+
+/// Reads up to the empty line.
+fn read(stream: &mut TcpStream) -> std::io::Result<Request> {
+    let give_up = Instant::now() + PATIENCE;
+    let mut head = Vec::with_capacity(1024);
+    loop {
+        let left = give_up.saturating_duration_since(Instant::now());
+        if left.is_zero() || head.len() >= REQUEST_BYTES {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        stream.set_read_timeout(Some(left))?;
+        let mut part = [0; 1024];
+        match stream.read(&mut part)? {
+            0 => return Err(ErrorKind::UnexpectedEof.into()),
+            length => head.extend_from_slice(&part[..length]),
+        }
+        if head.windows(4).any(|end| end == b"\r\n\r\n") {
+            return parse(&head).ok_or_else(|| ErrorKind::InvalidData.into());
+        }
+    }
+}
+
+fn parse(head: &[u8]) -> Option<Request> {
+    let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
+    let mut parsed = httparse::Request::new(&mut headers);
+    if !parsed.parse(head).ok()?.is_complete() {
+        return None;
+    }
+    let mut request = http::Request::builder().method(parsed.method?).uri(parsed.path?).version(http::Version::HTTP_11);
+    for header in parsed.headers.iter() {
+        request = request.header(header.name, header.value);
+    }
+    request.body(()).ok()
+}

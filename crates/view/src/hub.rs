@@ -1,0 +1,141 @@
+//! What all pages are shown: one thread reads, the pages copy.
+
+use crate::frame::{self, Heard};
+use crate::scene::scene;
+use messages::Status;
+use pipeline::{Names, sentences, status_json};
+use robot::{Frames, Model};
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::sync::atomic::AtomicUsize;
+use std::sync::{Mutex, PoisonError};
+
+/// Sentences that are kept for pages that come later.
+const EVENTS_KEPT: usize = 200;
+
+/// The newest of everything.
+#[derive(Default)]
+struct Shown {
+    frame: Vec<u8>,
+    frames: u64,
+    status: Option<String>,
+    statuses: u64,
+    events: VecDeque<(u64, String)>,
+    events_told: u64,
+}
+
+/// What has been shown to a page.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seen {
+    frames: u64,
+    statuses: u64,
+    events: u64,
+}
+
+/// The newest of everything, for every page.
+pub struct Hub {
+    scene: String,
+    shown: Mutex<Shown>,
+    /// Pages that are open.
+    pages: AtomicUsize,
+}
+
+impl Hub {
+    /// A hub that has heard nothing; `about` is told besides the robot.
+    pub fn new(model: &Model, about: &Value) -> Self {
+        let mut told = scene(model);
+        told["about"] = about.clone();
+        Self { scene: told.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
+    }
+
+    /// Pages that are open; each counts itself.
+    pub fn pages(&self) -> &AtomicUsize {
+        &self.pages
+    }
+
+    /// What a page is told first.
+    pub fn scene(&self) -> &str {
+        &self.scene
+    }
+
+    /// What is new for a page that has seen `seen`: texts, and whether `frame` holds a new frame.
+    pub fn news(&self, seen: &mut Seen, frame: &mut Vec<u8>) -> (Vec<String>, bool) {
+        let shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut texts: Vec<_> =
+            shown.events.iter().filter(|(n, _)| *n > seen.events).map(|(_, text)| text.clone()).collect();
+        if shown.statuses != seen.statuses {
+            texts.extend(shown.status.clone());
+        }
+        let new = shown.frames != seen.frames;
+        if new {
+            frame.clone_from(&shown.frame);
+        }
+        *seen = Seen { frames: shown.frames, statuses: shown.statuses, events: shown.events_told };
+        (texts, new)
+    }
+}
+
+/// The one who writes.
+pub struct Teller<'a> {
+    hub: &'a Hub,
+    model: &'a Model,
+    frames: Frames,
+    names: Names,
+    before: Option<Status>,
+    told_at_s: f64,
+    frame: Vec<u8>,
+}
+
+/// Time between two statuses, and between what happens all the time, s: nobody reads faster. A change of mode is told at once.
+const TELL_EVERY_S: f64 = 0.2;
+
+impl<'a> Teller<'a> {
+    /// Nothing told yet.
+    pub fn new(hub: &'a Hub, model: &'a Model) -> Self {
+        let (names, frames) = (Names::of(model), Frames::default());
+        Self { hub, model, frames, names, before: None, told_at_s: f64::NEG_INFINITY, frame: Vec::new() }
+    }
+
+    /// Shows what is heard at `at_s`.
+    pub fn tell(&mut self, heard: &Heard, at_s: f64) {
+        frame::encode(self.model, &mut self.frames, heard, at_s, &mut self.frame);
+        let made = |status: &Option<Status>| status.map(|status| (status.header.incarnation, status.transition_count));
+        // A recording that is taken back begins anew.
+        let due = made(&heard.status) != made(&self.before) || (at_s - self.told_at_s).abs() >= TELL_EVERY_S;
+        let told = due.then(|| {
+            self.told_at_s = at_s;
+            let events = self.events(heard, at_s);
+            self.before = heard.status;
+            let status = heard.status.as_ref().map_or(Value::Null, |status| status_json(status, &self.names));
+            (json!({ "tell": "status", "at_s": at_s, "status": status }).to_string(), events)
+        });
+        let mut shown = self.hub.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        std::mem::swap(&mut shown.frame, &mut self.frame);
+        shown.frames += 1;
+        let Some((status, events)) = told else { return };
+        shown.status = Some(status);
+        shown.statuses += 1;
+        for event in events {
+            shown.events_told += 1;
+            let n = shown.events_told;
+            shown.events.push_back((n, event));
+            if shown.events.len() > EVENTS_KEPT {
+                shown.events.pop_front();
+            }
+        }
+    }
+
+    fn events(&self, heard: &Heard, at_s: f64) -> Vec<String> {
+        let event = |gravity: &str, text: &str| {
+            json!({ "tell": "event", "at_s": at_s, "gravity": gravity, "text": text }).to_string()
+        };
+        match (&self.before, &heard.status) {
+            (Some(_), None) => vec![event("error", "control is silent.")],
+            (_, None) => vec![],
+            (before, Some(now)) => {
+                let said = sentences(before.as_ref(), now, &self.names);
+                said.iter().map(|sentence| event(sentence.gravity.name(), &sentence.text)).collect()
+            }
+        }
+    }
+}

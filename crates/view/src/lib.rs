@@ -1,0 +1,38 @@
+//! Shows a running instance in a browser, and passes on what an operator asks for there.
+//!
+//! One thread reads the instance's messages 60 times a second, without waking anyone; a thread for every open page sends
+//! what is new. A page can only ask: its requests go through the operator socket like those of `teleopctl`, and `control`
+//! decides. The server listens on the loopback alone; who asks must come from its own page and know the token of the run.
+
+mod assets;
+mod counted;
+mod frame;
+mod hand;
+mod http;
+mod hub;
+mod live;
+mod page;
+mod scene;
+mod server;
+
+pub use assets::{ASSETS, Asset};
+pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, present};
+pub use hand::HOLD_FOR;
+pub use scene::scene;
+pub use server::Server;
+
+/// Why nothing can be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// The instance's shared memory cannot be opened.
+    #[error(transparent)]
+    Bus(#[from] bus::BusError),
+    /// The port cannot be had.
+    #[error("port {port} of 127.0.0.1: {source}")]
+    Listen {
+        /// As asked for.
+        port: u16,
+        /// Why.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,123 @@
+//! One open page: frames out, requests in.
+
+use crate::counted::Counted;
+use crate::hand::{Ask, Hand};
+use crate::hub::{Hub, Seen};
+use pipeline::Instance;
+use serde::Deserialize;
+use serde_json::json;
+use std::io::ErrorKind;
+use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::{Bytes, Error, Message, WebSocket};
+
+/// How often a page's requests are looked for: a stop waits no longer for this thread.
+const LOOK: Duration = Duration::from_millis(2);
+/// Largest request, bytes.
+const REQUEST_BYTES: usize = 1 << 10;
+/// What may wait for a page that does not read, bytes: seconds of frames. Then it has gone.
+const WAITING_BYTES: usize = 1 << 20;
+/// A page says something at least twice a second; after so long a silence it has gone.
+const SILENT_MAX: Duration = Duration::from_secs(10);
+
+/// What a page may ask.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+enum Request {
+    /// Nothing: it is there.
+    Here,
+    /// See [`Ask`].
+    Engage,
+    Keep,
+    Release,
+    Reset,
+    Stop,
+}
+
+/// Serves a page until it goes, or until `ended`.
+pub fn serve(stream: TcpStream, hub: &Hub, instance: &Instance, ended: &AtomicBool) -> Result<(), Error> {
+    stream.set_nonblocking(true)?;
+    stream.set_nodelay(true)?;
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(REQUEST_BYTES))
+        .max_frame_size(Some(REQUEST_BYTES))
+        .max_write_buffer_size(WAITING_BYTES);
+    let mut page = Page {
+        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
+        hand: Hand::new(instance)?,
+        spoke: Instant::now(),
+    };
+    page.send(Message::text(hub.scene()))?;
+    let _open = Counted::one_more(hub.pages());
+    let (mut seen, mut frame) = (Seen::default(), Vec::new());
+    while !ended.load(Ordering::Relaxed) {
+        page.listen()?;
+        while let Some(answer) = page.hand.answer() {
+            page.send(Message::text(json!({ "tell": "hand", "held": answer.held, "text": answer.text }).to_string()))?;
+        }
+        let (texts, new) = hub.news(&mut seen, &mut frame);
+        for text in texts {
+            page.send(Message::text(text))?;
+        }
+        if new {
+            page.send(Message::Binary(Bytes::copy_from_slice(&frame)))?;
+        }
+        page.flush()?;
+        std::thread::sleep(LOOK);
+    }
+    let _ = page.socket.close(None);
+    let _ = page.socket.flush();
+    Ok(())
+}
+
+struct Page {
+    socket: WebSocket<TcpStream>,
+    hand: Hand,
+    spoke: Instant,
+}
+
+impl Page {
+    /// Takes what the page asks for.
+    fn listen(&mut self) -> Result<(), Error> {
+        loop {
+            match self.socket.read() {
+                Ok(Message::Text(text)) => {
+                    self.spoke = Instant::now();
+                    match serde_json::from_str(&text) {
+                        Ok(Request::Here) => {}
+                        Ok(Request::Engage) => self.hand.ask(Ask::Engage),
+                        Ok(Request::Keep) => self.hand.ask(Ask::Keep),
+                        Ok(Request::Release) => self.hand.ask(Ask::Release),
+                        Ok(Request::Reset) => self.hand.ask(Ask::Reset),
+                        Ok(Request::Stop) => self.hand.ask(Ask::Stop),
+                        // Whoever speaks something else is no page of ours.
+                        Err(_) => return Err(Error::ConnectionClosed),
+                    }
+                }
+                Ok(Message::Binary(_)) => return Err(Error::ConnectionClosed),
+                Ok(_) => {}
+                Err(error) if waits(&error) => break,
+                Err(error) => return Err(error),
+            }
+        }
+        if self.spoke.elapsed() > SILENT_MAX { Err(Error::ConnectionClosed) } else { Ok(()) }
+    }
+
+    fn send(&mut self, message: Message) -> Result<(), Error> {
+        or_later(self.socket.send(message))
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        or_later(self.socket.flush())
+    }
+}
+
+fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {
+    outcome.or_else(|error| if waits(&error) { Ok(()) } else { Err(error) })
+}
+
+fn waits(error: &Error) -> bool {
+    matches!(error, Error::Io(cause) if cause.kind() == ErrorKind::WouldBlock)
+}

@@ -1,0 +1,150 @@
+//! The listener, the thread that reads the instance, and a thread for every page.
+
+use crate::ViewError;
+use crate::counted::Counted;
+use crate::hub::{Hub, Teller};
+use crate::live::Live;
+use crate::{http, page};
+use bus::DomainConfig;
+use pipeline::Instance;
+use robot::Model;
+use serde_json::json;
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two frames: 60 a second.
+const FRAME: Duration = Duration::from_nanos(16_666_667);
+/// After so long a silence the services are opened anew.
+const REATTACH: Duration = Duration::from_secs(1);
+/// How often connections are looked for.
+const ACCEPT: Duration = Duration::from_millis(10);
+/// Connections at a time: a page needs eight files at once and one socket, and there may be several pages.
+const CONNECTIONS_MAX: usize = 32;
+
+/// A running server; dropping it ends it.
+pub struct Server {
+    address: String,
+    hub: Arc<Hub>,
+    ended: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Shows `instance`, whose robot is `model`, at `port` of the loopback; 0 is any free one.
+    ///
+    /// # Errors
+    /// The port is taken, or the instance's shared memory cannot be opened.
+    pub fn start(instance: &Instance, model: &Model, port: u16) -> Result<Self, ViewError> {
+        let bind = |source| ViewError::Listen { port, source };
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
+        listener.set_nonblocking(true).map_err(bind)?;
+        let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
+        let address = key.address();
+        let about = json!({ "source": "live", "run_dir": instance.run_dir() });
+        let hub = Arc::new(Hub::new(model, &about));
+        let ended = Arc::new(AtomicBool::new(false));
+        let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
+        let (shown, model, domain) = (hub.clone(), model.clone(), instance.core_domain());
+        let (opened, outcome) = channel();
+        server.spawn("view", move |ended| tell(&shown, &model, &domain, &opened, &ended)).map_err(bind)?;
+        outcome.recv().unwrap_or(Ok(()))?;
+        let instance = instance.clone();
+        server.spawn("listen", move |ended| accept(&listener, &key, &hub, &instance, &ended)).map_err(bind)?;
+        Ok(server)
+    }
+
+    fn spawn(&mut self, name: &str, work: impl FnOnce(Arc<AtomicBool>) + Send + 'static) -> std::io::Result<()> {
+        let ended = self.ended.clone();
+        self.threads.push(std::thread::Builder::new().name(name.into()).spawn(move || work(ended))?);
+        Ok(())
+    }
+
+    /// The address to open in a browser, with its token.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// How many pages are open.
+    pub fn pages(&self) -> usize {
+        self.hub.pages().load(Ordering::Relaxed)
+    }
+
+    /// Whether it has ended by itself, which it does not.
+    pub fn has_ended(&self) -> bool {
+        self.threads.iter().any(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.ended.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Readers belong to the thread that opened them. `opened` is told how the first opening went.
+fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<(), ViewError>>, ended: &AtomicBool) {
+    let mut live = match Live::open(domain.clone()) {
+        Ok(live) => live,
+        Err(error) => {
+            let _ = opened.send(Err(error));
+            return;
+        }
+    };
+    let _ = opened.send(Ok(()));
+    let mut teller = Teller::new(hub, model);
+    let (begun, mut heard_at, mut next) = (rt::now(), Instant::now(), Instant::now());
+    while !ended.load(Ordering::Relaxed) {
+        let now = rt::now();
+        let heard = live.look(now);
+        if heard.is_anything() {
+            heard_at = Instant::now();
+        }
+        teller.tell(heard, now.since(begun) as f64 * 1e-9);
+        if heard_at.elapsed() > REATTACH {
+            // An instance that was started anew has services of its own.
+            heard_at = Instant::now();
+            live = Live::open(domain.clone()).unwrap_or(live);
+        }
+        // A server that stood still does not catch up.
+        next = (next + FRAME).max(Instant::now());
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+}
+
+/// Pages end before this does.
+fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, instance: &Instance, ended: &Arc<AtomicBool>) {
+    let open = Arc::new(AtomicUsize::new(0));
+    while !ended.load(Ordering::Relaxed) {
+        match listener.accept() {
+            Ok((stream, _)) if open.load(Ordering::Relaxed) < CONNECTIONS_MAX => {
+                let (key, hub, instance) = (key.clone(), hub.clone(), instance.clone());
+                let (ended, place) = (ended.clone(), Counted::one_more(open.clone()));
+                let work = move || {
+                    let _place = place;
+                    connection(stream, &key, &hub, &instance, &ended);
+                };
+                // Without a thread the connection is closed, and its place given back.
+                let _ = std::thread::Builder::new().name("page".into()).spawn(work);
+            }
+            Ok(_) => {}
+            Err(_) => std::thread::sleep(ACCEPT),
+        }
+    }
+    while open.load(Ordering::Relaxed) > 0 {
+        std::thread::sleep(ACCEPT);
+    }
+}
+
+fn connection(stream: TcpStream, key: &http::Key, hub: &Hub, instance: &Instance, ended: &AtomicBool) {
+    // Who breaks off has harmed nobody but himself.
+    if let Ok(Some(stream)) = http::answer(stream, key) {
+        let _ = page::serve(stream, hub, instance, ended);
+    }
+}

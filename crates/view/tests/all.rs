@@ -1,0 +1,4 @@
+//! One program of all tests, so that it is linked once.
+
+mod frames;
+mod page;

@@ -1,0 +1,127 @@
+//! What a page is told is what the messages say.
+
+use messages::{
+    JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline,
+};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use robot::{Frames, Model};
+use std::path::Path;
+use view::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, encode, present, scene};
+
+fn model() -> Model {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model
+}
+
+fn encoded(model: &Model, heard: &Heard) -> Vec<f32> {
+    let mut out = vec![1; 3];
+    encode(model, &mut Frames::default(), heard, 2.5, &mut out);
+    let numbers: Vec<_> = out.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
+    assert_eq!((numbers.len(), out.len()), (LENGTH, 4 * LENGTH));
+    numbers
+}
+
+/// Where the lists begin: the pair, the person, three robots, four lists of joints.
+const PERSON: usize = FIELDS + 6;
+const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
+const LISTS: usize = ROBOTS + 3 * BODIES * POSE;
+
+fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS], what: &str) {
+    let mut frames = Frames::default();
+    model.forward(q, &mut frames);
+    for (body, seven) in numbers.chunks_exact(POSE).take(BODIES).enumerate() {
+        let pose = &frames.base_from_body[body];
+        let seven: Vec<f64> = seven.iter().map(|&x| f64::from(x)).collect();
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(seven[6], seven[3], seven[4], seven[5]));
+        assert!((Vector3::new(seven[0], seven[1], seven[2]) - pose.t).norm() < 1e-6, "{what}: body {body}");
+        assert!((turn.to_rotation_matrix().matrix() - pose.r).norm() < 1e-5, "{what}: body {body}");
+    }
+}
+
+#[test]
+fn without_an_instance_there_is_a_robot_at_home_and_nothing_else() {
+    let model = model();
+    let numbers = encoded(&model, &Heard::default());
+    assert_eq!(numbers[Field::Present as usize], 0.0);
+    assert_eq!(numbers[Field::AtS as usize], 2.5);
+    poses_are_those_of(&model, &numbers[ROBOTS..], &model.home, "home");
+}
+
+#[test]
+fn postures_of_measured_target_and_command_are_told_apart() {
+    let model = model();
+    let shifted = |by: f64| -> [f64; JOINTS] { core::array::from_fn(|j| model.home[j] + by * (j as f64 + 1.0) / 20.0) };
+    let (mut state, mut command, mut target) = (RobotState::ZERO, JointCommand::ZERO, JointTarget::ZERO);
+    (state.q_measured, command.q, target.q) = (shifted(0.2), shifted(-0.2), shifted(0.1));
+    state.dq_measured = shifted(0.3);
+    (command.k, command.header.stamp) = (7, deadline(7).plus_ns(123_000));
+    target.valid_mask = 0b11_1000;
+    let mut status = Status::ZERO;
+    (status.mode, status.header.stamp, status.input_age_ns) = (Mode::Engaged as u32, Stamp(10_000_000_000), 12_500_000);
+    (status.target_stamp, status.nearest_pair_measured) =
+        (Stamp(5), [model.pairs[0].a as u32, model.pairs[0].b as u32]);
+    let mut skeleton = Skeleton::ZERO;
+    skeleton.positions = core::array::from_fn(|n| [n as f32, -1.0, 0.5]);
+    let heard = Heard {
+        skeleton: Some(skeleton),
+        state: Some(state),
+        command: Some(command),
+        target: Some(target),
+        status: Some(status),
+    };
+    let numbers = encoded(&model, &heard);
+    let at = |field: Field| numbers[field as usize];
+    let all = present::PERSON | present::MEASURED | present::TARGET | present::COMMAND | present::PAIR;
+    assert_eq!(at(Field::Present), all as f32);
+    assert_eq!(
+        (at(Field::Mode), at(Field::InputAgeMs), at(Field::TickLateUs)),
+        (Mode::Engaged as u32 as f32, 12.5, 123.0)
+    );
+    assert_eq!(numbers[PERSON + 3 * 4..][..3], [4.0, -1.0, 0.5]);
+    // A joint that the target does not mean is where it is measured.
+    let target: [f64; JOINTS] =
+        core::array::from_fn(|j| if (3..6).contains(&j) { shifted(0.1)[j] } else { shifted(0.2)[j] });
+    for (n, (q, what)) in
+        [(shifted(0.2), "measured"), (target, "target"), (shifted(-0.2), "command")].iter().enumerate()
+    {
+        poses_are_those_of(&model, &numbers[ROBOTS + n * BODIES * POSE..], q, what);
+        let told: Vec<f32> = q.iter().map(|&x| x as f32).collect();
+        assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
+    }
+    assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
+    // The pair's points are as far apart as the pair is.
+    let mut frames = Frames::default();
+    model.forward(&shifted(0.2), &mut frames);
+    let ends = |index: usize| {
+        let (capsule, pose) = (&model.capsules[index], &frames.base_from_body[model.capsules[index].body]);
+        (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
+    };
+    let ((a, b, r), (c, d, s)) = (ends(model.pairs[0].a), ends(model.pairs[0].b));
+    let apart = robot::segment_distance(&a, &b, &c, &d).distance_m - r - s;
+    let points: Vec<f64> = numbers[FIELDS..][..6].iter().map(|&x| f64::from(x)).collect();
+    let told = (Vector3::from_row_slice(&points[..3]) - Vector3::from_row_slice(&points[3..])).norm();
+    assert!((told - apart.abs()).abs() < 1e-6, "{told} and {apart}");
+}
+
+#[test]
+fn what_is_no_number_is_not_told() {
+    let model = model();
+    let mut state = RobotState::ZERO;
+    state.q_measured = [f64::NAN; JOINTS];
+    let mut skeleton = Skeleton::ZERO;
+    skeleton.positions = [[f32::INFINITY; 3]; SMPL_JOINTS];
+    let heard = Heard { state: Some(state), skeleton: Some(skeleton), ..Heard::default() };
+    assert!(encoded(&model, &heard).iter().all(|number| number.is_finite()));
+}
+
+#[test]
+fn the_scene_names_every_joint_capsule_and_shape() {
+    let model = model();
+    let told = scene(&model);
+    let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
+    assert_eq!((count("joints"), count("capsules")), (JOINTS, model.capsules.len()));
+    assert_eq!(count("shapes"), model.visuals().count());
+    assert!(count("shapes") > 10);
+    assert_eq!(told["modes"][Mode::Engaged as usize], Mode::Engaged.name());
+    assert_eq!(told["obstacles"].as_array().map(Vec::len), Some(model.obstacles.len()));
+}

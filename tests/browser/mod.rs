@@ -1,0 +1,175 @@
+//! A headless Chromium, driven by its DevTools protocol: pages as users see them.
+
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+
+/// Longest time for anything that must happen; software rendering on a busy machine is slow.
+const SOON: Duration = Duration::from_secs(30);
+/// Names of the browser, in the order of preference.
+const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome-headless-shell"];
+
+/// A browser with one page.
+pub struct Browser {
+    child: Child,
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    session: String,
+    asked: u64,
+    _told: BufReader<ChildStderr>,
+    _folder: tempfile::TempDir,
+}
+
+/// The program: that of TELEOPD_CHROMIUM, or one of the usual names in PATH.
+fn program() -> Option<PathBuf> {
+    if let Some(path) = std::env::var_os("TELEOPD_CHROMIUM") {
+        return Some(path.into());
+    }
+    let folders: Vec<_> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
+    PROGRAMS.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
+}
+
+impl Browser {
+    /// Opens `address`; none where there is no browser on this machine.
+    pub fn open(address: &str) -> Option<Self> {
+        let program = program()?;
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut child = Command::new(program)
+            .args(["--headless=new", "--remote-debugging-port=0", "--no-first-run", "--disable-gpu-sandbox"])
+            // Root may not use the sandbox; the page is our own. There is no graphics card: software renders.
+            .args(["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1280,800"])
+            .args(["--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"])
+            .arg(format!("--user-data-dir={}", folder.path().display()))
+            .arg("about:blank")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the browser starts");
+        let mut told = BufReader::new(child.stderr.take().expect("its messages"));
+        let mut line = String::new();
+        let door = loop {
+            line.clear();
+            assert!(told.read_line(&mut line).expect("its messages") > 0, "the browser ended before it listened");
+            if let Some((_, door)) = line.split_once("DevTools listening on ") {
+                break door.trim().to_owned();
+            }
+        };
+        let (socket, _) = tungstenite::connect(door).expect("its door");
+        let mut browser = Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder };
+        let target = browser.ask("Target.createTarget", &json!({ "url": address }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let session = browser.ask("Target.attachToTarget", &attach);
+        browser.session = session["sessionId"].as_str().expect("a session").to_owned();
+        Some(browser)
+    }
+
+    /// A request of the DevTools protocol, and its result.
+    pub fn ask(&mut self, method: &str, with: &Value) -> Value {
+        self.asked += 1;
+        let mut request = json!({ "id": self.asked, "method": method, "params": with });
+        if !self.session.is_empty() {
+            request["sessionId"] = json!(self.session);
+        }
+        self.socket.send(Message::text(request.to_string())).expect("the browser listens");
+        loop {
+            let Message::Text(text) = self.socket.read().expect("the browser answers") else { continue };
+            let answer: Value = serde_json::from_str(&text).expect("JSON");
+            if answer["id"] == self.asked {
+                assert!(answer.get("error").is_none(), "{method}: {answer}");
+                return answer["result"].clone();
+            }
+        }
+    }
+
+    /// What an expression is in the page.
+    pub fn evaluate(&mut self, expression: &str) -> Value {
+        let result = self.ask("Runtime.evaluate", &json!({ "expression": expression, "returnByValue": true }));
+        assert!(result.get("exceptionDetails").is_none(), "{expression}: {result}");
+        result["result"]["value"].clone()
+    }
+
+    /// Waits until an expression is true.
+    pub fn wait(&mut self, what: &str, expression: &str) {
+        let give_up = Instant::now() + SOON;
+        // Before the page is there, its parts are not.
+        let guarded = format!("(() => {{ try {{ return {expression}; }} catch {{ return false; }} }})()");
+        while self.evaluate(&guarded) != true {
+            if Instant::now() > give_up {
+                let shown = self.evaluate("document.body.innerText");
+                panic!("{what}: {expression} never was true; the page says {shown}");
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Presses and lets go a key.
+    pub fn press(&mut self, key: &str, code: &str) {
+        for kind in ["keyDown", "keyUp"] {
+            self.ask("Input.dispatchKeyEvent", &json!({ "type": kind, "key": key, "code": code }));
+        }
+    }
+
+    /// Presses the middle of the element that `selector` names, where a user would.
+    pub fn click(&mut self, selector: &str) {
+        let place = format!(
+            "(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); \
+             return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+        );
+        let place = self.evaluate(&place);
+        for kind in ["mousePressed", "mouseReleased"] {
+            let at = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
+            self.ask("Input.dispatchMouseEvent", &at);
+        }
+    }
+
+    /// How many pixels of a picture have about this colour, whatever light falls on it.
+    pub fn count_pixels(&mut self, picture: &str, near: [u8; 3]) -> u64 {
+        let expression = format!(
+            "(async () => {{ const image = new Image(); image.src = 'data:image/png;base64,{picture}'; await image.decode(); \
+             const canvas = new OffscreenCanvas(image.width, image.height), pen = canvas.getContext('2d'); \
+             pen.drawImage(image, 0, 0); const all = pen.getImageData(0, 0, image.width, image.height).data; let n = 0; \
+             const near = {near:?}, size = Math.hypot(...near); \
+             for (let i = 0; i < all.length; i += 4) {{ const own = Math.hypot(all[i], all[i + 1], all[i + 2]); \
+             const same = (all[i] * near[0] + all[i + 1] * near[1] + all[i + 2] * near[2]) / (own * size); \
+             if (own > 60 && same > 0.98) n += 1; }} return n; }})()"
+        );
+        let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let result = self.ask("Runtime.evaluate", &with);
+        result["result"]["value"].as_u64().unwrap_or_else(|| panic!("no count: {result}"))
+    }
+
+    /// The page as a PNG, in base64.
+    pub fn screenshot(&mut self) -> String {
+        let shot = self.ask("Page.captureScreenshot", &json!({ "format": "png" }));
+        shot["data"].as_str().expect("a picture").to_owned()
+    }
+}
+
+/// The bytes of a picture in base64.
+pub fn bytes_of(picture: &str) -> Vec<u8> {
+    let value = |letter: u8| match letter {
+        b'A'..=b'Z' => letter - b'A',
+        b'a'..=b'z' => letter - b'a' + 26,
+        b'0'..=b'9' => letter - b'0' + 52,
+        b'+' => 62,
+        _ => 63,
+    };
+    let letters: Vec<u8> = picture.bytes().filter(|&letter| letter != b'=').map(value).collect();
+    let bytes = letters.chunks(4).flat_map(|four| {
+        let bits = four.iter().enumerate().fold(0, |bits, (n, &six)| bits | u32::from(six) << (18 - 6 * n));
+        bits.to_be_bytes()[1..four.len()].to_vec()
+    });
+    bytes.collect()
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

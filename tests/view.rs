@@ -1,0 +1,269 @@
+//! The page on the loopback, against the real processes: as a program sees it, and in a browser where there is one.
+
+mod browser;
+mod rig;
+
+use browser::Browser;
+use messages::Mode;
+use rig::{Rig, SOON, assert_no_violations, config};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+
+/// `teleopd view` of an instance.
+struct Viewer {
+    child: Child,
+    address: String,
+    _told: BufReader<ChildStdout>,
+}
+
+impl Viewer {
+    fn of(rig: &Rig) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+            .args(["view", "--port", "0", "--config"])
+            .arg(config())
+            .arg("--run-dir")
+            .arg(rig.folder())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("it starts");
+        let mut told = BufReader::new(child.stdout.take().expect("its words"));
+        let mut line = String::new();
+        told.read_line(&mut line).expect("its words");
+        let address = line.trim().split(' ').next_back().expect("an address").to_owned();
+        assert!(address.starts_with("http://127.0.0.1:"), "{line}");
+        Self { child, address, _told: told }
+    }
+
+    fn host(&self) -> &str {
+        self.address["http://".len()..].split('/').next().expect("a host")
+    }
+
+    fn token(&self) -> &str {
+        self.address.split('#').next_back().expect("a token")
+    }
+
+    /// The answer to a request as it is.
+    fn raw(&self, request: &str) -> String {
+        let mut stream = TcpStream::connect(self.host()).expect("it listens");
+        stream.set_read_timeout(Some(SOON)).unwrap();
+        stream.write_all(request.as_bytes()).expect("it reads");
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    fn get(&self, path: &str) -> String {
+        self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {}\r\n\r\n", self.host()))
+    }
+
+    fn page(&self) -> Page {
+        let mut request = format!("ws://{}/live?token={}", self.host(), self.token()).into_client_request().unwrap();
+        request.headers_mut().insert("origin", format!("http://{}", self.host()).parse().unwrap());
+        let (socket, _) = tungstenite::connect(request).expect("our page is let in");
+        Page { socket }
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A page without a browser.
+struct Page {
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+}
+
+impl Page {
+    fn ask(&mut self, what: &str) {
+        self.socket.send(Message::text(json!({ "do": what }).to_string())).expect("the server listens");
+    }
+
+    /// The next text of this kind.
+    fn told(&mut self, kind: &str) -> Value {
+        loop {
+            if let Message::Text(text) = self.socket.read().expect("the server tells") {
+                let told: Value = serde_json::from_str(&text).expect("JSON");
+                if told["tell"] == kind {
+                    return told;
+                }
+            }
+        }
+    }
+
+    /// The next frame, as numbers.
+    fn frame(&mut self) -> Vec<f32> {
+        loop {
+            if let Message::Binary(bytes) = self.socket.read().expect("the server tells") {
+                return bytes.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
+            }
+        }
+    }
+
+    /// Reads until a frame is in this mode, and keeps the enable pressed where it is meant to be.
+    fn until(&mut self, mode: Mode, keep: bool) {
+        let (give_up, mut kept) = (Instant::now() + SOON, Instant::now());
+        while self.frame()[2] != mode as u32 as f32 {
+            assert!(Instant::now() < give_up, "never {}", mode.name());
+            if keep && kept.elapsed() > Duration::from_millis(100) {
+                kept = Instant::now();
+                self.ask("keep");
+            }
+        }
+    }
+}
+
+fn first_line(answer: &str) -> &str {
+    answer.lines().next().unwrap_or("")
+}
+
+#[test]
+fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
+    let mut rig = Rig::whole();
+    let _client = rig.client(&motion::builtin(), 1);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    let mut page = viewer.page();
+    let scene = page.told("scene");
+    assert_eq!(scene["joints"].as_array().map(Vec::len), Some(17));
+    assert!(page.frame().len() > 500);
+    // Keeping what was never pressed presses nothing.
+    page.ask("keep");
+    page.until(Mode::Disengaged, false);
+    page.ask("engage");
+    assert_eq!(page.told("hand")["held"], true);
+    page.until(Mode::Engaged, true);
+    // Silence: what was held is let go, and the page is told.
+    let told = page.told("hand");
+    assert_eq!(
+        (&told["held"], told["text"].as_str().is_some_and(|text| text.contains("silent"))),
+        (&json!(false), true)
+    );
+    hand.wait_mode(Mode::Disengaged);
+    // And what is kept late engages nothing.
+    for _ in 0..30 {
+        page.ask("keep");
+        page.frame();
+    }
+    assert_eq!(hand.mode(), Some(Mode::Disengaged));
+    page.ask("engage");
+    page.until(Mode::Engaged, true);
+    // A page that is gone is a hand that is gone.
+    drop(page);
+    hand.wait_mode(Mode::Disengaged);
+    let mut page = viewer.page();
+    page.ask("stop");
+    hand.wait_mode(Mode::Faulted);
+    page.until(Mode::Faulted, false);
+    page.ask("reset");
+    hand.wait_mode(Mode::Disengaged);
+    // Refused, in words: the enable finds nobody to follow.
+    drop(_client);
+    std::thread::sleep(Duration::from_millis(300));
+    page.ask("engage");
+    assert_eq!(page.told("hand")["held"], true);
+    let mut told = page.told("hand");
+    while told["held"] == true {
+        page.ask("keep");
+        told = page.told("hand");
+    }
+    drop(page);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
+    let rig = Rig::empty();
+    let viewer = Viewer::of(&rig);
+    let (host, token) = (viewer.host(), viewer.token());
+    let upgrade = |host: &str, path: &str, origin: &str| {
+        let key = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==";
+        viewer.raw(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n{origin}{key}\r\n\r\n"))
+    };
+    let own = format!("Origin: http://{host}\r\n");
+    let wrong = "0".repeat(token.len());
+    for (host, path, origin, what) in [
+        (host, "/live".to_owned(), own.as_str(), "no token"),
+        (host, format!("/live?token={wrong}"), own.as_str(), "a wrong token"),
+        (host, format!("/live?token={}", &token[1..]), own.as_str(), "a part of the token"),
+        (host, format!("/live?token={token}"), "Origin: http://example.com\r\n", "another origin"),
+        (host, format!("/live?token={token}"), "Origin: null\r\n", "a file"),
+        (host, format!("/live?token={token}"), "", "no origin"),
+        ("example.com", format!("/live?token={token}"), own.as_str(), "another name of this server"),
+    ] {
+        let answer = upgrade(host, &path, origin);
+        assert_eq!(first_line(&answer), "HTTP/1.1 403 Forbidden", "{what}: {answer}");
+    }
+    let page = viewer.get("/");
+    assert!(page.starts_with("HTTP/1.1 200") && page.contains("default-src 'none'"), "{page}");
+    assert!(!page.contains(token), "the page itself is for anybody on this machine");
+    assert_eq!(first_line(&viewer.get("/../Cargo.toml")), "HTTP/1.1 404 Not Found");
+    assert_eq!(
+        first_line(&viewer.raw(&format!("POST / HTTP/1.1\r\nHost: {host}\r\n\r\n"))),
+        "HTTP/1.1 405 Method Not Allowed"
+    );
+    // Garbage, and a header without end: closed without an answer.
+    assert_eq!(viewer.raw("\0\x01\x02\r\n\r\n"), "");
+    assert_eq!(viewer.raw(&"a".repeat(20_000)), "");
+    // What is not of our page ends the connection.
+    for bad in ["{\"do\":\"dance\"}", "[]", "{\"do\":\"stop\",\"more\":1}", &"x".repeat(5000)] {
+        let mut page = viewer.page();
+        page.told("scene");
+        page.socket.send(Message::text(bad)).unwrap();
+        while page.socket.read().is_ok() {}
+    }
+    assert!(viewer.page().told("scene").is_object(), "it serves on");
+}
+
+#[test]
+fn in_a_browser_the_robot_moves_and_space_stops_it() {
+    let mut rig = Rig::whole();
+    let _client = rig.client(&motion::builtin(), 1);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    let Some(mut browser) = Browser::open(&viewer.address) else {
+        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+    };
+    browser.wait("it is connected", "document.getElementById('mode').textContent === 'Disengaged'");
+    browser.wait("it draws", "window.teleopd.drawn() > 3");
+    let posture = "Array.from(window.teleopd.frame().q.measured)";
+    let before = browser.evaluate(posture);
+    browser.click("#engage");
+    browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
+    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    browser.wait(
+        "the robot moves",
+        &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
+    );
+    let picture = browser.screenshot();
+    if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
+        std::fs::write(file, browser::bytes_of(&picture)).expect("the picture");
+    }
+    // What is in the picture, by colour: the person, the robot, the button that stops.
+    for (what, near, least) in
+        [("person", [201, 106, 0], 1000), ("robot", [43, 98, 168], 5000), ("stop", [192, 24, 43], 10_000)]
+    {
+        let seen = browser.count_pixels(&picture, near);
+        assert!(seen > least, "{what}: {seen} pixels of its colour");
+    }
+    // With the focus on a button, too: Space is never the button's.
+    browser.evaluate("document.getElementById('engage').focus()");
+    browser.press(" ", "Space");
+    hand.wait_mode(Mode::Faulted);
+    browser.wait("it says so", "document.getElementById('mode').textContent === 'Faulted'");
+    browser.wait("it says why", "/emergency/i.test(document.getElementById('why').textContent)");
+    browser.wait("it is let go", "document.getElementById('engage').getAttribute('aria-pressed') === 'false'");
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
