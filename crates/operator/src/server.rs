@@ -16,7 +16,7 @@ use std::path::Path;
 /// waits in the kernel.
 const REQUESTS_MAX: usize = 8;
 
-/// Age of the last request at which a connection may be put out if a new one finds no place: ten heartbeats.
+/// Age of the last request from which a connection counts as forgotten: ten heartbeats.
 const IDLE_NS: u64 = 200_000_000;
 
 /// Orders that are kept until they are taken; more are only counted.
@@ -86,18 +86,26 @@ impl Server {
     /// to. `now` is the time of CLOCK_MONOTONIC.
     pub fn poll(&mut self, now: Stamp, status: &Status) -> OperatorView {
         self.merge.begin(now, self.lease_ns);
-        self.accept(now);
         let mut reply = *status;
         reply.operators = self.connections();
-        let reply = codec::encode_status(&reply);
+        if reply.operators as usize == CLIENTS_MAX {
+            // Who may lose his place has been heard before.
+            self.serve_all(now, &codec::encode_status(&reply));
+        }
+        self.accept(now);
+        reply.operators = self.connections();
+        self.serve_all(now, &codec::encode_status(&reply));
+        self.merge.view.connections = self.connections();
+        self.merge.view
+    }
+
+    fn serve_all(&mut self, now: Stamp, reply: &[u8]) {
         for index in 0..CLIENTS_MAX {
-            if !self.serve(index, now, &reply) {
+            if !self.serve(index, now, reply) {
                 self.clients[index] = None;
                 self.merge.gone(index);
             }
         }
-        self.merge.view.connections = self.connections();
-        self.merge.view
     }
 
     /// Hands out what was done since the last time, and by whom.
@@ -117,6 +125,7 @@ impl Server {
 
     /// Takes what waits at the door; at most one full house per poll.
     fn accept(&mut self, now: Stamp) {
+        let mut may_displace = true;
         for _ in 0..CLIENTS_MAX {
             match self.listener.accept() {
                 None => return,
@@ -124,7 +133,7 @@ impl Server {
                     self.merge.view.connections_refused += 1;
                     self.note(Deed::Forbidden, peer);
                 }
-                Some(Admission::Admitted(socket, peer)) => match self.free_place(now) {
+                Some(Admission::Admitted(socket, peer)) => match self.place(now, &mut may_displace) {
                     Some(index) => {
                         self.clients[index] = Some((socket, peer, Seat::new(now)));
                         self.note(Deed::Connected, peer);
@@ -135,16 +144,20 @@ impl Server {
         }
     }
 
-    /// A free place, if need be that of the connection that has been silent longest: sixteen forgotten clients must not
-    /// keep an emergency stop out.
-    fn free_place(&mut self, now: Stamp) -> Option<usize> {
+    /// A free place, if need be that of the connection that has been silent longest: sixteen others must not keep an
+    /// emergency stop out. Who holds keeps his place. Of those who are alive at most one loses his in a poll, so that a
+    /// crowd cannot put out who has just come before he is heard.
+    fn place(&self, now: Stamp, may_displace: &mut bool) -> Option<usize> {
         if let Some(index) = self.clients.iter().position(Option::is_none) {
             return Some(index);
         }
         let silent = |index: usize| self.clients[index].as_ref().map_or(0, |(_, _, seat)| now.since(seat.heard));
-        (0..CLIENTS_MAX)
-            .filter(|&index| self.merge.holder != Some(index) && silent(index) > IDLE_NS)
-            .max_by_key(|&index| silent(index))
+        let others = (0..CLIENTS_MAX).filter(|&index| self.merge.holder != Some(index));
+        let index = others.max_by_key(|&index| silent(index))?;
+        if silent(index) > IDLE_NS {
+            return Some(index);
+        }
+        std::mem::take(may_displace).then_some(index)
     }
 
     /// Takes the requests of one connection; `false` if it is gone or makes no sense.

@@ -207,23 +207,43 @@ fn nonsense_is_refused_counted_and_disconnected() {
 }
 
 #[test]
-fn a_full_house_keeps_its_talkers_and_gives_the_place_of_the_silent() {
+fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder() {
     let mut house = House::new();
     let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
     clients.iter_mut().for_each(|client| client.say(|_| {}));
     clients[0].press();
     assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
-    let mut late = house.raw();
-    late.say(|r| r.estop_count += 1);
-    let view = house.poll();
-    assert_eq!((view.connections_refused, view.estop_edges), (1, 0), "all others are alive");
-    house.now = Stamp(house.now.0 + 1_000_000_000);
-    clients[1..].iter_mut().skip(1).for_each(|client| client.say(|_| {}));
+    // Fifteen that talk all the time keep no emergency stop out, and what the displaced one said last counts.
+    house.now = Stamp(house.now.0 + 20_000_000);
+    clients.iter_mut().skip(2).for_each(|client| client.say(|_| {}));
     house.poll();
+    house.now = Stamp(house.now.0 + 10_000_000);
+    clients[1].say(|r| r.reset_count += 1);
     let mut late = house.raw();
     late.say(|r| r.estop_count += 1);
     let view = house.poll();
-    assert_eq!((view.connections, view.estop_edges), (CLIENTS_MAX as u32, 1), "a silent one made place");
+    let seen = (view.connections, view.connections_refused, view.estop_edges, view.reset_edges, view.enable_level);
+    assert_eq!(seen, (CLIENTS_MAX as u32, 0, 1, 1, true));
+    // Of a crowd at the door one comes in, and is heard.
+    let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
+    crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
+    let view = house.poll();
+    assert_eq!((view.connections_refused, view.estop_edges, view.enable_level), (7, 2, true));
+}
+
+#[test]
+fn the_forgotten_go_first_and_as_many_as_there_are() {
+    let mut house = House::new();
+    let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
+    clients.iter_mut().for_each(|client| client.say(|_| {}));
+    house.poll();
+    house.now = Stamp(house.now.0 + 1_000_000_000);
+    clients.iter_mut().skip(3).for_each(|client| client.say(|_| {}));
+    house.poll();
+    let mut crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
+    crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
+    let view = house.poll();
+    assert_eq!((view.connections, view.connections_refused, view.estop_edges), (CLIENTS_MAX as u32, 0, 3));
 }
 
 #[test]
