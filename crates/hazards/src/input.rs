@@ -61,6 +61,6 @@ pub(crate) const TIMING: &[Hazard] = &[
         "0 dropped in a day of 500 ppm",
     ),
     does("f030", "the clock of the day is set", "nothing: only the monotonic clock is read", "0 missed ticks"),
-    does("f031", "the machine sleeps", "stop, latched", "1 tick after it wakes + B"),
+    does("f031", "the machine sleeps", "stop, latched", "4 ticks after it wakes + B"),
     does("f032", "a counter wraps", "goes on: numbers are compared modulo 2^64", "0 frames lost"),
 ];

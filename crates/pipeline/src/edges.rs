@@ -41,6 +41,11 @@ impl OperatorEdges {
         self.now.recover_level = false;
     }
 
+    /// Something here found a reason to stop at once: as if an operator had pressed the emergency stop.
+    pub fn stop(&mut self) {
+        self.now.estop_edge = true;
+    }
+
     /// The view for this tick; its edges are gone afterwards.
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;

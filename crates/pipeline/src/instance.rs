@@ -1,5 +1,7 @@
 //! Where an instance of teleopd lives: its folder, its operator socket, its two shared-memory domains.
 
+use std::fs::OpenOptions;
+use std::io::Write;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +19,7 @@ impl Instance {
     /// The instance whose folder is `run_dir`, created if missing with mode 0751: other users may pass through to a socket
     /// whose name they know, and see nothing else. The path is made absolute so that processes started elsewhere agree on
     /// it. Refused is a folder in which another user could put or replace something: one that belongs to neither this user
-    /// nor root, that others may write to, or that is a link of another user.
+    /// nor root, that others or another group may write to, or that is a link of another user.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
         if !run_dir.exists() {
             std::fs::create_dir_all(run_dir)?;
@@ -91,17 +93,33 @@ impl Instance {
     }
 }
 
+/// Writes a file of the instance in place of whatever has its name: a link there is replaced, not followed. The file is
+/// there whole or not at all.
+pub fn write_anew(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}", std::process::id()));
+    let beside = path.with_file_name(name);
+    // Left by a process of the same number that was killed.
+    let _ = std::fs::remove_file(&beside);
+    let written =
+        OpenOptions::new().write(true).create_new(true).open(&beside).and_then(|mut file| file.write_all(bytes));
+    written.and_then(|()| std::fs::rename(&beside, path)).inspect_err(|_| _ = std::fs::remove_file(&beside))
+}
+
 /// Whether the folder, and the link that leads to it, are this user's or root's alone.
 fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
-    let own_uid = rustix::process::geteuid().as_raw();
+    let (own_uid, own_gid) = (rustix::process::geteuid().as_raw(), rustix::process::getegid().as_raw());
     for (found, what) in [(run_dir.symlink_metadata()?, "link"), (run_dir.metadata()?, "folder")] {
         let (uid, mode) = (found.uid(), found.mode() & 0o7777);
         if uid != own_uid && uid != 0 {
             let text = format!("the {what} belongs to user {uid}, who could put sockets of its own there");
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
-        if found.is_dir() && mode & 0o002 != 0 {
-            let text = format!("other users may write to the {what} (mode {mode:04o}): chmod o-w, or another folder");
+        // The group of a user of his own, as most systems give him one, is no other user.
+        let group = mode & 0o020 != 0 && found.gid() != own_gid;
+        if found.is_dir() && (mode & 0o002 != 0 || group) {
+            let (who, right) = if group { ("members of another group", "g-w") } else { ("other users", "o-w") };
+            let text = format!("{who} may write to the {what} (mode {mode:04o}): chmod {right}, or another folder");
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
     }
@@ -135,5 +153,39 @@ mod tests {
         chown(&place, Some(65534), None).unwrap();
         let error = Instance::new(&place).unwrap_err().to_string();
         assert!(error.contains("belongs to user 65534"), "{error}");
+    }
+
+    #[test]
+    fn f110_a_link_in_place_of_a_file_is_replaced_and_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (precious, file) = (folder.path().join("precious"), folder.path().join("names.json"));
+        std::fs::write(&precious, "mine").unwrap();
+        symlink(&precious, &file).unwrap();
+        write_anew(&file, b"names").unwrap();
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "mine");
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "names");
+        assert!(!file.symlink_metadata().unwrap().is_symlink());
+        // A folder in the way is no file, and nothing is left beside it.
+        let taken = folder.path().join("taken");
+        std::fs::create_dir(&taken).unwrap();
+        assert!(write_anew(&taken, b"x").is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn f110_a_folder_in_which_another_group_may_write_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |mode| std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(mode)).unwrap();
+        mode(0o770);
+        Instance::new(folder.path()).expect("the group is ours");
+        if !rustix::process::geteuid().is_root() {
+            return println!("skipped: only root can make folders of another group");
+        }
+        chown(folder.path(), None, Some(65534)).unwrap();
+        mode(0o2770);
+        let error = Instance::new(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("another group") && error.contains("chmod g-w"), "{error}");
+        mode(0o750);
+        Instance::new(folder.path()).expect("they may only look");
     }
 }

@@ -26,7 +26,7 @@ pub use control::{
 pub use cores::Cores;
 pub use edges::OperatorEdges;
 pub use input::{InputConfig, InputState, input_tick};
-pub use instance::{DEFAULT_RUN_DIR, Instance};
+pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};

@@ -33,7 +33,7 @@ impl Names {
 
     /// Leaves them in the folder of an instance.
     pub fn write(&self, run_dir: &Path) -> std::io::Result<()> {
-        std::fs::write(run_dir.join(FILE), serde_json::to_vec_pretty(self)?)
+        crate::write_anew(&run_dir.join(FILE), &serde_json::to_vec_pretty(self)?)
     }
 
     /// Those that the instance's `control` has left; none where it has not, and then indices are shown.

@@ -5,11 +5,54 @@ use messages::Stamp;
 
 /// The current instant of CLOCK_MONOTONIC in nanoseconds; answered by the vDSO, without a system call.
 pub fn now() -> Stamp {
+    Stamp(read(libc::CLOCK_MONOTONIC))
+}
+
+fn read(clock: libc::clockid_t) -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: `time` is a valid, writable timespec for the whole call.
-    let rc = unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut time) };
-    assert_eq!(rc, 0, "CLOCK_MONOTONIC exists on every Linux");
-    Stamp(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64)
+    let rc = unsafe { libc::clock_gettime(clock, &mut time) };
+    assert_eq!(rc, 0, "CLOCK_MONOTONIC and CLOCK_BOOTTIME exist on every Linux");
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// Shorter sleeps of the machine are not noticed, ns: no machine is suspended and back in less, and clocks that are read one
+/// after the other differ by less where nothing comes between.
+const SLEEP_MIN_NS: u64 = 50_000_000;
+
+/// Notices that the machine was suspended: CLOCK_BOOTTIME goes on then, and CLOCK_MONOTONIC, by which everything here is
+/// timed, does not. A process that alone stands still is not meant, nor noticed.
+#[derive(Debug)]
+pub struct SleepWatch {
+    /// By how much CLOCK_BOOTTIME is ahead, ns, at most.
+    ahead_ns: u64,
+}
+
+impl Default for SleepWatch {
+    fn default() -> Self {
+        Self { ahead_ns: read(libc::CLOCK_BOOTTIME).saturating_sub(now().0) }
+    }
+}
+
+impl SleepWatch {
+    /// For how long the machine slept since the last time, ns; zero if it did not.
+    pub fn slept_ns(&mut self) -> u64 {
+        let before = now();
+        let boot_ns = read(libc::CLOCK_BOOTTIME);
+        self.judge(before, boot_ns, now())
+    }
+
+    /// `boot_ns` was read between the two stamps: whatever time passed there, by this much it is ahead at least, and at most.
+    fn judge(&mut self, before: Stamp, boot_ns: u64, after: Stamp) -> u64 {
+        let (least_ns, most_ns) = (boot_ns.saturating_sub(after.0), boot_ns.saturating_sub(before.0));
+        let slept_ns = least_ns.saturating_sub(self.ahead_ns);
+        if slept_ns < SLEEP_MIN_NS {
+            self.ahead_ns = self.ahead_ns.min(most_ns);
+            return 0;
+        }
+        self.ahead_ns = most_ns;
+        slept_ns
+    }
 }
 
 /// Sleeps until `deadline` (absolute, so no drift); returns at once if it has passed. A signal does not shorten it.
@@ -46,6 +89,23 @@ mod tests {
         std::thread::sleep(std::time::Duration::from_millis(5));
         let (elapsed, ours) = (start.elapsed().as_nanos() as u64, now().since(a));
         assert!(ours >= elapsed, "{ours} ns by our clock, at least {elapsed} ns by the library's");
+    }
+
+    #[test]
+    fn f031_a_machine_that_slept_is_told_from_a_process_that_stood_still() {
+        let mut watch = SleepWatch { ahead_ns: 1_000 };
+        assert_eq!(watch.judge(Stamp(5_000), 6_100, Stamp(5_200)), 0);
+        // The process stood still for a second: between two looks, before the other clock was read, and after.
+        assert_eq!(watch.judge(Stamp(1_000_005_000), 1_000_006_100, Stamp(1_000_005_200)), 0);
+        assert_eq!(watch.judge(Stamp(1_000_006_000), 2_000_007_000, Stamp(2_000_006_200)), 0);
+        assert_eq!(watch.judge(Stamp(2_000_007_000), 2_000_008_000, Stamp(3_000_008_000)), 0);
+        // The machine slept for a minute; once told, it is over.
+        let minute = 60_000_000_000;
+        let slept = watch.judge(Stamp(3_000_009_000), 3_000_010_000 + minute, Stamp(3_000_009_100));
+        assert!(slept.abs_diff(minute) < 2_000, "{slept}");
+        assert_eq!(watch.judge(Stamp(3_000_019_000), 3_000_020_000 + minute, Stamp(3_000_019_100)), 0);
+        let mut real = SleepWatch::default();
+        assert!((0..1000).all(|_| real.slept_ns() == 0));
     }
 
     #[test]

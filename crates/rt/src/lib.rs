@@ -25,7 +25,7 @@ pub use allocation::{
     watch_allocations,
 };
 pub use children::{die_with_parent, resume, suspend, terminate};
-pub use clock::{now, sleep_until};
+pub use clock::{SleepWatch, now, sleep_until};
 pub use cpu_time::cpu_time_ns;
 pub use denormals::flush_denormals;
 pub use error::RtError;

@@ -10,6 +10,7 @@ use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
 use operator::{Deed, OperatorError, Order, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
+use rt::SleepWatch;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
@@ -48,6 +49,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         next_k: 0,
         target: None,
         timeline: Timeline::new(),
+        sleep: SleepWatch::default(),
         following: Following::new(),
         server,
         names,
@@ -81,6 +83,7 @@ struct Control {
     target: Option<JointTarget>,
     status: Status,
     timeline: Timeline,
+    sleep: SleepWatch,
     following: Following,
 }
 
@@ -204,11 +207,21 @@ impl Control {
         if k.is_multiple_of(SERVE_EVERY) {
             let view = self.server.poll(rt::now(), &self.status);
             self.edges.note(&view);
+            self.look_for_sleep(k);
             let probe = &mut self.process.probe;
             probe.counters().set(Counter::Refused, view.connections_refused + view.requests_refused);
             self.server.take_orders(|Order { deed, peer }| {
                 probe.event(Event::Order { what: deed_name(deed), uid: peer.uid, pid: peer.pid });
             });
+        }
+    }
+
+    /// While the machine slept, the person, the robot and who stands beside it went on: what followed then follows no more.
+    fn look_for_sleep(&mut self, k: u64) {
+        let slept_ns = self.sleep.slept_ns();
+        if slept_ns > 0 {
+            self.process.stood_still(k, slept_ns);
+            self.edges.stop();
         }
     }
 

@@ -159,9 +159,14 @@ impl Process {
         if ns <= OLD_NS {
             return false;
         }
+        self.stood_still(k, ns);
+        true
+    }
+
+    /// The process stood still, or the machine slept: counted and logged.
+    pub fn stood_still(&mut self, k: u64, ns: u64) {
         self.probe.counters().add(Counter::Gaps, 1);
         self.probe.event(Event::Gap { k, ns });
-        true
     }
 
     /// Notes that `count` indices of the grid were skipped.
@@ -195,7 +200,7 @@ impl Process {
         telemetry["realtime"] = json!(self.realtime.lines());
         figures["telemetry"] = telemetry;
         let path = self.instance.report(self.name);
-        std::fs::write(&path, figures.to_string())
+        pipeline::write_anew(&path, figures.to_string().as_bytes())
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", path.display())))
     }
 }
