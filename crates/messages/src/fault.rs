@@ -106,7 +106,7 @@ faults! {
     OperatorSilent: Release, 1, "The enable heartbeat stopped or its client went away.";
     WriterRestarted: Release, 1, "A process upstream restarted.";
     HoldTimeout: Release, 1, "Holding lasted too long.";
-    EmergencyStop: Stop, 1, "An operator pressed the emergency stop.";
+    EmergencyStop: Stop, 1, "The emergency stop was pressed, by an operator or at the robot.";
     StateStale: Stop, 1, "The robot state stopped arriving.";
     FeedbackInvalid: Stop, 1, "What the robot measures cannot be: it jumps, stands still on the way, or goes the other way.";
     TrackingError: Stop, 1, "The robot does not follow its command.";

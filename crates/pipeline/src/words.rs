@@ -1,10 +1,13 @@
 //! What happened, and why the robot does not move, in sentences for the operator: the fault, the joint or the pair is named.
 
 use crate::Names;
-use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
+use messages::{FAULTS, Fault, Faults, Mode, Response, Stamp, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 
 /// Transitions that a status keeps.
 const KEPT: u32 = TRANSITIONS_KEPT as u32;
+
+/// A target this old is one of a `retarget` that stands still, ms: 1500 come in a second.
+const TARGET_SILENT_MS: f64 = 50.0;
 
 /// How grave a sentence is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -123,6 +126,8 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         let (pair, clearance_mm) = (names.pair(status.nearest_pair_measured), status.clearance_measured_m * 1e3);
         format!("{pair} are {clearance_mm:.1} mm apart")
     };
+    let never = status.target_stamp == Stamp::NONE;
+    let silent_ms = if never { 0.0 } else { status.header.stamp.since(status.target_stamp) as f64 * 1e-6 };
     match (fault, status.joint_outside.checked_sub(1)) {
         (Fault::StartOutsideLimits, Some(joint)) => {
             let joint = joint as usize;
@@ -133,7 +138,12 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover takes them apart.", measured_pair()),
         (Fault::CollisionNear, _) => format!("{meaning} {}.", measured_pair()),
         (Fault::GateDenied, _) => format!("{meaning} {} are nearest.", names.pair(status.nearest_pair)),
-        (Fault::TrackingError, _) => format!("{meaning} The largest error is {:.4}.", status.tracking_error),
+        (Fault::TrackingError, _) => format!("{meaning} The largest error is {:.4} rad or m.", status.tracking_error),
+        (Fault::InputStale, _) if silent_ms > TARGET_SILENT_MS => {
+            format!(
+                "{meaning} Nor has `retarget` sent a target for {silent_ms:.0} ms: nothing is known of the skeletons."
+            )
+        }
         _ => meaning.into(),
     }
 }

@@ -54,11 +54,23 @@ const RESET_PENDING_NS: u64 = 100_000_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Disengaged,
-    Engaging { elapsed_ns: u64, settled_ns: u64 },
+    Engaging {
+        elapsed_ns: u64,
+        settled_ns: u64,
+    },
     Engaged,
-    Holding { elapsed_ns: u64, resumable: bool },
-    Faulted { cause: Fault, reset_pending_ns: Option<u64> },
-    Recovering { blocked_ns: u64 },
+    /// `ended` says why it cannot resume any more, in the words of the transition that follows.
+    Holding {
+        elapsed_ns: u64,
+        ended: Option<u32>,
+    },
+    Faulted {
+        cause: Fault,
+        reset_pending_ns: Option<u64>,
+    },
+    Recovering {
+        blocked_ns: u64,
+    },
 }
 
 impl Phase {
@@ -66,8 +78,8 @@ impl Phase {
         Self::Engaging { elapsed_ns: 0, settled_ns: 0 }
     }
 
-    const fn holding(resumable: bool) -> Self {
-        Self::Holding { elapsed_ns: 0, resumable }
+    const fn holding(ended: Option<u32>) -> Self {
+        Self::Holding { elapsed_ns: 0, ended }
     }
 
     const fn mode(self) -> Mode {
@@ -146,7 +158,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     let mode = ModeView {
         has_authority: match before {
             Phase::Engaging { .. } | Phase::Engaged | Phase::Recovering { .. } => true,
-            Phase::Holding { resumable, .. } => resumable,
+            Phase::Holding { ended, .. } => ended.is_none(),
             Phase::Disengaged | Phase::Faulted { .. } => false,
         },
         hold_expired: matches!(before, Phase::Holding { elapsed_ns, .. } if elapsed_ns >= config.hold_timeout_ns),
@@ -236,7 +248,7 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
             withdrawn.unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
         }
         Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
-        Phase::Holding { elapsed_ns, resumable } => holding(input, active, elapsed_ns, resumable),
+        Phase::Holding { elapsed_ns, ended } => holding(input, active, elapsed_ns, ended),
         Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
         Phase::Recovering { blocked_ns } => recovery::next(input, active, blocked_ns),
     }
@@ -267,13 +279,15 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
 
 /// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
 fn withdrawn(input: &Input, active: Faults) -> Option<(Phase, u32)> {
+    // The reason is told now; at rest there is no other.
+    let ended = Some(Transition::AT_REST);
     if let Some(fault) = active.of(Response::Release).iter().next() {
-        return Some((Phase::holding(known_bug!(StrangerResumes)), fault as u32));
+        return Some((Phase::holding(ended.filter(|_| !known_bug!(StrangerResumes))), fault as u32));
     }
     if let Some(fault) = active.of(Response::Hold).iter().next() {
-        return Some((Phase::holding(!released(input)), fault as u32));
+        return Some((Phase::holding(released(input).then_some(Transition::RELEASED)), fault as u32));
     }
-    released(input).then_some((Phase::holding(false), Transition::RELEASED))
+    released(input).then_some((Phase::holding(ended), Transition::RELEASED))
 }
 
 fn released(input: &Input) -> bool {
@@ -295,20 +309,20 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
     }
 }
 
-fn holding(input: &Input, active: Faults, elapsed_ns: u64, resumable: bool) -> (Phase, u32) {
+fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>) -> (Phase, u32) {
     let elapsed_ns = elapsed_ns.saturating_add(charged_ns(input.own_gap_ns));
     let released = released(input) && !known_bug!(ResumesWithoutEnable);
-    let resumable = resumable && !released && active.of(Response::Release).is_empty();
-    if !input.motion.at_rest {
-        (Phase::Holding { elapsed_ns, resumable }, 0)
-    } else if !resumable {
-        let expired = active.has(Fault::HoldTimeout);
-        (Phase::Disengaged, if expired { Fault::HoldTimeout as u32 } else { Transition::AT_REST })
-    } else if active.is_empty() {
-        let elapsed_ns = if known_bug!(RampForgottenOnResume) { u64::MAX } else { 0 };
-        (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
-    } else {
-        (Phase::Holding { elapsed_ns, resumable }, 0)
+    let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
+    let ended = ended.or(if released { Some(Transition::RELEASED) } else { fault() });
+    match ended {
+        _ if !input.motion.at_rest => (Phase::Holding { elapsed_ns, ended }, 0),
+        Some(_) if active.has(Fault::HoldTimeout) => (Phase::Disengaged, Fault::HoldTimeout as u32),
+        Some(why) => (Phase::Disengaged, why),
+        None if active.is_empty() => {
+            let elapsed_ns = if known_bug!(RampForgottenOnResume) { u64::MAX } else { 0 };
+            (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
+        }
+        None => (Phase::Holding { elapsed_ns, ended }, 0),
     }
 }
 

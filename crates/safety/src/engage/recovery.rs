@@ -37,10 +37,10 @@ pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u3
     let minded = minded(active);
     let withdrawn = minded.of(Response::Release).iter().next().or_else(|| minded.of(Response::Hold).iter().next());
     if let Some(fault) = withdrawn {
-        return (Phase::holding(false), fault as u32);
+        return (Phase::holding(Some(Transition::AT_REST)), fault as u32);
     }
     if input.operator.release_edge || !input.operator.recover_level {
-        return (Phase::holding(false), Transition::RELEASED);
+        return (Phase::holding(Some(Transition::AT_REST)), Transition::RELEASED);
     }
     if !input.motion.at_rest {
         return (Phase::Recovering { blocked_ns: 0 }, 0);
