@@ -11,12 +11,32 @@ use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Way};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// One instance at a time: four real-time processes are enough for a small machine.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+/// Instances at a time: four real-time processes each are enough for a small machine.
+const AT_A_TIME: usize = 2;
+static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+
+/// One of the instances that may run.
+struct Turn;
+
+impl Turn {
+    fn take() -> Self {
+        let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = RUNNING.1.wait_while(running, |running| *running >= AT_A_TIME);
+        *waited.unwrap_or_else(PoisonError::into_inner) += 1;
+        Self
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        *RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+        RUNNING.1.notify_one();
+    }
+}
 
 /// Longest time for anything that must happen; only a hang comes near.
 pub const SOON: Duration = Duration::from_secs(25);
@@ -35,13 +55,13 @@ pub struct Rig {
     children: Vec<(String, Child)>,
     folder: tempfile::TempDir,
     config: PathBuf,
-    _turn: MutexGuard<'static, ()>,
+    _turn: Turn,
 }
 
 impl Rig {
     /// An instance without processes.
     pub fn empty() -> Self {
-        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let turn = Turn::take();
         let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a temporary folder");
         let instance = Instance::new(folder.path()).expect("an instance");
         Self { instance, children: Vec::new(), folder, config: config(), _turn: turn }
