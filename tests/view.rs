@@ -64,10 +64,7 @@ impl Viewer {
     }
 
     fn page(&self) -> Page {
-        let mut request = format!("ws://{}/live?token={}", self.host(), self.token()).into_client_request().unwrap();
-        request.headers_mut().insert("origin", format!("http://{}", self.host()).parse().unwrap());
-        let (socket, _) = tungstenite::connect(request).expect("our page is let in");
-        Page { socket }
+        Page::at(&self.address)
     }
 }
 
@@ -84,6 +81,15 @@ struct Page {
 }
 
 impl Page {
+    fn at(address: &str) -> Self {
+        let (origin, token) = address.split_once("/#").expect("a token");
+        let host = origin.strip_prefix("http://").expect("a host");
+        let mut request = format!("ws://{host}/live?token={token}").into_client_request().unwrap();
+        request.headers_mut().insert("origin", origin.parse().unwrap());
+        let (socket, _) = tungstenite::connect(request).expect("our page is let in");
+        Self { socket }
+    }
+
     fn ask(&mut self, what: &str) {
         self.socket.send(Message::text(json!({ "do": what }).to_string())).expect("the server listens");
     }
@@ -179,6 +185,33 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     drop(page);
     drop(viewer);
     assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_demo_is_shown_once_a_page_is_open() {
+    let _rig = Rig::empty();
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+        .args(["demo", "--view", "--view-port", "0", "--seconds", "1", "--quiet", "--config"])
+        .arg(config())
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let mut told = BufReader::new(demo.stdout.take().expect("its words"));
+    let mut line = String::new();
+    while !line.starts_with("open ") {
+        line.clear();
+        assert!(told.read_line(&mut line).expect("its words") > 0, "it ended without an address");
+    }
+    let address = line.split_whitespace().next_back().expect("an address").to_owned();
+    let mut page = Page::at(&address);
+    page.until(Mode::Engaged, false);
+    let mut rest = String::new();
+    told.read_to_string(&mut rest).expect("its report");
+    let status = demo.wait().expect("it ends");
+    assert!(status.success(), "{status}: {rest}");
+    // With the demo the page ends.
+    while page.socket.read().is_ok() {}
 }
 
 #[test]
