@@ -37,7 +37,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
 /// A server for `instance` as it was started at `place`.
 pub fn start(instance: &Instance, place: &cli::Place, port: u16) -> Result<Server, Failure> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    Server::start(instance, &loaded.model, port).map_err(|error| match error {
+    Server::live(instance, &loaded.model, port).map_err(|error| match error {
         ViewError::Bus(error) => crate::process::bus_failure(error),
         error => Failure::new(Exit::Unavailable, error),
     })

@@ -9,11 +9,13 @@ const $ = (id) => document.getElementById(id);
 const KEEP = 100;
 // A joint this near to a limit is marked, as a share of its range.
 const NEAR = 0.03;
-const EVENTS_KEPT = 200;
+const EVENTS_KEPT = 1000;
 
 const charts = Object.fromEntries([["age", 20], ["late", 200], ["limb", 10], ["clearance", 50]]
   .map(([name, least]) => [name, new Chart(document.querySelector(`[data-chart=${name}]`), least)]));
 let stage = null, scene = null, frame = null, joints = [], held = false, drawn = 0, keeping = null;
+// Of a recording: whether it plays, and whether the slider is being held.
+let playing = true, sliding = false;
 
 function text(id, value) {
   if ($(id).textContent !== value) $(id).textContent = value;
@@ -28,6 +30,17 @@ function hold(now) {
 
 function ask(what) {
   if (!wire.ask(what)) text("answer", "Not connected: this was not asked. The emergency stop of the robot still works.");
+}
+
+function isRecording() {
+  return scene?.about.source === "recording";
+}
+
+function play(now) {
+  playing = now;
+  $("play").setAttribute("aria-pressed", String(now));
+  text("play", now ? "Pause" : "Play");
+  wire.ask(now ? "play" : "pause");
 }
 
 function showParts() {
@@ -68,6 +81,13 @@ const told = {
     }));
     joints = [...$("joints").children];
     $("events").replaceChildren();
+    const recorded = message.about.source === "recording";
+    $("hand").hidden = recorded;
+    $("reel").hidden = !recorded;
+    if (recorded) {
+      text("name", message.about.name);
+      $("at").max = message.about.duration_s;
+    }
   },
   status({ status }) {
     text("why", status ? status.why ?? "The robot follows, or waits to be engaged." : "control is not heard.");
@@ -79,6 +99,7 @@ const told = {
     const row = document.createElement("li"), at = document.createElement("time");
     at.textContent = `${at_s.toFixed(1)} s`;
     row.className = gravity;
+    row.dataset.at = at_s;
     row.append(at, sentence);
     $("events").prepend(row);
     while ($("events").children.length > EVENTS_KEPT) $("events").lastChild.remove();
@@ -106,7 +127,13 @@ function setMode(name) {
 function show() {
   const has = (bit) => (frame.present & bit) !== 0;
   const heard = has(PRESENT.command);
-  setMode(heard ? scene.modes[frame.mode] ?? "unknown" : "no instance");
+  setMode(heard ? scene.modes[frame.mode] ?? "unknown" : isRecording() ? "nothing recorded" : "no instance");
+  if (isRecording()) {
+    if (!sliding) $("at").value = frame.at;
+    text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
+    // Sentences of what is yet to come are dim.
+    for (const row of $("events").children) row.classList.toggle("later", Number(row.dataset.at) > frame.at + 0.01);
+  }
   const figure = (id, value, unit, digits) => text(id, heard ? `${value.toFixed(digits)} ${unit}` : "–");
   figure("age", frame.age, "ms", 1);
   figure("late", frame.late, "µs", 0);
@@ -150,11 +177,20 @@ $("stop").addEventListener("click", () => ask("stop"));
 $("engage").addEventListener("click", () => (held ? ask("release") : engage()));
 $("release").addEventListener("click", () => ask("release"));
 $("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
+$("play").addEventListener("click", () => play(!playing || frame?.at >= scene.about.duration_s));
+$("at").addEventListener("pointerdown", () => { sliding = true; });
+for (const end of ["pointerup", "pointercancel"]) $("at").addEventListener(end, () => { sliding = false; });
+$("at").addEventListener("input", () => wire.ask("seek", { to_s: Number($("at").value) }));
 for (const id of ["show-capsules", "show-shapes"]) $(id).addEventListener("change", showParts);
 // Before any button: Space on a focused button would press that instead.
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
-  if (event.code === "Space") {
+  if (isRecording()) {
+    if (event.code === "Space") {
+      event.preventDefault();
+      if (!event.repeat) play(!playing);
+    }
+  } else if (event.code === "Space") {
     event.preventDefault();
     if (!event.repeat) ask("stop");
   } else if (event.key === "e" && !event.repeat && !held) {

@@ -57,9 +57,9 @@ export class Wire {
   }
 
   // Whether it went out.
-  ask(what) {
+  ask(what, more = {}) {
     if (this.socket.readyState !== WebSocket.OPEN) return false;
-    this.socket.send(JSON.stringify({ do: what }));
+    this.socket.send(JSON.stringify({ do: what, ...more }));
     return true;
   }
 }

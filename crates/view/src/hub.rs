@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::{Mutex, PoisonError};
 
 /// Sentences that are kept for pages that come later.
-const EVENTS_KEPT: usize = 200;
+const EVENTS_KEPT: usize = 1000;
 
 /// The newest of everything.
 #[derive(Default)]
@@ -58,6 +58,31 @@ impl Hub {
         &self.scene
     }
 
+    /// Shows a frame, and a status if there is one.
+    pub fn show(&self, frame: &[u8], status: Option<&str>) {
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        shown.frame.clear();
+        shown.frame.extend_from_slice(frame);
+        shown.frames += 1;
+        if status.is_some_and(|status| shown.status.as_deref() != Some(status)) {
+            shown.status = status.map(str::to_owned);
+            shown.statuses += 1;
+        }
+    }
+
+    /// Tells pages what happened, and those that come later.
+    pub fn happened(&self, events: Vec<String>) {
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        for event in events {
+            shown.events_told += 1;
+            let n = shown.events_told;
+            shown.events.push_back((n, event));
+            if shown.events.len() > EVENTS_KEPT {
+                shown.events.pop_front();
+            }
+        }
+    }
+
     /// What is new for a page that has seen `seen`: texts, and whether `frame` holds a new frame.
     pub fn news(&self, seen: &mut Seen, frame: &mut Vec<u8>) -> (Vec<String>, bool) {
         let shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
@@ -75,15 +100,23 @@ impl Hub {
     }
 }
 
-/// The one who writes.
+/// What a [`Teller`] has to say of one moment.
+pub struct News {
+    /// The frame.
+    pub frame: Vec<u8>,
+    /// A status, if it is time for one.
+    pub status: Option<String>,
+    /// What happened.
+    pub events: Vec<String>,
+}
+
+/// Puts into words what is heard.
 pub struct Teller<'a> {
-    hub: &'a Hub,
     model: &'a Model,
     frames: Frames,
     names: Names,
     before: Option<Status>,
     told_at_s: f64,
-    frame: Vec<u8>,
 }
 
 /// Time between two statuses, and between what happens all the time, s: nobody reads faster. A change of mode is told at once.
@@ -91,38 +124,25 @@ const TELL_EVERY_S: f64 = 0.2;
 
 impl<'a> Teller<'a> {
     /// Nothing told yet.
-    pub fn new(hub: &'a Hub, model: &'a Model) -> Self {
+    pub fn new(model: &'a Model) -> Self {
         let (names, frames) = (Names::of(model), Frames::default());
-        Self { hub, model, frames, names, before: None, told_at_s: f64::NEG_INFINITY, frame: Vec::new() }
+        Self { model, frames, names, before: None, told_at_s: f64::NEG_INFINITY }
     }
 
-    /// Shows what is heard at `at_s`.
-    pub fn tell(&mut self, heard: &Heard, at_s: f64) {
-        frame::encode(self.model, &mut self.frames, heard, at_s, &mut self.frame);
+    /// What is to be told of what is heard at `at_s`.
+    pub fn tell(&mut self, heard: &Heard, at_s: f64) -> News {
+        let mut frame = Vec::new();
+        frame::encode(self.model, &mut self.frames, heard, at_s, &mut frame);
         let made = |status: &Option<Status>| status.map(|status| (status.header.incarnation, status.transition_count));
-        // A recording that is taken back begins anew.
-        let due = made(&heard.status) != made(&self.before) || (at_s - self.told_at_s).abs() >= TELL_EVERY_S;
-        let told = due.then(|| {
-            self.told_at_s = at_s;
-            let events = self.events(heard, at_s);
-            self.before = heard.status;
-            let status = heard.status.as_ref().map_or(Value::Null, |status| status_json(status, &self.names));
-            (json!({ "tell": "status", "at_s": at_s, "status": status }).to_string(), events)
-        });
-        let mut shown = self.hub.shown.lock().unwrap_or_else(PoisonError::into_inner);
-        std::mem::swap(&mut shown.frame, &mut self.frame);
-        shown.frames += 1;
-        let Some((status, events)) = told else { return };
-        shown.status = Some(status);
-        shown.statuses += 1;
-        for event in events {
-            shown.events_told += 1;
-            let n = shown.events_told;
-            shown.events.push_back((n, event));
-            if shown.events.len() > EVENTS_KEPT {
-                shown.events.pop_front();
-            }
+        if made(&heard.status) == made(&self.before) && at_s - self.told_at_s < TELL_EVERY_S {
+            return News { frame, status: None, events: Vec::new() };
         }
+        self.told_at_s = at_s;
+        let events = self.events(heard, at_s);
+        self.before = heard.status;
+        let status = heard.status.as_ref().map_or(Value::Null, |status| status_json(status, &self.names));
+        let status = json!({ "tell": "status", "at_s": at_s, "status": status }).to_string();
+        News { frame, status: Some(status), events }
     }
 
     fn events(&self, heard: &Heard, at_s: f64) -> Vec<String> {

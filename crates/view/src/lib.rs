@@ -12,12 +12,14 @@ mod http;
 mod hub;
 mod live;
 mod page;
+mod reel;
 mod scene;
 mod server;
 
 pub use assets::{ASSETS, Asset};
 pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, present};
 pub use hand::HOLD_FOR;
+pub use reel::{Cutter, Reel};
 pub use scene::scene;
 pub use server::Server;
 

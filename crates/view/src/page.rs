@@ -1,13 +1,15 @@
 //! One open page: frames out, requests in.
 
 use crate::counted::Counted;
-use crate::hand::{Ask, Hand};
+use crate::hand::{Answer, Ask, Hand};
 use crate::hub::{Hub, Seen};
+use crate::reel::Position;
 use pipeline::Instance;
 use serde::Deserialize;
 use serde_json::json;
 use std::io::ErrorKind;
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
@@ -28,16 +30,56 @@ const SILENT_MAX: Duration = Duration::from_secs(10);
 enum Request {
     /// Nothing: it is there.
     Here,
-    /// See [`Ask`].
+    /// See [`Ask`]; of an instance alone.
     Engage,
     Keep,
     Release,
     Reset,
     Stop,
+    /// See [`Position`]; of a recording alone.
+    Play,
+    Pause,
+    Seek {
+        to_s: f64,
+    },
+}
+
+/// What is behind a page.
+#[derive(Clone, Debug)]
+pub enum Behind {
+    /// A running instance.
+    Instance(Instance),
+    /// A recording, and where it is being looked at.
+    Recording(Arc<Position>),
+}
+
+/// What a page can move.
+enum Lever {
+    Hand(Hand),
+    Position(Arc<Position>),
+}
+
+impl Lever {
+    /// Whether such a thing can be asked here.
+    fn pull(&self, request: Request) -> bool {
+        match (self, request) {
+            (_, Request::Here) => {}
+            (Self::Hand(hand), Request::Engage) => hand.ask(Ask::Engage),
+            (Self::Hand(hand), Request::Keep) => hand.ask(Ask::Keep),
+            (Self::Hand(hand), Request::Release) => hand.ask(Ask::Release),
+            (Self::Hand(hand), Request::Reset) => hand.ask(Ask::Reset),
+            (Self::Hand(hand), Request::Stop) => hand.ask(Ask::Stop),
+            (Self::Position(position), Request::Play) => position.play(true),
+            (Self::Position(position), Request::Pause) => position.play(false),
+            (Self::Position(position), Request::Seek { to_s }) => position.seek(to_s),
+            _ => return false,
+        }
+        true
+    }
 }
 
 /// Serves a page until it goes, or until `ended`.
-pub fn serve(stream: TcpStream, hub: &Hub, instance: &Instance, ended: &AtomicBool) -> Result<(), Error> {
+pub fn serve(stream: TcpStream, hub: &Hub, behind: &Behind, ended: &AtomicBool) -> Result<(), Error> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     let config = WebSocketConfig::default()
@@ -46,7 +88,10 @@ pub fn serve(stream: TcpStream, hub: &Hub, instance: &Instance, ended: &AtomicBo
         .max_write_buffer_size(WAITING_BYTES);
     let mut page = Page {
         socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
-        hand: Hand::new(instance)?,
+        lever: match behind {
+            Behind::Instance(instance) => Lever::Hand(Hand::new(instance)?),
+            Behind::Recording(position) => Lever::Position(position.clone()),
+        },
         spoke: Instant::now(),
     };
     page.send(Message::text(hub.scene()))?;
@@ -54,7 +99,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, instance: &Instance, ended: &AtomicBo
     let (mut seen, mut frame) = (Seen::default(), Vec::new());
     while !ended.load(Ordering::Relaxed) {
         page.listen()?;
-        while let Some(answer) = page.hand.answer() {
+        while let Some(answer) = page.answer() {
             page.send(Message::text(json!({ "tell": "hand", "held": answer.held, "text": answer.text }).to_string()))?;
         }
         let (texts, new) = hub.news(&mut seen, &mut frame);
@@ -74,26 +119,24 @@ pub fn serve(stream: TcpStream, hub: &Hub, instance: &Instance, ended: &AtomicBo
 
 struct Page {
     socket: WebSocket<TcpStream>,
-    hand: Hand,
+    lever: Lever,
     spoke: Instant,
 }
 
 impl Page {
+    fn answer(&self) -> Option<Answer> {
+        if let Lever::Hand(hand) = &self.lever { hand.answer() } else { None }
+    }
+
     /// Takes what the page asks for.
     fn listen(&mut self) -> Result<(), Error> {
         loop {
             match self.socket.read() {
                 Ok(Message::Text(text)) => {
                     self.spoke = Instant::now();
-                    match serde_json::from_str(&text) {
-                        Ok(Request::Here) => {}
-                        Ok(Request::Engage) => self.hand.ask(Ask::Engage),
-                        Ok(Request::Keep) => self.hand.ask(Ask::Keep),
-                        Ok(Request::Release) => self.hand.ask(Ask::Release),
-                        Ok(Request::Reset) => self.hand.ask(Ask::Reset),
-                        Ok(Request::Stop) => self.hand.ask(Ask::Stop),
-                        // Whoever speaks something else is no page of ours.
-                        Err(_) => return Err(Error::ConnectionClosed),
+                    // Whoever speaks something else is no page of ours.
+                    if !serde_json::from_str(&text).is_ok_and(|request| self.lever.pull(request)) {
+                        return Err(Error::ConnectionClosed);
                     }
                 }
                 Ok(Message::Binary(_)) => return Err(Error::ConnectionClosed),

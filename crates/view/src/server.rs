@@ -4,6 +4,8 @@ use crate::ViewError;
 use crate::counted::Counted;
 use crate::hub::{Hub, Teller};
 use crate::live::Live;
+use crate::page::Behind;
+use crate::reel::{Position, Reel};
 use crate::{http, page};
 use bus::DomainConfig;
 use pipeline::Instance;
@@ -38,22 +40,39 @@ impl Server {
     ///
     /// # Errors
     /// The port is taken, or the instance's shared memory cannot be opened.
-    pub fn start(instance: &Instance, model: &Model, port: u16) -> Result<Self, ViewError> {
+    pub fn live(instance: &Instance, model: &Model, port: u16) -> Result<Self, ViewError> {
+        let about = json!({ "source": "live", "run_dir": instance.run_dir() });
+        let mut server = Self::listen(Hub::new(model, &about), Behind::Instance(instance.clone()), port)?;
+        let (hub, model, domain) = (server.hub.clone(), model.clone(), instance.core_domain());
+        let (opened, outcome) = channel();
+        let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));
+        thread.map_err(|source| ViewError::Listen { port, source })?;
+        outcome.recv().unwrap_or(Ok(()))?;
+        Ok(server)
+    }
+
+    /// Shows a recording of this name, of the robot `model`, as [`Server::live`] shows an instance.
+    ///
+    /// # Errors
+    /// The port is taken.
+    pub fn recording(reel: Reel, name: &str, model: &Model, port: u16) -> Result<Self, ViewError> {
+        let about = json!({ "source": "recording", "name": name, "duration_s": reel.duration_s() });
+        let position = Arc::new(Position::new(reel.duration_s()));
+        let mut server = Self::listen(Hub::new(model, &about), Behind::Recording(position.clone()), port)?;
+        let hub = server.hub.clone();
+        let thread = server.spawn("view", move |ended| play(&hub, &reel, &position, &ended));
+        thread.map_err(|source| ViewError::Listen { port, source })?;
+        Ok(server)
+    }
+
+    fn listen(hub: Hub, behind: Behind, port: u16) -> Result<Self, ViewError> {
         let bind = |source| ViewError::Listen { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
         listener.set_nonblocking(true).map_err(bind)?;
         let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
-        let address = key.address();
-        let about = json!({ "source": "live", "run_dir": instance.run_dir() });
-        let hub = Arc::new(Hub::new(model, &about));
-        let ended = Arc::new(AtomicBool::new(false));
+        let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
         let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        let (shown, model, domain) = (hub.clone(), model.clone(), instance.core_domain());
-        let (opened, outcome) = channel();
-        server.spawn("view", move |ended| tell(&shown, &model, &domain, &opened, &ended)).map_err(bind)?;
-        outcome.recv().unwrap_or(Ok(()))?;
-        let instance = instance.clone();
-        server.spawn("listen", move |ended| accept(&listener, &key, &hub, &instance, &ended)).map_err(bind)?;
+        server.spawn("listen", move |ended| accept(&listener, &key, &hub, &behind, &ended)).map_err(bind)?;
         Ok(server)
     }
 
@@ -98,7 +117,7 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         }
     };
     let _ = opened.send(Ok(()));
-    let mut teller = Teller::new(hub, model);
+    let mut teller = Teller::new(model);
     let (begun, mut heard_at, mut next) = (rt::now(), Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = rt::now();
@@ -106,29 +125,47 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         if heard.is_anything() {
             heard_at = Instant::now();
         }
-        teller.tell(heard, now.since(begun) as f64 * 1e-9);
+        let news = teller.tell(heard, now.since(begun) as f64 * 1e-9);
+        hub.show(&news.frame, news.status.as_deref());
+        hub.happened(news.events);
         if heard_at.elapsed() > REATTACH {
             // An instance that was started anew has services of its own.
             heard_at = Instant::now();
             live = Live::open(domain.clone()).unwrap_or(live);
         }
-        // A server that stood still does not catch up.
-        next = (next + FRAME).max(Instant::now());
-        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+        wait(&mut next);
     }
 }
 
+fn play(hub: &Hub, reel: &Reel, position: &Position, ended: &AtomicBool) {
+    hub.happened(reel.events().to_vec());
+    let (mut next, mut before) = (Instant::now(), Instant::now());
+    while !ended.load(Ordering::Relaxed) {
+        let now = Instant::now();
+        let (at_s, _) = position.advance((now - before).as_secs_f64());
+        before = now;
+        reel.show(hub, at_s);
+        wait(&mut next);
+    }
+}
+
+/// Until the next frame; a server that stood still does not catch up.
+fn wait(next: &mut Instant) {
+    *next = (*next + FRAME).max(Instant::now());
+    std::thread::sleep(next.saturating_duration_since(Instant::now()));
+}
+
 /// Pages end before this does.
-fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, instance: &Instance, ended: &Arc<AtomicBool>) {
+fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, behind: &Behind, ended: &Arc<AtomicBool>) {
     let open = Arc::new(AtomicUsize::new(0));
     while !ended.load(Ordering::Relaxed) {
         match listener.accept() {
             Ok((stream, _)) if open.load(Ordering::Relaxed) < CONNECTIONS_MAX => {
-                let (key, hub, instance) = (key.clone(), hub.clone(), instance.clone());
+                let (key, hub, behind) = (key.clone(), hub.clone(), behind.clone());
                 let (ended, place) = (ended.clone(), Counted::one_more(open.clone()));
                 let work = move || {
                     let _place = place;
-                    connection(stream, &key, &hub, &instance, &ended);
+                    connection(stream, &key, &hub, &behind, &ended);
                 };
                 // Without a thread the connection is closed, and its place given back.
                 let _ = std::thread::Builder::new().name("page".into()).spawn(work);
@@ -142,9 +179,9 @@ fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, instance: &In
     }
 }
 
-fn connection(stream: TcpStream, key: &http::Key, hub: &Hub, instance: &Instance, ended: &AtomicBool) {
+fn connection(stream: TcpStream, key: &http::Key, hub: &Hub, behind: &Behind, ended: &AtomicBool) {
     // Who breaks off has harmed nobody but himself.
     if let Ok(Some(stream)) = http::answer(stream, key) {
-        let _ = page::serve(stream, hub, instance, ended);
+        let _ = page::serve(stream, hub, behind, ended);
     }
 }

@@ -8,7 +8,7 @@ use robot::{Frames, Model};
 use std::path::Path;
 use view::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, encode, present, scene};
 
-fn model() -> Model {
+pub fn model() -> Model {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model
 }

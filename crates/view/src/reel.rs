@@ -1,0 +1,133 @@
+//! A recording to be looked at: everything that pages are told, made once, and a position in it that pages move.
+
+use crate::frame::Heard;
+use crate::hub::{Hub, Teller};
+use robot::Model;
+use std::sync::{Mutex, PoisonError};
+
+/// Frames kept at most, 150 MB: 20 minutes at 60 a second. When there are more, every second one is dropped.
+const FRAMES_MAX: usize = 72_000;
+/// Time between two frames at first, s.
+const PERIOD_S: f64 = 1.0 / 60.0;
+
+/// What a page is told at one time.
+struct Told {
+    at_s: f64,
+    frame: Vec<u8>,
+    /// Index of the status that holds.
+    status: Option<usize>,
+}
+
+/// A recording as pages see it.
+pub struct Reel {
+    told: Vec<Told>,
+    statuses: Vec<String>,
+    events: Vec<String>,
+    period_s: f64,
+}
+
+/// Makes a reel of messages in the order of their times.
+pub struct Cutter<'a> {
+    teller: Teller<'a>,
+    reel: Reel,
+    next_s: f64,
+}
+
+impl<'a> Cutter<'a> {
+    /// An empty reel.
+    pub fn new(model: &'a Model) -> Self {
+        let reel = Reel { told: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
+        Self { teller: Teller::new(model), reel, next_s: 0.0 }
+    }
+
+    /// What was the newest of everything at `at_s`, s from the beginning.
+    pub fn add(&mut self, heard: &Heard, at_s: f64) {
+        if at_s < self.next_s {
+            return;
+        }
+        let reel = &mut self.reel;
+        self.next_s = at_s + reel.period_s;
+        let news = self.teller.tell(heard, at_s);
+        reel.statuses.extend(news.status);
+        reel.events.extend(news.events);
+        let status = reel.statuses.len().checked_sub(1);
+        reel.told.push(Told { at_s, frame: news.frame, status });
+        if reel.told.len() > FRAMES_MAX {
+            let mut n = 0;
+            reel.told.retain(|_| {
+                n += 1;
+                n % 2 == 1
+            });
+            reel.period_s *= 2.0;
+        }
+    }
+
+    /// The whole reel.
+    pub fn reel(self) -> Reel {
+        self.reel
+    }
+}
+
+impl Reel {
+    /// From the first frame to the last, s.
+    pub fn duration_s(&self) -> f64 {
+        self.told.last().map_or(0.0, |told| told.at_s)
+    }
+
+    /// Every sentence, as pages are told them.
+    pub fn events(&self) -> &[String] {
+        &self.events
+    }
+
+    /// Shows what was at `at_s`.
+    pub fn show(&self, hub: &Hub, at_s: f64) {
+        let after = self.told.partition_point(|told| told.at_s <= at_s);
+        let Some(told) = self.told.get(after.saturating_sub(1)) else { return };
+        let status = told.status.and_then(|status| self.statuses.get(status));
+        hub.show(&told.frame, status.map(String::as_str));
+    }
+}
+
+/// Where a recording is being looked at. All pages look at the same place.
+#[derive(Debug)]
+pub struct Position {
+    at: Mutex<(f64, bool)>,
+    duration_s: f64,
+}
+
+impl Position {
+    /// At the beginning, playing.
+    pub fn new(duration_s: f64) -> Self {
+        Self { at: Mutex::new((0.0, true)), duration_s }
+    }
+
+    /// Goes to `at_s`, within the recording; what is no number goes nowhere.
+    pub fn seek(&self, at_s: f64) {
+        if at_s.is_finite() {
+            self.change(|at| at.0 = at_s.clamp(0.0, self.duration_s));
+        }
+    }
+
+    /// Plays on, or from the beginning if it is at its end; or stands still.
+    pub fn play(&self, plays: bool) {
+        self.change(|at| {
+            let over = at.0 >= self.duration_s;
+            *at = (if plays && over { 0.0 } else { at.0 }, plays);
+        });
+    }
+
+    /// `by_s` later; where it is then, and whether it still plays.
+    pub fn advance(&self, by_s: f64) -> (f64, bool) {
+        self.change(|at| {
+            if at.1 {
+                at.0 = (at.0 + by_s).min(self.duration_s);
+                at.1 = at.0 < self.duration_s;
+            }
+            *at
+        })
+    }
+
+    fn change<R>(&self, by: impl FnOnce(&mut (f64, bool)) -> R) -> R {
+        by(&mut self.at.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}

@@ -1,0 +1,109 @@
+//! A recording in a page: what is shown is what was recorded then.
+
+use crate::frames::model;
+use messages::{JointCommand, Layout, Mode, RobotState, Stamp, Status, Transition};
+use serde_json::{Value, json};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+use view::{Cutter, Field, Heard, Server};
+
+type Socket = WebSocket<MaybeTlsStream<TcpStream>>;
+
+fn page(server: &Server) -> Socket {
+    let (origin, token) = server.address().split_once("/#").expect("a token");
+    let mut request = format!("{}/live?token={token}", origin.replace("http", "ws")).into_client_request().unwrap();
+    request.headers_mut().insert("origin", origin.parse().unwrap());
+    tungstenite::connect(request).expect("it listens").0
+}
+
+fn ask(socket: &mut Socket, what: Value) {
+    socket.send(Message::text(what.to_string())).expect("it listens");
+}
+
+/// Reads until a frame is at this time.
+fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
+    let give_up = Instant::now() + Duration::from_secs(10);
+    loop {
+        assert!(Instant::now() < give_up, "never at {at_s} s");
+        let Message::Binary(bytes) = socket.read().expect("frames") else { continue };
+        let numbers: Vec<_> = bytes.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
+        if (numbers[Field::AtS as usize] - at_s).abs() <= within_s {
+            return numbers;
+        }
+    }
+}
+
+/// Ten seconds at 120 Hz: the head turns by 0.1 rad a second; Engaged from 4 s to 6 s.
+fn recorded(model: &robot::Model) -> view::Reel {
+    let mut cutter = Cutter::new(model);
+    let (mut state, mut status) = (RobotState::ZERO, Status::ZERO);
+    state.q_measured = model.home;
+    for n in 0..=1200 {
+        let at_s = f64::from(n) / 120.0;
+        state.q_measured[1] = 0.1 * at_s;
+        let mode = if (4.0..6.0).contains(&at_s) { Mode::Engaged } else { Mode::Disengaged };
+        if status.mode != mode as u32 {
+            let why = if mode == Mode::Engaged { Transition::ALIGNED } else { Transition::AT_REST };
+            let made = Transition { k: 1, from: status.mode, to: mode as u32, why, reserved: 0 };
+            status.transitions[status.transition_count as usize] = made;
+            status.transition_count += 1;
+            status.mode = mode as u32;
+        }
+        status.header.stamp = Stamp(1_000_000_000 + n as u64);
+        let heard =
+            Heard { state: Some(state), status: Some(status), command: Some(JointCommand::ZERO), ..Heard::default() };
+        cutter.add(&heard, at_s);
+    }
+    cutter.reel()
+}
+
+#[test]
+fn a_page_plays_pauses_and_seeks() {
+    let model = model();
+    let reel = recorded(&model);
+    assert_eq!(reel.duration_s(), 10.0);
+    // The state where it stands, and every change: three sentences.
+    assert_eq!(reel.events().len(), 3, "{:?}", reel.events());
+    let server = Server::recording(reel, "head.mcap", &model, 0).expect("a port");
+    let mut socket = page(&server);
+    ask(&mut socket, json!({ "do": "pause" }));
+    for (to_s, mode) in [(5.0, Mode::Engaged), (2.5, Mode::Disengaged), (9.0, Mode::Disengaged), (4.5, Mode::Engaged)] {
+        ask(&mut socket, json!({ "do": "seek", "to_s": to_s }));
+        let frame = until(&mut socket, to_s, 0.02);
+        assert_eq!(frame[Field::Mode as usize], mode as u32 as f32, "at {to_s} s");
+    }
+    // It stands while it is paused, and goes on when it plays.
+    let frame = until(&mut socket, 4.5, 0.02);
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(until(&mut socket, 4.5, 0.02)[Field::AtS as usize], frame[Field::AtS as usize]);
+    ask(&mut socket, json!({ "do": "play" }));
+    until(&mut socket, 5.0, 0.1);
+    // Beyond the end is the end; from there playing begins anew.
+    ask(&mut socket, json!({ "do": "seek", "to_s": 1e300 }));
+    until(&mut socket, 10.0, 0.0);
+    std::thread::sleep(Duration::from_millis(50));
+    ask(&mut socket, json!({ "do": "play" }));
+    until(&mut socket, 0.5, 0.4);
+}
+
+#[test]
+fn nobody_engages_a_recording() {
+    let model = model();
+    let server = Server::recording(recorded(&model), "head.mcap", &model, 0).expect("a port");
+    for bad in [
+        json!({ "do": "engage" }),
+        json!({ "do": "stop" }),
+        json!({ "do": "seek" }),
+        json!({ "do": "seek", "to_s": "a" }),
+    ] {
+        let mut socket = page(&server);
+        ask(&mut socket, bad);
+        let give_up = Instant::now() + Duration::from_secs(10);
+        while socket.read().is_ok() {
+            assert!(Instant::now() < give_up);
+        }
+    }
+}
