@@ -261,7 +261,7 @@ fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
 #[test]
 fn in_a_browser_the_robot_moves_and_space_stops_it() {
     let mut rig = Rig::whole();
-    let _client = rig.client(&motion::builtin(), 1);
+    let client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
     hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
     let Some(mut browser) = Browser::open(&viewer.address) else {
@@ -274,10 +274,16 @@ fn in_a_browser_the_robot_moves_and_space_stops_it() {
     browser.click("#engage");
     browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
     assert_eq!(hand.mode(), Some(Mode::Engaged));
+    client.set_engaged(true);
     browser.wait(
         "the robot moves",
         &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
     );
+    // The person as published: the built-in motion raises both hands above the head.
+    browser.click("#show-target");
+    let z = |joint: usize| format!("window.teleopd.frame().person[{}]", 3 * joint + 2);
+    browser.wait("both hands are up", &format!("{0} > {2} + 0.1 && {1} > {2} + 0.1", z(20), z(21), z(15)));
+    assert_eq!(hand.mode(), Some(Mode::Engaged), "{}", browser.evaluate("document.body.innerText"));
     let picture = browser.screenshot();
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
         std::fs::write(file, browser::bytes_of(&picture)).expect("the picture");

@@ -5,7 +5,7 @@ import { Chart } from "./chart.js";
 import { PRESENT, Wire } from "./wire.js";
 
 const $ = (id) => document.getElementById(id);
-// While the enable is held, this is said so often, ms; the server lets go after 300.
+// While the enable is held, this is said so often, ms; the server lets go after 500.
 const KEEP = 100;
 // A joint this near to a limit is marked, as a share of its range.
 const NEAR = 0.03;
@@ -44,7 +44,7 @@ function play(now) {
 }
 
 function showParts() {
-  stage?.showParts($("show-capsules").checked, $("show-shapes").checked);
+  stage?.parts($("show-capsules").checked, $("show-shapes").checked);
 }
 
 function engage() {
@@ -163,14 +163,13 @@ function show() {
 }
 
 function draw(at) {
+  requestAnimationFrame(draw);
   if (frame && scene) show();
   // Charts and texts are for the eye: ten times a second.
   if (at - drawn > 100) {
     drawn = at;
     for (const chart of Object.values(charts)) chart.draw();
   }
-  stage?.draw();
-  requestAnimationFrame(draw);
 }
 
 $("stop").addEventListener("click", () => ask("stop"));
@@ -204,9 +203,9 @@ document.addEventListener("keyup", (event) => { if (event.code === "Space") even
 document.addEventListener("visibilitychange", () => { if (document.hidden && held) ask("release"); });
 
 try {
-  stage = new Stage($("stage"));
+  stage = new Stage($("stage"), (why) => text("trouble", `no picture: ${why}`));
 } catch (error) {
-  text("pair", `no picture: ${error.message}`);
+  text("trouble", `no picture: ${error.message}`);
 }
 const wire = new Wire(location.hash.slice(1), told);
 // Light and dark have colours of their own.
@@ -216,4 +215,4 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 });
 requestAnimationFrame(draw);
 // For tests: what is shown, as numbers.
-window.teleopd = { frame: () => frame, drawn: () => stage?.renderer.info.render.frame ?? 0 };
+window.teleopd = { frame: () => frame, drawn: () => stage?.drawn ?? 0 };

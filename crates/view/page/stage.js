@@ -1,60 +1,47 @@
-// The scene: the person beside the robot, the robot as measured, and ghosts of target and command. Everything is in the robot's
-// base frame: x forward, y left, z up, m.
-
-import * as THREE from "./three.module.min.js";
-
-const POSE = 7;
-// The person stands beside the robot, m.
-const PERSON_AT = [0, 1.5, 0];
-const GHOST = 0.28;
-
-function capsuleMesh(capsule, material) {
-  const a = new THREE.Vector3(...capsule.a), b = new THREE.Vector3(...capsule.b);
-  const along = b.clone().sub(a);
-  const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(capsule.radius, along.length(), 6, 16), material);
-  mesh.position.copy(a).addScaledVector(along, 0.5);
-  // three's capsules stand along y.
-  if (along.length() > 0) mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
-  return mesh;
-}
-
-function placed(mesh, pose) {
-  mesh.position.set(pose[0], pose[1], pose[2]);
-  mesh.quaternion.set(pose[3], pose[4], pose[5], pose[6]);
-  return mesh;
-}
-
-function shapeMesh(shape, material) {
-  if (shape.form === "box") return placed(new THREE.Mesh(new THREE.BoxGeometry(...shape.size), material), shape.pose);
-  if (shape.form === "sphere") return placed(new THREE.Mesh(new THREE.SphereGeometry(shape.radius, 20, 14), material), shape.pose);
-  const geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 24);
-  geometry.rotateX(Math.PI / 2);
-  return placed(new THREE.Mesh(geometry, material), shape.pose);
-}
+// The canvas, seen from the page: where one looks from, and what the artist is told. See `artist.js`.
 
 export class Stage {
-  constructor(canvas) {
+  // `trouble` is told what keeps the artist from drawing.
+  constructor(canvas, trouble) {
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
-    this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
-    this.camera.up.set(0, 0, 1);
-    this.eye = { yaw: 0.55, pitch: 0.22, distance: 3.9, at: new THREE.Vector3(0.1, 0.7, 0.85) };
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x777788, 2.2));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
-    sun.position.set(3, 2, 5);
-    this.scene.add(sun);
-    const grid = new THREE.GridHelper(6, 24, 0x8090a0, 0x8090a0);
-    grid.rotateX(Math.PI / 2);
-    grid.material.transparent = true;
-    grid.material.opacity = 0.25;
-    this.scene.add(grid);
-    this.robots = {};
-    this.look();
+    this.drawn = 0;
+    this.eye = { yaw: 0.55, pitch: 0.22, distance: 3.9, at: [0.1, 0.7, 0.85] };
+    this.artist = new Worker("./artist.js", { type: "module" });
+    this.artist.onmessage = ({ data }) => (data.trouble ? trouble(data.trouble) : (this.drawn = data.drawn));
+    this.artist.onerror = (event) => trouble(event.message ?? "the artist cannot be loaded");
+    const paper = canvas.transferControlToOffscreen();
+    this.artist.postMessage({ do: "canvas", canvas: paper }, [paper]);
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.resize();
+    this.tell("look", this.eye);
+    this.hold();
+  }
+
+  tell(what, more) {
+    this.artist.postMessage({ do: what, ...more });
+  }
+
+  resize() {
+    const scale = Math.min(window.devicePixelRatio || 1, 2);
+    this.tell("resize", { width: this.canvas.clientWidth, height: this.canvas.clientHeight, scale });
+  }
+
+  build(told) {
+    const style = getComputedStyle(document.documentElement);
+    const names = ["person", "measured", "target", "command", "bad"];
+    this.tell("build", { told, colours: Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()])) });
+  }
+
+  parts(capsules, shapes) {
+    this.tell("parts", { capsules, shapes });
+  }
+
+  update(frame, shown) {
+    this.tell("update", { frame, shown });
   }
 
   // Drag turns, shift or two fingers move, the wheel or a pinch comes nearer.
-  look() {
+  hold() {
     const held = new Map();
     const { canvas, eye } = this;
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); held.set(event.pointerId, event); });
@@ -69,115 +56,22 @@ export class Stage {
         this.nearer(apart(before) / Math.max(apart(event), 1));
       }
       if (event.shiftKey || held.size === 2) {
-        const right = new THREE.Vector3().setFromMatrixColumn(this.camera.matrix, 0);
-        const up = new THREE.Vector3().setFromMatrixColumn(this.camera.matrix, 1);
         const step = eye.distance / canvas.clientHeight * 0.7;
-        eye.at.addScaledVector(right, -dx * step).addScaledVector(up, dy * step);
+        eye.at[0] += (Math.sin(eye.yaw) * dx - Math.sin(eye.pitch) * Math.cos(eye.yaw) * dy) * step;
+        eye.at[1] += (-Math.cos(eye.yaw) * dx - Math.sin(eye.pitch) * Math.sin(eye.yaw) * dy) * step;
+        eye.at[2] += Math.cos(eye.pitch) * dy * step;
       } else {
         eye.yaw -= dx * 0.006;
         eye.pitch = Math.min(1.5, Math.max(-0.3, eye.pitch + dy * 0.006));
       }
       held.set(event.pointerId, event);
+      this.tell("look", eye);
     });
     canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.nearer(Math.exp(event.deltaY * 0.001)); }, { passive: false });
   }
 
   nearer(factor) {
     this.eye.distance = Math.min(15, Math.max(0.6, this.eye.distance * factor));
-  }
-
-  colour(name) {
-    return new THREE.Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
-  }
-
-  build(told) {
-    for (const old of [...Object.values(this.robots), this.person, this.pair, this.around]) if (old) this.scene.remove(old);
-    [this.capsules, this.shapes] = [[], []];
-    for (const name of ["measured", "target", "command"]) {
-      const ghost = name !== "measured";
-      const material = new THREE.MeshStandardMaterial({
-        color: this.colour(`--${name}`), roughness: 0.7, transparent: ghost, opacity: ghost ? GHOST : 1, depthWrite: !ghost,
-      });
-      const robot = new THREE.Group();
-      robot.bodies = Array.from({ length: 18 }, () => robot.add(new THREE.Group()).children.at(-1));
-      const box = new THREE.MeshStandardMaterial({
-        color: this.colour(`--${name}`), roughness: 0.8, transparent: true, opacity: 0.2, depthWrite: false,
-      });
-      for (const shape of told.shapes) {
-        const mesh = shapeMesh(shape, box);
-        this.shapes.push(mesh);
-        robot.bodies[shape.body].add(mesh);
-      }
-      for (const capsule of told.capsules) {
-        const mesh = capsuleMesh(capsule, material);
-        this.capsules.push(mesh);
-        robot.bodies[capsule.body].add(mesh);
-      }
-      this.robots[name] = robot;
-      this.scene.add(robot);
-    }
-    this.parents = told.person.parents;
-    this.person = new THREE.Group();
-    this.person.position.set(...PERSON_AT);
-    const skin = new THREE.MeshStandardMaterial({ color: this.colour("--person"), roughness: 0.6 });
-    this.bones = this.parents.map(() => new THREE.Mesh(new THREE.CylinderGeometry(0.022, 0.022, 1, 10), skin));
-    this.balls = this.parents.map((_, n) => new THREE.Mesh(new THREE.SphereGeometry(n === 15 ? 0.09 : 0.03, 14, 10), skin));
-    this.person.add(...this.bones, ...this.balls);
-    this.scene.add(this.person);
-    this.pair = new THREE.Line(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3)),
-      new THREE.LineBasicMaterial({ color: this.colour("--bad"), depthTest: false }));
-    this.pair.frustumCulled = false;
-    this.scene.add(this.pair);
-    this.around = new THREE.Group();
-    const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.3 });
-    for (const obstacle of told.obstacles) if (obstacle.form === "box") this.around.add(shapeMesh(obstacle, wall));
-    this.scene.add(this.around);
-  }
-
-  showParts(capsules, shapes) {
-    for (const mesh of this.capsules ?? []) mesh.visible = capsules;
-    for (const mesh of this.shapes ?? []) mesh.visible = shapes;
-  }
-
-  // `shown` says which layers are; `frame` is one of the wire's.
-  update(frame, shown) {
-    if (!this.person) return;
-    for (const [name, robot] of Object.entries(this.robots)) {
-      robot.visible = shown[name];
-      const poses = frame.poses[name];
-      robot.bodies.forEach((body, n) => placed(body, poses.subarray(n * POSE, (n + 1) * POSE)));
-    }
-    this.person.visible = shown.person;
-    const joint = (n) => new THREE.Vector3(...frame.person.subarray(3 * n, 3 * n + 3));
-    const floor = Math.min(...this.parents.map((_, n) => frame.person[3 * n + 2]));
-    this.person.position.z = -floor;
-    this.parents.forEach((parent, n) => {
-      const [to, from] = [joint(n), joint(parent)];
-      const along = to.clone().sub(from), length = along.length();
-      this.balls[n].position.copy(to);
-      this.bones[n].visible = n > 0 && length > 1e-4;
-      if (!this.bones[n].visible) return;
-      this.bones[n].position.copy(from).addScaledVector(along, 0.5);
-      this.bones[n].scale.y = length;
-      this.bones[n].quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
-    });
-    this.pair.visible = shown.pair;
-    this.pair.geometry.attributes.position.array.set(frame.pair);
-    this.pair.geometry.attributes.position.needsUpdate = true;
-  }
-
-  draw() {
-    const { canvas, eye, camera } = this;
-    const width = canvas.clientWidth, height = canvas.clientHeight, scale = Math.min(window.devicePixelRatio || 1, 2);
-    if (canvas.width !== Math.floor(width * scale) || canvas.height !== Math.floor(height * scale)) {
-      this.renderer.setPixelRatio(scale);
-      this.renderer.setSize(width, height, false);
-      camera.aspect = width / Math.max(height, 1);
-      camera.updateProjectionMatrix();
-    }
-    const flat = Math.cos(eye.pitch) * eye.distance;
-    camera.position.set(Math.cos(eye.yaw) * flat, Math.sin(eye.yaw) * flat, Math.sin(eye.pitch) * eye.distance).add(eye.at);
-    camera.lookAt(eye.at);
-    this.renderer.render(this.scene, camera);
+    this.tell("look", this.eye);
   }
 }

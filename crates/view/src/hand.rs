@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
-/// A page that holds the enable says so ten times a second; after three of its periods without a word the enable is let go.
-pub const HOLD_FOR: Duration = Duration::from_millis(300);
+/// A page that holds the enable says so ten times a second; after five of its periods without a word the enable is let go.
+pub const HOLD_FOR: Duration = Duration::from_millis(500);
 /// How long an enable may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 

@@ -48,5 +48,5 @@ fn the_page_reads_frames_as_they_are_written() {
     let (person, bodies, pose, joints) = (number("PERSON"), number("BODIES"), number("POSE"), number("JOINTS"));
     assert_eq!((bodies, pose, number("VERSION")), (BODIES, POSE, VERSION as usize));
     assert_eq!(FIELDS + 6 + 3 * person + 3 * bodies * pose + 4 * joints, LENGTH);
-    assert!(text("/stage.js").contains(&format!("const POSE = {POSE};")));
+    assert!(text("/artist.js").contains(&format!("const POSE = {POSE};")));
 }
