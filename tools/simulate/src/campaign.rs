@@ -49,8 +49,10 @@ pub struct Failure {
     pub seed: u64,
     /// What was broken first.
     pub violation: Violation,
-    /// The smallest schedule that was found to break a promise.
+    /// The smallest schedule that was found to break a promise, or the whole one.
     pub schedule: Vec<Episode>,
+    /// Whether a smaller one was looked for.
+    pub shrunk: bool,
     /// What that schedule breaks, and when.
     pub smallest: Violation,
     /// Episodes of the schedule as it was drawn.
@@ -152,17 +154,34 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
             .filter_map(|(n, (seed, _, outcome))| {
                 let violation = outcome.violation.clone()?;
                 let episodes = drawn(*seed, plan);
-                let (schedule, smallest) = if n < SHRUNK_MAX {
+                let shrunk = n < SHRUNK_MAX;
+                let (schedule, smallest) = if shrunk {
                     let fails = |some: &[Episode]| single(&engaged, subject, *seed, plan, some).violation;
                     shrink::smallest(&episodes, &violation, fails)
                 } else {
                     (episodes.clone(), violation.clone())
                 };
-                Some(Failure { seed: *seed, violation, schedule, smallest, episodes: episodes.len() })
+                Some(Failure { seed: *seed, violation, schedule, shrunk, smallest, episodes: episodes.len() })
             })
             .collect()
     });
     Ok(summed(plan, &outcomes, failures))
+}
+
+/// What one run came to, as a campaign of nothing else.
+pub fn alone(plan: &Plan, seed: u64, episodes: &[Episode], outcome: Outcome) -> (Plan, Summary) {
+    let plan = Plan { first_seed: seed, seeds: 1, jobs: 1, ..plan.clone() };
+    let failure = |violation: Violation| Failure {
+        seed,
+        smallest: violation.clone(),
+        violation,
+        schedule: episodes.to_vec(),
+        shrunk: false,
+        episodes: episodes.len(),
+    };
+    let failures = outcome.violation.clone().map(failure).into_iter().collect();
+    let summary = summed(&plan, &[(seed, episodes.len(), outcome)], failures);
+    (plan, summary)
 }
 
 fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure>) -> Summary {

@@ -8,6 +8,8 @@ use std::path::PathBuf;
 
 /// Longest run: 19 hours of robot time; more is a slip of the finger.
 const TICKS_MAX: u64 = 100_000_000;
+/// The settings that are used where no others are given.
+pub const CONFIG: &str = "config/teleop.toml";
 /// More threads than that are a mistake.
 const JOBS_MAX: usize = 1024;
 
@@ -28,8 +30,8 @@ pub struct Cli {
     /// Threads; the results do not depend on them.
     #[arg(long, default_value_t = cores())]
     pub jobs: usize,
-    /// Write the figures here as JSON.
-    #[arg(long)]
+    /// Write the figures here as JSON; of --replay, those of the one run.
+    #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Only faults with these names or identities.
     #[arg(long, value_name = "ID", num_args = 1..)]
@@ -41,7 +43,7 @@ pub struct Cli {
     #[arg(long, value_name = "LIST", requires = "replay")]
     pub faults: Option<String>,
     /// Settings file.
-    #[arg(long, default_value = "config/teleop.toml")]
+    #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,
     /// Plant this known bug, and look for the first seed that finds it; with --replay, run that seed with it. Needs a build
     /// with `--cfg known_bugs`.

@@ -2,10 +2,14 @@
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
 use simulate::campaign::{self, Plan};
 use simulate::cli::Cli;
 use simulate::subject::Subject;
 use simulate::{known, report, schedule};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -35,6 +39,7 @@ fn main() -> ExitCode {
 
 fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
     let plan = cli.plan().map_err(|cause| (EX_USAGE, cause))?;
+    let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(|cause| (EX_CANTCREAT, cause))?;
     match &cli.known_bug {
         _ if cli.known_bugs => return known::hunt(cli).map_err(|cause| (EX_USAGE, cause)),
         Some(name) if cli.replay.is_none() => return known::hunt_one(cli, name).map_err(|cause| (EX_USAGE, cause)),
@@ -43,12 +48,31 @@ fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
     }
     let subject = Subject::load(&cli.config).map_err(|error| (EX_CONFIG, error.to_string()))?;
     match cli.replay {
-        Some(seed) => replay(cli, &plan, &subject, seed),
-        None => campaign(cli, &plan, &subject),
+        Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),
+        None => campaign(cli, &plan, &subject, figures.as_mut()),
     }
 }
 
-fn campaign(cli: &Cli, plan: &Plan, subject: &Subject) -> Result<bool, (u8, String)> {
+/// Where the figures are written: opened before the run, so that none is made for nothing. What was there stays until then.
+struct Figures(PathBuf, File);
+
+impl Figures {
+    fn open(path: &Path) -> Result<Self, String> {
+        let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
+        Ok(Self(path.to_owned(), file.map_err(|error| format!("{}: {error}", path.display()))?))
+    }
+
+    fn write(&mut self, figures: &Value) -> Result<(), (u8, String)> {
+        let Self(path, file) = self;
+        // A pipe or a terminal has no length.
+        let regular = file.metadata().is_ok_and(|file| file.is_file());
+        let cut = if regular { file.set_len(0) } else { Ok(()) };
+        let written = cut.and_then(|()| file.write_all(format!("{figures:#}\n").as_bytes()));
+        written.map_err(|error| (EX_CANTCREAT, format!("{}: {error}", path.display())))
+    }
+}
+
+fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, figures: Option<&mut Figures>) -> Result<bool, (u8, String)> {
     let bar = ProgressBar::new(plan.seeds);
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {elapsed}, {eta} left") {
         bar.set_style(style);
@@ -57,22 +81,33 @@ fn campaign(cli: &Cli, plan: &Plan, subject: &Subject) -> Result<bool, (u8, Stri
     let sum = campaign::run(subject, plan, || bar.inc(1)).map_err(|cause| (EX_SOFTWARE, cause))?;
     bar.finish_and_clear();
     let wall_s = start.elapsed().as_secs_f64();
-    print!("{}", report::words(plan, &sum, wall_s));
-    if let Some(path) = &cli.json {
-        let text = format!("{:#}\n", report::json(plan, &sum, wall_s));
-        std::fs::write(path, text).map_err(|error| (EX_CANTCREAT, format!("{}: {error}", path.display())))?;
+    print!("{}", report::words(plan, &sum, &cli.config, wall_s));
+    if let Some(figures) = figures {
+        figures.write(&report::json(plan, &sum, subject.hash, wall_s))?;
     }
     Ok(sum.holds())
 }
 
-fn replay(cli: &Cli, plan: &Plan, subject: &Subject, seed: u64) -> Result<bool, (u8, String)> {
+fn replay(
+    cli: &Cli,
+    plan: &Plan,
+    subject: &Subject,
+    seed: u64,
+    figures: Option<&mut Figures>,
+) -> Result<bool, (u8, String)> {
     let episodes = match &cli.faults {
         Some(text) => schedule::from_text(text).map_err(|cause| (EX_USAGE, format!("--faults: {cause}")))?,
         None => campaign::drawn(seed, plan),
     };
     println!("{}", schedule::to_text(&episodes));
+    let start = Instant::now();
     let engaged = subject.engaged().map_err(|cause| (EX_SOFTWARE, cause))?;
     let outcome = campaign::single(&engaged, subject, seed, plan, &episodes);
     print!("{}", report::replay_words(seed, &outcome));
-    Ok(outcome.violation.is_none())
+    let holds = outcome.violation.is_none();
+    if let Some(figures) = figures {
+        let (plan, sum) = campaign::alone(plan, seed, &episodes, outcome);
+        figures.write(&report::json(&plan, &sum, subject.hash, start.elapsed().as_secs_f64()))?;
+    }
+    Ok(holds)
 }

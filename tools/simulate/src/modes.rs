@@ -41,6 +41,8 @@ pub struct Modes {
     last_k: u64,
     holder: Option<(u64, u64)>,
     person: Option<Person>,
+    /// What there was since the robot began to hold, and before that at this tick alone: faults, and whether the enable was up.
+    since_hold: (Faults, bool),
     /// Ticks since another person was passed on, of which control was awake; none once somebody has enabled.
     since_person: Option<u64>,
 }
@@ -75,6 +77,7 @@ impl Modes {
             last_k: 0,
             holder: None,
             person: None,
+            since_hold: (Faults::NONE, false),
             since_person: None,
         }
     }
@@ -178,6 +181,9 @@ impl Modes {
     /// No change of mode without a logged reason that was there.
     fn transition(&mut self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
         let Some(control) = &seen.moment.control else { return Ok(()) };
+        let now = (Faults(control.status.faults), operator.release_edge || !operator.enable_level);
+        let (faults, released) = if self.mode == Mode::Holding { self.since_hold } else { (Faults::NONE, false) };
+        self.since_hold = (faults.union(now.0), released || now.1);
         let count = control.status.transition_count;
         let Some(made) = control.transition else {
             let silent = mode == self.mode && count == self.transitions;
@@ -186,15 +192,12 @@ impl Modes {
         };
         let logged = made.from == self.mode as u32 && made.to == mode as u32 && count == self.transitions + 1;
         self.transitions = count;
-        let faults = Faults(control.status.faults);
+        // What ended a hold is told at its end; of everything else there is this tick.
+        let (faults, released) = if self.mode == Mode::Holding { self.since_hold } else { now };
         let there = match made.why {
-            Transition::ENABLED => operator.enable_edge && operator.enable_level && faults.is_empty(),
+            Transition::ENABLED => operator.enable_edge && operator.enable_level && now.0.is_empty(),
             Transition::RECOVERING => operator.recover_edge && operator.recover_level,
-            Transition::RELEASED => {
-                operator.release_edge
-                    || (self.mode == Mode::Recovering && !operator.recover_level)
-                    || !operator.enable_level
-            }
+            Transition::RELEASED => released || (self.mode == Mode::Recovering && !operator.recover_level),
             Transition::RESET => seen.k <= self.reset_k + RESET_PENDING,
             why => Fault::from_u32(why).is_none_or(|fault| faults.has(fault)),
         };

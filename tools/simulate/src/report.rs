@@ -1,12 +1,14 @@
 //! Figures in words and as JSON.
 
 use crate::campaign::{Failure, Plan, Summary};
+use crate::cli::CONFIG;
 use crate::kinds::KINDS;
 use crate::run::Outcome;
 use crate::schedule::to_text;
 use messages::{Mode, TICK_HZ};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
+use std::path::Path;
 
 fn modes(ticks_in: &[u64; Mode::ALL.len()]) -> Value {
     Value::Object(Mode::ALL.iter().map(|&m| (m.name().to_owned(), json!(ticks_in[m as usize]))).collect())
@@ -24,17 +26,20 @@ fn failure_json(failure: &Failure) -> Value {
         "invariant": failure.violation.invariant,
         "detail": failure.violation.detail,
         "schedule": to_text(&failure.schedule),
+        "shrunk": failure.shrunk,
         "schedule_tick": failure.smallest.tick,
         "schedule_invariant": failure.smallest.invariant,
         "episodes_drawn": failure.episodes,
     })
 }
 
-/// A campaign as JSON.
-pub fn json(plan: &Plan, sum: &Summary, wall_s: f64) -> Value {
+/// A campaign, or one run, as JSON; `settings` is the hash of the settings.
+pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
     let by_kind: Map<String, Value> =
         KINDS.iter().zip(sum.fired).map(|(kind, count)| (kind.name.to_owned(), json!(count))).collect();
     json!({
+        "config_hash": format!("{settings:016x}"),
+        "kinds": plan.kinds.iter().map(|&kind| KINDS[kind].name).collect::<Vec<_>>(),
         "seeds": plan.seeds,
         "first_seed": plan.first_seed,
         "ticks": sum.ticks,
@@ -56,11 +61,11 @@ pub fn json(plan: &Plan, sum: &Summary, wall_s: f64) -> Value {
     })
 }
 
-/// A campaign in words.
-pub fn words(plan: &Plan, sum: &Summary, wall_s: f64) -> String {
+/// A campaign in words; `config` is the settings file, as it was given.
+pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     let mut out = String::new();
     for failure in &sum.failures {
-        let _ = writeln!(out, "{}", failure_words(failure, plan));
+        let _ = writeln!(out, "{}", failure_words(failure, plan, config));
     }
     let us = wall_s * 1e6 * plan.jobs as f64 / sum.ticks.max(1) as f64;
     let _ = writeln!(
@@ -93,10 +98,16 @@ pub fn words(plan: &Plan, sum: &Summary, wall_s: f64) -> String {
     out
 }
 
-fn failure_words(failure: &Failure, plan: &Plan) -> String {
+fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
     let v = &failure.violation;
+    let schedule = if failure.shrunk { "smallest schedule" } else { "schedule" };
+    // A seed is a run of these settings and of no others.
+    let settings = match config {
+        config if config == Path::new(CONFIG) => String::new(),
+        config => format!(" --config {}", quoted(&config.display().to_string())),
+    };
     format!(
-        "seed {}, tick {}, invariant {}: {}\n  smallest schedule ({} of {} episodes), tick {}, {}: {}\n  simulate --ticks {} --replay {} --faults {}",
+        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings} --ticks {} --replay {} --faults {}",
         failure.seed,
         v.tick,
         v.invariant,
@@ -110,6 +121,12 @@ fn failure_words(failure: &Failure, plan: &Plan) -> String {
         failure.seed,
         to_text(&failure.schedule)
     )
+}
+
+/// As a shell reads it back.
+fn quoted(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+@:".contains(c);
+    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 /// A single run in words.
@@ -128,4 +145,27 @@ pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
     let _ =
         writeln!(out, "{} ticks, {} transitions, hash {:016x}", outcome.ticks, outcome.transitions.len(), outcome.hash);
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oracle::Violation;
+
+    #[test]
+    fn what_is_printed_can_be_run_again_and_says_smallest_only_of_what_was_made_small() {
+        let violation = Violation { tick: 7, invariant: "joint limits", detail: "of joint 3".to_owned() };
+        let smallest = violation.clone();
+        let mut failure = Failure { seed: 4, violation, schedule: vec![], shrunk: true, smallest, episodes: 9 };
+        let plan = Plan { first_seed: 1, seeds: 9, ticks: 9000, jobs: 1, kinds: vec![], bug: None };
+        let told = |failure: &Failure, config: &str| failure_words(failure, &plan, Path::new(config));
+        let shipped = told(&failure, CONFIG);
+        assert!(shipped.contains("  smallest schedule (0 of 9 episodes)"), "{shipped}");
+        assert!(shipped.ends_with("\n  simulate --ticks 9000 --replay 4 --faults none"), "{shipped}");
+        failure.shrunk = false;
+        let own = told(&failure, "/tmp/it's mine.toml");
+        assert!(own.contains("\n  schedule (") && !own.contains("smallest"), "{own}");
+        assert!(own.contains("simulate --config '/tmp/it'\\''s mine.toml' --ticks"), "{own}");
+        assert!(told(&failure, "own.toml").contains("simulate --config own.toml --ticks"));
+    }
 }

@@ -26,6 +26,8 @@ const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 pub struct Subject {
     /// Of every stage.
     pub config: WorldConfig,
+    /// Hash of the settings, as the daemon and recordings name it.
+    pub hash: u64,
     /// Of the robot.
     pub limits: [JointLimits; JOINTS],
     /// Home posture.
@@ -51,6 +53,7 @@ impl Subject {
             outside: outside(model),
             close: close(model),
             config: WorldConfig::recoverable(&loaded)?,
+            hash: loaded.hash,
         })
     }
 
