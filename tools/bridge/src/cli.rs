@@ -45,6 +45,10 @@ pub struct To {
     /// Listens to this address alone.
     #[arg(long, value_name = "IP")]
     pub from: Option<IpAddr>,
+    /// Listens to every user of this machine. Without it, a sender on this machine has to be of the user that runs this, or
+    /// root; one of another user is refused and counted. What other machines send is not asked for its user: see --from.
+    #[arg(long)]
+    pub any_user: bool,
     /// Folder of the running instance.
     #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
     pub run_dir: PathBuf,

@@ -7,10 +7,12 @@
 pub mod cli;
 mod mvn;
 mod senders;
+mod users;
 mod vmc;
 
 pub use mvn::Mvn;
-pub use senders::{Senders, Turn};
+pub use senders::{Senders, Turn, canonical};
+pub use users::Users;
 pub use vmc::Vmc;
 
 use messages::{Layout, RawSkeleton, SkeletonLayout};
@@ -39,12 +41,35 @@ pub enum Refused {
     /// Somebody else sends, and only one is listened to at a time.
     #[error("of another sender")]
     Stranger,
+    /// Of a character that is not listened to.
+    #[error("of another character")]
+    Character,
+    /// A sender on this machine that is not of a user who may send.
+    #[error("of another user of this machine, or of a sender that is gone")]
+    User,
 }
 
 impl Refused {
     /// All of them; the index is the value.
-    pub const ALL: [Self; 6] =
-        [Self::Protocol, Self::Length, Self::Late, Self::Twice, Self::NotANumber, Self::Stranger];
+    pub const ALL: [Self; 8] = [
+        Self::Protocol,
+        Self::Length,
+        Self::Late,
+        Self::Twice,
+        Self::NotANumber,
+        Self::Stranger,
+        Self::Character,
+        Self::User,
+    ];
+}
+
+/// What was made of a packet that was not refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It says something of the person that is listened to: whoever sent it keeps the turn.
+    Person,
+    /// It says nothing of that.
+    Aside,
 }
 
 /// What listens to one protocol.
@@ -53,7 +78,12 @@ pub trait Protocol {
     ///
     /// # Errors
     /// Nothing was made of it; what was pending stays.
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused>;
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
+
+    /// As this one was before its first packet, with the restarts that it counted: for another sender.
+    fn anew(&self) -> Self
+    where
+        Self: Sized;
 
     /// How often the sender was started anew, as far as its packets tell; the packet that tells it is refused.
     fn restarts(&self) -> u64;

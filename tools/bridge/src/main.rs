@@ -1,13 +1,15 @@
 //! See the library.
 
 use bridge::cli::{Cli, Program, To};
-use bridge::{Mvn, PACKET_MAX, Protocol, Refused, Senders, Turn, Vmc};
+use bridge::{Mvn, PACKET_MAX, Protocol, Refused, Senders, Taken, Turn, Users, Vmc, canonical};
 use clap::Parser;
 use messages::{Header, Layout, RawSkeleton, Stamp};
 use pipeline::{Instance, Port, Way};
-use rt::Shutdown;
+use rt::{Peer, Shutdown};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -17,11 +19,13 @@ const EX_SOFTWARE: u8 = 70;
 
 /// How long silence is waited for before the signals are looked at.
 const LOOK: Duration = Duration::from_millis(100);
+/// How often it is told what was refused, ns, as long as more is.
+const TELL_EVERY_NS: u64 = 60_000_000_000;
 
 fn main() -> ExitCode {
     let outcome = match Cli::parse().program {
-        Program::Mvn { bind, character, to } => run(bind, &to, &mut Mvn::new(character)),
-        Program::Vmc { bind, to } => run(bind, &to, &mut Vmc::new()),
+        Program::Mvn { bind, character, to } => run(bind, &to, Mvn::new(character)),
+        Program::Vmc { bind, to } => run(bind, &to, Vmc::new()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -32,7 +36,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(bind: SocketAddr, to: &To, protocol: &mut dyn Protocol) -> Result<(), (u8, String)> {
+fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, String)> {
     let unavailable = |what: String| (EX_UNAVAILABLE, what);
     let shutdown = Shutdown::on_signals().map_err(|error| (EX_SOFTWARE, error.to_string()))?;
     let socket = UdpSocket::bind(bind).map_err(|error| unavailable(format!("{bind}: {error}")))?;
@@ -44,28 +48,45 @@ fn run(bind: SocketAddr, to: &To, protocol: &mut dyn Protocol) -> Result<(), (u8
     };
     let port = Port::open(way, "bridge").map_err(|error| unavailable(error.to_string()))?;
     let at = socket.local_addr().unwrap_or(bind);
+    let users = users(to).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
     println!("bridge: listening at {at}");
+    match users {
+        Some(own) => println!("bridge: of this machine, users {own} and 0 may send; --any-user lets all of them"),
+        None => println!("bridge: every user of this machine can be followed by the robot"),
+    }
     if !at.ip().is_loopback() && to.from.is_none() {
         println!("bridge: whoever reaches {at} can be followed by the robot; --from IP listens to one machine alone");
     }
-    let mut listener = Listener::new(port, to);
+    let mut listener = Listener::new(port, protocol, Senders::new(to.from), Users::new(users));
     let mut packet = [0; PACKET_MAX + 1];
     while !shutdown.requested() {
         match socket.recv_from(&mut packet) {
-            Ok((length, sender)) => listener.take(protocol, sender, &packet[..length]),
+            Ok((length, sender)) => listener.take(canonical(sender), &packet[..length]),
             Err(error)
                 if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
             Err(error) => return Err(unavailable(format!("{at}: {error}"))),
         }
+        listener.tell(rt::now());
     }
     println!("{}", listener.summary());
     Ok(())
 }
 
+/// The user that runs this, as the kernel has it; none where every user may send.
+fn users(to: &To) -> std::io::Result<Option<u32>> {
+    if to.any_user {
+        return Ok(None);
+    }
+    let (own, _) = UnixStream::pair()?;
+    Ok(Some(Peer::of(own.as_fd())?.uid))
+}
+
 /// What comes in, and what became of it.
-struct Listener {
+struct Listener<P> {
     port: Port,
+    protocol: P,
     senders: Senders,
+    users: Users,
     incarnation: u32,
     /// Counts the sessions: every sender, and every start of one, is another.
     session: u32,
@@ -73,35 +94,32 @@ struct Listener {
     published: u64,
     failed: u64,
     refused: [u64; Refused::ALL.len()],
+    /// When it was told how many were refused, and how many there were.
+    told: (Stamp, u64),
 }
 
-impl Listener {
-    fn new(port: Port, to: &To) -> Self {
-        let (senders, incarnation) = (Senders::new(to.from), rt::incarnation());
+impl<P: Protocol> Listener<P> {
+    fn new(port: Port, protocol: P, senders: Senders, users: Users) -> Self {
+        let incarnation = rt::incarnation();
         Self {
             port,
+            protocol,
             senders,
+            users,
             incarnation,
             session: 0,
             restarts: 0,
             published: 0,
             failed: 0,
             refused: Default::default(),
+            told: (rt::now(), 0),
         }
     }
 
-    fn take(&mut self, protocol: &mut dyn Protocol, sender: SocketAddr, packet: &[u8]) {
-        let now = rt::now();
-        let length = if packet.len() > PACKET_MAX { Err(Refused::Length) } else { Ok(()) };
-        let outcome = length.and_then(|()| self.senders.admit(sender, now)).and_then(|turn| {
-            if turn == Turn::New {
-                self.session += 1;
-                println!("bridge: listening to {sender}");
-            }
-            protocol.take(packet, &mut |frame| self.publish(frame, now))
-        });
-        if protocol.restarts() != self.restarts {
-            self.restarts = protocol.restarts();
+    fn take(&mut self, sender: SocketAddr, packet: &[u8]) {
+        let outcome = self.listen(sender, packet, rt::now());
+        if self.protocol.restarts() != self.restarts {
+            self.restarts = self.protocol.restarts();
             self.session += 1;
             println!("bridge: {sender} was started anew");
         }
@@ -112,6 +130,32 @@ impl Listener {
                 println!("bridge: refused a packet of {sender}: {refused}; others like it are counted");
             }
         }
+    }
+
+    fn listen(&mut self, sender: SocketAddr, packet: &[u8], now: Stamp) -> Result<(), Refused> {
+        if packet.len() > PACKET_MAX {
+            return Err(Refused::Length);
+        }
+        let turn = self.senders.whose(sender, now)?;
+        if !self.users.may(sender, now) {
+            return Err(Refused::User);
+        }
+        if turn == Turn::New {
+            // Nobody has the turn for a packet that is none; nor does it change what is known of the sender before.
+            if self.protocol.anew().take(packet, &mut |_| {})? == Taken::Aside {
+                return Ok(());
+            }
+            self.protocol = self.protocol.anew();
+            self.session += 1;
+            println!("bridge: listening to {sender}");
+        }
+        let mut frames = Vec::new();
+        let taken = self.protocol.take(packet, &mut |frame| frames.push(*frame))?;
+        if taken == Taken::Person {
+            self.senders.heard(sender, now);
+        }
+        frames.iter().for_each(|frame| self.publish(frame, now));
+        Ok(())
     }
 
     /// The program's clock is not ours: a person was seen when the packet came.
@@ -125,6 +169,17 @@ impl Listener {
             if self.failed == 1 {
                 println!("bridge: a frame was not taken: {error}");
             }
+        }
+    }
+
+    /// Says how many packets were refused if more were since it was said.
+    fn tell(&mut self, now: Stamp) {
+        let refused = self.refused.iter().sum();
+        if now.since(self.told.0) >= TELL_EVERY_NS {
+            if refused != self.told.1 {
+                println!("{}", self.summary());
+            }
+            self.told = (now, refused);
         }
     }
 

@@ -5,7 +5,7 @@
 //! length of the items; an item is u32 segment id, 3 f32 position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network
 //! Streaming Protocol Specification.)
 
-use crate::{Protocol, Refused, empty};
+use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 
 const HEADER: usize = 24;
@@ -20,6 +20,9 @@ const BEGAN_ANEW: u32 = 480;
 /// Listens to one character.
 #[derive(Clone, Debug)]
 pub struct Mvn {
+    /// The character that was asked for, if one was.
+    asked: Option<u8>,
+    /// The one that is listened to.
     character: Option<u8>,
     /// The sample that is being put together, or was last.
     sample: Option<u32>,
@@ -30,11 +33,11 @@ pub struct Mvn {
 }
 
 impl Mvn {
-    /// Of this character, or of the first that is seen.
-    pub fn new(character: Option<u8>) -> Self {
+    /// Of this character, or of the first of which a segment of the body is seen.
+    pub fn new(asked: Option<u8>) -> Self {
         let mut frame = empty(SkeletonLayout::XsensMvn23, SEGMENTS, raw_flag::ROTATIONS);
         frame.confidence[..SEGMENTS].fill(1.0);
-        Self { character, sample: None, seen: 0, frame, restarts: 0 }
+        Self { asked, character: asked, sample: None, seen: 0, frame, restarts: 0 }
     }
 
     /// Whether the packet's sample is to be listened to; a new one begins with nothing seen.
@@ -47,7 +50,7 @@ impl Mvn {
         if sample.wrapping_sub(last) > u32::MAX / 2 {
             if last.wrapping_sub(sample) >= BEGAN_ANEW {
                 // Whoever comes after it is of another session.
-                (self.sample, self.seen) = (None, 0);
+                (self.sample, self.seen, self.character) = (None, 0, self.asked);
                 self.restarts += 1;
             }
             return Err(Refused::Late);
@@ -58,11 +61,11 @@ impl Mvn {
 }
 
 impl Protocol for Mvn {
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         match packet {
             [b'M', b'X', b'T', b'P', b'0', b'2', ..] => {}
             // Joint angles, scaling, metadata and the like, of the same stream.
-            [b'M', b'X', b'T', b'P', b'0'..=b'9', b'0'..=b'9', ..] => return Ok(()),
+            [b'M', b'X', b'T', b'P', b'0'..=b'9', b'0'..=b'9', ..] => return Ok(Taken::Aside),
             _ => return Err(Refused::Protocol),
         }
         let (header, items) = packet.split_at_checked(HEADER).ok_or(Refused::Length)?;
@@ -70,8 +73,9 @@ impl Protocol for Mvn {
         if items.len() != length || items.len() != usize::from(header[11]) * ITEM {
             return Err(Refused::Length);
         }
-        if *self.character.get_or_insert(header[16]) != header[16] {
-            return Ok(());
+        let character = header[16];
+        if self.character.is_some_and(|ours| ours != character) {
+            return Err(Refused::Character);
         }
         // Nothing is taken of a packet of which something is wrong.
         let mut seen = 0_u32;
@@ -85,20 +89,29 @@ impl Protocol for Mvn {
             }
             seen |= bit;
         }
+        if seen == 0 {
+            // Props and fingers alone are of nobody.
+            return Ok(Taken::Aside);
+        }
         self.begin(u32::from_be_bytes([header[6], header[7], header[8], header[9]]))?;
         if self.seen & seen != 0 {
             return Err(Refused::Twice);
         }
+        self.character = Some(character);
         for item in items.chunks_exact(ITEM) {
             let Some(i) = segment(item) else { continue };
             let [x, y, z, q @ ..] = numbers(item);
             (self.frame.positions[i], self.frame.rotations[i]) = ([x, y, z], q);
         }
         self.seen |= seen;
-        if seen != 0 && self.seen == ALL {
+        if self.seen == ALL {
             publish(&self.frame);
         }
-        Ok(())
+        Ok(Taken::Person)
+    }
+
+    fn anew(&self) -> Self {
+        Self { restarts: self.restarts, ..Self::new(self.asked) }
     }
 
     fn restarts(&self) -> u64 {
@@ -147,7 +160,7 @@ mod tests {
             .collect()
     }
 
-    fn take(mvn: &mut Mvn, packet: &[u8]) -> (Result<(), Refused>, Vec<RawSkeleton>) {
+    fn take(mvn: &mut Mvn, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
         let mut frames = Vec::new();
         let outcome = mvn.take(packet, &mut |frame| frames.push(*frame));
         (outcome, frames)
@@ -159,7 +172,7 @@ mod tests {
         let whole = packet(7, 0x80, 0, &items);
         assert_eq!(whole.len(), 760, "as the manual has it");
         let (outcome, frames) = take(&mut Mvn::new(None), &whole);
-        assert_eq!((outcome, frames.len()), (Ok(()), 1));
+        assert_eq!((outcome, frames.len()), (Ok(Taken::Person), 1));
         let frame = frames[0];
         assert_eq!((frame.layout, frame.joint_count, frame.flags), (6, 23, raw_flag::ROTATIONS));
         for (i, (_, expected)) in items.iter().enumerate() {
@@ -175,7 +188,7 @@ mod tests {
             let mut mvn = Mvn::new(None);
             assert!(take(&mut mvn, &parts[order[0]]).1.is_empty());
             let (outcome, frames) = take(&mut mvn, &parts[order[1]]);
-            assert_eq!((outcome, frames), (Ok(()), vec![frame]));
+            assert_eq!((outcome, frames), (Ok(Taken::Person), vec![frame]));
         }
     }
 
@@ -207,8 +220,8 @@ mod tests {
         ] {
             assert_eq!(take(&mut mvn, bytes), (Err(refused), vec![]));
         }
-        assert_eq!(take(&mut mvn, b"MXTP13").0, Ok(()), "another message of the same stream");
-        assert_eq!(take(&mut mvn, &packet(9, 0x80, 1, &items)), (Ok(()), vec![]), "another character");
+        assert_eq!(take(&mut mvn, b"MXTP13").0, Ok(Taken::Aside), "another message of the same stream");
+        assert_eq!(take(&mut mvn, &packet(9, 0x80, 1, &items)), (Err(Refused::Character), vec![]));
         assert_eq!(take(&mut mvn, &packet(7, 0x81, 0, &items[10..])).1.len(), 1, "the rest of sample 7");
         assert_eq!(take(&mut mvn, &packet(7, 0x82, 0, &[(30, [0.0; 7])])).1.len(), 0, "fingers alone are nobody");
     }
@@ -230,5 +243,29 @@ mod tests {
             let (_, made) = take(&mut mvn, &packet(sample, 0x80, 0, &items));
             assert_eq!((made.len(), mvn.restarts()), (frames, restarts), "{sample}");
         }
+    }
+
+    #[test]
+    fn a_character_is_chosen_by_its_body_and_anew_for_another_sender() {
+        let items = items();
+        let fingers: Vec<Item> = vec![(30, [0.5; 7])];
+        let mut mvn = Mvn::new(None);
+        for none in [packet(1, 0x80, 5, &[]), packet(1, 0x80, 6, &fingers)] {
+            assert_eq!(take(&mut mvn, &none), (Ok(Taken::Aside), vec![]));
+        }
+        let mut nan = items.clone();
+        nan[3].1[2] = f32::NAN;
+        assert_eq!(take(&mut mvn, &packet(1, 0x80, 7, &nan)).0, Err(Refused::NotANumber));
+        assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).1.len(), 1, "the first that has a body");
+        assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)), (Err(Refused::Character), vec![]));
+        assert_eq!(take(&mut mvn.anew(), &packet(1, 0x80, 5, &items)).1.len(), 1, "another sender's");
+        // The program was started anew, with another character.
+        assert_eq!(take(&mut mvn, &packet(9000, 0x80, 2, &items)).1.len(), 1);
+        assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).0, Err(Refused::Late));
+        assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)).1.len(), 1);
+        assert_eq!(mvn.anew().restarts(), 1);
+        let mut asked = Mvn::new(Some(3)).anew();
+        assert_eq!(take(&mut asked, &packet(1, 0x80, 2, &items)).0, Err(Refused::Character));
+        assert_eq!(take(&mut asked, &packet(1, 0x80, 3, &items)).1.len(), 1);
     }
 }

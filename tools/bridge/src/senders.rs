@@ -27,23 +27,35 @@ pub struct Senders {
 impl Senders {
     /// Nobody has been heard yet.
     pub fn new(only: Option<IpAddr>) -> Self {
-        Self { only, present: None }
+        Self { only: only.map(|only| only.to_canonical()), present: None }
     }
 
-    /// Whether a packet that comes from `sender` at `now` is listened to.
+    /// Whose turn it would be if the packet that comes from `sender` at `now` is a good one.
     ///
     /// # Errors
     /// It is not the address that may send, or another sender was heard within the last second.
-    pub fn admit(&mut self, sender: SocketAddr, now: Stamp) -> Result<Turn, Refused> {
+    pub fn whose(&self, sender: SocketAddr, now: Stamp) -> Result<Turn, Refused> {
         if self.only.is_some_and(|only| only != sender.ip()) {
             return Err(Refused::Stranger);
         }
-        let same = self.present.is_some_and(|(present, _)| present == sender);
-        if !same && self.present.is_some_and(|(_, heard)| now.since(heard) < SILENT_NS) {
-            return Err(Refused::Stranger);
+        match self.present {
+            Some((present, _)) if present == sender => Ok(Turn::Same),
+            Some((_, heard)) if now.since(heard) < SILENT_NS => Err(Refused::Stranger),
+            _ => Ok(Turn::New),
         }
+    }
+
+    /// The packet was a good one: `sender` has the turn.
+    pub fn heard(&mut self, sender: SocketAddr, now: Stamp) {
         self.present = Some((sender, now));
-        Ok(if same { Turn::Same } else { Turn::New })
+    }
+}
+
+/// An address of IPv4 as that, not as one of IPv6: a socket that listens to both sees the latter.
+pub fn canonical(sender: SocketAddr) -> SocketAddr {
+    match sender.ip().to_canonical() {
+        IpAddr::V4(ip) => SocketAddr::new(ip.into(), sender.port()),
+        IpAddr::V6(_) => sender,
     }
 }
 
@@ -65,10 +77,36 @@ mod tests {
             (1, 1020, Err(Refused::Stranger)),
             (2, 9000, Ok(Turn::Same)),
         ] {
-            assert_eq!(senders.admit(sender(port), at(ms)), expected, "port {port} at {ms} ms");
+            let turn = senders.whose(sender(port), at(ms));
+            assert_eq!(turn, expected, "port {port} at {ms} ms");
+            if turn.is_ok() {
+                senders.heard(sender(port), at(ms));
+            }
         }
-        let mut only = Senders::new(Some([10, 0, 0, 1].into()));
-        assert_eq!(only.admit(sender(1), at(0)), Err(Refused::Stranger));
-        assert_eq!(only.admit(SocketAddr::from(([10, 0, 0, 1], 5)), at(0)), Ok(Turn::New));
+        let only = Senders::new(Some([10, 0, 0, 1].into()));
+        assert_eq!(only.whose(sender(1), at(0)), Err(Refused::Stranger));
+        assert_eq!(only.whose(SocketAddr::from(([10, 0, 0, 1], 5)), at(0)), Ok(Turn::New));
+    }
+
+    #[test]
+    fn who_sends_nothing_good_has_no_turn() {
+        let sender = |port| SocketAddr::from(([127, 0, 0, 1], port));
+        let mut senders = Senders::new(None);
+        assert_eq!(senders.whose(sender(1), Stamp(1)), Ok(Turn::New));
+        assert_eq!(senders.whose(sender(2), Stamp(2)), Ok(Turn::New), "the first was not heard");
+        senders.heard(sender(2), Stamp(2));
+        assert_eq!(senders.whose(sender(2), Stamp(SILENT_NS)), Ok(Turn::Same));
+        assert_eq!(senders.whose(sender(1), Stamp(2 + SILENT_NS)), Ok(Turn::New), "nothing good for a second");
+    }
+
+    #[test]
+    fn an_address_of_ipv4_is_the_same_under_ipv6() {
+        let mapped: SocketAddr = "[::ffff:127.0.0.1]:7".parse().expect("an address");
+        for only in ["127.0.0.1", "::ffff:127.0.0.1"] {
+            let senders = Senders::new(Some(only.parse().expect("an address")));
+            assert_eq!(senders.whose(canonical(mapped), Stamp(1)), Ok(Turn::New), "--from {only}");
+        }
+        let six: SocketAddr = "[fe80::1%3]:7".parse().expect("an address");
+        assert_eq!(canonical(six), six);
     }
 }

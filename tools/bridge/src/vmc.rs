@@ -4,7 +4,7 @@
 //! and where a sender leaves it out, the next hips do. `/VMC/Ext/OK 0` says that nobody is seen. (Virtual Motion Capture
 //! Protocol 2.7.)
 
-use crate::{Protocol, Refused, empty};
+use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 use rosc::{OscMessage, OscPacket, OscType};
 
@@ -135,7 +135,7 @@ impl Default for Vmc {
 }
 
 impl Protocol for Vmc {
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
+    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         // Bundles in bundles are none of this protocol, and would be read by recursion.
         if packet.windows(8).filter(|bytes| bytes == b"#bundle\0").count() > 1 {
             return Err(Refused::Protocol);
@@ -144,12 +144,40 @@ impl Protocol for Vmc {
         if !rest.is_empty() {
             return Err(Refused::Length);
         }
-        self.packet(&packet, publish)
+        // Nothing is taken of a packet of which something is wrong.
+        let taken = check(&packet)?;
+        self.packet(&packet, publish)?;
+        Ok(taken)
+    }
+
+    fn anew(&self) -> Self {
+        Self { restarts: self.restarts, ..Self::new() }
     }
 
     fn restarts(&self) -> u64 {
         self.restarts
     }
+}
+
+/// Whether every message that moves somebody can be read, and whether one is of this protocol at all.
+fn check(packet: &OscPacket) -> Result<Taken, Refused> {
+    let message = match packet {
+        OscPacket::Message(message) => message,
+        OscPacket::Bundle(bundle) => {
+            return bundle.content.iter().try_fold(Taken::Aside, |taken, packet| {
+                let this = check(packet)?;
+                Ok(if taken == Taken::Person { taken } else { this })
+            });
+        }
+    };
+    let good = match message.addr.as_str() {
+        "/VMC/Ext/Root/Pos" | "/VMC/Ext/Bone/Pos" => named(&message.args).map(|_| true)?,
+        "/VMC/Ext/T" => matches!(message.args.first(), Some(OscType::Float(_))),
+        "/VMC/Ext/OK" => matches!(message.args.first(), Some(OscType::Int(_))),
+        other if other.starts_with("/VMC/Ext/") => true,
+        _ => return Ok(Taken::Aside),
+    };
+    if good { Ok(Taken::Person) } else { Err(Refused::Protocol) }
 }
 
 /// A name and a transform; what follows (scale and offset of the root) says nothing of the person.
@@ -205,7 +233,7 @@ mod tests {
         encoder::encode(&OscPacket::Bundle(OscBundle { timetag, content })).expect("a packet")
     }
 
-    fn take(vmc: &mut Vmc, packet: &[u8]) -> (Result<(), Refused>, Vec<RawSkeleton>) {
+    fn take(vmc: &mut Vmc, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
         let mut frames = Vec::new();
         let outcome = vmc.take(packet, &mut |frame| frames.push(*frame));
         (outcome, frames)
@@ -231,7 +259,7 @@ mod tests {
     #[test]
     fn a_person_in_one_bundle_or_message_by_message_is_one_frame() {
         let (outcome, whole) = take(&mut Vmc::new(), &bytes(body(1.0)));
-        assert_eq!((outcome, whole.len()), (Ok(()), 1));
+        assert_eq!((outcome, whole.len()), (Ok(Taken::Person), 1));
         let frame = &whole[0];
         assert_eq!((frame.layout, frame.joint_count, frame.flags), (7, 55, raw_flag::ROTATIONS | raw_flag::LOCAL));
         // z turned by 90 degrees about y is x.
@@ -272,7 +300,7 @@ mod tests {
         assert_eq!(frames[0].confidence[13..=18], [1.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
         let mut all = body(2.0);
         all.insert(0, message("/VMC/Ext/OK", vec![OscType::Int(0)]));
-        assert_eq!(take(&mut vmc, &bytes(all)), (Ok(()), vec![]));
+        assert_eq!(take(&mut vmc, &bytes(all)), (Ok(Taken::Person), vec![]));
         let mut all = body(3.0);
         all.insert(0, message("/VMC/Ext/OK", vec![OscType::Int(1), OscType::Int(3)]));
         assert_eq!(take(&mut vmc, &bytes(all)).1.len(), 1);
@@ -304,6 +332,10 @@ mod tests {
         ] {
             assert_eq!(take(&mut vmc, &packet), (Err(refused), vec![]), "{packet:?}");
         }
-        assert_eq!(take(&mut vmc, &bytes(vec![message("/VMC/Ext/Blend/Apply", vec![])])).0, Ok(()));
+        assert_eq!(take(&mut vmc, &bytes(vec![message("/VMC/Ext/Blend/Apply", vec![])])).0, Ok(Taken::Person));
+        assert_eq!(take(&mut vmc, &bytes(vec![message("/avatar/parameters/x", vec![])])).0, Ok(Taken::Aside));
+        let mut half = body(1.0);
+        half.push(message("/VMC/Ext/OK", vec![]));
+        assert_eq!(take(&mut vmc, &bytes(half)), (Err(Refused::Protocol), vec![]), "a person, and then what is wrong");
     }
 }

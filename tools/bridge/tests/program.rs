@@ -3,9 +3,9 @@
 use bus::Domain;
 use messages::{RawSkeleton, Service, Smpl};
 use pipeline::Instance;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::UdpSocket;
-use std::process::{Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Where the segments of somebody in a T-pose are who looks along x: m, z up.
@@ -49,22 +49,31 @@ fn mvn(sample: u32) -> Vec<u8> {
     bytes
 }
 
+/// A bridge, the address at which it listens, and the rest of what it says.
+fn start(folder: &std::path::Path, arguments: &[&str]) -> (Child, String, std::io::Lines<BufReader<ChildStdout>>) {
+    let mut bridge = Command::new(env!("CARGO_BIN_EXE_bridge"))
+        .args(arguments)
+        .arg("--run-dir")
+        .arg(folder)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let mut lines = BufReader::new(bridge.stdout.take().expect("its output")).lines();
+    let told = lines.next().expect("a line").expect("text");
+    let address = told.strip_prefix("bridge: listening at ").expect("an address").to_owned();
+    let told = lines.next().expect("a line").expect("text");
+    assert_eq!(told.contains("--any-user"), !arguments.contains(&"--any-user"), "{told}");
+    (bridge, address, lines)
+}
+
 #[test]
 fn a_person_of_mvn_reaches_the_input_domain_with_the_left_arm_on_the_left() {
     let folder = tempfile::tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");
     let domain = Domain::open(instance.input_domain(), "test").expect("a domain");
     let mut reader = domain.reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader");
-    let mut bridge = Command::new(env!("CARGO_BIN_EXE_bridge"))
-        .args(["mvn", "--bind", "127.0.0.1:0", "--run-dir"])
-        .arg(folder.path())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("it starts");
-    let mut lines = BufReader::new(bridge.stdout.take().expect("its output")).lines();
+    let (mut bridge, address, mut lines) = start(folder.path(), &["mvn", "--bind", "127.0.0.1:0"]);
     let mut line = || lines.next().expect("a line").expect("text");
-    let told = line();
-    let address = told.strip_prefix("bridge: listening at ").expect("an address").to_owned();
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
     let give_up = Instant::now() + Duration::from_secs(20);
     let (mut sample, mut seen) = (0, None);
@@ -87,6 +96,67 @@ fn a_person_of_mvn_reaches_the_input_domain_with_the_left_arm_on_the_left() {
     assert!(bridge.wait().expect("it ends").success());
     let told = line();
     assert!(told.contains(&format!("{sample} frames, 0 not taken; 1 packets not of this protocol")), "{told}");
+}
+
+#[test]
+fn a_socket_of_both_protocols_listens_to_an_address_of_ipv4_and_garbage_has_no_turn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    let (mut bridge, address, mut lines) =
+        start(instance.run_dir(), &["mvn", "--bind", "[::]:0", "--from", "127.0.0.1"]);
+    let mut line = || lines.next().expect("a line").expect("text");
+    let address = address.replace("[::]", "127.0.0.1");
+    let socket = || UdpSocket::bind("127.0.0.1:0").expect("a port");
+    let (garbage, good) = (socket(), socket());
+    garbage.send_to(b"nobody", &address).expect("sent");
+    assert!(line().contains("not of this protocol"));
+    // At once: whoever sends what cannot be read is not waited for.
+    good.send_to(&mvn(1), &address).expect("sent");
+    assert_eq!(line(), format!("bridge: listening to {}", good.local_addr().expect("an address")));
+    rt::terminate(bridge.id());
+    assert!(bridge.wait().expect("it ends").success());
+    let told = line();
+    assert!(told.contains("1 frames, 0 not taken; 1 packets not of this protocol"), "{told}");
+}
+
+/// Another user of this machine sends a person; what the bridge says of it at last.
+fn told_of_nobody(arguments: &[&str]) -> Option<String> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    let (mut bridge, address, mut lines) = start(instance.run_dir(), arguments);
+    let (host, port) = address.rsplit_once(':').expect("a port");
+    // It stays open until the packet was looked at: a socket that is gone is nobody's.
+    let send = format!("exec 3>/dev/udp/{host}/{port} && head -c 760 >&3 && echo sent && read line");
+    let nobody = Command::new("setpriv")
+        .args(["--reuid=65534", "--clear-groups", "bash", "-c", &send])
+        .current_dir("/")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    let sent = nobody.ok().and_then(|mut nobody| {
+        nobody.stdin.as_mut()?.write_all(&mvn(1)).ok()?;
+        let mut told = String::new();
+        BufReader::new(nobody.stdout.take()?).read_line(&mut told).ok()?;
+        let line = if told == "sent\n" { lines.next() } else { None };
+        drop(nobody.stdin.take());
+        nobody.wait().ok()?;
+        line?.ok()
+    });
+    rt::terminate(bridge.id());
+    assert!(bridge.wait().expect("it ends").success());
+    sent?;
+    lines.next()?.ok()
+}
+
+#[test]
+fn another_user_of_this_machine_moves_nobody_unless_it_may() {
+    let strict = ["mvn", "--bind", "127.0.0.1:0"];
+    let Some(told) = told_of_nobody(&strict) else {
+        return println!("skipped: needs root, setpriv and bash to send as another user");
+    };
+    assert!(told.contains("0 frames, 0 not taken; 1 packets of another user of this machine"), "{told}");
+    let told = told_of_nobody(&[&strict[..], &["--any-user"]].concat()).expect("as before");
+    assert!(told.contains("1 frames, 0 not taken"), "{told}");
 }
 
 #[test]
