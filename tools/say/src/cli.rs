@@ -16,9 +16,9 @@ pub struct Cli {
     /// there).
     #[arg(long, value_name = "FILE")]
     pub synonyms: Option<PathBuf>,
-    /// How many motions are shown.
-    #[arg(long, value_name = "K", default_value_t = 5)]
-    pub top: usize,
+    /// How many motions are shown, 1 to 100.
+    #[arg(long, value_name = "K", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub top: u8,
     /// As JSON.
     #[arg(long)]
     pub json: bool,

@@ -3,8 +3,10 @@
 pub mod cli;
 mod index;
 mod library;
+mod text;
 mod words;
 
 pub use index::{Index, Match};
 pub use library::{Caption, Library, LibraryError};
+pub use text::{escaped, read, shown};
 pub use words::Words;

@@ -1,12 +1,11 @@
 //! A folder of motions and what they show.
 
+use crate::text::{BYTES_MAX, read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The file of captions in the folder.
 const CAPTIONS: &str = "captions.tsv";
-/// Longest file of captions that is read, bytes: HumanML3D's 45,000 captions take 3 MB.
-const BYTES_MAX: u64 = 64 << 20;
 
 /// What a motion shows; a motion may have several.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,21 +19,19 @@ pub struct Caption {
 /// A library that cannot be used.
 #[derive(Debug, Error)]
 pub enum LibraryError {
-    /// No captions.
+    /// No text.
     #[error("{file}: {cause}")]
     Read {
-        /// The file of captions.
+        /// The file of captions or synonyms.
         file: String,
         /// Why.
         cause: std::io::Error,
     },
-    /// Too many of them.
-    #[error("{file}: {bytes} bytes, at most {BYTES_MAX}")]
+    /// Too much of it.
+    #[error("{file}: longer than {BYTES_MAX} bytes")]
     Large {
-        /// The file of captions.
+        /// The file of captions or synonyms.
         file: String,
-        /// Its length.
-        bytes: u64,
     },
     /// A line that is none.
     #[error("{file}, line {line}: must be FILE<tab>CAPTION; the file lies in the folder of the captions")]
@@ -63,16 +60,11 @@ impl Library {
     /// Reads `captions.tsv` in `folder`.
     ///
     /// # Errors
-    /// It cannot be read, is too long, empty, or has a line that is no caption.
+    /// It cannot be read, is no regular file, too long, empty, or has a line that is no caption.
     pub fn open(folder: &Path) -> Result<Self, LibraryError> {
         let path = folder.join(CAPTIONS);
         let file = path.display().to_string();
-        let failed = |cause| LibraryError::Read { file: file.clone(), cause };
-        let bytes = std::fs::metadata(&path).map_err(failed)?.len();
-        if bytes > BYTES_MAX {
-            return Err(LibraryError::Large { file, bytes });
-        }
-        let text = std::fs::read_to_string(&path).map_err(failed)?;
+        let text = read(&path)?;
         Ok(Self { folder: folder.to_owned(), ..Self::from_text(&file, &text)? })
     }
 

@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use say::cli::Cli;
-use say::{Index, Library, Match, Words};
+use say::{Index, Library, LibraryError, Match, Words, shown};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -32,19 +32,17 @@ fn fail(code: u8, text: &str) -> ExitCode {
 
 /// The best motion, if there is one; shows it and those after it.
 fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
-    let library = Library::open(&cli.library).map_err(|error| {
-        let code = if matches!(error, say::LibraryError::Read { .. }) { EX_NOINPUT } else { EX_DATAERR };
-        (code, error.to_string())
-    })?;
+    let library = Library::open(&cli.library).map_err(refused)?;
     let words = Words::new(&synonyms(cli)?);
     let index = Index::new(&library, &words);
+    let top = usize::from(cli.top);
     let query = words.of(&cli.sentence);
     let found = best(&library, index.find(&query));
     let unknown: Vec<_> = query.iter().filter(|word| !index.knows(word)).map(String::as_str).collect();
     if cli.json {
-        println!("{:#}", json(&library, &found, cli.top, &unknown));
+        println!("{}", say::escaped(&format!("{:#}", json(&library, &found, top, &unknown))));
     } else {
-        show(&library, &found, cli.top, &unknown);
+        show(&library, &found, top, &unknown);
     }
     Ok(found.first().map(|best| library.motion(best.caption)))
 }
@@ -56,7 +54,11 @@ fn synonyms(cli: &Cli) -> Result<String, (u8, String)> {
         None if own.exists() => &own,
         None => return Ok(String::new()),
     };
-    std::fs::read_to_string(path).map_err(|error| (EX_NOINPUT, format!("{}: {error}", path.display())))
+    say::read(path).map_err(refused)
+}
+
+fn refused(error: LibraryError) -> (u8, String) {
+    (if matches!(error, LibraryError::Read { .. }) { EX_NOINPUT } else { EX_DATAERR }, error.to_string())
 }
 
 /// Of every motion its best caption.
@@ -76,7 +78,7 @@ fn json(library: &Library, found: &[Match], top: usize, unknown: &[&str]) -> ser
 fn show(library: &Library, found: &[Match], top: usize, unknown: &[&str]) {
     for found in found.iter().take(top) {
         let caption = &library.captions()[found.caption];
-        println!("{:6.2}  {:<24}  {}", found.score, caption.file, caption.text);
+        println!("{:6.2}  {:<24}  {}", found.score, shown(&caption.file), shown(&caption.text));
     }
     if !unknown.is_empty() {
         println!("no caption says: {}", unknown.join(", "));

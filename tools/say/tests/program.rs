@@ -57,6 +57,65 @@ fn what_nothing_describes_is_said_and_fails() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("captions.tsv, line 1"), "{output:?}");
 }
 
+#[test]
+fn what_is_no_file_or_too_long_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (captions, synonyms) = (folder.path().join("captions.tsv"), folder.path().join("synonyms.txt"));
+    let library = folder.path().to_str().expect("a path");
+    let refused = |code: i32, text: &str| {
+        let output = say(&["wave", "--library", library]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && said.contains(text), "{output:?}");
+    };
+    let pipe = |path: &Path| Command::new("mkfifo").arg(path).status().expect("mkfifo").success();
+    let large = |path: &Path| {
+        std::fs::remove_file(path).expect("removed");
+        std::fs::File::create(path).and_then(|file| file.set_len((64 << 20) + 1)).expect("a long file");
+    };
+    assert!(pipe(&captions));
+    refused(66, "captions.tsv: is not a regular file");
+    large(&captions);
+    refused(65, "captions.tsv: longer than 67108864 bytes");
+    std::fs::remove_file(&captions).expect("removed");
+    std::os::unix::fs::symlink("/dev/zero", &captions).expect("a link");
+    refused(66, "captions.tsv: is not a regular file");
+    std::fs::remove_file(&captions).expect("removed");
+    std::fs::write(&captions, "a.bvh\twave\n").expect("a file");
+    assert!(pipe(&synonyms));
+    refused(66, "synonyms.txt: is not a regular file");
+    large(&synonyms);
+    refused(65, "synonyms.txt: longer than 67108864 bytes");
+    let output = say(&["wave", "--synonyms", "/dev/zero"]);
+    assert_eq!(output.status.code(), Some(66), "{output:?}");
+}
+
+#[test]
+fn control_characters_reach_no_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = "a\u{9b}b.bvh\twave \u{1b}]0;title\u{7} \u{7f}\u{9b}2J\ttwice\n";
+    std::fs::write(folder.path().join("captions.tsv"), text).expect("a file");
+    let library = folder.path().to_str().expect("a path");
+    for extra in [&[][..], &["--json"]] {
+        let output = say(&[&["wave", "--library", library][..], extra].concat());
+        let said = String::from_utf8(output.stdout).expect("text");
+        assert!(output.status.success() && said.contains("title"), "{said:?}");
+        assert!(!said.chars().any(|c| c.is_control() && c != '\n'), "{said:?}");
+        if !extra.is_empty() {
+            let json: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+            assert_eq!(json["found"][0]["file"], "a\u{9b}b.bvh", "what it says is what the file says");
+        }
+    }
+}
+
+#[test]
+fn so_many_are_shown_as_can_be() {
+    for top in ["0", "101", "-1", "x"] {
+        assert_eq!(say(&["wave", "--top", top]).status.code(), Some(2), "--top {top}");
+    }
+    let lines = |top: &str| String::from_utf8_lossy(&say(&["arms", "--top", top]).stdout).lines().count();
+    assert_eq!((lines("1"), lines("2")), (1, 2));
+}
+
 /// The whole way: words, the motion, the stages, the commands.
 #[test]
 fn words_move_the_robot() {

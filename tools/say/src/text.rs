@@ -1,0 +1,47 @@
+//! Texts from files that others may have written.
+
+use crate::LibraryError;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read};
+use std::path::Path;
+
+/// Longest text that is read, bytes: HumanML3D's 45,000 captions take 3 MB.
+pub(crate) const BYTES_MAX: u64 = 64 << 20;
+
+/// A regular file's text.
+///
+/// # Errors
+/// It is a folder, a pipe or a device, longer than 64 MiB, or cannot be read.
+pub fn read(path: &Path) -> Result<String, LibraryError> {
+    let file = || path.display().to_string();
+    let failed = |cause| LibraryError::Read { file: file(), cause };
+    // Before it is opened: opening a pipe would wait for whoever writes into it.
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(failed(Error::new(ErrorKind::InvalidInput, "is not a regular file")));
+    }
+    let mut text = Vec::new();
+    // A file may grow while it is read.
+    File::open(path).and_then(|open| open.take(BYTES_MAX + 1).read_to_end(&mut text)).map_err(failed)?;
+    if text.len() as u64 > BYTES_MAX {
+        return Err(LibraryError::Large { file: file() });
+    }
+    String::from_utf8(text).map_err(|error| failed(Error::new(ErrorKind::InvalidData, error.utf8_error())))
+}
+
+/// For a terminal: a control character is shown as U+FFFD, and sent to none.
+pub fn shown(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()
+}
+
+/// JSON without control characters but the ends of its lines; serde_json leaves some as they are.
+pub fn escaped(json: &str) -> String {
+    let mut out = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_control() && c != '\n' {
+            out += &format!("\\u{:04x}", u32::from(c));
+        } else {
+            out.push(c);
+        }
+    }
+    out
+}
