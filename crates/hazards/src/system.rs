@@ -1,9 +1,6 @@
 //! What the machine, its files and strangers do.
 
-use crate::{Hazard, does, struck};
-
-/// Why rows of the recorder are struck.
-const NO_RECORDER: &str = "teleopd has no recorder yet; reports are written after the robot is at rest";
+use crate::{Hazard, does};
 
 pub(crate) const PROCESSES: &[Hazard] = &[
     does(
@@ -65,7 +62,12 @@ pub(crate) const FILES: &[Hazard] = &[
     ),
     does("f094", "weights of another robot", "does not start; 64 fixed inputs are tried at every start", "at start"),
     does("f095", "weights change while running", "nothing: read once, hashed as read", "0 effect"),
-    does("f096", "an archive bomb, an absurd header", "refused within bounds", "1 s, 512 MB"),
+    does(
+        "f096",
+        "an archive bomb, an absurd header",
+        "refused within bounds, before more is unpacked",
+        "a recording 64 MiB and 128 times its length, arrays 19.8 million numbers; 512 MB of memory",
+    ),
     does(
         "f097",
         "a key unknown, missing, no number, bounds swapped",
@@ -81,8 +83,18 @@ pub(crate) const FILES: &[Hazard] = &[
         "does not start: the manifest names the arm that it was trained for",
         "at start",
     ),
-    struck("f102", "the disk is full while recording", NO_RECORDER),
-    struck("f103", "the disk hangs while recording", NO_RECORDER),
+    does(
+        "f102",
+        "the disk is full while recording",
+        "record, a process of its own, loses and counts; the file is good up to there",
+        "every sample written or counted; the daemon untouched",
+    ),
+    does(
+        "f103",
+        "the disk hangs while recording",
+        "a bounded queue loses and counts; who reads the instance never waits",
+        "4,096 messages, 0 waits",
+    ),
     does("f104", "a motion file is malformed", "refused with the file, within 120,000 frames and 512 MB", "at once"),
     does("f105", "an event repeats a million times", "10 lines a second of a kind, the rest is counted", "every kind"),
 ];

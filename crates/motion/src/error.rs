@@ -87,6 +87,26 @@ pub enum McapError {
         /// Bound.
         bound: usize,
     },
+    /// A larger chunk than is read.
+    #[error("the chunk at byte {offset} says that it unpacks to {bytes} bytes, at most {bound} are read")]
+    Chunk {
+        /// Where it begins.
+        offset: u64,
+        /// Its length before compression.
+        bytes: u64,
+        /// Bound.
+        bound: u64,
+    },
+    /// More comes out of the chunks than such a file may hold.
+    #[error("up to byte {offset} it unpacks to {bytes} bytes, at most {bound} are read of that much of a file")]
+    Unpacked {
+        /// How far the file was read: where the chunk begins that is too much.
+        offset: u64,
+        /// What it unpacks to with this chunk.
+        bytes: u64,
+        /// Bound.
+        bound: u64,
+    },
     /// A longer motion than is read.
     #[error("holds more than {bound} skeletons")]
     Frames {

@@ -17,6 +17,7 @@ pub mod npy;
 mod resample;
 mod rig;
 mod scan;
+mod unpack;
 mod write;
 
 pub use builtin::builtin;

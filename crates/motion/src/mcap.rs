@@ -2,6 +2,7 @@
 //! motion of the skeletons in it.
 
 use crate::error::McapError;
+use crate::unpack::{CHUNK_BYTES_MAX, Meter};
 use crate::{FRAMES_MAX, Frame, Guesses, Motion};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -10,8 +11,8 @@ use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// Largest record and chunk that is read, bytes: our own chunks have 1 MiB, other writers' seldom more than 8.
-const RECORD_BYTES_MAX: usize = 64 << 20;
+/// Largest record that is read, bytes: as the largest chunk.
+const RECORD_BYTES_MAX: usize = CHUNK_BYTES_MAX as usize;
 /// Most schemas and channels of a file.
 const CHANNELS_MAX: usize = 4096;
 /// Bytes asked of the file at once.
@@ -84,6 +85,7 @@ pub struct Reader<R> {
     channels: BTreeMap<u16, Source>,
     ending: Ending,
     any: bool,
+    meter: Meter,
 }
 
 impl<R: Read> Reader<R> {
@@ -92,8 +94,8 @@ impl<R: Read> Reader<R> {
         let options =
             LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_BYTES_MAX);
         let reader = LinearReader::new_with_options(options);
-        let ending = Ending::Open;
-        Self { input, reader, schemas: BTreeMap::new(), channels: BTreeMap::new(), ending, any: false }
+        let (schemas, channels) = (BTreeMap::new(), BTreeMap::new());
+        Self { input, reader, schemas, channels, ending: Ending::Open, any: false, meter: Meter::default() }
     }
 
     /// The channel that a message names.
@@ -111,10 +113,15 @@ impl<R: Read> Reader<R> {
         &self.ending
     }
 
+    /// Bytes of records that were unpacked so far, chunks and all.
+    pub fn unpacked_bytes(&self) -> u64 {
+        self.meter.came()
+    }
+
     /// The next item; none at the end, whichever it is ([`Reader::ending`]).
     ///
     /// # Errors
-    /// The file is no MCAP at all, names more channels than are read, or cannot be read.
+    /// The file is no MCAP at all, names more channels than are read, unpacks to more than is read, or cannot be read.
     pub fn next_item(&mut self) -> Result<Option<Item>, McapError> {
         while self.ending == Ending::Open {
             let event = match self.reader.next_event() {
@@ -128,10 +135,12 @@ impl<R: Read> Reader<R> {
                 Ok(LinearReadEvent::ReadRequest(need)) => {
                     let place = self.reader.insert(need.clamp(1, READ_BYTES));
                     let count = self.input.read(place).map_err(|error| McapError::Read { cause: error.to_string() })?;
+                    self.meter.see(&place[..count])?;
                     self.reader.notify_read(count);
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
                     self.any = true;
+                    self.meter.comes(data.len())?;
                     let Ok(record) = mcap::parse_record(opcode, data).map(Record::into_owned) else {
                         self.ending = Ending::BrokenOff("a record that cannot be parsed".to_owned());
                         break;

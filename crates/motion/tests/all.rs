@@ -5,5 +5,6 @@ mod bounds;
 mod builtin;
 mod bvh;
 mod clips;
+mod recordings;
 mod rigs;
 mod writers;

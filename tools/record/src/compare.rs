@@ -2,31 +2,47 @@
 //! for bit: `retarget` from skeletons to targets, `control` from targets, states and the operator to commands.
 
 use crate::error::RecordError;
+use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
-use messages::{Header, JOINTS, JointTarget, Layout, RobotState, Skeleton};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, Loaded};
+use messages::{Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
+use motion::mcap::Ending;
+use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, STATUS_EVERY};
 use std::path::Path;
+
+/// Messages of one kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// In the recording, and compared.
+    pub compared: u64,
+    /// Made by the stages, and not in the recording.
+    pub missing: u64,
+    /// Not what the stages made.
+    pub different: u64,
+}
 
 /// What a comparison found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Compared {
-    /// Targets compared, and how many of them differ.
-    pub targets: (u64, u64),
-    /// Commands compared, and how many of them differ.
-    pub commands: (u64, u64),
-    /// Statuses compared, and how many of them differ.
-    pub statuses: (u64, u64),
+    /// Of the targets. (One that is missing ends the comparison: the stages cannot be given what is not there.)
+    pub targets: Counts,
+    /// Of the commands.
+    pub commands: Counts,
+    /// Of the statuses.
+    pub statuses: Counts,
     /// The first difference, in words.
     pub first: Option<String>,
-    /// Why the comparison ended before the recording: a message that a stage had taken is not in the file.
-    pub broken_off: Option<String>,
+    /// Why the recording is not whole, in words: what was missing first, where it breaks off, what its writer lost.
+    pub flaws: Vec<String>,
 }
 
 impl Compared {
-    /// Whether something was compared and nothing differs.
+    /// Whether everything that the stages made is in a whole recording, and nothing differs.
     pub fn equal(&self) -> bool {
-        let differ = self.targets.1 + self.commands.1 + self.statuses.1;
-        differ == 0 && self.targets.0 > 0 && self.commands.0 > 0 && self.broken_off.is_none()
+        let all = [self.targets, self.commands, self.statuses];
+        all.iter().all(|counts| counts.different == 0 && counts.missing == 0)
+            && self.targets.compared > 0
+            && self.commands.compared > 0
+            && self.flaws.is_empty()
     }
 }
 
@@ -67,16 +83,39 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         skeleton: None,
         target: None,
         state: None,
-        output: None,
+        command: None,
+        status: None,
+        last: None,
         found: Compared::default(),
     };
     while let Some((_, content)) = recorded.next_message()? {
         stages.take(content);
-        if stages.found.broken_off.is_some() {
-            break;
+        if !stages.found.flaws.is_empty() {
+            return Ok(stages.found);
         }
     }
-    Ok(stages.found)
+    stages.missing();
+    let mut found = stages.found;
+    found.flaws.extend(flaws(&recorded, &found));
+    Ok(found)
+}
+
+/// Why a recording that was read to its end is not whole.
+fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
+    let mut flaws = Vec::new();
+    if let Ending::BrokenOff(why) = recorded.ending() {
+        flaws.push(format!("the file breaks off ({why}): it was compared up to its last whole chunk"));
+    }
+    match recorded.outcome().get("samples_lost").map(String::as_str) {
+        None | Some("0") => {}
+        Some(lost) => flaws.push(format!("its writer lost {lost} messages")),
+    }
+    for (what, counts) in [("target", found.targets), ("command", found.commands)] {
+        if counts.compared == 0 {
+            flaws.push(format!("it holds no {what} to compare"));
+        }
+    }
+    flaws
 }
 
 struct Stages {
@@ -88,7 +127,11 @@ struct Stages {
     skeleton: Option<Skeleton>,
     target: Option<JointTarget>,
     state: Option<RobotState>,
-    output: Option<ControlOutput>,
+    /// What the last tick made that is to be in the recording, and was not met yet.
+    command: Option<JointCommand>,
+    status: Option<Status>,
+    /// The last tick.
+    last: Option<u64>,
     found: Compared,
 }
 
@@ -100,19 +143,19 @@ impl Stages {
             Content::State(state) => self.state = Some(*state),
             Content::Inputs(inputs) => self.control(&inputs),
             Content::Command(command) => {
-                let made = self.output.and_then(|output| output.command);
-                self.found.commands.0 += 1;
+                let made = self.command.take();
+                self.found.commands.compared += 1;
                 if made.is_none_or(|made| !same(&made, &*command)) {
-                    self.found.commands.1 += 1;
+                    self.found.commands.different += 1;
                     let joint = made.and_then(|made| first_joint(&made.q, &command.q));
                     self.differs(&format!("command {}{}", command.k, joint.unwrap_or_default()));
                 }
             }
             Content::Status(status) => {
-                let made = self.output.map(|output| output.status);
-                self.found.statuses.0 += 1;
+                let made = self.status.take();
+                self.found.statuses.compared += 1;
                 if made.is_none_or(|made| !same(&made, &*status)) {
-                    self.found.statuses.1 += 1;
+                    self.found.statuses.different += 1;
                     self.differs(&format!("status of tick {}", status.k));
                 }
             }
@@ -127,22 +170,39 @@ impl Stages {
         let mut made = retarget::tick(&self.retarget, &mut self.retarget_state, now, input).target;
         // The rest of the header is the shell's, not the stage's.
         made.header = Header { origin: made.header.origin, ..recorded.header };
-        self.found.targets.0 += 1;
+        self.found.targets.compared += 1;
         if !same(&made, &recorded) {
-            self.found.targets.1 += 1;
+            self.found.targets.different += 1;
             let joint = first_joint(&made.q, &recorded.q).unwrap_or_default();
             self.differs(&format!("target {}{joint}", recorded.k));
         }
         self.target = Some(recorded);
     }
 
-    fn control(&mut self, inputs: &crate::Inputs) {
+    /// Counts what the last tick made and the recording does not have.
+    fn missing(&mut self) {
+        if let Some(command) = self.command.take() {
+            self.found.commands.missing += 1;
+            self.differs(&format!("command {}, which is missing", command.k));
+        }
+        if let Some(status) = self.status.take() {
+            self.found.statuses.missing += 1;
+            self.differs(&format!("status of tick {}, which is missing", status.k));
+        }
+    }
+
+    fn control(&mut self, inputs: &Inputs) {
+        self.missing();
+        if let Some(last) = self.last.replace(inputs.k).filter(|last| last.wrapping_add(1) != inputs.k) {
+            self.found.flaws.push(format!("tick {} follows tick {last}: the inputs between are missing", inputs.k));
+            return;
+        }
         let taken = |sequence: Option<u64>| sequence.unwrap_or_default();
         let (target, state) = (self.target.take(), self.state.take());
         let given =
             (taken(target.map(|target| target.header.sequence)), taken(state.map(|state| state.header.sequence)));
         if given != (inputs.target, inputs.state) {
-            self.found.broken_off = Some(format!(
+            self.found.flaws.push(format!(
                 "tick {} took target {} and state {}, and the recording has {} and {} before it",
                 inputs.k, inputs.target, inputs.state, given.0, given.1
             ));
@@ -157,7 +217,11 @@ impl Stages {
             operator: inputs.operator,
             realtime_ok: inputs.realtime_ok,
         };
-        self.output = Some(pipeline::control_tick(config, control, inputs.now, input));
+        let made = pipeline::control_tick(config, control, inputs.now, input);
+        self.command = made.command;
+        // As a recording is made: one status in so many, and every transition.
+        let told = made.status.k.is_multiple_of(STATUS_EVERY) || made.transition.is_some();
+        self.status = told.then_some(made.status);
     }
 
     fn differs(&mut self, what: &str) {

@@ -23,7 +23,7 @@ mod trace;
 
 pub use about::{Files, Origin, about};
 pub use attach::Attached;
-pub use compare::{Compared, compare};
+pub use compare::{Compared, Counts, compare};
 pub use error::RecordError;
 pub use file::{Entry, Recording};
 pub use inputs::Inputs;

@@ -97,7 +97,9 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
             warned = true;
             let ours = loaded.hash;
             eprintln!(
-                "record: the instance runs with the settings {hash:016x}, --config gives {ours:016x}: give the same"
+                "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}: give --config, \
+                 --engage-without-realtime and --interface as it was started with; what the file says of its settings is \
+                 not so"
             );
         }
         if !failed && queue.failed() {
@@ -130,7 +132,11 @@ fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
         let error = RecordError::Open { file: out.display().to_string(), cause: error.to_string() };
         Failure(CANT_CREATE, error.to_string())
     })?;
-    Queue::start(file, &about, &files).map_err(|error| Failure(CANT_CREATE, format!("{}: {error}", out.display())))
+    Queue::start(file, &about, &files).map_err(|error| {
+        // What has no beginning is no recording, and the name is free for another attempt.
+        let _ = std::fs::remove_file(out);
+        Failure(CANT_CREATE, format!("{}: {error}", out.display()))
+    })
 }
 
 fn finish(out: &Path, attached: &Attached, queue: Queue) -> Result<(), Failure> {

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 /// Writers of every service of a core domain.
@@ -65,17 +65,15 @@ impl Writers {
     }
 }
 
+fn program(run_dir: &Path, out: &Path) -> Command {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_record"));
+    program.arg(out).args(["--full", "--run-dir"]).arg(run_dir).arg("--config").arg(config());
+    program
+}
+
 fn start(run_dir: &Path, out: &Path) -> Child {
-    let child = Command::new(env!("CARGO_BIN_EXE_record"))
-        .arg(out)
-        .args(["--full", "--run-dir"])
-        .arg(run_dir)
-        .arg("--config")
-        .arg(config())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let child = program(run_dir, out).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let child = child.expect("the program starts");
     // The file begins with the channels; then it reads.
     let begun = Instant::now();
     while std::fs::metadata(out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
@@ -117,6 +115,9 @@ fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
         said.contains("0 lost") && said.contains("not seen: ") && said.contains("runs with the settings"),
         "{said}"
     );
+    for option in ["--config", "--engage-without-realtime", "--interface"] {
+        assert!(said.contains(option), "{option}: {said}");
+    }
 
     let (read, ending) = commands(&out, &writers.sent);
     assert_eq!(ending, Ending::Complete);
@@ -188,7 +189,7 @@ impl Sink for Small {
 }
 
 #[test]
-fn on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
+fn f102_on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
     let disk = Small { room: 1_600_000, ..Small::default() };
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("room for the beginning");
     let mut sent = 0;
@@ -215,8 +216,69 @@ fn on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
     assert_eq!(all.len() as u64, outcome.written, "{:?}", recorded.ending());
 }
 
+/// A disk that hangs in a write, once told to, until it is let go.
+#[derive(Clone, Default)]
+struct Hanging {
+    disk: Small,
+    hangs: Arc<(Mutex<bool>, Condvar)>,
+}
+
+impl Hanging {
+    fn hang(&self, hangs: bool) {
+        *self.hangs.0.lock().unwrap() = hangs;
+        self.hangs.1.notify_all();
+    }
+}
+
+impl Write for Hanging {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        drop(self.hangs.1.wait_while(self.hangs.0.lock().unwrap(), |hangs| *hangs));
+        self.disk.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Hanging {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.disk.seek(to)
+    }
+}
+
+impl Sink for Hanging {
+    fn shorten(&mut self, bytes: u64) {
+        self.disk.shorten(bytes);
+    }
+}
+
 #[test]
-fn a_full_file_system_ends_the_recording_and_nothing_else() {
+fn f103_a_disk_that_hangs_holds_up_nobody_and_what_is_lost_is_counted() {
+    let disk = Hanging { disk: Small { room: usize::MAX, ..Small::default() }, ..Hanging::default() };
+    let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("the beginning");
+    disk.hang(true);
+    // The queue, what the thread holds, and some more: each is taken or lost at once, while nothing is written.
+    let sent = 40_000;
+    for n in 0..sent {
+        let data = vec![0; size_of::<JointCommand>()];
+        queue.add(Entry { topic: Topic::Command, sequence: n as u32, log_time: n, data });
+    }
+    assert!(!queue.failed(), "it is late, not broken");
+    disk.hang(false);
+    let outcome = queue.finish(BTreeMap::new());
+    assert_eq!((outcome.written + outcome.lost, &outcome.failure), (sent, &None));
+    assert!(outcome.lost > sent / 2 && outcome.written >= 4096, "{outcome:?}");
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), disk.disk.bytes.lock().unwrap().get_ref()).unwrap();
+    let (all, recorded) = contents(file.path());
+    assert_eq!((all.len() as u64, recorded.ending()), (outcome.written, &Ending::Complete));
+    let told: u64 = recorded.outcome()["samples_lost"].parse().unwrap();
+    assert_eq!(told, outcome.lost, "the file says what it lacks");
+}
+
+#[test]
+fn f102_a_full_file_system_ends_the_recording_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let small = folder.path().join("small");
     std::fs::create_dir(&small).unwrap();
@@ -226,6 +288,14 @@ fn a_full_file_system_ends_the_recording_and_nothing_else() {
     }
     let instance = Instance::new(&folder.path().join("run")).unwrap();
     let mut writers = Writers::new(&instance);
+    // With no room at all it does not start, and leaves nothing.
+    let _ = std::fs::write(small.join("other"), vec![0; 9 << 20]);
+    let none = small.join("none.mcap");
+    let refused = program(instance.run_dir(), &none).output().unwrap();
+    assert_eq!(refused.status.code(), Some(73), "{refused:?}");
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("none.mcap: the recording cannot be written"));
+    assert!(!none.exists(), "the file that it made");
+    std::fs::remove_file(small.join("other")).unwrap();
     let out = small.join("out.mcap");
     let child = start(instance.run_dir(), &out);
     writers.publish_for(Duration::from_millis(1500));

@@ -3,7 +3,7 @@
 use crate::support::{contents, loaded, recorded_offline};
 use messages::{JointCommand, Layout, Skeleton};
 use motion::mcap::Ending;
-use record::{Content, Entry, Recording, Topic};
+use record::{Compared, Content, Counts, Entry, Recording, Topic};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -13,8 +13,9 @@ fn bytes<M: Layout>(message: &M) -> Vec<u8> {
     bytes
 }
 
-/// The same recording with its commands changed by `change`.
-fn rewritten(from: &Path, to: &Path, change: impl Fn(&mut JointCommand)) {
+/// The same recording with its commands changed by `change`, which answers whether they stay, and `lost` as the samples that
+/// its writer lost.
+fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut JointCommand) -> bool) {
     let (all, recorded) = contents(from);
     let file = std::fs::File::create(to).unwrap();
     let mut copy = Recording::begin(file, recorded.about(), &[]).unwrap();
@@ -26,14 +27,16 @@ fn rewritten(from: &Path, to: &Path, change: impl Fn(&mut JointCommand)) {
             Content::Status(message) => (Topic::StatusRaw, bytes(&*message)),
             Content::Inputs(inputs) => (Topic::Inputs, inputs.to_json().to_string().into_bytes()),
             Content::Command(mut message) => {
-                change(&mut message);
+                if !change(&mut message) {
+                    continue;
+                }
                 (Topic::Command, bytes(&*message))
             }
             Content::Other { .. } => continue,
         };
         copy.add(&Entry { topic, sequence: 0, log_time, data }).unwrap();
     }
-    copy.finish(&BTreeMap::new()).unwrap();
+    copy.finish(&BTreeMap::from([("samples_lost".to_owned(), lost.to_string())])).unwrap();
 }
 
 #[test]
@@ -43,24 +46,61 @@ fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
     let commands = recorded_offline(&path, &loaded);
     let found = record::compare(&path, &loaded).expect("a comparison");
     assert!(found.equal(), "{found:?}");
-    assert_eq!(found.commands, (commands.len() as u64, 0));
-    assert!(found.targets.0 > found.commands.0 && found.statuses.0 > 50, "{found:?}");
+    assert_eq!(found.commands, Counts { compared: commands.len() as u64, missing: 0, different: 0 });
+    assert!(found.targets.compared > found.commands.compared && found.statuses.compared > 50, "{found:?}");
 
     let k = commands[commands.len() / 2].k;
     let changed = folder.path().join("changed.mcap");
-    rewritten(&path, &changed, |command| {
+    rewritten(&path, &changed, 0, |command| {
         if command.k == k {
             command.q[5] = f64::from_bits(command.q[5].to_bits() ^ 1);
         }
+        true
     });
     let found = record::compare(&changed, &loaded).expect("a comparison");
-    assert_eq!((found.commands.1, found.targets.1), (1, 0), "{found:?}");
+    assert_eq!((found.commands.different, found.targets.different), (1, 0), "{found:?}");
     assert!(found.first.as_ref().is_some_and(|first| first.starts_with(&format!("command {k}: joint 5"))), "{found:?}");
 
     let mut other = loaded.clone();
     other.hash ^= 1;
     let refused = record::compare(&path, &other).unwrap_err().to_string();
     assert!(refused.contains("recorded with the settings"), "{refused}");
+}
+
+#[test]
+fn a_recording_that_is_not_whole_is_not_equal() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    let commands = recorded_offline(&path, &loaded);
+    let all = commands.len() as u64;
+    let part = folder.path().join("part.mcap");
+    let compared = |lost: u64, stays: &dyn Fn(u64) -> bool| -> Compared {
+        rewritten(&path, &part, lost, |command| stays(command.k));
+        record::compare(&part, &loaded).expect("a comparison")
+    };
+    assert!(compared(0, &|_| true).equal(), "rewritten as it was");
+    let (middle, last) = (commands[commands.len() / 2].k, commands[commands.len() - 1].k);
+    for (stays, missing) in
+        [(&(|k| k != middle) as &dyn Fn(u64) -> bool, 1), (&|k| k != last, 1), (&|k| k % 2 == 0, all / 2)]
+    {
+        let found = compared(0, stays);
+        let Counts { compared, missing: lacks, different } = found.commands;
+        assert!(!found.equal() && different == 0 && lacks.abs_diff(missing) <= 1, "{found:?}");
+        assert_eq!(compared + lacks, all);
+        assert!(found.first.is_some_and(|first| first.ends_with("which is missing")));
+    }
+    let none = compared(0, &|_| false);
+    assert!(!none.equal() && none.commands.missing == all, "{none:?}");
+    assert_eq!(none.flaws, ["it holds no command to compare"]);
+    let lost = compared(3, &|_| true);
+    assert!(!lost.equal() && lost.first.is_none(), "{lost:?}");
+    assert_eq!(lost.flaws, ["its writer lost 3 messages"]);
+
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::write(&part, &whole[..whole.len() / 2]).unwrap();
+    let cut = record::compare(&part, &loaded).expect("a comparison");
+    assert!(!cut.equal() && cut.commands.compared > all / 4, "{cut:?}");
+    assert!(cut.flaws.iter().any(|flaw| flaw.starts_with("the file breaks off")), "{cut:?}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ pub struct Cli {
     #[arg(long, value_name = "OUT.png", requires = "offline")]
     pub plot: Option<PathBuf>,
     /// Run the stages again over the inputs of a recording of --record, and compare targets, commands and statuses with the
-    /// recorded ones, bit for bit; exit code 1 if one differs.
+    /// recorded ones, bit for bit; exit code 1 if one differs or is missing, or if the recording is not whole.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["file", "looped", "offline", "run_dir", "socket"])]
     pub compare: Option<PathBuf>,
     /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its

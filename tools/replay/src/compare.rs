@@ -8,19 +8,15 @@ use std::path::Path;
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let found = record::compare(recording, &loaded).map_err(|error| Failure(EX_NOINPUT, error.to_string()))?;
-    for (what, (compared, differ)) in
-        [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)]
-    {
-        println!("{what:<9} {compared:>9} compared, {differ} differ");
+    for (what, counts) in [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)] {
+        let record::Counts { compared, missing, different } = counts;
+        println!("{what:<9} {compared:>9} compared, {missing} missing, {different} different");
     }
-    if let Some(why) = &found.broken_off {
-        return Err(Failure::failed(format!("{}: {why}", recording.display())));
-    }
-    if let Some(first) = &found.first {
-        return Err(Failure::failed(format!("{}: the first that differs is {first}", recording.display())));
-    }
+    let name = recording.display();
+    let mut wrong: Vec<_> = found.flaws.iter().map(|flaw| format!("{name}: {flaw}")).collect();
+    wrong.extend(found.first.iter().map(|first| format!("{name}: the first that is not the same is {first}")));
     if !found.equal() {
-        return Err(Failure::failed(format!("{}: holds no target or no command to compare", recording.display())));
+        return Err(Failure::failed(wrong.join("\nreplay: ")));
     }
     println!("equal, bit for bit");
     Ok(())

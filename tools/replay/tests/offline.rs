@@ -84,6 +84,29 @@ fn a_recorded_walk_is_written_from_home_to_rest() {
 }
 
 #[test]
+fn a_run_is_compared_with_its_recording_and_half_a_recording_is_no_success() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let run = |arguments: &[&std::ffi::OsStr]| {
+        let program = Command::new(env!("CARGO_BIN_EXE_replay")).current_dir(repository()).args(arguments).output();
+        program.expect("replay runs")
+    };
+    let (csv, whole, half) = (path("out.csv"), path("whole.mcap"), path("half.mcap"));
+    let made = run(&["builtin".as_ref(), "--offline".as_ref(), csv.as_ref(), "--record".as_ref(), whole.as_ref()]);
+    assert!(made.status.success(), "{made:?}");
+    let compared = run(&["--compare".as_ref(), whole.as_ref()]);
+    let said = String::from_utf8_lossy(&compared.stdout);
+    assert!(compared.status.success() && said.contains("equal, bit for bit"), "{said}");
+    assert_eq!(said.matches("compared, 0 missing, 0 different").count(), 3, "{said}");
+    let bytes = std::fs::read(&whole).unwrap();
+    std::fs::write(&half, &bytes[..bytes.len() / 2]).unwrap();
+    let compared = run(&["--compare".as_ref(), half.as_ref()]);
+    assert_eq!(compared.status.code(), Some(1), "{compared:?}");
+    let said = String::from_utf8_lossy(&compared.stderr);
+    assert!(said.contains("half.mcap: the file breaks off") && !said.contains("equal"), "{said}");
+}
+
+#[test]
 fn a_file_that_is_no_motion_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("broken.bvh");

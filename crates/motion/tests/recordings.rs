@@ -1,0 +1,84 @@
+//! Recordings that unpack to more than a recording does. Bytes are counted, not seconds.
+
+use motion::mcap::{Ending, Reader};
+use motion::{McapError, load};
+use std::io::Cursor;
+
+/// Zeros: each nine of them are a record that is none.
+const BOMB_BYTES: u64 = 2 << 30;
+const CHUNK_MAX: u64 = 64 << 20;
+/// A chunk of whole records, a little smaller.
+const CHUNK: u64 = 56 * 9 * BLOCK;
+const RATIO_MAX: u64 = 128;
+/// A block of zstd is at most so long.
+const BLOCK: u64 = 128 << 10;
+
+fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+    [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
+}
+
+/// So many zeros under zstd, as a byte that is repeated: four bytes for each block of 128 KiB.
+fn zeros(bytes: u64) -> Vec<u8> {
+    let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0, 7 << 3];
+    let blocks = bytes / BLOCK;
+    for n in 1..=blocks {
+        let header = (BLOCK as u32) << 3 | 1 << 1 | u32::from(n == blocks);
+        frame.extend(&header.to_le_bytes()[..3]);
+        frame.push(0);
+    }
+    frame
+}
+
+/// A chunk without a checksum that says that it has `declared` bytes, and has `bytes`.
+fn chunk(declared: u64, bytes: u64) -> Vec<u8> {
+    let packed = zeros(bytes);
+    let mut body = vec![0; 16];
+    body.extend(declared.to_le_bytes());
+    body.extend([0; 4]);
+    body.extend(4_u32.to_le_bytes());
+    body.extend(b"zstd");
+    body.extend((packed.len() as u64).to_le_bytes());
+    body.extend(packed);
+    record(6, &body)
+}
+
+fn file(chunks: &[Vec<u8>]) -> Vec<u8> {
+    [&b"\x89MCAP0\r\n"[..], &record(1, &[0; 8]), &chunks.concat()].concat()
+}
+
+/// What the reading ends with, and how many bytes were unpacked for it.
+fn read(file: &[u8]) -> (Result<Ending, McapError>, u64) {
+    let mut reader = Reader::new(Cursor::new(file));
+    loop {
+        match reader.next_item() {
+            Ok(Some(_)) => {}
+            Ok(None) => return (Ok(reader.ending().clone()), reader.unpacked_bytes()),
+            Err(error) => return (Err(error), reader.unpacked_bytes()),
+        }
+    }
+}
+
+#[test]
+fn f096_a_recording_of_64_kb_that_holds_2_gb_is_refused_before_they_are_unpacked() {
+    let whole = file(&[chunk(BOMB_BYTES, BOMB_BYTES)]);
+    assert!(whole.len() < 70_000, "{} bytes", whole.len());
+    let (outcome, unpacked) = read(&whole);
+    assert_eq!(outcome, Err(McapError::Chunk { offset: 25, bytes: BOMB_BYTES, bound: CHUNK_MAX }));
+    assert!(unpacked <= whole.len() as u64, "{unpacked} bytes");
+
+    let many = file(&vec![chunk(CHUNK, CHUNK); (BOMB_BYTES / CHUNK) as usize]);
+    let (outcome, unpacked) = read(&many);
+    assert!(matches!(outcome, Err(McapError::Unpacked { offset, .. }) if offset > 2000), "{outcome:?}");
+    let bound = CHUNK_MAX + RATIO_MAX * many.len() as u64;
+    assert!(unpacked >= CHUNK && unpacked <= bound, "{unpacked} bytes, at most {bound}");
+
+    // Chunks that say less than they hold give what they say.
+    let (outcome, unpacked) = read(&file(&vec![chunk(900, CHUNK); 32]));
+    assert!(outcome.is_ok() && unpacked < 100_000, "{outcome:?}, {unpacked} bytes");
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("bomb.mcap");
+    std::fs::write(&path, many).expect("written");
+    let error = load(&path).expect_err("a bomb").to_string();
+    assert!(error.contains("bomb.mcap: up to byte ") && error.contains("at most 67"), "{error}");
+}
