@@ -21,6 +21,9 @@ const READ_BYTES: usize = 1 << 16;
 const RATE_HZ: (f64, f64) = (30.0, 240.0);
 /// A pause longer than this between two skeletons, s, is cut out: the person was not seen.
 const PAUSE_S: f64 = 0.5;
+/// A person whom nothing of changes for longer was a frame that a client held, s: half of what `ingest` takes for a tracker that
+/// hangs (`frozen_after_ms`), so that it follows the recording.
+const HELD_S: f64 = 0.1;
 
 /// A joint farther from the origin, m, is no person's: farther than any camera or tracker sees.
 const POSITION_MAX_M: f32 = 1e4;
@@ -197,6 +200,7 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     let mut reader = Reader::new(input);
     let mut timed: Vec<(f64, Frame)> = Vec::new();
     let (mut begin_ns, mut cut_s, mut unusable) = (None, 0.0, 0_usize);
+    let (mut changed_s, mut held_s) = (0.0, 0.0);
     while let Some(item) = reader.next_item()? {
         let Item::Message { channel, data, .. } = item else { continue };
         let skeletons = reader.source(channel).is_some_and(|source| source.schema == Skeleton::TYPE_NAME.as_str());
@@ -211,8 +215,15 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
         // The time at which the person was seen, as the header has it.
         let origin = skeleton.header.origin.0;
         let mut at_s = (origin.wrapping_sub(*begin_ns.get_or_insert(origin)) as i64) as f64 * 1e-9 - cut_s;
-        if let Some((before_s, _)) = timed.last() {
+        if let Some((before_s, last)) = timed.last() {
             if at_s <= *before_s {
+                continue;
+            }
+            let is_held = (last.positions, last.rotations) == (frame.positions, frame.rotations);
+            changed_s = if is_held { changed_s } else { at_s };
+            if is_held && at_s - changed_s > HELD_S {
+                held_s += at_s - before_s;
+                cut_s += at_s - before_s;
                 continue;
             }
             if at_s - before_s > PAUSE_S {
@@ -238,8 +249,11 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     if let Ending::BrokenOff(_) = reader.ending() {
         warnings.push("the recording breaks off; it is played up to its last whole chunk".to_owned());
     }
-    if cut_s > 0.0 {
-        warnings.push(format!("{cut_s:.1} s of pauses without a person are cut out"));
+    if held_s > 0.0 {
+        warnings.push(format!("{held_s:.1} s in which a client held a frame are cut out"));
+    }
+    if cut_s > held_s {
+        warnings.push(format!("{:.1} s of pauses without a person are cut out", cut_s - held_s));
     }
     if unusable > 0 {
         warnings.push(format!("{unusable} skeletons without both arms are left out"));

@@ -1,17 +1,23 @@
 //! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
+use doors::DoorError;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
-use operator::Client;
-use pipeline::{Instance, PlayOptions, Player, Publisher, Way};
+use operator::{Client, OperatorError};
+use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Way};
 use rt::Shutdown;
 use std::path::Path;
 use std::time::Duration;
 
 /// How often the mode is asked for and the progress is drawn.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// Whether the socket is there, and for others.
+fn is_forbidden(error: &OperatorError) -> bool {
+    matches!(error, OperatorError::Door(DoorError::PermissionDenied { .. }))
+}
 
 /// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
@@ -33,8 +39,16 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let player = Player::new(motion, options, nonce, rt::incarnation());
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
+    let mut control = match Client::connect(instance.operator_socket()) {
+        Ok(client) => Some(client),
+        // Who shares memory with an instance finds its operator socket too.
+        Err(error) if cli.socket.is_none() && !is_forbidden(&error) => {
+            let text = format!("{}: no instance of teleopd runs there ({error})", instance.run_dir().display());
+            return Err(Failure::unavailable(text));
+        }
+        Err(_) => None,
+    };
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
-    let mut control = Client::connect(instance.operator_socket()).ok();
     if control.is_none() {
         println!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
         publisher.set_engaged(true);
@@ -46,6 +60,9 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         bar.set_style(style);
     }
     let (mut mode, mut told) = (None, None);
+    let names = Names::read(instance.run_dir());
+    // Since the robot follows no longer, why.
+    let (mut followed, mut ended) = (false, None);
     while !shutdown.requested() && !publisher.finished() {
         if let Some(client) = &mut control {
             match client.heartbeat() {
@@ -54,6 +71,10 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                     if now != mode {
                         bar.println(now.map_or("unknown mode", Mode::name));
                         mode = now;
+                        let follows = matches!(now, Some(Mode::Engaged | Mode::Engaging));
+                        ended = pipeline::why_stopped(&status, &names).filter(|_| followed && !follows);
+                        ended.iter().for_each(|why| bar.println(why));
+                        followed |= now == Some(Mode::Engaged);
                     }
                     publisher.set_engaged(now == Some(Mode::Engaged));
                 }
@@ -68,6 +89,9 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         std::thread::sleep(LOOK);
     }
     bar.finish();
+    if let (Some(why), false) = (ended, shutdown.requested()) {
+        return Err(Failure::failed(format!("the robot did not follow to the end of the motion: {why}")));
+    }
     if publisher.failures() > 0 {
         return Err(Failure::failed(format!("{} frames were not taken", publisher.failures())));
     }
