@@ -64,6 +64,71 @@ fn a_python_script_moves_the_robot() {
 }
 
 #[test]
+fn the_python_examples_are_read_by_the_interpreter_and_publish() {
+    let example = repository().join("tools/clients/python/examples/own.py");
+    let text = std::fs::read_to_string(&example).expect("the example");
+    assert!(text.lines().count() <= 25 && !text.contains("numpy"), "it is a first example");
+    let python = match python() {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no Python client: {why}"),
+    };
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    let script = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).spawn();
+    let _script = Client(script.expect("it starts"));
+    // Nothing stands in the way of engaging once the person is seen, and is a plausible one.
+    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+}
+
+#[test]
+fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
+    let python = match python() {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no Python client: {why}"),
+    };
+    let rig = Rig::whole();
+    let heard = rig.folder().join("heard");
+    // A script's background jobs ignore SIGINT from the start.
+    let line = format!(
+        "{} -m replay_publish --run-dir {} > {} & child=$!; \
+         for i in $(seq 200); do grep -q publishing {} && break; sleep 0.1; done; kill -s INT $child; wait $child",
+        python.display(),
+        rig.folder().display(),
+        heard.display(),
+        heard.display()
+    );
+    let mut shell = Client(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
+    let give_up = std::time::Instant::now() + rig::SOON;
+    while shell.0.try_wait().expect("its state").is_none() {
+        assert!(std::time::Instant::now() < give_up, "it goes on");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let said = std::fs::read_to_string(&heard).expect("what it said");
+    let expected = format!("publishing to {}; Ctrl-C ends\n", rig.folder().display());
+    assert_eq!(said, expected);
+}
+
+#[test]
+fn a_client_whose_frames_are_all_dropped_reads_why_in_the_log() {
+    let rig = Rig::whole();
+    let mut small = motion::builtin();
+    for frame in &mut small.frames {
+        frame.positions.iter_mut().flatten().for_each(|metres| *metres *= 0.3);
+    }
+    let _client = rig.client(&small, 51);
+    let give_up = std::time::Instant::now() + rig::SOON;
+    let told = loop {
+        let log = rig.log("ingest");
+        if let Some(line) = log.lines().find(|line| line.contains("dropped within a second: Size (")) {
+            break line.to_owned();
+        }
+        assert!(std::time::Instant::now() < give_up, "{log}");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    };
+    assert!(told.contains("WARN") && told.contains("hips to shoulders"), "{told}");
+}
+
+#[test]
 fn a_python_script_without_a_daemon_says_so() {
     let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
     let rig = Rig::empty();

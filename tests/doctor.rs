@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 /// EX_CONFIG of sysexits(3).
 const EX_CONFIG: i32 = 78;
@@ -141,6 +141,93 @@ fn f087_a_run_folder_that_others_may_write_or_own_is_a_problem() {
     std::fs::remove_dir(&patient.run_dir).expect("an empty folder");
     std::fs::write(&patient.run_dir, "").expect("a file");
     patient.shows("run folder", "problem", &["not a folder"], "");
+}
+
+/// A program whose reader has gone away before it writes its first word.
+fn unheard(program: &str) -> Command {
+    let gone = || {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        writer
+    };
+    let mut command = Command::new(program);
+    command.stdin(Stdio::null()).stdout(gone()).stderr(gone()).current_dir(rig::repository());
+    command
+}
+
+#[test]
+fn a_reader_that_goes_away_ends_no_program() {
+    let teleopd = env!("CARGO_BIN_EXE_teleopd");
+    let run = |command: &mut Command| command.status().expect("it runs").code();
+    assert_eq!(run(unheard(teleopd).arg("check")), Some(0));
+    assert_eq!(run(unheard(teleopd).args(["check", "--config", "/nowhere"])), Some(EX_CONFIG));
+    let doctor = run(unheard(teleopd).args(["doctor", "--engage-without-realtime"]));
+    assert!(matches!(doctor, Some(0 | EX_CONFIG)), "{doctor:?}");
+    let rig = Rig::empty();
+    let report = rig.folder().join("report.json");
+    let demo = run(unheard(teleopd).args(["demo", "--seconds", "0.5", "--report"]).arg(&report));
+    assert_eq!(demo, Some(0));
+    assert!(std::fs::read_to_string(report).expect("a report").contains("min_clearance_mm"));
+    let place = rig.folder().to_str().expect("UTF-8");
+    let mut up = unheard(teleopd).args(["up", "--engage-without-realtime", "--run-dir", place]).spawn().expect("up");
+    let give_up = std::time::Instant::now() + rig::SOON;
+    while run(unheard(env!("CARGO_BIN_EXE_teleopctl")).args(["status", "--run-dir", place])) != Some(0) {
+        assert!(std::time::Instant::now() < give_up && up.try_wait().expect("its state").is_none(), "up is not ready");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    // Once `ready in` is said, or lost: the last process is there.
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    rt::terminate(up.id());
+    assert_eq!(up.wait().expect("it ends").code(), Some(0));
+}
+
+#[test]
+fn a_report_outlives_a_demo_that_is_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let [report, motion, arms] = ["walk.json", "bad.bvh", "arms.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&report, "of yesterday").expect("a report");
+    std::fs::write(&motion, "no motion").expect("a motion");
+    std::fs::write(&arms, "t_s\n").expect("a trajectory");
+    let demo = |motion: &Path, config: &str, report: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        command.arg("demo").arg("--motion").arg(motion).args(["--config", config]).arg("--report").arg(report);
+        let output = command.current_dir(rig::repository()).output().expect("it runs");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let shipped = "config/teleop.toml";
+    let unmade = folder.path().join("new.json");
+    for report in [&report, &unmade] {
+        let (code, said) = demo(&motion, shipped, report);
+        assert!(code == Some(66) && said.contains("bad.bvh"), "{said}");
+        let (code, said) = demo(&arms, shipped, report);
+        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("`replay` alone"), "{said}");
+    }
+    assert_eq!(std::fs::read_to_string(&report).expect("still there"), "of yesterday");
+    assert!(!unmade.exists());
+}
+
+#[test]
+fn a_copy_of_the_settings_alone_says_which_key_leads_nowhere() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let config = folder.path().join("mine.toml");
+    std::fs::copy(rig::config(), &config).expect("settings");
+    let check = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        let output = command.arg("check").arg("--config").arg(&config).output().expect("it runs");
+        assert_eq!(output.status.code(), Some(EX_CONFIG));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let said = check();
+    for words in
+        ["robots/tiago_dual.toml: No such file", "robot.file of ", "mine.toml", "relative to the settings file"]
+    {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    let robots = format!("\"{}/config/robots/", rig::repository().display());
+    let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
+    std::fs::write(&config, text).expect("settings");
+    let said = check();
+    assert!(said.contains("weights.file of ") && said.contains("tiago_dual.toml: No such file"), "{said}");
 }
 
 #[test]

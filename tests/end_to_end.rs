@@ -60,6 +60,61 @@ fn an_emergency_stop_latches_in_every_moving_mode() {
     }
 }
 
+/// `teleopctl` as an operator calls it.
+fn teleopctl(rig: &Rig, command: &str) -> (Option<i32>, String) {
+    let mut called = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+    let output = called.arg(command).arg("--run-dir").arg(rig.folder()).output().expect("it runs");
+    (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[test]
+fn an_engage_that_is_refused_says_what_helps() {
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    hand.wait("told that nobody publishes", |status| Faults(status.faults).has(Fault::InputStale));
+    let (code, said) = teleopctl(&rig, "engage");
+    assert!(code == Some(1) && said.contains("which client holds authority"), "{said}");
+    let _client = rig.client(&motion::builtin(), 33);
+    hand.engage_until(Mode::Engaging);
+    let (code, said) = teleopctl(&rig, "engage");
+    assert!(code == Some(1) && said.contains("another hand") && said.contains("teleopctl release"), "{said}");
+}
+
+#[test]
+fn a_reset_straight_after_a_stop_waits_for_rest() {
+    let mut rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 31);
+    hand.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
+    assert_eq!(teleopctl(&rig, "estop").0, Some(0));
+    hand.release();
+    std::thread::sleep(Duration::from_millis(50));
+    let (code, said) = teleopctl(&rig, "reset");
+    assert!(code == Some(0) && said.contains("reset: Disengaged"), "{said}");
+    hand.wait_mode(Mode::Disengaged);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_reset_in_vain_says_what_it_waits_for() {
+    let mut rig = Rig::whole();
+    let hand = rig.hand();
+    let _client = rig.client(&motion::builtin(), 32);
+    hand.engage_until(Mode::Engaging);
+    assert_eq!(teleopctl(&rig, "estop").0, Some(0));
+    // The enable is still held.
+    let (code, said) = teleopctl(&rig, "reset");
+    assert!(code == Some(1) && said.contains("teleopctl release"), "{said}");
+    assert_eq!(hand.mode(), Some(Mode::Faulted));
+    rig.kill("sim");
+    hand.wait("told of it", |status| Faults(status.faults).has(Fault::StateStale));
+    hand.release();
+    let (code, said) = teleopctl(&rig, "reset");
+    assert!(code == Some(1) && said.contains("StateStale persists"), "{said}");
+}
+
 #[test]
 fn a_dead_input_holds_and_then_disengages() {
     for (process, fault) in [("ingest", Fault::InputStale), ("retarget", Fault::TargetStale)] {
@@ -304,7 +359,14 @@ fn f092_a_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
     rig.start("sim");
     rig.start("control");
-    for (name, said) in [("sim", "driver is already running"), ("control", "operator.sock")] {
+    let running = format!("teleopd: an instance runs in {} already", rig.folder().display());
+    let expected = [
+        ("sim", "driver is already running"),
+        ("control", "operator.sock"),
+        ("sim", running.as_str()),
+        ("up", &running),
+    ];
+    for (name, said) in expected {
         let output = rig.run(name);
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(75), "{text}");

@@ -1,10 +1,14 @@
 //! The operator's client: unprivileged, talks to `control` over its socket and to nothing else.
 
+#[path = "../teleopd/say.rs"]
+#[macro_use]
+mod say;
+
 mod cli;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use messages::{FAULTS, Fault, Faults, Mode, Stamp, Status, TRANSITIONS_KEPT, Transition};
+use messages::{FAULTS, Fault, Faults, Mode, Response, Stamp, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use std::path::Path;
@@ -20,6 +24,9 @@ const EX_UNAVAILABLE: u8 = 69;
 /// How long the effect of a request is waited for: the longest stop and some.
 const EFFECT_WITHIN: Duration = Duration::from_secs(5);
 
+/// Time between two presses of a reset that is not taken yet: `control` takes one at rest alone, and forgets it otherwise.
+const RESET_EVERY: Duration = Duration::from_millis(100);
+
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let socket = cli.run_dir.join("operator.sock");
@@ -31,10 +38,7 @@ fn main() -> ExitCode {
             client.release();
             until(&mut client, "released", |status| mode(status) == Mode::Disengaged || mode(status) == Mode::Faulted)
         }
-        Command::Reset => {
-            client.reset();
-            until(&mut client, "reset", |status| mode(status) != Mode::Faulted)
-        }
+        Command::Reset => reset(&mut client, &cli.run_dir),
         Command::Estop => {
             client.estop();
             until(&mut client, "stopped", |status| mode(status) == Mode::Faulted)
@@ -44,7 +48,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("teleopctl: {error}");
+            err!("teleopctl: {error}");
             ExitCode::from(EX_UNAVAILABLE)
         }
     }
@@ -58,44 +62,47 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     let status = client.heartbeat()?;
     let names = Names::read(run_dir);
     if json {
-        println!("{}", pipeline::status_json(&status, &names));
+        out!("{}", pipeline::status_json(&status, &names));
         return Ok(true);
     }
     let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
-    println!("mode              {}{note}", mode(&status).name());
+    out!("mode              {}{note}", mode(&status).name());
     if let Some(why) = pipeline::why_stopped(&status, &names) {
-        println!("why               {why}");
+        out!("why               {why}");
     }
-    println!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
+    out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     match input_age_ms(&status) {
-        Some(age_ms) => println!("input age         {age_ms:.1} ms"),
-        None => println!("input             none yet"),
+        Some(age_ms) => out!("input age         {age_ms:.1} ms"),
+        None => out!("input             none yet"),
     }
-    println!(
+    out!(
         "clearance         {:.1} mm commanded ({}), {:.1} mm measured ({})",
         status.clearance_command_m * 1e3,
         names.pair(status.nearest_pair),
         status.clearance_measured_m * 1e3,
         names.pair(status.nearest_pair_measured)
     );
-    println!("tracking error    {:.4} rad", status.tracking_error);
+    out!("tracking error    {:.4} rad", status.tracking_error);
     let degrees = |rad: f64| rad.to_degrees();
-    println!(
+    out!(
         "limb error        {:.1} deg target, {:.1} deg measured",
         degrees(status.limb_error_target_rad),
         degrees(status.limb_error_measured_rad)
     );
-    println!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
-    println!("operators         {}", status.operators);
-    println!("gate denials      {}", status.gate_denials);
+    out!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
+    out!("operators         {}", status.operators);
+    out!("gate denials      {}", status.gate_denials);
     for fault in Faults(status.faults | status.latched).iter() {
         let latched = if Faults(status.latched).has(fault) { " (latched)" } else { "" };
-        println!("fault             {}{latched}: {}", fault.row().name, meaning(fault, &status, &names));
+        out!("fault             {}{latched}: {}", fault.row().name, meaning(fault, &status, &names));
+        if let Some(advice) = advice(fault) {
+            out!("                  {advice}");
+        }
     }
     for row in &FAULTS {
         let count = status.fault_counts[row.fault.index()];
         if count > 0 {
-            println!("raised so far     {} x {}", count, row.name);
+            out!("raised so far     {} x {}", count, row.name);
         }
     }
     Ok(true)
@@ -115,10 +122,24 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
     for fault in latched.iter() {
         text += &format!("\n{} (latched): {}", fault.row().name, meaning(fault, status, names));
     }
-    if mode(status) == Mode::Faulted {
-        text += "\nteleopctl reset first: it clears what is latched, once its cause is gone and the robot is at rest";
+    match mode(status) {
+        Mode::Faulted => {
+            text +=
+                "\nteleopctl reset first: it clears what is latched, once its cause is gone and the robot is at rest";
+        }
+        Mode::Engaging | Mode::Engaged | Mode::Recovering => {
+            text += "\nanother hand holds it; teleopctl release makes it let go, and the robot stop";
+        }
+        Mode::Disengaged | Mode::Holding => {}
     }
     text
+}
+
+/// What helps against a fault, where its meaning does not say it.
+fn advice(fault: Fault) -> Option<&'static str> {
+    (fault == Fault::InputStale).then_some(
+        "publish skeletons; the log of `ingest` says which client holds authority, and why frames were dropped",
+    )
 }
 
 /// Holds the enable until Ctrl-C.
@@ -126,12 +147,15 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = Names::read(run_dir);
     if mode(&first) != Mode::Disengaged {
-        println!("{}", only_disengaged(&first, "engaged", &names));
+        out!("{}", only_disengaged(&first, "engaged", &names));
         return Ok(false);
     }
     let blocking = Faults(first.faults | first.latched);
     for fault in blocking.iter() {
-        println!("cannot engage: {}: {}", fault.row().name, meaning(fault, &first, &names));
+        out!("cannot engage: {}: {}", fault.row().name, meaning(fault, &first, &names));
+        if let Some(advice) = advice(fault) {
+            out!("{advice}");
+        }
     }
     if !blocking.is_empty() {
         return Ok(false);
@@ -145,16 +169,16 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = Names::read(run_dir);
     if mode(&first) != Mode::Disengaged {
-        println!("{}", only_disengaged(&first, "brought back", &names));
+        out!("{}", only_disengaged(&first, "brought back", &names));
         return Ok(false);
     }
     let faults = Faults(first.faults);
     if !faults.has(Fault::StartOutsideLimits) && !faults.has(Fault::StartInCollision) {
-        println!("nothing to recover from: every joint is inside its limits, and nothing is too close");
+        out!("nothing to recover from: every joint is inside its limits, and nothing is too close");
         return Ok(true);
     }
     for fault in [Fault::StartOutsideLimits, Fault::StartInCollision].into_iter().filter(|&fault| faults.has(fault)) {
-        println!("recovering from {}: {}", fault.row().name, meaning(fault, &first, &names));
+        out!("recovering from {}: {}", fault.row().name, meaning(fault, &first, &names));
     }
     client.recover();
     hold(client, &first, &names)
@@ -175,7 +199,7 @@ fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, Oper
         show_transitions(&last, &mut shown, names);
         let note = pipeline::status_note(&last);
         if let Some(note) = note.filter(|_| note != noted) {
-            println!("{note}: {:.0} mm to go", last.torso_to_go_m.abs() * 1e3);
+            out!("{note}: {:.0} mm to go", last.torso_to_go_m.abs() * 1e3);
         }
         noted = note;
         let changed = last.transition_count > first.transition_count;
@@ -184,9 +208,9 @@ fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, Oper
             return Ok(newest.why == Transition::RECOVERED);
         }
         if !changed && pressed.elapsed() > REFUSED_AFTER {
-            println!("refused: {}", mode(&last).name());
+            out!("refused: {}", mode(&last).name());
             for fault in Faults(last.faults | last.latched).iter() {
-                println!("{}: {}", fault.row().name, meaning(fault, &last, names));
+                out!("{}: {}", fault.row().name, meaning(fault, &last, names));
             }
             return Ok(false);
         }
@@ -204,13 +228,63 @@ fn show_transitions(status: &Status, shown: &mut u32, names: &Names) {
     while *shown < status.transition_count {
         let transition = status.transitions[(*shown % kept) as usize];
         let [from, to] = [transition.from, transition.to].map(pipeline::mode_name);
-        println!("{from} -> {to}: {}", why(&transition, status, names));
+        out!("{from} -> {to}: {}", why(&transition, status, names));
         *shown += 1;
     }
 }
 
 fn why(transition: &Transition, status: &Status, names: &Names) -> String {
     Fault::from_u32(transition.why).map_or_else(|| transition.why_name().into(), |fault| meaning(fault, status, names))
+}
+
+/// Presses reset again and again until it is taken, or in vain; a stop that is pressed meanwhile ends it.
+fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+    let first = client.heartbeat()?;
+    if mode(&first) != Mode::Faulted {
+        out!("nothing to reset: {}", mode(&first).name());
+        return Ok(true);
+    }
+    let (begun, mut presses) = (Instant::now(), 0);
+    loop {
+        if begun.elapsed() >= RESET_EVERY * presses {
+            client.reset();
+            presses += 1;
+        }
+        let status = client.heartbeat()?;
+        if stopped_anew(&first, &status) {
+            out!("not reset: the robot was stopped anew meanwhile");
+            return Ok(false);
+        }
+        if mode(&status) != Mode::Faulted {
+            out!("reset: {}", mode(&status).name());
+            return Ok(true);
+        }
+        if begun.elapsed() > EFFECT_WITHIN {
+            out!("{}", not_reset(&status, &Names::read(run_dir)));
+            return Ok(false);
+        }
+        std::thread::sleep(HEARTBEAT);
+    }
+}
+
+/// Whether somebody pressed the emergency stop after `first`, or something stopped the robot after a reset.
+fn stopped_anew(first: &Status, now: &Status) -> bool {
+    let pressed = |status: &Status| status.fault_counts[Fault::EmergencyStop.index()];
+    let moved_on = now.transition_count != first.transition_count;
+    pressed(now) != pressed(first) || moved_on && mode(now) == Mode::Faulted
+}
+
+/// Why a reset was not taken: what still holds, or what else it waits for.
+fn not_reset(status: &Status, names: &Names) -> String {
+    let mut text = format!("not reset within {} s: {}", EFFECT_WITHIN.as_secs(), mode(status).name());
+    let persists = Faults(status.faults).of(Response::Stop);
+    for fault in persists.iter() {
+        text += &format!("\n{} persists: {}", fault.row().name, meaning(fault, status, names));
+    }
+    if persists.is_empty() {
+        text += "\nno cause persists: the robot still moves, or somebody holds the enable (teleopctl release)";
+    }
+    text
 }
 
 /// Repeats the heartbeat until `done`, and prints `word` then; says what stands in the way otherwise.
@@ -222,13 +296,13 @@ fn until(client: &mut Client, word: &str, done: impl Fn(&Status) -> bool) -> Res
         std::thread::sleep(HEARTBEAT);
         let status = client.heartbeat()?;
         if done(&status) {
-            println!("{word}: {}", mode(&status).name());
+            out!("{word}: {}", mode(&status).name());
             return Ok(true);
         }
         if Instant::now() > give_up {
-            println!("not {word} within {} s: {}", EFFECT_WITHIN.as_secs(), mode(&status).name());
+            out!("not {word} within {} s: {}", EFFECT_WITHIN.as_secs(), mode(&status).name());
             for fault in Faults(status.faults | status.latched).iter() {
-                println!("{}: {}", fault.row().name, fault.row().meaning);
+                out!("{}: {}", fault.row().name, fault.row().meaning);
             }
             return Ok(false);
         }
@@ -250,7 +324,29 @@ mod tests {
             assert!(said.contains(words), "{words}: {said}");
         }
         let engaged = Status { mode: Mode::Engaged as u32, ..Status::ZERO };
-        assert!(!only_disengaged(&engaged, "engaged", &Names::default()).contains("reset"));
+        let said = only_disengaged(&engaged, "engaged", &Names::default());
+        assert!(
+            !said.contains("reset") && said.contains("another hand") && said.contains("teleopctl release"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_reset_in_vain_says_what_persists_and_never_undoes_a_stop_that_was_pressed_meanwhile() {
+        let latched = Faults::NONE.with(Fault::EmergencyStop).0;
+        let first = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
+        let said = not_reset(&first, &Names::default());
+        assert!(said.contains("still moves") && said.contains("teleopctl release"), "{said}");
+        let silent = Status { faults: Faults::NONE.with(Fault::StateStale).0, ..first };
+        let said = not_reset(&silent, &Names::default());
+        assert!(said.contains("StateStale persists: ") && !said.contains("still moves"), "{said}");
+        assert!(!stopped_anew(&first, &silent));
+        let mut pressed = first;
+        pressed.fault_counts[Fault::EmergencyStop.index()] += 1;
+        assert!(stopped_anew(&first, &pressed));
+        assert!(stopped_anew(&first, &Status { transition_count: 2, ..first }), "reset, and stopped for another cause");
+        let disengaged = Status { mode: Mode::Disengaged as u32, transition_count: 1, ..first };
+        assert!(!stopped_anew(&first, &disengaged));
     }
 
     #[test]

@@ -11,9 +11,9 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     for file in &loaded.files {
-        println!("read {}", file.display());
+        out!("read {}", file.display());
     }
-    println!();
+    out!();
     let source = place.config.display();
     for (key, value) in loaded.effective() {
         let overridden = match key.as_str() {
@@ -22,29 +22,32 @@ pub fn run(place: &Place) -> Result<Exit, Failure> {
             _ => false,
         };
         let from = if overridden { "command line".to_owned() } else { source.to_string() };
-        println!("{key:<44} {value:<28} {from}");
+        out!("{key:<44} {value:<28} {from}");
     }
-    println!(
-        "\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
-        "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home"
-    );
+    out!("\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");
     let model = &loaded.model;
     for j in 0..JOINTS {
         let limits = &model.limits[j];
-        println!(
+        out!(
             "{:<18} {:>9.4} {:>9.4} {:>9.3} {:>9.3} {:>9.1} {:>9.4}",
-            model.joint_names[j], limits.q_min, limits.q_max, limits.v_max, limits.a_max, limits.j_max, model.home[j]
+            model.joint_names[j],
+            limits.q_min,
+            limits.q_max,
+            limits.v_max,
+            limits.a_max,
+            limits.j_max,
+            model.home[j]
         );
     }
-    println!("(rad, rad/s, rad/s^2, rad/s^3; m for the torso lift)");
-    println!(
+    out!("(rad, rad/s, rad/s^2, rad/s^3; m for the torso lift)");
+    out!(
         "\ncapsules {}, checked pairs {}, d_min {:.1} mm",
         model.capsules.len(),
         model.pairs.len(),
         model.d_min_m * 1e3
     );
     let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| obstacle.name.as_str()).collect();
-    println!("obstacles {}", if obstacles.is_empty() { "none".to_owned() } else { obstacles.join(", ") });
-    println!("hash {:016x}", loaded.hash);
+    out!("obstacles {}", if obstacles.is_empty() { "none".to_owned() } else { obstacles.join(", ") });
+    out!("hash {:016x}", loaded.hash);
     Ok(Exit::Ok)
 }

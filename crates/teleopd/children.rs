@@ -1,6 +1,7 @@
 //! Starts the processes in order and ends them in the opposite one, the driver last.
 
 use crate::cli::Place;
+use crate::doctor::holder;
 use crate::exit::{Exit, Failure};
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
 use pipeline::Instance;
@@ -9,6 +10,17 @@ use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+
+/// Refuses a folder in which an instance runs, before anything is started there.
+pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {
+    let Some(pid) = holder(&instance.operator_lock()) else { return Ok(()) };
+    let folder = instance.run_dir().display();
+    let text = format!(
+        "an instance runs in {folder} already (its control is process {pid}): teleopctl --run-dir {folder} status asks it; \
+         a second one needs another --run-dir"
+    );
+    Err(Failure::new(Exit::TempFail, text))
+}
 
 /// The running processes of one instance.
 pub struct Children {

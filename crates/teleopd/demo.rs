@@ -1,6 +1,6 @@
 //! The whole system on one machine: four real processes, a recorded person, a virtual operator, a table at the end.
 
-use crate::children::Children;
+use crate::children::{Children, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::figure;
@@ -11,10 +11,10 @@ use crate::report::Report;
 use bus::{Domain, Reader};
 use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
 use motion::CalibrationMode;
-use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher};
+use pipeline::{ClientError, Instance, Loaded, Overrides, PlayOptions, Player, Publisher, RealtimeSettings};
 use rt::Shutdown;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Time between two looks at the run, and two pictures.
@@ -34,15 +34,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
     }
-    // Before the run, not after it: a report that cannot be written is known now.
-    if let Some(path) = &options.report {
-        std::fs::File::create(path)
-            .map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))?;
-    }
-    let motion = match &options.motion {
-        Some(path) => motion::load(path).map_err(|error| Failure::new(Exit::NoInput, error))?,
-        None => motion::builtin(),
-    };
+    let (motion, loaded) = read(options)?;
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = Instance::new(&folder.path)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", folder.path.display())))?;
@@ -52,21 +44,29 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         engage_without_realtime: true,
         interface: options.interface,
     };
-    println!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
+    out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
-        println!("          {warning}");
+        out!("          {warning}");
     }
+    refuse_second(&instance)?;
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
     let mut children = Children::start(&instance, &place, true)?;
-    println!("processes sim, control, retarget, ingest are ready");
+    out!("processes sim, control, retarget, ingest are ready");
     let play = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(&motion, play, nonce, rt::incarnation());
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
     let mut operator = Operator::connect(&instance.operator_socket())?;
-    let mut show = Show::new(&instance, &place, options.quiet)?;
+    let missing = missing(&loaded.settings.realtime);
+    let mut show = Show::new(&instance, loaded.model, options.quiet)?;
     let server = if options.view { Some(shown(&instance, &place, options.view_port, &shutdown)?) } else { None };
-    let mut run = Run { children: &mut children, operator: &mut operator, publisher: &publisher, shutdown: &shutdown };
+    let mut run = Run {
+        children: &mut children,
+        operator: &mut operator,
+        publisher: &publisher,
+        shutdown: &shutdown,
+        missing: &missing,
+    };
     let ended = run.engage_and_follow(options.seconds, &mut show);
     show.end();
 
@@ -97,10 +97,56 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     if trouble.is_empty() { Ok(Exit::Ok) } else { Err(Failure::new(Exit::Failed, trouble.join("; "))) }
 }
 
+/// Everything that a run reads, and whether its report can be written.
+fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
+    let motion = match &options.motion {
+        Some(path) => motion::load(path).map_err(|error| unread(path, error))?,
+        None => motion::builtin(),
+    };
+    let overrides = Overrides { engage_without_realtime: true, interface: options.interface };
+    let loaded = pipeline::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+    // Before the run, not after it: a report that cannot be written is known now. One that is there stays until then.
+    if let Some(path) = &options.report {
+        refuse_unwritable(path)
+            .map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))?;
+    }
+    Ok((motion, loaded))
+}
+
+/// A motion that cannot be read.
+fn unread(path: &Path, error: motion::MotionError) -> Failure {
+    let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    let hint =
+        if trajectory { "; a joint trajectory (.csv) is played by `replay` alone, to a running instance" } else { "" };
+    Failure::new(Exit::NoInput, format!("{error}{hint}"))
+}
+
+/// Whether a file can be written; what is in it stays.
+fn refuse_unwritable(path: &Path) -> std::io::Result<()> {
+    match std::fs::metadata(path) {
+        // Opening a pipe would wait for whoever reads it; a device has nothing to lose.
+        Ok(found) if !found.is_file() && !found.is_dir() => Ok(()),
+        Ok(_) => std::fs::OpenOptions::new().write(true).open(path).map(drop),
+        Err(_) => std::fs::File::create(path).and_then(|_| std::fs::remove_file(path)),
+    }
+}
+
+/// What this machine or the settings keep from the real-time processes; nothing where they run in real time.
+fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
+    let limits = rt::Limits::of_process();
+    let fifo =
+        settings.policy == pipeline::Policy::Fifo && rt::Realtime::try_fifo(settings.priority_control as u8).is_ok();
+    let memory = settings.lock_memory && (limits.any_lock || limits.memlock_bytes.is_none());
+    [(fifo, "SCHED_FIFO"), (memory, "locked memory"), (rt::is_preempt_rt(), "a PREEMPT_RT kernel")]
+        .into_iter()
+        .filter_map(|(granted, name)| (!granted).then_some(name))
+        .collect()
+}
+
 /// Serves the page, and waits until one is open.
 fn shown(instance: &Instance, place: &cli::Place, port: u16, shutdown: &Shutdown) -> Result<view::Server, Failure> {
     let server = crate::view::start(instance, place, port)?;
-    println!("open      {}", server.address());
+    out!("open      {}", server.address());
     while server.pages() == 0 && !shutdown.requested() {
         std::thread::sleep(LOOK);
     }
@@ -117,6 +163,8 @@ struct Run<'a> {
     operator: &'a mut Operator,
     publisher: &'a Publisher,
     shutdown: &'a Shutdown,
+    /// What keeps the run from being real-time.
+    missing: &'a [&'static str],
 }
 
 impl Run<'_> {
@@ -131,8 +179,10 @@ impl Run<'_> {
         }
         let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
         if !realtime {
-            println!(
-                "warning   no real-time scheduling: stale times are relaxed, as the configuration allows for a simulator"
+            out!(
+                "warning   not real-time, for want of {}: stale times are relaxed, as a simulator allows; `teleopd doctor` says \
+                 what to do",
+                if self.missing.is_empty() { "real-time rights".to_owned() } else { self.missing.join(", ") }
             );
         }
         self.operator.enable();
@@ -214,14 +264,12 @@ struct Show {
 }
 
 impl Show {
-    fn new(instance: &Instance, place: &cli::Place, quiet: bool) -> Result<Self, Failure> {
-        let loaded =
-            pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+    fn new(instance: &Instance, model: robot::Model, quiet: bool) -> Result<Self, Failure> {
         let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
         Ok(Self {
             skeletons: domain.reader(Service::Skeleton).map_err(bus_failure)?,
             states: domain.reader(Service::RobotState).map_err(bus_failure)?,
-            model: loaded.model,
+            model,
             frames: robot::Frames::default(),
             skeleton: None,
             state: None,
@@ -258,7 +306,7 @@ impl Show {
             status.limb_error_measured_rad.to_degrees(),
         );
         if !self.terminal {
-            println!("{line}");
+            out!("{line}");
             return;
         }
         if let (Some(skeleton), Some(state)) = (&self.skeleton, &self.state) {
@@ -271,7 +319,7 @@ impl Show {
             for (left, right) in human.rows().zip(robot.rows()) {
                 picture.push_str(&format!("\x1b[2K{left}  {right}\n"));
             }
-            println!("{picture}\x1b[2K{line}");
+            out!("{picture}\x1b[2K{line}");
             self.drawn = true;
             let _ = std::io::stdout().flush();
         }

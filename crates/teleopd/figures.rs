@@ -1,6 +1,6 @@
 //! What control gathers for the report: limb errors and tracking errors while engaged, and every transition.
 
-use messages::{JOINTS, Mode, RobotState, TICK_HZ, Transition};
+use messages::{FAULTS, JOINTS, Mode, RobotState, TICK_HZ, Transition};
 use pipeline::ControlOutput;
 use rt::Histogram;
 use serde_json::{Value, json};
@@ -19,6 +19,8 @@ pub struct Following {
     tracking_max: f64,
     tracking_count: u64,
     transitions: Vec<Transition>,
+    /// How often each fault was raised when the robot first left Disengaged; nothing before that.
+    before_engaging: Option<[u32; FAULTS.len()]>,
 }
 
 struct ErrorSums {
@@ -54,6 +56,7 @@ impl Following {
             tracking_max: 0.0,
             tracking_count: 0,
             transitions: Vec::with_capacity(TRANSITIONS_MAX),
+            before_engaging: None,
         }
     }
 
@@ -63,6 +66,9 @@ impl Following {
             && self.transitions.len() < TRANSITIONS_MAX
         {
             self.transitions.push(transition);
+        }
+        if out.transition.is_some_and(|transition| transition.to == Mode::Engaging as u32) {
+            self.before_engaging.get_or_insert(out.status.fault_counts);
         }
         if out.status.mode != Mode::Engaged as u32 {
             return;
@@ -101,6 +107,13 @@ impl Following {
             "limb_error_deg": { "target": self.target.to_json(), "measured": self.measured.to_json() },
             "tracking_error_rad": { "rms": rms, "max": self.tracking_max },
             "mode_transitions": transitions,
+            "faults_before_engaging": self.before_engaging.map(counted),
         })
     }
+}
+
+/// The faults that were raised at all, and how often.
+fn counted(counts: [u32; FAULTS.len()]) -> Value {
+    let raised = FAULTS.iter().map(|row| (row.name, counts[row.fault.index()])).filter(|(_, count)| *count > 0);
+    Value::Object(raised.map(|(name, count)| (name.to_owned(), json!(count))).collect())
 }

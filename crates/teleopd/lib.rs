@@ -1,6 +1,9 @@
 //! The processes of teleopd and the commands about them. A library, so that a harness can start the same processes from
 //! its own executable (`Children` starts the running one again); the binary `teleopd` is `main` alone.
 
+#[macro_use]
+mod say;
+
 mod check;
 mod children;
 mod cli;
@@ -48,7 +51,7 @@ pub fn main() -> ExitCode {
     match outcome {
         Ok(exit) => exit.into(),
         Err(failure) => {
-            eprintln!("teleopd: {}", failure.text);
+            err!("teleopd: {}", failure.text);
             failure.exit.into()
         }
     }

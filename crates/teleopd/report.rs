@@ -64,6 +64,7 @@ impl Report {
             "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
             "engage": sim["engage"],
             "faults": control["status"]["fault_counts"],
+            "faults_before_engaging": control["faults_before_engaging"],
             "mode_transitions": transitions,
         });
         Ok(Self { value })
@@ -104,50 +105,91 @@ impl Report {
         let v = &self.value;
         let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
         let seconds = number(&v["seconds"]);
-        println!("\n{:<34} {:>10} {:>10} {:>10}", format!("{seconds:.2} s"), "retarget", "control", "driver");
+        out!("\n{:<34} {:>10} {:>10} {:>10}", format!("{seconds:.2} s"), "retarget", "control", "driver");
         for (label, key) in [("ticks", "ticks"), ("missed deadlines", "missed_deadlines")] {
             let row = &v[key];
             let [retarget, control, driver] = ["retarget", "control", "driver"].map(|name| number(&row[name]));
-            println!("{label:<34} {retarget:>10} {control:>10} {driver:>10}");
+            out!("{label:<34} {retarget:>10} {control:>10} {driver:>10}");
         }
         let rate = |name: &str| number(&v["ticks"][name]) / seconds;
-        println!("{:<34} {:>10.1} {:>10.1} {:>10.1}", "rate, Hz", rate("retarget"), rate("control"), rate("driver"));
-        println!("\n{:<34} {:>10} {:>10} {:>10} {:>10}", "latency, us", "p50", "p99", "p99.9", "max");
+        out!("{:<34} {:>10.1} {:>10.1} {:>10.1}", "rate, Hz", rate("retarget"), rate("control"), rate("driver"));
+        out!("\n{:<34} {:>10} {:>10} {:>10} {:>10}", "latency, us", "p50", "p99", "p99.9", "max");
         for (label, key) in [("skeleton to command", "skeleton_to_command"), ("target to command", "target_to_command")]
         {
             let row = &v["latency_us"][key];
             let [p50, p99, p99_9, max] = PERCENTILES.map(|name| number(&row[name]));
-            println!("{label:<34} {p50:>10.0} {p99:>10.0} {p99_9:>10.0} {max:>10.0}");
+            out!("{label:<34} {p50:>10.0} {p99:>10.0} {p99_9:>10.0} {max:>10.0}");
         }
-        println!("\n{:<34} {:>10} {:>10}", "limb error, deg", "mean", "p95");
+        out!("\n{:<34} {:>10} {:>10}", "limb error, deg", "mean", "p95");
         for which in ["target", "measured"] {
             let row = &v["limb_error_deg"][which];
-            println!("{which:<34} {:>10.2} {:>10.2}", number(&row["mean"]), number(&row["p95"]));
+            out!("{which:<34} {:>10.2} {:>10.2}", number(&row["mean"]), number(&row["p95"]));
         }
+        out!(
+            "(between the person's upper arms and forearms and the robot's: in its targets, and as measured, a mean of the four;"
+        );
+        out!(" p95: 95 of 100 ticks lie below)");
         let tracking = &v["tracking_error_rad"];
-        println!(
+        out!(
             "\n{:<34} {:>10.4} rms {:>10.4} max",
             "tracking error, rad",
             number(&tracking["rms"]),
             number(&tracking["max"])
         );
-        println!("{:<34} {:>10.1e} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
+        out!("{:<34} {:>10.1e} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
         let ratio = number(&v["engage"]["first_second_velocity_ratio"]);
-        println!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
-        println!("{:<34} {:>10.1} mm", "smallest clearance", number(&v["min_clearance_mm"]));
+        out!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
+        out!(
+            "{:<34} {:>10.1} mm between two parts of the robot, or one and an obstacle",
+            "smallest clearance",
+            number(&v["min_clearance_mm"])
+        );
         let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
-        println!("{:<16} {}", "violations", counts.join(", "));
-        let faults: Vec<_> =
-            v["faults"].as_object().into_iter().flatten().map(|(name, count)| format!("{name} x {count}")).collect();
-        println!("{:<16} {}", "raised", if faults.is_empty() { "none".into() } else { faults.join(", ") });
+        out!("{:<16} {}", "violations", counts.join(", "));
+        let (before, since) = faults(&v["faults"], &v["faults_before_engaging"]);
+        let listed = |all: &[String]| if all.is_empty() { "none".to_owned() } else { all.join(", ") };
+        out!("{:<16} {}", "faults raised", listed(&since));
+        if !before.is_empty() {
+            out!("{:<16} {} (no stream is there at the start)", "before engaging", listed(&before));
+        }
         for one in v["mode_transitions"].as_array().into_iter().flatten() {
             let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();
-            println!("{:>12.3} s   {} -> {} ({})", number(&one["t_s"]), text("from"), text("to"), text("why"));
+            out!("{:>12.3} s   {} -> {} ({})", number(&one["t_s"]), text("from"), text("to"), text("why"));
         }
     }
+}
+
+/// The faults before the robot was first engaged, and those since; all of them are before where it never was.
+fn faults(all: &Value, before: &Value) -> (Vec<String>, Vec<String>) {
+    let (mut early, mut since) = (Vec::new(), Vec::new());
+    for (name, count) in all.as_object().into_iter().flatten() {
+        let count = count.as_u64().unwrap_or(0);
+        let first = if before.is_null() { count } else { before[name].as_u64().unwrap_or(0) };
+        for (list, count) in [(&mut early, first), (&mut since, count.saturating_sub(first))] {
+            if count > 0 {
+                list.push(format!("{name} x {count}"));
+            }
+        }
+    }
+    (early, since)
 }
 
 fn percentiles(value: &Value) -> Value {
     let figure = |name: &str| value[format!("{name}_us")].clone();
     Value::Object(PERCENTILES.iter().map(|&name| (name.to_owned(), figure(name))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_before_engaging_stand_apart() {
+        let all = json!({ "NoTarget": 1, "InputStale": 3 });
+        let names = |one: &[&str]| one.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let before = json!({ "NoTarget": 1, "InputStale": 1 });
+        assert_eq!(faults(&all, &before), (names(&["NoTarget x 1", "InputStale x 1"]), names(&["InputStale x 2"])));
+        assert_eq!(faults(&all, &Value::Null), (names(&["NoTarget x 1", "InputStale x 3"]), vec![]), "never engaged");
+        assert_eq!(faults(&all, &json!({})).0, names(&[]));
+    }
 }

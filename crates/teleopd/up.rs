@@ -1,6 +1,6 @@
 //! Starts the four processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
 
-use crate::children::Children;
+use crate::children::{Children, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::operate::Operator;
@@ -23,11 +23,12 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let instance = Instance::new(&place.run_dir)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    refuse_second(&instance)?;
     // Before the others, so that it sees their first messages; it is dropped after them.
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, place)?;
     let mut children = Children::start(&instance, place, false)?;
-    println!("teleopd: ready in {}", instance.run_dir().display());
-    println!("teleopd: publish skeletons with `replay`, then `teleopctl engage`; Ctrl-C stops everything");
+    out!("teleopd: ready in {}", instance.run_dir().display());
+    out!("teleopd: publish skeletons with `replay`, then `teleopctl engage`; Ctrl-C stops everything");
     let ended = loop {
         if shutdown.requested() {
             break None;
@@ -49,7 +50,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     if !trouble.is_empty() {
         return Err(Failure::new(Exit::Failed, trouble.join("; ")));
     }
-    println!("teleopd: released, at rest, and every process has ended");
+    out!("teleopd: released, at rest, and every process has ended");
     Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
 }
 

@@ -93,8 +93,8 @@ pub enum BusError {
     },
     /// Every writer's place is taken.
     #[error(
-        "service {service} at root \"{}\": another {writer} is already running ({writers_max} writer(s) at most; a \
-         stopped process keeps its place)", root.display()
+        "{}another {writer} is already running ({writers_max} writer(s) at most; a stopped process keeps its place; \
+         service {service} at root \"{}\")", running(root, *writers_max), root.display()
     )]
     WriterExists {
         /// Service name.
@@ -152,6 +152,14 @@ pub enum PublishError {
     /// The event that wakes readers was not sent.
     #[error("the wake-up could not be sent")]
     Wake,
+}
+
+/// Of a service that one process of an instance writes: where that instance runs, the folder above its domains'.
+fn running(root: &std::path::Path, writers_max: usize) -> String {
+    match root.parent() {
+        Some(folder) if writers_max == 1 => format!("an instance runs in {} already: ", folder.display()),
+        _ => String::new(),
+    }
 }
 
 /// The folder of a domain without its shared memory: the writer's /dev/shm is another one.

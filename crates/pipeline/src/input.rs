@@ -41,6 +41,43 @@ impl InputConfig {
     }
 }
 
+impl InputConfig {
+    /// What a reason for dropping says, with the bounds of motion capture, for whoever looks for what is wrong with a client.
+    pub const fn meaning(reason: DropReason) -> &'static str {
+        match reason {
+            DropReason::Layout => "the layout's number is unknown",
+            DropReason::Count => "not as many joints as the layout has, or an unknown flag",
+            DropReason::Mirrored => "a mirrored image in a layout that allows none",
+            DropReason::NoOrigin => "header.origin, the time at which the person was seen, is 0",
+            DropReason::Future => "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
+            DropReason::Old => "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
+            DropReason::SessionChanged => "the session changed; its first frame is never used",
+            DropReason::OperatorChanged => "operator_id changed; the first frame of another person is never used",
+            DropReason::Duplicate => "header.origin or header.sequence is that of the frame before",
+            DropReason::Backwards => "header.origin or header.sequence went backwards",
+            DropReason::NotFinite => "a number is not finite",
+            DropReason::OutOfRange => {
+                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1; are the \
+                 units those of the layout?"
+            }
+            DropReason::NotUnit => "a quaternion or a hinge is not of length 1",
+            DropReason::TrunkLost => "shoulders or hips are below a confidence of 0.5",
+            DropReason::Size => {
+                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that; are the \
+                 units and the order of the joints those of the layout?"
+            }
+            DropReason::NotUpright => {
+                "the trunk does not stand upright at the start; is the axis that points up the layout's?"
+            }
+            DropReason::Chirality => "left and right are swapped, or the person is a mirror image",
+            DropReason::Teleport => "a joint jumped by more than 0.15 m, or faster than 10 m/s",
+            DropReason::LengthStep => "a limb changed its length from one frame to the next",
+            DropReason::LengthChange => "a limb's length left that of the session's first second",
+            DropReason::Frozen => "the same numbers again and again: a tracker that is stuck",
+        }
+    }
+}
+
 /// Everything remembered of one client.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct InputState {
@@ -63,4 +100,29 @@ pub fn input_tick(config: &InputConfig, state: &mut InputState, now: Stamp, raw:
     }
     let bounds = if camera { &config.seen } else { &config.measured };
     skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bounds_that_are_said_are_those_that_hold() {
+        let bounds = skeleton::Config::default();
+        let [low, high] = bounds.trunk_m;
+        let [arm_low, arm_high] = bounds.arm_per_trunk;
+        for (reason, said) in [
+            (DropReason::Old, format!("{} ms", bounds.age_max_ns / 1_000_000)),
+            (DropReason::OutOfRange, format!("{} m", bounds.coordinate_max_m)),
+            (DropReason::OutOfRange, format!("{} m", bounds.reach_max_m)),
+            (DropReason::TrunkLost, format!("{}", bounds.confidence_min)),
+            (DropReason::Size, format!("{low} to {high} m")),
+            (DropReason::Size, format!("{arm_low} to {arm_high} of that")),
+            (DropReason::Teleport, format!("{} m", bounds.step_max_m)),
+            (DropReason::Teleport, format!("{} m/s", bounds.speed_max_m_per_s)),
+        ] {
+            let meaning = InputConfig::meaning(reason);
+            assert!(meaning.contains(&said), "{reason:?}: {said}: {meaning}");
+        }
+    }
 }

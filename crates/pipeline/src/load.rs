@@ -73,14 +73,18 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let folder = config.parent().unwrap_or(Path::new("."));
 
     let robot_path = folder.join(&settings.robot.file);
-    let (model, urdf_path) = load_model(&robot_path)?;
+    let (model, urdf_path) =
+        load_model(&robot_path).map_err(|error| named(error, &robot_path, config, "robot.file"))?;
     let config_name = config.display().to_string();
     let model = model.with_environment(&config_name, &settings.environment).map_err(ConfigError::robot)?;
 
     let weights_path = folder.join(&settings.weights.file);
     let (tensors, manifest) = (with_extension(&weights_path, "safetensors"), with_extension(&weights_path, "toml"));
     let weights = if settings.retarget.method == Method::Network || manifest.exists() {
-        Some(read_weights(&weights_path, &model)?)
+        let named = |error| {
+            [&manifest, &tensors].into_iter().fold(error, |error, file| named(error, file, config, "weights.file"))
+        };
+        Some(read_weights(&weights_path, &model).map_err(named)?)
     } else {
         None
     };
@@ -94,7 +98,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let mut layouts = Layouts::default();
     for name in &settings.ingest.layouts {
         let path = folder.join(name);
-        let text = read_text(&path)?;
+        let text = read_text(&path).map_err(|error| named(error, &path, config, "ingest.layouts"))?;
         let file = path.display().to_string();
         layouts.add(&file, Map::parse(&file, &text)?)?;
         hash = fnv_continue(hash, text.as_bytes());
@@ -107,6 +111,19 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     }
     let weights = weights.map(|(weights, _)| weights);
     Ok(Loaded { settings, model, weights, layouts, hash, files })
+}
+
+/// If `file` could not be read: with the key of the settings that names it, because a copy of the settings alone finds
+/// nothing beside itself.
+fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigError {
+    match error {
+        ConfigError::Read { file: unread, cause } if Path::new(&unread) == file => {
+            let config = config.display();
+            let cause = format!("{cause} ({key} of {config} names it; such a path is relative to the settings file)");
+            ConfigError::Read { file: unread, cause }
+        }
+        other => other,
+    }
 }
 
 /// Reads a robot file and the URDF it names; returns the model, without obstacles, and the URDF's path.

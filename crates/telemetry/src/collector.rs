@@ -1,7 +1,7 @@
 //! The other end of the ring.
 
 use crate::counter::{Counter, Counters};
-use crate::event::{MissedInASecond, RateLimit};
+use crate::event::{Missed, RateLimit};
 use crate::lines::{Line, Lines};
 use crate::metric::Metric;
 use crate::probe::Entry;
@@ -19,22 +19,14 @@ pub struct Collector {
     counters: Arc<Counters>,
     series: [Option<Box<Series>>; Metric::ALL.len()],
     limit: RateLimit,
-    missed: MissedInASecond,
+    missed: Option<Missed>,
     lines: Option<Lines>,
 }
 
 impl Collector {
     pub(crate) fn new(process: &'static str, ring: Consumer<Entry>, counters: Arc<Counters>) -> Self {
         let limit = RateLimit::starting_at(Instant::now());
-        Self {
-            process,
-            ring,
-            counters,
-            series: [const { None }; Metric::ALL.len()],
-            limit,
-            missed: MissedInASecond::default(),
-            lines: None,
-        }
+        Self { process, ring, counters, series: [const { None }; Metric::ALL.len()], limit, missed: None, lines: None }
     }
 
     /// The process it collects for.
@@ -56,7 +48,7 @@ impl Collector {
                 Entry::Sample { metric, at, ns } => {
                     self.series[metric as usize].get_or_insert_default().record(at, ns);
                 }
-                Entry::Missed(count) => self.missed.add(count),
+                Entry::Missed(count) => Missed::add(&mut self.missed, Instant::now(), count),
                 Entry::Event(event) => {
                     if self.limit.admits(event.kind()) {
                         self.put(Line::Event(event));
@@ -64,10 +56,10 @@ impl Collector {
                 }
             }
         }
-        if let Some(held_back) = self.limit.turn(Instant::now()) {
-            let missed = std::mem::take(&mut self.missed);
-            if missed != MissedInASecond::default() {
-                self.put(Line::Missed(missed));
+        let now = Instant::now();
+        if let Some(held_back) = self.limit.turn(now) {
+            if let Some(missed) = self.missed.take_if(|missed| missed.is_due(now)) {
+                self.put(Line::Missed(missed, now));
             }
             for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
                 self.put(Line::HeldBack { kind, count });
@@ -94,6 +86,9 @@ impl Collector {
     /// `{"metrics": {name: as Series::into_json}, "ring_dropped", "log_lines_lost", "allocations"}`.
     pub fn into_json(mut self) -> Value {
         self.drain();
+        if let Some(missed) = self.missed.take() {
+            self.put(Line::Missed(missed, Instant::now()));
+        }
         let log_lines_lost = self.lines.take().map_or(0, Lines::finish);
         let mut metrics = Map::new();
         for (metric, series) in Metric::ALL.into_iter().zip(self.series) {

@@ -42,6 +42,15 @@ pub enum Event {
         /// The process.
         pid: u32,
     },
+    /// Frames of the client that holds authority were dropped.
+    Dropped {
+        /// How many within a second.
+        frames: u64,
+        /// The reason's name.
+        reason: &'static str,
+        /// What it means.
+        meaning: &'static str,
+    },
     /// Somebody did something at the operator's socket.
     Order {
         /// What was done.
@@ -55,7 +64,7 @@ pub enum Event {
 
 impl Event {
     /// Kinds of event.
-    pub const KINDS: usize = 7;
+    pub const KINDS: usize = 8;
 
     /// Which kind: lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -67,6 +76,7 @@ impl Event {
             Self::Lease { .. } => 4,
             Self::Visitor { .. } => 5,
             Self::Order { .. } => 6,
+            Self::Dropped { .. } => 7,
         }
     }
 
@@ -80,6 +90,7 @@ impl Event {
             "leases",
             "visitors",
             "orders of operators",
+            "dropped frames",
         ][kind]
     }
 
@@ -109,6 +120,10 @@ impl Event {
             Self::Visitor { what, refused: true, uid, pid } => {
                 tracing::warn!(uid, pid, "{process}: process {pid} of user {uid}: {what}");
             }
+            Self::Dropped { frames, reason, meaning } => {
+                let s = if frames == 1 { "" } else { "s" };
+                tracing::warn!("{process}: {frames} frame{s} dropped within a second: {reason} ({meaning})");
+            }
             Self::Order { what, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");
             }
@@ -116,29 +131,40 @@ impl Event {
     }
 }
 
-/// The deadlines that were missed in a second: one line, however many.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct MissedInASecond {
-    runs: u64,
+/// Deadlines that were missed since the last line about them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Missed {
+    /// When the first of them was.
+    since: Instant,
     count: u64,
     longest: u64,
 }
 
-impl MissedInASecond {
-    pub(crate) fn add(&mut self, count: u64) {
-        self.runs += 1;
-        self.count += count;
-        self.longest = self.longest.max(count);
+impl Missed {
+    /// One line in so long a time.
+    const LINE_EVERY: Duration = Duration::from_secs(10);
+    /// A run of so many ticks is told at once: five more, and the driver latches the silence.
+    const LONG_RUN: u64 = 10;
+
+    /// Adds a run of `count` to what was gathered so far.
+    pub(crate) fn add(gathered: &mut Option<Self>, now: Instant, count: u64) {
+        let all = gathered.get_or_insert(Self { since: now, count: 0, longest: 0 });
+        all.count += count;
+        all.longest = all.longest.max(count);
     }
 
-    pub(crate) fn log(self, process: &str) {
-        let Self { runs, count, longest } = self;
-        if runs > 0 {
-            tracing::warn!(
-                count,
-                "{process}: {count} deadline(s) missed within a second, in {runs} run(s), the longest {longest}"
-            );
-        }
+    /// Whether it is worth a line at `now`.
+    pub(crate) fn is_due(&self, now: Instant) -> bool {
+        self.longest >= Self::LONG_RUN || now.duration_since(self.since) >= Self::LINE_EVERY
+    }
+
+    /// In words, at `now`.
+    pub(crate) fn words(&self, now: Instant) -> String {
+        let many = |n: u64| if n == 1 { "" } else { "s" };
+        let Self { since, count, longest } = *self;
+        let within_s = now.duration_since(since).as_secs_f64().ceil().max(1.0);
+        let (deadlines, ticks) = (many(count), many(longest));
+        format!("{count} deadline{deadlines} missed within {within_s} s, the longest run {longest} tick{ticks}")
     }
 }
 
@@ -187,10 +213,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missed_deadlines_add_up() {
-        let mut missed = MissedInASecond::default();
-        [3, 41, 1].into_iter().for_each(|count| missed.add(count));
-        assert_eq!(missed, MissedInASecond { runs: 3, count: 45, longest: 41 });
+    fn missed_deadlines_add_up_to_a_line_in_ten_seconds_but_a_long_run_is_told_at_once() {
+        let start = Instant::now();
+        let at = |ms| start + Duration::from_millis(ms);
+        let mut missed = None;
+        for second in 0..10 {
+            Missed::add(&mut missed, at(second * 1000), 1 + 2 * (second % 2));
+            assert!(!missed.expect("some").is_due(at(second * 1000 + 999)), "second {second}");
+        }
+        let all = missed.take().expect("some");
+        assert!(all.is_due(at(10_000)));
+        assert_eq!(all.words(at(10_000)), "20 deadlines missed within 10 s, the longest run 3 ticks");
+        Missed::add(&mut missed, at(20_000), 1);
+        assert_eq!(missed.expect("one").words(at(20_020)), "1 deadline missed within 1 s, the longest run 1 tick");
+        Missed::add(&mut missed, at(20_500), 41);
+        assert!(missed.expect("two").is_due(at(20_500)));
     }
 
     #[test]
@@ -202,7 +239,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0]);
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0]);
         assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

@@ -1,9 +1,9 @@
 //! Lines on their way to the log. Whoever reads stderr or the journal may be slow or stuck, and neither the watchdog nor the
 //! end of the process may wait for that: a thread of its own writes, and what finds its queue full is lost and counted.
 
-use crate::event::{Event, MissedInASecond};
+use crate::event::{Event, Missed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Lines that wait: some seconds of every kind at its limit.
 const QUEUE: usize = 256;
@@ -14,7 +14,7 @@ const PATIENCE: Duration = Duration::from_millis(200);
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Line {
     Event(Event),
-    Missed(MissedInASecond),
+    Missed(Missed, Instant),
     HeldBack { kind: usize, count: u64 },
 }
 
@@ -58,7 +58,7 @@ impl Lines {
 fn write(process: &str, line: Line) {
     match line {
         Line::Event(event) => event.log(process),
-        Line::Missed(missed) => missed.log(process),
+        Line::Missed(missed, until) => tracing::warn!("{process}: {}", missed.words(until)),
         Line::HeldBack { kind, count } => {
             let kind = Event::kind_name(kind);
             tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");

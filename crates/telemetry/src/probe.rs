@@ -48,7 +48,7 @@ impl Probe {
         self.record_ns(metric, to, to.since(from));
     }
 
-    /// `count` indices of the grid were skipped at once. It comes in bursts: a second of it is one line in the log.
+    /// `count` indices of the grid were skipped at once. It comes in bursts: ten seconds of it are one line in the log.
     pub fn missed(&mut self, count: u64) {
         self.counters.add(Counter::MissedDeadlines, count);
         self.put(Entry::Missed(count));

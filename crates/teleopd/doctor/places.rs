@@ -100,7 +100,7 @@ fn mapped(prefixes: &[&str]) -> BTreeSet<String> {
 }
 
 /// The process that holds the lock file, from /proc/locks: taking the lock to try would disturb who starts now.
-fn holder(lock: &Path) -> Option<u32> {
+pub fn holder(lock: &Path) -> Option<u32> {
     let inode = std::fs::metadata(lock).ok()?.ino();
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
     holders(&locks, inode).into_iter().find(|pid| {

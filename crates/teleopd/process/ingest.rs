@@ -9,6 +9,7 @@ use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_non
 use messages::{RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
 use pipeline::{Authority, Claim, HandOff, InputConfig, InputState, input_tick};
 use serde_json::json;
+use skeleton::DropReason;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
@@ -41,6 +42,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         state: InputState::default(),
         skeletons,
         sequence: 0,
+        dropped: Dropped::since(rt::now()),
     };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     process.ready()?;
@@ -112,6 +114,40 @@ struct Hall {
     state: InputState,
     skeletons: Writer<Skeleton>,
     sequence: u64,
+    dropped: Dropped,
+}
+
+/// Nanoseconds in a second.
+const SECOND_NS: u64 = 1_000_000_000;
+
+/// What was dropped before the current second: whose frames are all bad must read why, and a second of it is one line for
+/// each reason.
+struct Dropped {
+    since: Stamp,
+    before: [u64; skeleton::DROP_REASONS],
+}
+
+impl Dropped {
+    fn since(now: Stamp) -> Self {
+        Self { since: now, before: [0; skeleton::DROP_REASONS] }
+    }
+
+    /// Once a second is over: tells each reason and how many frames it cost in it.
+    fn turn(&mut self, now: Stamp, state: &skeleton::State, mut tell: impl FnMut(DropReason, u64)) {
+        if now.since(self.since) < SECOND_NS {
+            return;
+        }
+        self.since = now;
+        for (before, &reason) in self.before.iter_mut().zip(&DropReason::ALL) {
+            let frames = state.dropped(reason) - *before;
+            *before += frames;
+            // The first frame of a session, or of another person, is never used; that is no fault.
+            let expected = matches!(reason, DropReason::SessionChanged | DropReason::OperatorChanged);
+            if frames > u64::from(expected) {
+                tell(reason, frames);
+            }
+        }
+    }
 }
 
 impl Hall {
@@ -168,7 +204,7 @@ impl Hall {
     }
 
     /// Counters and log lines of this round.
-    fn tell(&self, process: &mut Process, socket: &mut Server) {
+    fn tell(&mut self, process: &mut Process, socket: &mut Server) {
         let counters = process.probe.counters();
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
         counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
@@ -178,11 +214,14 @@ impl Hall {
             let refused = word.is_refusal() || word == Word::OverQuota;
             process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
         });
+        self.dropped.turn(rt::now(), &self.state.skeleton, |reason, frames| {
+            let (reason, meaning) = (reason.name(), InputConfig::meaning(reason));
+            process.probe.event(Event::Dropped { frames, reason, meaning });
+        });
     }
 
     fn figures(&self, socket: &Server) -> serde_json::Value {
-        let reasons =
-            skeleton::DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
+        let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
         let words = Word::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
         let holder = self.authority.holder().map(|claim| {
             let Claim { door, uid, pid, .. } = claim;
@@ -203,4 +242,29 @@ impl Hall {
 /// What happened at all, and how often.
 fn counted(all: impl Iterator<Item = (&'static str, u64)>) -> serde_json::Map<String, serde_json::Value> {
     all.filter(|(_, count)| *count > 0).map(|(name, count)| (name.to_owned(), json!(count))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_dropped_is_told_once_a_second_for_each_reason_but_not_the_first_frame_of_a_session() {
+        let mut state = skeleton::State::default();
+        let mut dropped = Dropped::since(Stamp(0));
+        let told = |dropped: &mut Dropped, state: &skeleton::State, ms: u64| {
+            let mut all = Vec::new();
+            dropped.turn(Stamp(ms * 1_000_000), state, |reason, frames| all.push((reason, frames)));
+            all
+        };
+        state.refuse(DropReason::SessionChanged);
+        (0..150).for_each(|_| _ = state.refuse(DropReason::Size));
+        state.refuse(DropReason::Old);
+        assert_eq!(told(&mut dropped, &state, 999), []);
+        assert_eq!(told(&mut dropped, &state, 1000), [(DropReason::Old, 1), (DropReason::Size, 150)]);
+        assert_eq!(told(&mut dropped, &state, 2000), [], "nothing more");
+        state.refuse(DropReason::Size);
+        assert_eq!(told(&mut dropped, &state, 2999), []);
+        assert_eq!(told(&mut dropped, &state, 3000), [(DropReason::Size, 1)]);
+    }
 }
