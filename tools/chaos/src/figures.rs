@@ -157,21 +157,23 @@ impl Figures {
         let _ = writeln!(out, "{} kills, {} suspensions", self.kills(), self.suspends());
         let _ = writeln!(
             out,
-            "{:<10} {:>6} {:>8} {:>7} {:>6} {:>18} {:>6} {:>7}",
-            "", "kills", "suspends", "moving", "rests", "ticks to rest: p50", "max", "beyond bound"
+            "{:<10} {:>6} {:>8} {:>7} {:>6} {:>13} {:>10} {:>6} {:>10}",
+            "", "kills", "suspends", "moving", "rests", "to rest: p50", "max", "late", "late after"
         );
         for (name, of) in value["victims"].as_object().into_iter().flatten() {
+            let number = |key: &str| of[key].to_string();
+            let rest = &of["rest_after_ticks"];
             let _ = writeln!(
                 out,
-                "{name:<10} {:>6} {:>8} {:>7} {:>6} {:>18} {:>6} {:>4} of {}",
-                of["kills"],
-                of["suspends"],
-                of["moving"],
-                of["rests"],
-                of["rest_after_ticks"]["p50"],
-                of["rest_after_ticks"]["max"],
-                of["beyond_bound"],
-                of["bound_ticks"]
+                "{name:<10} {:>6} {:>8} {:>7} {:>6} {:>13} {:>10} {:>6} {:>10}",
+                number("kills"),
+                number("suspends"),
+                number("moving"),
+                number("rests"),
+                ticks(&rest["p50"]),
+                ticks(&rest["max"]),
+                number("beyond_bound"),
+                ticks(&of["bound_ticks"])
             );
         }
         let _ = writeln!(out, "witnessed {} states: violations {}", self.states, value["violations_witnessed"]);
@@ -184,6 +186,11 @@ impl Figures {
         }
         out
     }
+}
+
+/// A number of ticks, if there is one: whoever never moved had nothing to rest from.
+fn ticks(count: &Value) -> String {
+    count.as_u64().map_or("-".to_owned(), |count| format!("{count} ticks"))
 }
 
 fn by_kind(counts: &[u64; ViolationKind::ALL.len()]) -> Value {
@@ -223,5 +230,15 @@ mod tests {
         figures.add(&outcome(Victim::Control, Some(753)), 752);
         assert_eq!(figures.to_json()["victims"]["control"]["beyond_bound"], 1);
         assert!(figures.complaints().is_empty());
+    }
+
+    #[test]
+    fn ticks_are_called_so_and_none_are_a_dash() {
+        let mut figures = Figures::default();
+        figures.add(&outcome(Victim::Ingest, None), 902);
+        let words = figures.words();
+        let line = words.lines().find(|line| line.starts_with("ingest")).expect("a line");
+        let said: Vec<_> = line.split_whitespace().collect();
+        assert_eq!(said, ["ingest", "1", "0", "1", "0", "-", "-", "0", "902", "ticks"], "{words}");
     }
 }

@@ -7,6 +7,8 @@
 
 import argparse
 import math
+import os
+import signal
 import sys
 
 from teleopd_client import DEFAULT_RUN_DIR, SkeletonPublisher, TeleopdError, rate
@@ -78,8 +80,11 @@ def main():
     if not 1 <= arguments.rate <= 240:
         parser.error(f"--rate {arguments.rate}: must be between 1 and 240")
     frames = load(arguments.motion, arguments.up) if arguments.motion else None
+    # A script's background jobs ignore SIGINT from the start, and Python then leaves it so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with SkeletonPublisher(arguments.run_dir) as publisher:
+            print(f"publishing to {os.path.realpath(arguments.run_dir)}; Ctrl-C ends", flush=True)
             for i in rate(arguments.rate):
                 if arguments.seconds is not None and i >= arguments.seconds * arguments.rate:
                     break

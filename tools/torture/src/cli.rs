@@ -38,7 +38,7 @@ pub enum Command {
 /// Options of the attack.
 #[derive(Clone, Debug, Args)]
 pub struct AttackArgs {
-    /// Ticks of all parts together.
+    /// Ticks of control under attack, all parts together; 1500 are a second of the robot. The goals come on top.
     #[arg(long, default_value_t = 1_000_000)]
     pub ticks: u64,
     /// Ticks per second. The rate is built in (`messages::TICK_HZ`): only 1500 is accepted.
@@ -48,7 +48,8 @@ pub struct AttackArgs {
     /// durations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Random safe postures to be reached within 8 s each.
+    /// Random safe postures, each to be reached within 8 s of the robot's time, and home again; each counts as one, whatever
+    /// --ticks says. 0 leaves them out.
     #[arg(long, default_value_t = 168)]
     pub goals: u64,
     /// Leave certificate and gate out: then the same attacks must find collisions, and not finding one is the failure.

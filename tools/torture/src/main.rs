@@ -6,6 +6,8 @@ use messages::TICK_HZ;
 use pipeline::Overrides;
 use sim::ViolationKind;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 use torture::cli::{AttackArgs, BenchArgs, Cli, Command, MotionsArgs, StopTimesArgs, check_counts};
 use torture::error::TortureError;
 use torture::figures::Figures;
@@ -47,12 +49,18 @@ fn main() -> ExitCode {
     }
 }
 
+/// How often the progress on a terminal is drawn, whatever comes of it.
+const REDRAWN_EVERY: Duration = Duration::from_secs(10);
+
 fn progress(length: u64, unit: &str) -> ProgressBar {
     let bar = ProgressBar::new(length);
-    let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}}, {{eta}} left");
+    let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}{{msg}}, {{elapsed}}, {{eta}} left");
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
+    // A part takes long: the line is there at once, and shows the time that passed. Nothing is drawn off a terminal.
+    bar.tick();
+    bar.enable_steady_tick(REDRAWN_EVERY);
     bar
 }
 
@@ -69,7 +77,12 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     let goals = if args.no_certificate { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
-    let bar = progress(args.ticks, "ticks");
+    let (bar, visited) = (progress(args.ticks, "ticks"), AtomicU64::new(0));
+    let tell_goals = |more: u64| {
+        let visited = visited.fetch_add(more, Ordering::Relaxed) + more;
+        bar.set_message(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
+    };
+    tell_goals(0);
     let outcomes = in_parallel(args.threads, jobs as usize, |job| {
         let job = job as u64;
         if job < parts {
@@ -80,7 +93,9 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
         }
         let part = job - parts;
         let count = goals::PART_GOALS.min(goals - part * goals::PART_GOALS);
-        Outcome::Visited(goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count))
+        let visited = goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count);
+        tell_goals(count);
+        Outcome::Visited(visited)
     });
     bar.finish_and_clear();
     let (mut figures, mut visited) = (Figures::default(), Goals::default());

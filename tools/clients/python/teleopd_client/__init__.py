@@ -5,6 +5,8 @@
     with SkeletonPublisher() as publisher:
         publisher.publish(positions)        # 22 x 3, metres, x forward, y left, z up
 
+`examples/own.py` beside this package is a whole client; `teleopd-replay` plays a wave or a recording.
+
 Frames are expected at 30 to 240 Hz. Nothing moves before an operator engages (`teleopctl engage`), and whatever is wrong
 with a frame is dropped and counted by the daemon, which stops the robot if no good one comes for 100 ms.
 """
