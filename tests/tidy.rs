@@ -54,7 +54,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("canvas", &[]),
     ("say", &[]),
     ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
-    ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas"]),
+    ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
     ("simulate", &["messages", "robot", "driver", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"]),
     ("chaos", &["messages", "driver", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),

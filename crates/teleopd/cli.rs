@@ -80,13 +80,13 @@ pub struct Up {
 pub struct View {
     #[command(flatten)]
     pub place: Place,
+    /// Show this recording in place of a running instance (by the program `record`).
+    #[arg(value_name = "FILE.mcap")]
+    pub recording: Option<PathBuf>,
     /// Port of 127.0.0.1; 0 is any free one.
-    #[arg(long, value_name = "PORT", default_value_t = VIEW_PORT)]
+    #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
     pub port: u16,
 }
-
-/// Port of the page, unless another is given: one that IANA lists for nobody.
-pub const VIEW_PORT: u16 = 8484;
 
 #[derive(Args, Clone, Debug)]
 pub struct Doctor {
@@ -115,7 +115,7 @@ pub struct Demo {
     #[arg(long)]
     pub view: bool,
     /// Port of 127.0.0.1 for --view; 0 is any free one.
-    #[arg(long, value_name = "PORT", default_value_t = VIEW_PORT, requires = "view")]
+    #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub view_port: u16,
     /// Write the report as JSON.
     #[arg(long, value_name = "FILE")]

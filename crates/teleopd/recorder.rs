@@ -78,7 +78,7 @@ impl Recorder {
             && let Ok(Some(status)) = self.child.try_wait()
         {
             self.told = true;
-            eprintln!("teleopd: the recorder ended by itself ({status}); the instance goes on");
+            err!("teleopd: the recorder ended by itself ({status}); the instance goes on");
         }
     }
 
@@ -109,7 +109,8 @@ impl Drop for Recorder {
     }
 }
 
-fn program() -> Result<PathBuf, Failure> {
+/// The program, beside this one.
+pub fn program() -> Result<PathBuf, Failure> {
     let own = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
     let folder = own.parent().unwrap_or(Path::new("/"));
     // Tests run from a folder below that of the programs.

@@ -2,8 +2,12 @@
 
 use crate::cli;
 use crate::exit::{Exit, Failure};
+use crate::recorder;
 use pipeline::Instance;
 use rt::Shutdown;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 use view::{Server, ViewError};
 
@@ -14,12 +18,15 @@ const SIGINT: i32 = 2;
 
 /// Serves until a signal.
 pub fn run(options: &cli::View) -> Result<Exit, Failure> {
+    if let Some(recording) = &options.recording {
+        return recorded(options, recording);
+    }
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let place = &options.place;
     let instance = Instance::new(&place.run_dir)
         .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
     let server = start(&instance, place, options.port)?;
-    println!(
+    out!(
         "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
          instance",
         instance.run_dir().display(),
@@ -32,6 +39,14 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         std::thread::sleep(LOOK);
     }
     Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
+}
+
+/// Becomes the program that reads recordings.
+fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
+    let mut command = Command::new(recorder::program()?);
+    command.arg("--view").arg(recording).arg("--port").arg(options.port.to_string());
+    command.arg("--config").arg(&options.place.config);
+    Err(Failure::new(Exit::Software, command.exec()))
 }
 
 /// A server for `instance` as it was started at `place`.

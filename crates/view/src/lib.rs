@@ -21,7 +21,7 @@ pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, pre
 pub use hand::HOLD_FOR;
 pub use reel::{Cutter, Reel};
 pub use scene::scene;
-pub use server::Server;
+pub use server::{PORT, Server};
 
 /// Why nothing can be shown.
 #[derive(Debug, thiserror::Error)]

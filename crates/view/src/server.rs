@@ -18,6 +18,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+/// Port of the page, unless another is given: one that IANA lists for nobody.
+pub const PORT: u16 = 8484;
 /// Time between two frames: 60 a second.
 const FRAME: Duration = Duration::from_nanos(16_666_667);
 /// After so long a silence the services are opened anew.

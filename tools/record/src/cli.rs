@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[command(name = "record", version)]
 pub struct Cli {
     /// The file to write; refused if it exists.
-    #[arg(value_name = "OUT.mcap", required_unless_present = "summary")]
+    #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view"])]
     pub out: Option<PathBuf>,
     /// Folder of the running instance.
     #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
@@ -35,6 +35,12 @@ pub struct Cli {
     /// Say what this recording holds: duration, topics, counts, modes, faults in words.
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "out")]
     pub summary: Option<PathBuf>,
+    /// Show this recording in a browser on this machine, with a slider: the address is printed.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["out", "summary", "plot"])]
+    pub view: Option<PathBuf>,
+    /// Port of 127.0.0.1 for --view; 0 is any free one.
+    #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
+    pub port: u16,
     /// Draw it too: joints against their limits, clearance, latency, modes.
     #[arg(long, value_name = "OUT.png", requires = "summary")]
     pub plot: Option<PathBuf>,

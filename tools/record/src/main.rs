@@ -36,10 +36,11 @@ impl Failure {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let outcome = match (&cli.summary, &cli.out) {
-        (Some(file), _) => summary(&cli, file),
-        (None, Some(out)) => record(&cli, out),
-        (None, None) => Err(Failure(USAGE, "give a file to write, or --summary FILE.mcap".to_owned())),
+    let outcome = match (&cli.view, &cli.summary, &cli.out) {
+        (Some(file), ..) => view(&cli, file),
+        (None, Some(file), _) => summary(&cli, file),
+        (None, None, Some(out)) => record(&cli, out),
+        (None, None, None) => Err(Failure(USAGE, "give a file to write, --summary or --view FILE.mcap".to_owned())),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -48,6 +49,21 @@ fn main() -> ExitCode {
             ExitCode::from(code)
         }
     }
+}
+
+/// Shows a recording until a signal.
+fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
+    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let reel = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let server = view::Server::recording(reel, &name, &loaded.model, cli.port);
+    let server = server.map_err(|error| Failure::of(UNAVAILABLE)(&error))?;
+    println!("record: shows {} at {}", file.display(), server.address());
+    while !shutdown.requested() {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
 }
 
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {

@@ -60,3 +60,43 @@ fn the_readers_of_pypi_find_what_viewers_show() {
     assert!(said.contains("Engaging after Disengaged: enabled.") && said.contains("capsules True"), "{said}");
     assert!(said.contains("joints 17 torso_lift_joint True") && said.contains("torso_lift_link"), "{said}");
 }
+
+#[test]
+fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let (loaded, path) = (loaded(), folder.path().join("run.mcap"));
+    let commands = recorded_offline(&path, &loaded);
+    let reel = record::reel(&path, &loaded.model).expect("a reel");
+    let run_s = commands.len() as f64 / messages::TICK_HZ as f64;
+    assert!((reel.duration_s() - run_s).abs() < 1.0, "{} and {run_s} s", reel.duration_s());
+    let engaged = reel.events().iter().filter(|event| event.contains("Engaged after Engaging")).count();
+    assert_eq!(engaged, 1, "{:?}", reel.events());
+    assert!(record::reel(&folder.path().join("none.mcap"), &loaded.model).is_err());
+}
+
+/// By the program, as `teleopd view FILE` starts it.
+#[test]
+fn a_recording_is_served_and_a_file_that_is_none_is_refused() {
+    use std::io::{BufRead, BufReader, Read, Write};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recorded_offline(&path, &loaded());
+    let program = |file: &std::path::Path| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_record"));
+        command.arg("--view").arg(file).args(["--port", "0", "--config"]).arg(crate::support::config());
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::null());
+        command
+    };
+    assert_eq!(program(&crate::support::config()).status().expect("it runs").code(), Some(66));
+    let mut child = program(&path).spawn().expect("it runs");
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).expect("its address");
+    let host = line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).expect("an address").to_owned();
+    let mut stream = std::net::TcpStream::connect(&host).expect("it listens");
+    write!(stream, "GET /page.js HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    rt::terminate(child.id());
+    assert!(answer.starts_with("HTTP/1.1 200 OK"), "{answer}");
+    assert!(child.wait().expect("it ends").success());
+}

@@ -14,9 +14,18 @@ use std::time::Duration;
 /// How often the mode is asked for and the progress is drawn.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Whether the socket is there, and for others.
-fn is_forbidden(error: &OperatorError) -> bool {
-    matches!(error, OperatorError::Door(DoorError::PermissionDenied { .. }))
+/// The operator's end of the instance; none where it is for others, or where only the skeleton socket is given. Who shares
+/// memory with an instance finds its operator socket too: without one there is no instance.
+fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure> {
+    match Client::connect(instance.operator_socket()) {
+        Ok(client) => Ok(Some(client)),
+        Err(OperatorError::Door(DoorError::PermissionDenied { .. })) => Ok(None),
+        Err(_) if cli.socket.is_some() => Ok(None),
+        Err(error) => {
+            let text = format!("{}: no instance of teleopd runs there ({error})", instance.run_dir().display());
+            Err(Failure::unavailable(text))
+        }
+    }
 }
 
 /// Publishes until the end of the motion, or until Ctrl-C.
@@ -39,15 +48,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let player = Player::new(motion, options, nonce, rt::incarnation());
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
-    let mut control = match Client::connect(instance.operator_socket()) {
-        Ok(client) => Some(client),
-        // Who shares memory with an instance finds its operator socket too.
-        Err(error) if cli.socket.is_none() && !is_forbidden(&error) => {
-            let text = format!("{}: no instance of teleopd runs there ({error})", instance.run_dir().display());
-            return Err(Failure::unavailable(text));
-        }
-        Err(_) => None,
-    };
+    let mut control = operator_of(cli, &instance)?;
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     if control.is_none() {
         println!("no operator socket in {} that answers: playing at once", instance.run_dir().display());

@@ -1,0 +1,41 @@
+//! A recording as the page of `view` shows it.
+
+use crate::error::RecordError;
+use crate::read::{Content, Recorded};
+use robot::Model;
+use std::path::Path;
+use view::{Cutter, Heard, Reel};
+
+/// A writer that was silent for longer is shown as gone, s: as in the live view.
+const GONE_AFTER_S: f64 = 0.25;
+
+/// Reads a recording of the robot `model`.
+///
+/// # Errors
+/// The file cannot be read, or one of our channels has another layout than ours.
+pub fn reel(path: &Path, model: &Model) -> Result<Reel, RecordError> {
+    let mut recorded = Recorded::open(path)?;
+    let (mut heard, mut at, mut begin_ns) = (Heard::default(), [f64::NEG_INFINITY; 5], None);
+    let mut cutter = Cutter::new(model);
+    while let Some((at_ns, content)) = recorded.next_message()? {
+        let at_s = at_ns.saturating_sub(*begin_ns.get_or_insert(at_ns)) as f64 * 1e-9;
+        match content {
+            Content::Skeleton(skeleton) => (heard.skeleton, at[0]) = (Some(*skeleton), at_s),
+            Content::Target(target) => (heard.target, at[1]) = (Some(*target), at_s),
+            Content::Command(command) => (heard.command, at[2]) = (Some(*command), at_s),
+            Content::State(state) => (heard.state, at[3]) = (Some(*state), at_s),
+            Content::Status(status) => (heard.status, at[4]) = (Some(*status), at_s),
+            Content::Inputs(_) | Content::Other { .. } => continue,
+        }
+        let [skeleton, target, command, state, status] = at.map(|at| at_s - at <= GONE_AFTER_S);
+        heard = Heard {
+            skeleton: heard.skeleton.filter(|_| skeleton),
+            target: heard.target.filter(|_| target),
+            command: heard.command.filter(|_| command),
+            state: heard.state.filter(|_| state),
+            status: heard.status.filter(|_| status),
+        };
+        cutter.add(&heard, at_s);
+    }
+    Ok(cutter.reel())
+}
