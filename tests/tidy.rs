@@ -50,7 +50,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
-    ("dist", &["latency", "motion", "pipeline", "record"]),
+    ("dist", &["latency", "motion", "pipeline", "record", "view"]),
     ("canvas", &[]),
     ("say", &[]),
     ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),

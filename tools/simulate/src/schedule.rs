@@ -22,7 +22,7 @@ const STORM_MAX: usize = 8;
 /// drawn than others.
 const RARE: [(&str, usize); 17] = [
     ("found-outside", 9),
-    ("found-close", 5),
+    ("found-close", 9),
     ("kill-driver", 5),
     ("kill-control", 5),
     ("kill-ingest", 5),
