@@ -20,9 +20,10 @@ pub const UNDRIVEN_TICKS: u64 = 3;
 /// still would be overshot. 500 ms, the longest stop of the robots; then what is held stands, whatever is measured.
 pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
 
-/// A joint that is measured slower than this stands, rad/s or m/s: five times the noise of the simulated drives' velocities.
-/// A servo of 5 Hz takes it over within some 3 mrad. Assumption.
-const STANDING: f64 = 0.1;
+/// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
+/// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
+/// Assumption.
+const STANDING: f64 = 0.15;
 
 /// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
 /// As `safety` judges measurements.
@@ -249,7 +250,7 @@ pub fn tick_each(
     }
     if advanced > 0 {
         let standing = input.measured.and_then(|measured| state.believe(config, measured));
-        state.hold_undriven(&input, standing, &mut each);
+        state.hold_undriven(config, &input, standing, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
@@ -341,12 +342,19 @@ impl State {
     /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. Joints that
     /// still move when nothing is complained of any more come to rest first. The state is latched, so at least one tick of
     /// a plan lies between the last accepted command and the identity that is given here: it is new.
-    fn hold_undriven(&mut self, input: &Input<'_>, standing: Option<[f64; JOINTS]>, each: &mut impl FnMut(&Step)) {
+    fn hold_undriven(
+        &mut self,
+        config: &Config,
+        input: &Input<'_>,
+        standing: Option<[f64; JOINTS]>,
+        each: &mut impl FnMut(&Step),
+    ) {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
         let undriven = (input.port_fault || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         let complained = undriven || drives.fault;
-        let stands = input.measured.is_none_or(|measured| measured.dq.iter().all(|dq| dq.abs() <= STANDING));
+        let slow = |measured: &Measured| (0..JOINTS).all(|j| measured.dq[j].abs() <= STANDING * config.v_max[j]);
+        let stands = input.measured.is_none_or(slow);
         self.settle_ticks = match complained {
             true => SETTLE_TICKS,
             false if stands => 0,

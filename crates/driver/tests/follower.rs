@@ -248,6 +248,28 @@ fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_sta
     }
 }
 
+/// A torso that sinks at 0.03 m/s is slow beside an arm, and at half of its own largest speed.
+#[test]
+fn f064_whether_a_joint_stands_is_measured_by_its_own_largest_speed() {
+    for (speed, largest, holds) in [(0.03, 0.07, true), (0.010, 0.07, false), (0.03, 0.7, false), (0.11, 0.7, true)] {
+        let mut config = CONFIG;
+        config.v_max[0] = largest;
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        let mut now = measured();
+        for n in 0..20 {
+            let k = K + 6 + n;
+            now.drives.emergency_stop = n < 10;
+            now.dq[0] = speed;
+            now.q[0] += speed * TICK_S;
+            let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
+            tick(&config, &mut bench.state, deadline(k), input);
+        }
+        let held = bench.state.executed_k == K + 25 && bench.state.motion.q == now.q;
+        assert_eq!(held, holds, "{speed} of {largest}");
+    }
+}
+
 #[test]
 fn latencies_are_of_new_origins_and_of_every_target() {
     let mut bench = Bench::new();
