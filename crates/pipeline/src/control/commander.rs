@@ -78,7 +78,10 @@ impl Commander {
             gate::Verdict::Deny(denial) => Some(denial),
             gate::Verdict::Accept | gate::Verdict::OnPlan => None,
         };
-        if denied.is_some() {
+        // A new motion that is the plan up to rounding is sent as the plan: the difference is too small for one tick, and would
+        // show at the end of a phase.
+        let renamed = decision.verdict == gate::Verdict::OnPlan && proposed.candidate != wbc::Candidate::Plan;
+        if denied.is_some() || renamed {
             self.wbc.reseed(&planned(&motion));
         }
         Commanded { motion, denied, proposed }
