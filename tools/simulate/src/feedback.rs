@@ -20,6 +20,8 @@ const SENT: f64 = 0.06;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
+/// How much faster than its limit a joint without power is believed to move.
+const FALLS: f64 = 3.0;
 
 /// What is remembered.
 #[derive(Clone)]
@@ -32,6 +34,8 @@ pub struct Feedback {
     /// Value, where the joint was told to be, and since when.
     still: [(f64, f64, u64); JOINTS],
     sagged: u32,
+    /// An encoder has lied since the robot has been without power.
+    lied: bool,
 }
 
 fn index(state: &RobotState) -> u64 {
@@ -49,6 +53,7 @@ impl Feedback {
             jumped: 0,
             still: [(0.0, 0.0, 0); JOINTS],
             sagged: 0,
+            lied: false,
         }
     }
 
@@ -91,14 +96,18 @@ impl Feedback {
         Ok(())
     }
 
-    /// What sinks without power is held where it sinks to, as soon as an encoder says where that is.
+    /// What sinks without power is held where it sinks to, as soon as an encoder says where that is. A lie that lasted for as
+    /// long as the joint would have taken to come there has been believed, and the truth then has the same way back.
     fn sags(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let off = |j: usize| (robot.q[j] - seen.truth[j]).abs();
         let worst = (0..JOINTS).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let judged = seen.unpowered && !seen.encoders_lie;
+        self.lied = seen.unpowered && (self.lied || seen.encoders_lie);
         self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
-        if self.sagged > SAGGED_TICKS {
+        let back_ticks = off(worst) / (FALLS * self.limits[worst].v_max * TICK_S);
+        let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
+        if self.sagged > allowed {
             return Err(("without power", format!("joint {worst} is {} from where it is told to hold", off(worst))));
         }
         Ok(())

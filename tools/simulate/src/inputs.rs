@@ -94,8 +94,7 @@ impl Inputs {
         }
         self.awake += u64::from(seen.moment.control.is_some());
         self.following_since = if follows(mode) { self.following_since.or(Some(self.awake)) } else { None };
-        seen.drained.iter().try_for_each(|skeleton| self.used(skeleton))?;
-        if let Some(skeleton) = &seen.moment.skeleton {
+        for skeleton in seen.drained.iter().chain(&seen.moment.skeleton) {
             self.used(skeleton)?;
             self.moved(skeleton)?;
             self.last = Some(*skeleton);

@@ -121,3 +121,13 @@ fn a_schedule_names_what_is_wrong_with_it() {
     assert_eq!(schedule::from_text("none"), Ok(vec![]));
     assert!(named("f109").len() > 1 && named("no such fault").is_empty());
 }
+
+/// A new motion that the gate took for the plan it stood on, and of which 7 ps were left over at the end of a phase.
+#[test]
+fn a_schedule_that_once_broke_a_promise_breaks_none() {
+    let subject = subject();
+    let engaged = subject.engaged().expect("it engages");
+    let episodes = schedule::from_text("release@1250+600:76faa591,sequence-wrap@4366+18:f5f0c95d").expect("a schedule");
+    let outcome = campaign::single(&engaged, &subject, 1097, &plan(1, 12_000, 1), &episodes);
+    assert_eq!(outcome.violation, None);
+}
