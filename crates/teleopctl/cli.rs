@@ -18,6 +18,9 @@ pub struct Cli {
 pub enum Command {
     /// Prints what control says of itself.
     Status(StatusArgs),
+    /// Draws the instance in this terminal, ten times a second, until q: mode, rates, ages, joints, what is nearest, faults,
+    /// what happened.
+    Watch,
     /// Engages, and holds the enable until Ctrl-C; then releases.
     Engage,
     /// Brings a robot back that stands outside its limits or too close to itself, slowly, until Ctrl-C; never engages.

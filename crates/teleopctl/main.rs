@@ -1,10 +1,12 @@
-//! The operator's client: unprivileged, talks to `control` over its socket and to nothing else.
+//! The operator's client: unprivileged, talks to `control` over its socket and to nothing else; `watch` alone reads the joints
+//! too, where it may.
 
 #[path = "../teleopd/say.rs"]
 #[macro_use]
 mod say;
 
 mod cli;
+mod watch;
 
 use clap::Parser;
 use cli::{Cli, Command};
@@ -32,6 +34,7 @@ fn main() -> ExitCode {
     let socket = cli.run_dir.join("operator.sock");
     let outcome = Client::connect(&socket).and_then(|mut client| match cli.command {
         Command::Status(args) => status(&mut client, &cli.run_dir, args.json),
+        Command::Watch => watch::run(&mut client, &cli.run_dir),
         Command::Engage => engage(&mut client, &cli.run_dir),
         Command::Recover => recover(&mut client, &cli.run_dir),
         Command::Release => {

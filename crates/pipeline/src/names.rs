@@ -11,10 +11,13 @@ const FILE: &str = "names.json";
 const BYTES_MAX: u64 = 1 << 16;
 
 /// Names by index.
-#[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Names {
     joints: Vec<String>,
     prismatic: Vec<bool>,
+    /// Lowest and highest position of each joint, rad or m.
+    #[serde(default)]
+    limits: Vec<[f64; 2]>,
     /// Capsules, and after them obstacles.
     parts: Vec<String>,
 }
@@ -27,6 +30,7 @@ impl Names {
         Self {
             joints: model.joint_names.to_vec(),
             prismatic: model.prismatic.to_vec(),
+            limits: model.limits.iter().map(|limits| [limits.q_min, limits.q_max]).collect(),
             parts: capsules.chain(obstacles).collect(),
         }
     }
@@ -47,6 +51,11 @@ impl Names {
     /// Joint `index`.
     pub fn joint(&self, index: usize) -> String {
         self.joints.get(index).cloned().unwrap_or_else(|| format!("joint {index}"))
+    }
+
+    /// Lowest and highest position of joint `index`, rad or m.
+    pub fn limits(&self, index: usize) -> Option<[f64; 2]> {
+        self.limits.get(index).copied().filter(|[low, high]| low < high)
     }
 
     /// The unit of joint `index`.

@@ -1,0 +1,318 @@
+//! A live picture of an instance in a terminal. It asks nothing of the robot: it reads the status of `control`, and the
+//! joints from shared memory where this user may.
+
+use bus::{Domain, Reader};
+use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
+use operator::{Client, OperatorError};
+use pipeline::{Gravity, Instance, Names, mode_name, sentences, why_stopped};
+use ratatui::Frame;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+use std::collections::VecDeque;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Time between two pictures: a terminal over a network shows ten a second.
+const LOOK: Duration = Duration::from_millis(100);
+/// Time over which the rate of ticks is counted.
+const RATE_OVER: Duration = Duration::from_secs(1);
+/// Ages that are drawn: half a minute.
+const AGES_KEPT: usize = 300;
+/// Sentences that are kept.
+const EVENTS_KEPT: usize = 100;
+/// A joint this near to a limit is marked, as a share of its range.
+const NEAR: f64 = 0.03;
+
+/// Draws until q, Esc or Ctrl-C.
+pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+    let instance = Instance::unmade(run_dir);
+    let mut shown = Shown::new(Names::read(run_dir));
+    let mut joints = Joints::open(&instance);
+    let mut terminal = match ratatui::try_init() {
+        Ok(terminal) => terminal,
+        Err(error) => {
+            err!("teleopctl: this is no terminal to draw in: {error}");
+            return Ok(false);
+        }
+    };
+    let outcome = loop {
+        match client.heartbeat() {
+            Ok(status) => shown.note(status, joints.as_mut().and_then(Joints::look), Instant::now()),
+            Err(OperatorError::Timeout { .. }) => shown.silent = true,
+            // Its place was taken by somebody who had something to say.
+            Err(error) => match Client::connect(instance.operator_socket()) {
+                Ok(new) => *client = new,
+                Err(_) => break Err(error),
+            },
+        }
+        if terminal.draw(|frame| shown.draw(frame)).is_err() || wants_to_end() {
+            break Ok(true);
+        }
+    };
+    ratatui::restore();
+    outcome
+}
+
+/// Waits for the next picture, or for a key that ends.
+fn wants_to_end() -> bool {
+    let give_up = Instant::now() + LOOK;
+    loop {
+        let left = give_up.saturating_duration_since(Instant::now());
+        match event::poll(left) {
+            Ok(false) => return false,
+            Ok(true) => match event::read() {
+                Ok(Event::Key(KeyEvent { code: KeyCode::Char('q') | KeyCode::Esc, .. })) => return true,
+                Ok(Event::Key(KeyEvent { code: KeyCode::Char('c'), modifiers, .. }))
+                    if modifiers.contains(KeyModifiers::CONTROL) =>
+                {
+                    return true;
+                }
+                Ok(_) => {}
+                Err(_) => return true,
+            },
+            Err(_) => return true,
+        }
+    }
+}
+
+/// What is measured, for users who share memory with the instance.
+struct Joints {
+    states: Reader<RobotState>,
+    latest: Option<RobotState>,
+    _domain: Domain,
+}
+
+impl Joints {
+    fn open(instance: &Instance) -> Option<Self> {
+        // Nothing is made where there is nothing.
+        instance.run_dir().join("core").is_dir().then_some(())?;
+        let domain = Domain::open(instance.core_domain(), "watch").ok()?;
+        Some(Self { states: domain.reader(Service::RobotState).ok()?, latest: None, _domain: domain })
+    }
+
+    fn look(&mut self) -> Option<[f64; JOINTS]> {
+        self.latest = self.states.latest().or(self.latest);
+        self.latest.map(|state| state.q_measured)
+    }
+}
+
+/// What is on the screen.
+struct Shown {
+    names: Names,
+    status: Option<Status>,
+    q: Option<[f64; JOINTS]>,
+    silent: bool,
+    ages_us: VecDeque<u64>,
+    events: VecDeque<(Gravity, String)>,
+    counted: Option<(Instant, u64)>,
+    rate_hz: f64,
+}
+
+impl Shown {
+    fn new(names: Names) -> Self {
+        let (ages_us, events) = (VecDeque::new(), VecDeque::new());
+        Self { names, status: None, q: None, silent: false, ages_us, events, counted: None, rate_hz: 0.0 }
+    }
+
+    fn note(&mut self, status: Status, q: Option<[f64; JOINTS]>, now: Instant) {
+        for sentence in sentences(self.status.as_ref(), &status, &self.names) {
+            self.events.push_front((sentence.gravity, sentence.text));
+        }
+        self.events.truncate(EVENTS_KEPT);
+        self.ages_us.push_back(if status.input_age_ns < status.header.stamp.0 {
+            status.input_age_ns / 1000
+        } else {
+            0
+        });
+        if self.ages_us.len() > AGES_KEPT {
+            self.ages_us.pop_front();
+        }
+        let (since, ticks) = *self.counted.get_or_insert((now, status.ticks));
+        let passed = now.saturating_duration_since(since);
+        if passed >= RATE_OVER {
+            self.rate_hz = status.ticks.saturating_sub(ticks) as f64 / passed.as_secs_f64();
+            self.counted = Some((now, status.ticks));
+        }
+        (self.status, self.q, self.silent) = (Some(status), q, false);
+    }
+
+    fn draw(&self, frame: &mut Frame<'_>) {
+        let Some(status) = &self.status else {
+            return frame.render_widget(Paragraph::new("control does not answer yet"), frame.area());
+        };
+        let rows = Layout::vertical([
+            Constraint::Length(1),
+            Constraint::Length(3),
+            Constraint::Length(3),
+            Constraint::Fill(1),
+            Constraint::Length(1),
+        ]);
+        let [head, why, age, body, foot] = rows.areas(frame.area());
+        frame.render_widget(self.head(status), head);
+        let text =
+            why_stopped(status, &self.names).unwrap_or_else(|| "The robot follows, or waits to be engaged.".into());
+        frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), why);
+        self.draw_age(frame, age);
+        let [left, right] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(body);
+        frame.render_widget(Paragraph::new(self.joints(left.width)), left);
+        frame.render_widget(Paragraph::new(self.figures(status)).wrap(Wrap { trim: true }), right);
+        frame.render_widget(Line::from("q ends").dim(), foot);
+    }
+
+    fn head(&self, status: &Status) -> Line<'static> {
+        let mode = Mode::from_u32(status.mode);
+        let colour = match mode {
+            Some(Mode::Engaged) => Color::Green,
+            Some(Mode::Disengaged) => Color::Reset,
+            Some(Mode::Engaging | Mode::Holding | Mode::Recovering) => Color::Yellow,
+            Some(Mode::Faulted) | None => Color::Red,
+        };
+        let rest = format!(
+            "  {:.0} Hz, {} of {} deadlines missed, {}, {} operators{}",
+            self.rate_hz,
+            status.missed_deadlines,
+            status.ticks,
+            if status.realtime == 1 { "real-time" } else { "no real-time" },
+            status.operators,
+            if self.silent { "; control does not answer" } else { "" },
+        );
+        Line::from(vec![Span::styled(mode_name(status.mode), Style::new().fg(colour).bold()), Span::raw(rest)])
+    }
+
+    fn draw_age(&self, frame: &mut Frame<'_>, area: Rect) {
+        let [words, chart] = Layout::horizontal([Constraint::Length(24), Constraint::Fill(1)]).areas(area);
+        let newest = self.ages_us.back().map_or(0.0, |&us| us as f64 * 1e-3);
+        let most = self.ages_us.iter().max().map_or(0.0, |&us| us as f64 * 1e-3);
+        let words_text = vec![
+            Line::from("age of the skeleton"),
+            Line::from(format!("{newest:.1} ms")).bold(),
+            Line::from(format!("at most {most:.1} ms")).dim(),
+        ];
+        frame.render_widget(Paragraph::new(words_text), words);
+        let fits = self.ages_us.len().saturating_sub(usize::from(chart.width));
+        let newest: Vec<u64> = self.ages_us.iter().skip(fits).copied().collect();
+        frame.render_widget(Sparkline::default().data(&newest), chart);
+    }
+
+    /// A bar for each joint, from its lowest to its highest position.
+    fn joints(&self, width: u16) -> Vec<Line<'static>> {
+        let Some(q) = &self.q else { return vec![Line::from("joints: for the instance's user alone").dim()] };
+        let bar = usize::from(width).saturating_sub(36).max(5);
+        let rows = q.iter().enumerate().map(|(j, &q)| {
+            let [low, high] = self.names.limits(j).unwrap_or([q - 1.0, q + 1.0]);
+            let share = (q - low) / (high - low);
+            let at = (share.clamp(0.0, 1.0) * (bar - 1) as f64).round() as usize;
+            let drawn: String = (0..bar).map(|n| if n == at { '●' } else { '─' }).collect();
+            let near = !(NEAR..=1.0 - NEAR).contains(&share);
+            let style = if near { Style::new().fg(Color::Red) } else { Style::new() };
+            let name = self.names.joint(j);
+            Line::from(vec![
+                Span::raw(format!("{name:<21} ")),
+                Span::styled(drawn, style),
+                Span::raw(format!(" {q:>7.3} {}", self.names.unit(j))),
+            ])
+        });
+        rows.collect()
+    }
+
+    fn figures(&self, status: &Status) -> Vec<Line<'static>> {
+        let mut lines = vec![
+            Line::from(format!(
+                "nearest: {}, {:.0} mm measured, {:.0} mm commanded",
+                self.names.pair(status.nearest_pair_measured),
+                status.clearance_measured_m * 1e3,
+                status.clearance_command_m * 1e3
+            )),
+            Line::from(format!(
+                "limb error {:.1} deg target, {:.1} deg measured; speed {:.0} %",
+                status.limb_error_target_rad.to_degrees(),
+                status.limb_error_measured_rad.to_degrees(),
+                status.speed_scale * 100.0
+            )),
+            Line::from(format!("{} denied by the gate, {} fallbacks", status.gate_denials, status.fallbacks)),
+        ];
+        for fault in Faults(status.faults | status.latched).iter() {
+            let latched = if Faults(status.latched).has(fault) { " (latched)" } else { "" };
+            lines.push(Line::from(format!("{}{latched}", fault.row().name)).red());
+        }
+        lines.push(Line::from(""));
+        lines.extend(self.events.iter().map(|(gravity, text)| {
+            let line = Line::from(text.clone());
+            match gravity {
+                Gravity::Note => line,
+                Gravity::Warning => line.yellow(),
+                Gravity::Error => line.red(),
+            }
+        }));
+        lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{Layout as _, Stamp, Transition};
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    fn shown(width: u16, height: u16, shown: &Shown) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| shown.draw(frame)).unwrap();
+        let buffer = terminal.backend().buffer();
+        let rows = (0..height).map(|y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>() + "\n");
+        rows.collect()
+    }
+
+    fn names() -> Names {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        Names::of(&pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model)
+    }
+
+    fn status(mode: Mode, ticks: u64) -> Status {
+        let mut status = Status::ZERO;
+        (status.mode, status.ticks, status.realtime) = (mode as u32, ticks, 1);
+        (status.header.stamp, status.input_age_ns) = (Stamp(10_000_000_000), 12_500_000);
+        (status.target_stamp, status.clearance_measured_m) = (Stamp(9_999_000_000), 0.123);
+        status
+    }
+
+    #[test]
+    fn a_picture_names_mode_rate_age_joints_and_what_happened() {
+        let (mut watch, now) = (Shown::new(names()), Instant::now());
+        let mut q = [0.1; JOINTS];
+        q[0] = 0.2;
+        watch.note(status(Mode::Disengaged, 1000), Some(q), now);
+        let mut engaged = status(Mode::Engaging, 2500);
+        engaged.transition_count = 1;
+        engaged.transitions[0].to = Mode::Engaging as u32;
+        engaged.transitions[0].why = Transition::ENABLED;
+        watch.note(engaged, Some(q), now + Duration::from_secs(1));
+        let text = shown(140, 40, &watch);
+        for part in ["Engaging", "1500 Hz", "12.5 ms", "torso_lift_joint", "0.200 m", "123 mm measured", "enabled", "●"]
+        {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        let bar = text.lines().find(|line| line.contains("torso_lift_joint")).unwrap();
+        assert_eq!(bar.matches('●').count(), 1, "{bar}");
+        watch.silent = true;
+        assert!(shown(140, 40, &watch).contains("does not answer"));
+    }
+
+    #[test]
+    fn any_size_of_a_terminal_is_drawn_in_and_without_joints_too() {
+        let mut watch = Shown::new(Names::default());
+        for (width, height) in [(1, 1), (10, 3), (40, 10), (300, 100)] {
+            shown(width, height, &watch);
+        }
+        watch.note(status(Mode::Faulted, 1), None, Instant::now());
+        for (width, height) in [(1, 1), (10, 3), (40, 10), (80, 24), (300, 100)] {
+            shown(width, height, &watch);
+        }
+        assert!(shown(80, 24, &watch).contains("instance's user alone"));
+        watch.note(status(Mode::Faulted, 1), Some([f64::NAN; JOINTS]), Instant::now());
+        shown(80, 24, &watch);
+    }
+}
