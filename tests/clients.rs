@@ -80,6 +80,49 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
 }
 
+/// A video of a drawn figure, and everything of the camera's client but MediaPipe's model.
+#[test]
+fn a_video_moves_the_robot() {
+    let python = match python() {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no Python client: {why}"),
+    };
+    let pip = ["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10", "opencv-python-headless"];
+    match Command::new(&python).args(pip).output() {
+        Ok(done) if done.status.success() => {}
+        failed => return println!("skipped: no OpenCV to read a video with: {failed:?}"),
+    }
+    let rig = Rig::whole();
+    let (hand, mut eyes) = (rig.hand(), rig.eyes());
+    let before = eyes.wait_at_rest();
+    let script = Command::new(&python)
+        .arg(repository().join("tests/camera.py"))
+        .args([rig.folder(), rig.folder()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn();
+    let script = Client(script.expect("it starts"));
+    hand.engage_until(Mode::Engaged);
+    eyes.wait_moved(&before, 0.5);
+    drop(script);
+    hand.wait_mode(Mode::Disengaged);
+}
+
+#[test]
+fn the_camera_s_client_says_what_is_missing() {
+    let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
+    let rig = Rig::empty();
+    let said = |arguments: &[&str]| {
+        let mut command = Command::new(&python);
+        command.args(["-m", "mediapipe_camera", "--run-dir"]).arg(rig.folder()).args(arguments);
+        let done = command.output().expect("it starts");
+        (done.status.code(), String::from_utf8_lossy(&done.stderr).into_owned())
+    };
+    let (code, text) = said(&["--model", "none.task"]);
+    assert!(code == Some(1) && text.contains("none.task: no such file") && !text.contains("Traceback"), "{text}");
+    assert_eq!(said(&[]).0, Some(2), "a model is required");
+}
+
 #[test]
 fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
     let python = match python() {

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""Publishes the person whom a webcam or a video shows, as MediaPipe's 33 world landmarks.
+
+    pip install './tools/clients/python[camera]'
+    teleopd-camera --model pose_landmarker_full.task                 # camera 0
+    teleopd-camera --model pose_landmarker_full.task --video walk.mp4
+
+The model is a pose landmarker of MediaPipe (`pose_landmarker_*.task`); none is part of this package. One person is followed. A
+camera whose image is mirrored, as a selfie camera's, needs --mirrored: left and right would be exchanged.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+
+from teleopd_client import DEFAULT_RUN_DIR, LAYOUT_MEDIAPIPE33, SkeletonPublisher, TeleopdError
+
+#: landmarks of a pose
+LANDMARKS = 33
+#: frames a second of a video whose file does not say
+FPS = 30.0
+
+
+class Refused(Exception):
+    """What is asked for cannot be done; the text says why."""
+
+
+def detector(model):
+    """A function of an RGB image and its time in ms: 33 rows of x, y, z in metres and 33 visibilities, or None for nobody."""
+    if not os.path.isfile(model):
+        raise Refused(f"--model {model}: no such file: a pose landmarker of MediaPipe (pose_landmarker_*.task) is needed")
+    try:
+        import mediapipe
+        from mediapipe.tasks.python import BaseOptions, vision
+    except ImportError as error:
+        raise Refused(f"MediaPipe is not installed ({error}): pip install 'teleopd-client[camera]'") from error
+    options = vision.PoseLandmarkerOptions(
+        base_options=BaseOptions(model_asset_path=model), running_mode=vision.RunningMode.VIDEO, num_poses=1
+    )
+    try:
+        landmarker = vision.PoseLandmarker.create_from_options(options)
+    except (RuntimeError, ValueError) as error:
+        raise Refused(f"--model {model}: is no pose landmarker: {error}") from error
+
+    def detect(rgb, at_ms):
+        image = mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=rgb)
+        found = landmarker.detect_for_video(image, at_ms).pose_world_landmarks
+        if not found:
+            return None
+        return [(mark.x, mark.y, mark.z) for mark in found[0]], [mark.visibility for mark in found[0]]
+
+    return detect
+
+
+def images(camera, video, loop):
+    """RGB images and the monotonic times at which they were seen, ns: those of a camera, or of a file at its own rate."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise Refused(f"OpenCV is not installed ({error}): pip install 'teleopd-client[camera]'") from error
+    name = f"--video {video}" if video else f"--camera {camera}"
+    if video and not os.path.isfile(video):
+        raise Refused(f"{name}: no such file")
+    source = cv2.VideoCapture(video if video else camera)
+    if not source.isOpened():
+        raise Refused(f"{name}: cannot be opened")
+    fps = source.get(cv2.CAP_PROP_FPS)
+    period_ns = int(1e9 / (fps if 1.0 <= fps <= 240.0 else FPS))
+    due_ns, shown = time.monotonic_ns(), 0
+    while True:
+        ok, bgr = source.read()
+        if not ok and video and loop and shown > 0:
+            source.set(cv2.CAP_PROP_POS_FRAMES, 0)
+            shown = 0
+            continue
+        if not ok:
+            if shown == 0:
+                raise Refused(f"{name}: shows nothing")
+            return
+        shown += 1
+        if video:
+            time.sleep(max(0.0, (due_ns - time.monotonic_ns()) * 1e-9))
+            # One that is slower than its video does not catch up.
+            due_ns = max(due_ns + period_ns, time.monotonic_ns())
+        yield cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), time.monotonic_ns()
+
+
+def follow(publisher, pictures, detect, mirrored=False):
+    """Publishes everybody who is seen; answers how many images showed somebody, and how many there were."""
+    seen = shown = before_ms = 0
+    for rgb, at_ns in pictures:
+        shown += 1
+        # The landmarker wants times that grow.
+        before_ms = max(before_ms + 1, at_ns // 1_000_000)
+        person = detect(rgb, before_ms)
+        if person is None:
+            continue
+        positions, visibility = person
+        if len(positions) != LANDMARKS:
+            raise Refused(f"the model gives {len(positions)} landmarks, not {LANDMARKS}: it is no pose landmarker")
+        publisher.publish(positions, confidence=visibility, seen_ns=at_ns, mirrored=mirrored)
+        seen += 1
+    return seen, shown
+
+
+def arguments(given):
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", required=True, metavar="FILE.task", help="pose landmarker of MediaPipe")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--camera", type=int, default=0, metavar="N", help="number of the camera (default: 0)")
+    source.add_argument("--video", metavar="FILE", help="a video in place of a camera, at its own rate")
+    parser.add_argument("--loop", action="store_true", help="the video again and again")
+    parser.add_argument("--mirrored", action="store_true", help="the image is mirrored")
+    parser.add_argument("--run-dir", default=DEFAULT_RUN_DIR, metavar="DIR", help="folder of the instance")
+    return parser.parse_args(given)
+
+
+def main(given=None):
+    options = arguments(given)
+    # In the background of a script SIGINT is ignored otherwise.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        detect = detector(options.model)
+        with SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE33) as publisher:
+            print(f"publishing to {options.run_dir}; Ctrl-C ends", flush=True)
+            pictures = images(options.camera, options.video, options.loop)
+            seen, shown = follow(publisher, pictures, detect, options.mirrored)
+    except KeyboardInterrupt:
+        return 130
+    except (Refused, TeleopdError) as error:
+        print(f"teleopd-camera: {error}", file=sys.stderr)
+        return 1
+    print(f"somebody was seen in {seen} of {shown} images")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
