@@ -36,12 +36,14 @@ fn python() -> Result<PathBuf, String> {
     Ok(python)
 }
 
+/// As [`python`]; says why there is none.
+fn python_or_skip() -> Option<PathBuf> {
+    python().map_err(|why| println!("skipped: no Python client: {why}")).ok()
+}
+
 #[test]
 fn a_python_script_moves_the_robot() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(why) => return println!("skipped: no Python client: {why}"),
-    };
+    let Some(python) = python_or_skip() else { return };
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let before = eyes.wait_at_rest();
@@ -68,10 +70,7 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     let example = repository().join("tools/clients/python/examples/own.py");
     let text = std::fs::read_to_string(&example).expect("the example");
     assert!(text.lines().count() <= 25 && !text.contains("numpy"), "it is a first example");
-    let python = match python() {
-        Ok(python) => python,
-        Err(why) => return println!("skipped: no Python client: {why}"),
-    };
+    let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let hand = rig.hand();
     let script = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).spawn();
@@ -83,10 +82,7 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
 /// A video of a drawn figure, and everything of the camera's client but MediaPipe's model.
 #[test]
 fn a_video_moves_the_robot() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(why) => return println!("skipped: no Python client: {why}"),
-    };
+    let Some(python) = python_or_skip() else { return };
     let pip = ["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10", "opencv-python-headless"];
     match Command::new(&python).args(pip).output() {
         Ok(done) if done.status.success() => {}
@@ -125,10 +121,7 @@ fn the_camera_s_client_says_what_is_missing() {
 
 #[test]
 fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(why) => return println!("skipped: no Python client: {why}"),
-    };
+    let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let heard = rig.folder().join("heard");
     // A script's background jobs ignore SIGINT from the start.

@@ -10,7 +10,7 @@ mod watch;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use messages::{FAULTS, Fault, Faults, Mode, Response, Stamp, Status, TRANSITIONS_KEPT, Transition};
+use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use std::path::Path;
@@ -74,7 +74,7 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         out!("why               {why}");
     }
     out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
-    match input_age_ms(&status) {
+    match pipeline::input_age_ms(&status) {
         Some(age_ms) => out!("input age         {age_ms:.1} ms"),
         None => out!("input             none yet"),
     }
@@ -109,13 +109,6 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         }
     }
     Ok(true)
-}
-
-/// Age of the newest frame, ms; `None` before the first one. An age is counted from when the frame was received, and that
-/// of no frame from the clock's zero.
-fn input_age_ms(status: &Status) -> Option<f64> {
-    let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
-    (!none).then_some(status.input_age_ns as f64 * 1e-6)
 }
 
 /// Why nothing can be begun in this mode, with the faults that are latched and what clears them.
@@ -350,16 +343,5 @@ mod tests {
         assert!(stopped_anew(&first, &Status { transition_count: 2, ..first }), "reset, and stopped for another cause");
         let disengaged = Status { mode: Mode::Disengaged as u32, transition_count: 1, ..first };
         assert!(!stopped_anew(&first, &disengaged));
-    }
-
-    #[test]
-    fn the_age_of_no_input_is_no_age() {
-        let mut status = Status::ZERO;
-        status.header.stamp = Stamp(5_000_000_000);
-        assert_eq!(input_age_ms(&status), None, "no target");
-        (status.target_stamp, status.input_age_ns) = (Stamp(4_999_000_000), 5_000_000_000);
-        assert_eq!(input_age_ms(&status), None, "a target of no frame");
-        status.input_age_ns = 7_500_000;
-        assert_eq!(input_age_ms(&status), Some(7.5));
     }
 }

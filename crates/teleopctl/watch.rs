@@ -122,11 +122,7 @@ impl Shown {
             self.events.push_front((sentence.gravity, sentence.text));
         }
         self.events.truncate(EVENTS_KEPT);
-        self.ages_us.push_back(if status.input_age_ns < status.header.stamp.0 {
-            status.input_age_ns / 1000
-        } else {
-            0
-        });
+        self.ages_us.push_back(pipeline::input_age_ms(&status).map_or(0, |ms| (ms * 1e3) as u64));
         if self.ages_us.len() > AGES_KEPT {
             self.ages_us.pop_front();
         }

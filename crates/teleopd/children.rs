@@ -7,9 +7,14 @@ use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
 use pipeline::Instance;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+
+/// The instance whose folder is `run_dir`.
+pub fn instance_in(run_dir: &Path) -> Result<Instance, Failure> {
+    Instance::new(run_dir).map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", run_dir.display())))
+}
 
 /// Refuses a folder in which an instance runs, before anything is started there.
 pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {

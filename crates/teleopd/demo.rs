@@ -1,6 +1,6 @@
 //! The whole system on one machine: four real processes, a recorded person, a virtual operator, a table at the end.
 
-use crate::children::{Children, refuse_second};
+use crate::children::{Children, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::figure;
@@ -36,8 +36,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     let (motion, loaded) = read(options)?;
     let folder = Folder::new(options.run_dir.as_ref());
-    let instance = Instance::new(&folder.path)
-        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", folder.path.display())))?;
+    let instance = instance_in(&folder.path)?;
     let place = cli::Place {
         config: options.config.clone(),
         run_dir: folder.path.clone(),

@@ -1,6 +1,10 @@
 //! How a process ends: sysexits(3), so that a supervisor can tell a typo from a crash.
 
+use rt::Shutdown;
 use std::process::ExitCode;
+
+/// SIGINT of signal(7).
+const SIGINT: i32 = 2;
 
 /// Why a command ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +29,13 @@ pub enum Exit {
     Config = 78,
     /// Interrupted by SIGINT, after a stop at rest (128 + 2).
     Interrupted = 130,
+}
+
+impl Exit {
+    /// Of a run that was asked to end, and did so in order.
+    pub fn after(shutdown: &Shutdown) -> Self {
+        if shutdown.signal() == Some(SIGINT) { Self::Interrupted } else { Self::Ok }
+    }
 }
 
 impl From<Exit> for ExitCode {

@@ -1,6 +1,6 @@
 //! Starts the four processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
 
-use crate::children::{Children, refuse_second};
+use crate::children::{Children, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::operate::Operator;
@@ -14,15 +14,12 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(20);
 /// Longest time for a released robot to come to rest: four times the longest stop (0.5 s).
 const REST_WITHIN: Duration = Duration::from_secs(2);
-/// SIGINT of signal(7).
-const SIGINT: i32 = 2;
 
 /// Runs until a signal, or until one process ends.
 pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let place = &options.place;
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
-    let instance = Instance::new(&place.run_dir)
-        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
     // Before the others, so that it sees their first messages; it is dropped after them.
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, place)?;
@@ -51,7 +48,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Failed, trouble.join("; ")));
     }
     out!("teleopd: released, at rest, and every process has ended");
-    Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
+    Ok(Exit::after(&shutdown))
 }
 
 /// Withdraws whatever authority there is, and waits for rest; control does the same again when it is told to end.

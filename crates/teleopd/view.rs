@@ -1,5 +1,6 @@
 //! Shows a running instance in a browser.
 
+use crate::children::instance_in;
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::recorder;
@@ -13,8 +14,6 @@ use view::{Server, ViewError};
 
 /// How often the signals are looked for.
 const LOOK: Duration = Duration::from_millis(50);
-/// SIGINT of signal(7).
-const SIGINT: i32 = 2;
 
 /// Serves until a signal.
 pub fn run(options: &cli::View) -> Result<Exit, Failure> {
@@ -23,8 +22,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     }
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let place = &options.place;
-    let instance = Instance::new(&place.run_dir)
-        .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+    let instance = instance_in(&place.run_dir)?;
     let server = start(&instance, place, options.port)?;
     out!(
         "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
@@ -38,7 +36,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         }
         std::thread::sleep(LOOK);
     }
-    Ok(if shutdown.signal() == Some(SIGINT) { Exit::Interrupted } else { Exit::Ok })
+    Ok(Exit::after(&shutdown))
 }
 
 /// Becomes the program that reads recordings.

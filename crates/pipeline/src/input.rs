@@ -39,9 +39,7 @@ impl InputConfig {
             measured,
         }
     }
-}
 
-impl InputConfig {
     /// What a reason for dropping says, with the bounds of motion capture, for whoever looks for what is wrong with a client.
     pub const fn meaning(reason: DropReason) -> &'static str {
         match reason {

@@ -21,7 +21,7 @@ mod world;
 pub use authority::{Authority, Claim, Door};
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
-    status_json, status_note, tick as control_tick,
+    input_age_ms, status_json, status_note, tick as control_tick,
 };
 pub use cores::Cores;
 pub use edges::OperatorEdges;

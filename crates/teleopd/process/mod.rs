@@ -9,6 +9,7 @@ pub mod sim;
 
 mod housekeeping;
 
+use crate::children::instance_in;
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::processes::metrics_port;
@@ -72,8 +73,7 @@ impl Process {
         }
         let loaded =
             pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-        let instance = Instance::new(&place.run_dir)
-            .map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", place.run_dir.display())))?;
+        let instance = instance_in(&place.run_dir)?;
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (probe, collector) = telemetry::channel(name);

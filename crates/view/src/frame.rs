@@ -1,6 +1,6 @@
 //! What a page is told 60 times a second: one binary message of little-endian 32-bit floats.
 
-use messages::{JOINTS, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline};
+use messages::{JOINTS, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{Frames, Model, Solid, segment_distance};
 
@@ -97,8 +97,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &Heard, at_s: f64, out:
     set(Field::AtS, at_s);
     if let Some(status) = &heard.status {
         set(Field::Mode, f64::from(status.mode));
-        let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
-        set(Field::InputAgeMs, if none { 0.0 } else { status.input_age_ns as f64 * 1e-6 });
+        set(Field::InputAgeMs, pipeline::input_age_ms(status).unwrap_or(0.0));
         set(Field::ClearanceMm, status.clearance_measured_m * 1e3);
         set(Field::PairA, f64::from(status.nearest_pair_measured[0]));
         set(Field::PairB, f64::from(status.nearest_pair_measured[1]));

@@ -19,6 +19,7 @@ mod server;
 pub use assets::{ASSETS, Asset};
 pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, present};
 pub use hand::HOLD_FOR;
+pub use live::{GONE_AFTER_NS, Readers};
 pub use reel::{Cutter, Reel};
 pub use scene::scene;
 pub use server::{PORT, Server};

@@ -2,21 +2,49 @@
 
 use crate::ViewError;
 use crate::frame::Heard;
-use bus::{Domain, DomainConfig, Reader};
+use bus::{BusError, Domain, DomainConfig, Reader};
 use messages::{Header, JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
 
 /// A writer that is silent for longer is shown as gone, ns: five periods of the slowest, which clients are at 20 Hz.
-const GONE_AFTER_NS: u64 = 250_000_000;
+pub const GONE_AFTER_NS: u64 = 250_000_000;
 
 /// Readers of every service of the core domain.
-pub struct Live {
-    skeletons: Reader<Skeleton>,
-    targets: Reader<JointTarget>,
-    commands: Reader<JointCommand>,
-    states: Reader<RobotState>,
-    statuses: Reader<Status>,
-    heard: Heard,
+pub struct Readers {
+    /// Of the person.
+    pub skeletons: Reader<Skeleton>,
+    /// Of `retarget`.
+    pub targets: Reader<JointTarget>,
+    /// Of `control`.
+    pub commands: Reader<JointCommand>,
+    /// Of the driver.
+    pub states: Reader<RobotState>,
+    /// Of what control says.
+    pub statuses: Reader<Status>,
     _domain: Domain,
+}
+
+impl Readers {
+    /// Attaches to the core domain of an instance, as `name`.
+    ///
+    /// # Errors
+    /// The domain or a service cannot be opened.
+    pub fn open(domain: DomainConfig, name: &str) -> Result<Self, BusError> {
+        let domain = Domain::open(domain, name)?;
+        Ok(Self {
+            skeletons: domain.reader(Service::Skeleton)?,
+            targets: domain.reader(Service::JointTarget)?,
+            commands: domain.reader(Service::JointCommand)?,
+            states: domain.reader(Service::RobotState)?,
+            statuses: domain.reader(Service::Status)?,
+            _domain: domain,
+        })
+    }
+}
+
+/// The newest message of every service.
+pub struct Live {
+    readers: Readers,
+    heard: Heard,
 }
 
 impl Live {
@@ -25,26 +53,17 @@ impl Live {
     /// # Errors
     /// The domain or a service cannot be opened.
     pub fn open(domain: DomainConfig) -> Result<Self, ViewError> {
-        let domain = Domain::open(domain, "view")?;
-        Ok(Self {
-            skeletons: domain.reader(Service::Skeleton)?,
-            targets: domain.reader(Service::JointTarget)?,
-            commands: domain.reader(Service::JointCommand)?,
-            states: domain.reader(Service::RobotState)?,
-            statuses: domain.reader(Service::Status)?,
-            heard: Heard::default(),
-            _domain: domain,
-        })
+        Ok(Self { readers: Readers::open(domain, "view")?, heard: Heard::default() })
     }
 
     /// The newest of everything at `now`.
     pub fn look(&mut self, now: Stamp) -> &Heard {
-        let heard = &mut self.heard;
-        newest(&mut heard.skeleton, self.skeletons.latest(), now, |message| &message.header);
-        newest(&mut heard.target, self.targets.latest(), now, |message| &message.header);
-        newest(&mut heard.command, self.commands.latest(), now, |message| &message.header);
-        newest(&mut heard.state, self.states.latest(), now, |message| &message.header);
-        newest(&mut heard.status, self.statuses.latest(), now, |message| &message.header);
+        let Self { readers, heard } = self;
+        newest(&mut heard.skeleton, readers.skeletons.latest(), now, |message| &message.header);
+        newest(&mut heard.target, readers.targets.latest(), now, |message| &message.header);
+        newest(&mut heard.command, readers.commands.latest(), now, |message| &message.header);
+        newest(&mut heard.state, readers.states.latest(), now, |message| &message.header);
+        newest(&mut heard.status, readers.statuses.latest(), now, |message| &message.header);
         heard
     }
 }

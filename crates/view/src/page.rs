@@ -21,7 +21,7 @@ const LOOK: Duration = Duration::from_millis(2);
 const REQUEST_BYTES: usize = 1 << 10;
 /// What may wait for a page that does not read, bytes: seconds of frames. Then it has gone.
 const WAITING_BYTES: usize = 1 << 20;
-/// A page says something at least twice a second; after so long a silence it has gone.
+/// A page says something every two seconds; after so long a silence it has gone.
 const SILENT_MAX: Duration = Duration::from_secs(10);
 
 /// What a page may ask.

@@ -116,14 +116,14 @@ impl Position {
         });
     }
 
-    /// `by_s` later; where it is then, and whether it still plays.
-    pub fn advance(&self, by_s: f64) -> (f64, bool) {
+    /// `by_s` later, if it plays; where it is then.
+    pub fn advance(&self, by_s: f64) -> f64 {
         self.change(|at| {
             if at.1 {
                 at.0 = (at.0 + by_s).min(self.duration_s);
                 at.1 = at.0 < self.duration_s;
             }
-            *at
+            at.0
         })
     }
 

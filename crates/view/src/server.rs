@@ -144,7 +144,7 @@ fn play(hub: &Hub, reel: &Reel, position: &Position, ended: &AtomicBool) {
     let (mut next, mut before) = (Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = Instant::now();
-        let (at_s, _) = position.advance((now - before).as_secs_f64());
+        let at_s = position.advance((now - before).as_secs_f64());
         before = now;
         reel.show(hub, at_s);
         wait(&mut next);

@@ -3,28 +3,24 @@
 
 use crate::scribe::{Sample, Scribe};
 use crate::{Entry, Rates, Topic};
-use bus::{BusError, Domain, DomainConfig, Reader};
-use messages::{JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
+use bus::{BusError, DomainConfig};
+use messages::Stamp;
 use robot::Model;
+use view::Readers;
 
 /// Time between two looks, ns: well below a tick (667 us) for every message, else below the period of the fastest client.
 const LOOK_FULL_NS: u64 = 250_000;
 const LOOK_NS: u64 = 2_000_000;
 
-/// A reader of every service of the core domain.
+/// Hears a running instance.
 pub struct Attached {
-    skeletons: Reader<Skeleton>,
-    targets: Reader<JointTarget>,
-    commands: Reader<JointCommand>,
-    states: Reader<RobotState>,
-    statuses: Reader<Status>,
+    readers: Readers,
     scribe: Scribe,
     look_ns: u64,
     /// Hash of the settings that messages carry, where it is not ours.
     other_settings: Option<u64>,
     own_hash: u64,
     any: bool,
-    _domain: Domain,
 }
 
 impl Attached {
@@ -39,19 +35,13 @@ impl Attached {
         rates: Rates,
         offset_ns: u64,
     ) -> Result<Self, BusError> {
-        let domain = Domain::open(domain, "record")?;
         Ok(Self {
-            skeletons: domain.reader(Service::Skeleton)?,
-            targets: domain.reader(Service::JointTarget)?,
-            commands: domain.reader(Service::JointCommand)?,
-            states: domain.reader(Service::RobotState)?,
-            statuses: domain.reader(Service::Status)?,
+            readers: Readers::open(domain, "record")?,
             scribe: Scribe::new(model, rates, offset_ns),
             look_ns: if rates.full { LOOK_FULL_NS } else { LOOK_NS },
             other_settings: None,
             own_hash: hash,
             any: false,
-            _domain: domain,
         })
     }
 
@@ -63,21 +53,21 @@ impl Attached {
     /// Takes what is new, in the order in which it flows.
     pub fn look(&mut self, write: &mut dyn FnMut(Entry)) {
         let mut hash = None;
-        if let Some(skeleton) = self.skeletons.latest() {
+        if let Some(skeleton) = self.readers.skeletons.latest() {
             self.scribe.take(Sample::Skeleton(&skeleton), write);
         }
-        if let Some(target) = self.targets.latest() {
+        if let Some(target) = self.readers.targets.latest() {
             self.scribe.take(Sample::Target(&target), write);
         }
-        if let Some(command) = self.commands.latest() {
+        if let Some(command) = self.readers.commands.latest() {
             hash = Some(command.header.config_hash);
             self.scribe.take(Sample::Command(&command), write);
         }
-        if let Some(state) = self.states.latest() {
+        if let Some(state) = self.readers.states.latest() {
             hash = hash.or(Some(state.header.config_hash));
             self.scribe.take(Sample::State(&state), write);
         }
-        if let Some(status) = self.statuses.latest() {
+        if let Some(status) = self.readers.statuses.latest() {
             self.scribe.take(Sample::Status(&status), write);
         }
         self.any |= hash.is_some();

@@ -4,10 +4,7 @@ use crate::error::RecordError;
 use crate::read::{Content, Recorded};
 use robot::Model;
 use std::path::Path;
-use view::{Cutter, Heard, Reel};
-
-/// A writer that was silent for longer is shown as gone, s: as in the live view.
-const GONE_AFTER_S: f64 = 0.25;
+use view::{Cutter, GONE_AFTER_NS, Heard, Reel};
 
 /// Reads a recording of the robot `model`.
 ///
@@ -27,7 +24,7 @@ pub fn reel(path: &Path, model: &Model) -> Result<Reel, RecordError> {
             Content::Status(status) => (heard.status, at[4]) = (Some(*status), at_s),
             Content::Inputs(_) | Content::Other { .. } => continue,
         }
-        let [skeleton, target, command, state, status] = at.map(|at| at_s - at <= GONE_AFTER_S);
+        let [skeleton, target, command, state, status] = at.map(|at| at_s - at <= GONE_AFTER_NS as f64 * 1e-9);
         heard = Heard {
             skeleton: heard.skeleton.filter(|_| skeleton),
             target: heard.target.filter(|_| target),

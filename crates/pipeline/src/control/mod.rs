@@ -6,7 +6,7 @@ mod status;
 
 pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
-pub use status::{STATUS_EVERY, note as status_note, status_json};
+pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json};
 
 use crate::ConfigError;
 use crate::load::Loaded;

@@ -3,7 +3,7 @@
 use super::ControlConfig;
 use crate::{Names, why_stopped};
 use messages::{
-    FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Status, TORSO, TRANSITIONS_KEPT,
+    FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, TORSO, TRANSITIONS_KEPT,
     reduced_flag,
 };
 use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
@@ -53,6 +53,13 @@ fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
+/// Age of the newest frame, ms; `None` before the first one. An age is counted from when the frame was received, and that
+/// of no frame from the clock's zero.
+pub fn input_age_ms(status: &Status) -> Option<f64> {
+    let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
+    (!none).then_some(status.input_age_ns as f64 * 1e-6)
+}
+
 /// Ticks from one published `Status` to the next: 50 Hz. A change of mode is published at once.
 pub const STATUS_EVERY: u64 = 30;
 
@@ -100,4 +107,21 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "realtime": status.realtime == 1,
         "transitions": transitions,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    #[test]
+    fn the_age_of_no_input_is_no_age() {
+        let mut status = Status::ZERO;
+        status.header.stamp = Stamp(5_000_000_000);
+        assert_eq!(input_age_ms(&status), None, "no target");
+        (status.target_stamp, status.input_age_ns) = (Stamp(4_999_000_000), 5_000_000_000);
+        assert_eq!(input_age_ms(&status), None, "a target of no frame");
+        status.input_age_ns = 7_500_000;
+        assert_eq!(input_age_ms(&status), Some(7.5));
+    }
 }
