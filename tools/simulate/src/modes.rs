@@ -41,6 +41,8 @@ pub struct Modes {
     last_k: u64,
     holder: Option<(u64, u64)>,
     person: Option<Person>,
+    /// A recovery moves the robot, or the stop that ended it does.
+    recovered: bool,
     /// What there was since the robot began to hold, and before that at this tick alone: faults, and whether the enable was up.
     since_hold: (Faults, bool),
     /// Ticks since another person was passed on, of which control was awake; none once somebody has enabled.
@@ -77,6 +79,7 @@ impl Modes {
             last_k: 0,
             holder: None,
             person: None,
+            recovered: false,
             since_hold: (Faults::NONE, false),
             since_person: None,
         }
@@ -114,12 +117,14 @@ impl Modes {
     }
 
     /// One client at a time, and none in place of another before that has been silent for long enough and the robot is at
-    /// rest. Who recovers it, or forges targets, moves it without a client.
+    /// rest. Who recovers it, or forges targets, moves it without a client, and so does the stop that ends a recovery.
     fn authority(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         if seen.ingest_restarted {
             (self.holder, self.person) = (None, None);
         }
-        let moved_otherwise = seen.forged || self.mode == Mode::Recovering;
+        let moving = seen.moment.robot.is_some_and(|robot| robot.v.iter().any(|v| v.abs() > RESTING));
+        self.recovered = self.mode == Mode::Recovering || self.recovered && moving && !follows(self.mode);
+        let moved_otherwise = seen.forged || self.recovered;
         for &person in seen.accepted {
             let session = person.session;
             if let Some((holder, k)) = self.holder
