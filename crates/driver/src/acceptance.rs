@@ -73,7 +73,7 @@ pub(crate) fn plausible(now: Stamp, command: &JointCommand) -> Result<(), Refusa
     if command.k > tick_at(now).saturating_add(AHEAD_MAX_TICKS) {
         return Err(Refusal::TooFarAhead);
     }
-    if now.since(deadline(command.k)) > AGE_MAX_NS && !known_bug!(OldCommandAccepted) {
+    if now.since(deadline(command.k)) > AGE_MAX_NS {
         return Err(Refusal::TooOld);
     }
     let short = |d: &[f64; 3]| d.iter().all(|&d| d >= 0.0) && d.iter().sum::<f64>() <= PLAN_MAX_S;

@@ -142,7 +142,6 @@ mod planted {
         PlanOffByOne, "One tick too many of the plan is played before a new motion begins.";
         OneJointNotStopped, "A stop leaves out one joint.";
         JointsSwapped, "Two joints of a command have changed places.";
-        OldCommandAccepted, "A command may be any age.";
         LeftChainContinued, "A stream of commands goes on though its stop has begun to play.", like "UniversalRobots/Universal_Robots_ROS_Driver#274";
         SilenceNotLatched, "Silence latches nothing: whoever speaks again moves the robot on.";
         HoldDrifts, "A robot at rest is told to stay where it is measured, in every tick anew.", like "moveit/moveit2#2127";
