@@ -31,6 +31,7 @@ pub use exit::{Exit, Failure};
 pub use operate::Operator;
 pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
+pub use recorder::Recorder;
 pub use report::Report;
 
 /// Does what the command line says; the exit code is one of `Exit`.

@@ -28,7 +28,8 @@ impl Recorder {
         file.map(|file| Self::start(file, instance, place)).transpose()
     }
 
-    fn start(file: &Path, instance: &Instance, place: &Place) -> Result<Self, Failure> {
+    /// Starts it, and waits until it reads.
+    pub fn start(file: &Path, instance: &Instance, place: &Place) -> Result<Self, Failure> {
         let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
         let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);

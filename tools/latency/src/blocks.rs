@@ -7,6 +7,8 @@ pub enum Kind {
     Events,
     /// The processes, each looking at its input once a tick.
     Polled,
+    /// As `Events`, beside a page and a recorder.
+    Watched,
     /// cyclictest, alone.
     Cyclictest,
     /// Our own clock_nanosleep loop, alone.
@@ -33,6 +35,8 @@ const SHARES: [(Kind, f64); 4] =
     [(Kind::Events, 0.6), (Kind::Cyclictest, 0.1), (Kind::Polled, 0.2), (Kind::Probe, 0.1)];
 /// No block is shorter than this, s ...
 const BLOCK_MIN_S: f64 = 2.0;
+/// ... nor of those with onlookers than that, s, so that they see something ...
+const SECONDS_MIN: f64 = 2.0;
 /// ... or, in a short run, than this share of the run.
 const BLOCK_MIN_SHARE: f64 = 0.125;
 
@@ -52,6 +56,13 @@ pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
         }
     }
     blocks
+}
+
+/// The blocks that compare with and without onlookers, in order: both once a round.
+pub fn plan_watched(seconds: f64) -> Vec<Block> {
+    let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
+    let block = |kind| Block { kind, seconds: (seconds / rounds / 2.0).max(SECONDS_MIN) };
+    [block(Kind::Events), block(Kind::Watched)].repeat(rounds as usize)
 }
 
 /// Seconds of all blocks of one kind.

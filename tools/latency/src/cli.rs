@@ -58,6 +58,10 @@ pub struct Cli {
     /// threads, segments, and stops that no blow explains.
     #[arg(long, value_name = "HOURS", conflicts_with_all = ["seconds", "load", "policy", "pin", "plot", "compare", "rate_hz"])]
     pub soak: Option<f64>,
+    /// Instead of comparing with polling and the bare timer: with and without a page (`teleopd view`) and a recorder (`record
+    /// --full`, to be built before) beside the instance, in turns.
+    #[arg(long, conflicts_with_all = ["soak", "plot", "compare"])]
+    pub watched: bool,
     /// Time between two blows of a soak, s.
     #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak")]
     pub strike_every: f64,

@@ -4,7 +4,7 @@ use clap::Parser;
 use latency::cli::Cli;
 use latency::error::LatencyError;
 use latency::soak::{self, Soak};
-use latency::{plot, reference, report, run};
+use latency::{plot, reference, report, run, watched};
 use rt::Shutdown;
 use std::io::Write;
 use std::path::Path;
@@ -20,7 +20,7 @@ const EX_USAGE: u8 = 64;
 
 fn main() -> ExitCode {
     let role = std::env::args().nth(1).unwrap_or_default();
-    if teleopd::PROCESSES.contains(&role.as_str()) {
+    if teleopd::PROCESSES.contains(&role.as_str()) || role == "view" {
         return teleopd::main();
     }
     if let Some(ended) = chaos::rig::role_main(std::env::args().skip(1)) {
@@ -56,6 +56,14 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
     let shutdown = Shutdown::on_signals().map_err(|error| LatencyError::Invalid(error.to_string()))?;
     if let Some(hours) = options.soak {
         return soaked(options, hours, &shutdown);
+    }
+    if options.watched {
+        let measured = watched::run(options, &shutdown)?;
+        if let Some(path) = &options.json {
+            std::fs::write(path, format!("{:#}\n", measured.to_json())).map_err(|error| unwritten(path, error))?;
+        }
+        let _ = std::io::stdout().write_all(measured.words().as_bytes());
+        return Ok(());
     }
     let measured = run::run(options, &shutdown)?;
     if let Some(path) = &options.json {

@@ -3,6 +3,7 @@
 use crate::blocks::{Block, Kind};
 use crate::client::Client;
 use crate::error::LatencyError;
+use crate::onlookers::Onlookers;
 use crate::settings::{self, Changes};
 use messages::{Faults, Mode};
 use pipeline::Instance;
@@ -86,6 +87,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         interface: None,
     };
     let mut children = Children::start(&instance, &place, true)?;
+    let onlookers = (block.kind == Kind::Watched).then(|| Onlookers::start(&instance, &place)).transpose()?;
     let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
     // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.
     let others = teleopd::placement(&settings).others;
@@ -99,7 +101,8 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         scope.spawn(drive).join()
     });
     let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread ended badly".into())));
-    let mut trouble = children.stop();
+    let mut trouble = onlookers.map_or(Vec::new(), Onlookers::stop);
+    trouble.extend(children.stop());
     instance.retire();
     let Driven { wall_s, published, failures, ended } = driven?;
     trouble.extend(ended.err());
