@@ -43,7 +43,7 @@ fn f076_no_stage_allocates_in_a_tick() {
         let mut note = |stage: usize, allocated: u64| counts[stage] += if counting { allocated } else { 0 };
         let mut person: Option<Skeleton> = None;
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
-            let input = skeleton::Input { raw: &raw };
+            let input = skeleton::Input { raw: &raw, stored: None };
             let (out, counted) =
                 count_allocations(|| skeleton::tick(&skeleton_config, &mut skeleton_state, now, input));
             note(0, counted.allocated);
@@ -63,7 +63,8 @@ fn f076_no_stage_allocates_in_a_tick() {
             heartbeat_received: now,
             ..OperatorView::default()
         };
-        let input = ControlInput { k, target: Some(&target), robot: robot.as_ref(), operator, realtime_ok: true };
+        let input =
+            ControlInput { k, target: Some(&target), robot: robot.as_ref(), operator, ingest: None, realtime_ok: true };
         let (out, counted) =
             count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
         note(2, counted.allocated);

@@ -4,8 +4,8 @@ mod rig;
 
 use doors::Client;
 use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout};
-use rig::{Rig, repository};
-use std::time::Duration;
+use rig::{Rig, SOON, repository};
+use std::time::{Duration, Instant};
 
 /// Frames of each client.
 const FRAMES: usize = 30;
@@ -66,4 +66,37 @@ fn ingest_takes_every_layout_that_it_knows_and_counts_what_it_does_not() {
     for reason in ["NotUpright", "Chirality", "Size", "OutOfRange", "NotFinite", "NotUnit", "Count"] {
         assert_eq!(count(&figures["dropped"][reason]), 0, "{figures}");
     }
+}
+
+#[test]
+fn status_says_why_frames_are_dropped() {
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    let mut client = Client::attach(rig.instance.skeleton_socket()).expect("a client");
+    let outsized = skeleton::DropReason::OutOfRange as u32 + 1;
+    let give_up = Instant::now() + SOON;
+    for frame in 1.. {
+        let mut raw = motion::raw_frame(&motion, frame, &calibration);
+        // Centimetres.
+        raw.positions = raw.positions.map(|place| place.map(|x| 100.0 * x));
+        (raw.header.sequence, raw.header.origin, raw.header.stamp) = (frame as u64, rt::now(), rt::now());
+        client.publish(&raw).expect("taken");
+        if hand.status().is_some_and(|status| status.input_drop == outsized) {
+            break;
+        }
+        assert!(Instant::now() < give_up, "nothing is said: {:?}", hand.status());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_teleopctl"))
+        .arg("--run-dir")
+        .arg(rig.folder())
+        .args(["status", "--json"])
+        .output()
+        .expect("teleopctl runs");
+    let said: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
+    assert_eq!(said["input_drop"], "OutOfRange", "{said:#}");
+    // A second after the last one, nothing is dropped any more.
+    hand.wait("silent", |status| status.input_drop == 0);
 }

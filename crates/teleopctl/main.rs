@@ -5,11 +5,12 @@
 #[macro_use]
 mod say;
 
+mod calibrate;
 mod cli;
 mod watch;
 
 use clap::Parser;
-use cli::{Cli, Command};
+use cli::{CalibrateArgs, Cli, Command};
 use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
@@ -35,6 +36,7 @@ fn main() -> ExitCode {
     let outcome = Client::connect(&socket).and_then(|mut client| match cli.command {
         Command::Status(args) => status(&mut client, &cli.run_dir, args.json),
         Command::Watch => watch::run(&mut client, &cli.run_dir),
+        Command::Calibrate(args) => calibrate(&mut client, &cli.run_dir, &args),
         Command::Engage => engage(&mut client, &cli.run_dir),
         Command::Recover => recover(&mut client, &cli.run_dir),
         Command::Release => {
@@ -85,13 +87,15 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         status.clearance_measured_m * 1e3,
         names.pair(status.nearest_pair_measured)
     );
-    out!("tracking error    {:.4} rad", status.tracking_error);
+    let worst = status.tracking_joint.saturating_sub(1) as usize;
+    out!("tracking error    {:.4} {} ({})", status.tracking_error, names.unit(worst), names.joint(worst));
     let degrees = |rad: f64| rad.to_degrees();
     out!(
         "limb error        {:.1} deg target, {:.1} deg measured",
         degrees(status.limb_error_target_rad),
         degrees(status.limb_error_measured_rad)
     );
+    out!("calibration       {}", pipeline::calibration_name(&status));
     out!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
     out!("operators         {}", status.operators);
     out!("gate denials      {}", status.gate_denials);
@@ -109,6 +113,20 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         }
     }
     Ok(true)
+}
+
+fn calibrate(client: &mut Client, run_dir: &Path, args: &CalibrateArgs) -> Result<bool, OperatorError> {
+    let folder = match &args.folder {
+        Some(folder) => folder.clone(),
+        None => match pipeline::load(&args.config, pipeline::Overrides::default()) {
+            Ok(loaded) => loaded.operators_dir,
+            Err(error) => {
+                err!("teleopctl: {error}");
+                return Ok(false);
+            }
+        },
+    };
+    calibrate::run(client, run_dir, &calibrate::Job { name: &args.name, folder })
 }
 
 /// Why nothing can be begun in this mode, with the faults that are latched and what clears them.

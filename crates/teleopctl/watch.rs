@@ -4,7 +4,7 @@
 use bus::{Domain, Reader};
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Gravity, Instance, Names, mode_name, sentences, why_stopped};
+use pipeline::{Gravity, Instance, Names, calibration_name, mode_name, sentences, why_stopped};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -228,6 +228,7 @@ impl Shown {
                 status.limb_error_measured_rad.to_degrees(),
                 status.speed_scale * 100.0
             )),
+            Line::from(format!("calibration: {}", calibration_name(status))),
             Line::from(format!("{} denied by the gate, {} fallbacks", status.gate_denials, status.fallbacks)),
         ];
         for fault in Faults(status.faults | status.latched).iter() {

@@ -54,7 +54,7 @@ fn main() {
     let person = person.expect("one of local rotations");
     let config = skeleton::Config::default();
     let tick = |state: &mut skeleton::State| {
-        skeleton::tick(&config, state, Stamp(1_001_000_000), skeleton::Input { raw: black_box(&person) })
+        skeleton::tick(&config, state, Stamp(1_001_000_000), skeleton::Input { raw: black_box(&person), stored: None })
     };
     assert!(tick(&mut skeleton::State::new()).skeleton.is_some(), "a T-pose is a person");
     let us = median_us(|| _ = black_box(tick(&mut skeleton::State::new())));

@@ -60,7 +60,9 @@ fn play(layouts: &Layouts, bounds: &Config, filter: bool, noise_m: f32) -> Vec<L
             NOISE.filter(&mut noise, raw.layout, &mut frame);
         }
         let now = frame.header.origin.plus_ns(1_000_000);
-        out.push(tick(bounds, &mut state, now, Input { raw: &frame }).skeleton.map(|person| person.limbs));
+        out.push(
+            tick(bounds, &mut state, now, Input { raw: &frame, stored: None }).skeleton.map(|person| person.limbs),
+        );
     }
     out
 }

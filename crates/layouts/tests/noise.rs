@@ -70,7 +70,7 @@ fn f013_a_tracker_that_stands_still_is_seen_to_stand_still_at_the_same_frame() {
             place[0] += 0.002 * i.min(20) as f32;
         }
         let look = |state: &mut State, raw: &RawSkeleton| {
-            tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw }).drop
+            tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw, stored: None }).drop
         };
         let without = look(&mut plain, &raw);
         NOISE.filter(&mut noise, CAMERA, &mut raw);

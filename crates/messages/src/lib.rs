@@ -8,6 +8,7 @@
 
 mod command;
 mod fault;
+mod input;
 mod joints;
 mod known_bug;
 mod layout;
@@ -15,10 +16,12 @@ mod operator;
 mod service;
 mod skeleton;
 mod status;
+mod subject;
 mod time;
 
 pub use command::{JointCommand, JointTarget, RobotState, StopPlan, command_flag, state_flag, target_flag};
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
+pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 #[cfg(known_bugs)]
 pub use known_bug::KnownBug;
@@ -30,4 +33,5 @@ pub use skeleton::{
     Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
 };
 pub use status::{Status, TRANSITIONS_KEPT, Transition, reduced_flag};
+pub use subject::Subject;
 pub use time::{Header, Stamp, TICK_HZ, TICK_S, comes_after, deadline, tick_at};

@@ -25,6 +25,8 @@ pub enum Service {
     RobotState = 4,
     /// `Status`, written by `control`.
     Status = 5,
+    /// `InputStatus`, written by `ingest`.
+    InputStatus = 6,
 }
 
 /// A row of the service table.
@@ -59,13 +61,14 @@ const fn row(
 }
 
 /// The one table of services.
-pub const SERVICES: [ServiceRow; 6] = [
+pub const SERVICES: [ServiceRow; 7] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
     row(Service::Skeleton, "teleop/skeleton/1", Domain::Core, "ingest", 1, 240, 100),
     row(Service::JointTarget, "teleop/joint_target/1", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/1", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/1", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/3", Domain::Core, "control", 1, 50, 500),
+    row(Service::Status, "teleop/status/4", Domain::Core, "control", 1, 50, 500),
+    row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
 ];
 
 impl Service {

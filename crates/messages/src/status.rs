@@ -28,7 +28,7 @@ pub mod reduced_flag {
 
 message! {
     /// One mode transition.
-    pub struct Transition v 1 size 24 {
+    pub struct Transition v 2 size 24 {
         /// Tick of the transition.
         pub k: u64,
         /// `Mode` before.
@@ -38,8 +38,8 @@ message! {
         /// `Fault` index that caused it, or one of `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`,
         /// `CLEARED`, `SETTLED`, `RECOVERING`, `RECOVERED`, `BLOCKED`.
         pub why: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// What the fault was about when it caused the transition: code of a `Subject`, zero for none.
+        pub about: u32,
     }
 }
 
@@ -79,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 3 size 688 {
+    pub struct Status v 4 size 712 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -139,5 +139,18 @@ message! {
         pub operators: u32,
         /// 1 while real-time scheduling is in force.
         pub realtime: u32,
+        /// One more than the index of the joint whose |command - measured| is the largest share of what stops the robot.
+        pub tracking_joint: u32,
+        /// Why the gate denied a command last: a code of `safety::gate::Denial`, zero for never.
+        pub denied_why: u32,
+        /// What that denial was about: code of a `Subject`, zero for none.
+        pub denied_about: u32,
+        /// The pair for which a motion was refused last: code of a `Subject`, zero for none.
+        pub refused_about: u32,
+        /// Why `ingest` dropped the newest frame that it dropped, if it did so within the last second: one more than a
+        /// reason of `skeleton`, else zero.
+        pub input_drop: u32,
+        /// A `CalibrationSource`: what the person's limbs rest on.
+        pub calibration: u32,
     }
 }

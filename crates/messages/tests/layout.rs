@@ -2,8 +2,8 @@
 //! and needs a new version number in the message and in its service name.
 
 use messages::{
-    Header, HingeCalibration, JointCommand, JointTarget, Layout, Message, OperatorRequest, RawSkeleton, RobotState,
-    SERVICES, Skeleton, Status, StopPlan, Transition, deadline, tick_at,
+    Header, HingeCalibration, InputStatus, JointCommand, JointTarget, Layout, Message, OperatorRequest, RawSkeleton,
+    RobotState, SERVICES, Skeleton, Status, StopPlan, Transition, deadline, tick_at,
 };
 use std::fmt::Write;
 
@@ -26,6 +26,7 @@ fn snapshot() -> String {
     describe::<RobotState>(&mut out);
     describe::<Transition>(&mut out);
     describe::<Status>(&mut out);
+    describe::<InputStatus>(&mut out);
     describe::<OperatorRequest>(&mut out);
     out
 }
@@ -58,6 +59,7 @@ fn fields_fill_their_message_without_gaps() {
     check::<JointTarget>();
     check::<JointCommand>();
     check::<RobotState>();
+    check::<InputStatus>();
     check::<Status>();
     check::<OperatorRequest>();
 }

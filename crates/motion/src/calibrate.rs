@@ -14,7 +14,7 @@ pub enum CalibrationMode {
     Clip,
     /// The first 10 s of motion, or the whole clip if it is shorter: what a live operator can give.
     First10s,
-    /// No hinges: the elbow's momentary plane.
+    /// No hinges: the elbow's plane of the moment, and what `ingest` learns while the motion plays.
     None,
     /// The rig's own: for rigs whose joints have no rotation in the T-pose, palms down, as the motions that this project
     /// makes itself. The hinge is -z of the left, +z of the right shoulder and wrist.
@@ -66,7 +66,7 @@ pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
     }
     let mut calibrator = Calibrator::new();
     for frame in motion.frames.iter().take(frames) {
-        calibrator.add(&frame.positions, &frame.rotations);
+        calibrator.add(&frame.positions, &frame.rotations, u32::MAX);
     }
     calibrator.estimate()
 }

@@ -17,7 +17,8 @@ fn accepted(motion: &Motion, frames: usize) -> u64 {
         raw.header.sequence = i as u64 + 1;
         raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
         let now = raw.header.origin;
-        let out = skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw });
+        let out =
+            skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw, stored: None });
         if let Some(skeleton) = out.skeleton {
             assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
         }

@@ -1,5 +1,6 @@
 //! The CMU clips beside the repository; every test skips with a reason where they are missing.
 
+use messages::{CalibrationSource, HingeCalibration, Layout};
 use motion::{CalibrationMode, Motion, calibrate, limbs, load, raw_frame};
 use std::path::{Path, PathBuf};
 
@@ -45,7 +46,7 @@ fn the_stage_accepts_all_but_the_one_glitch() {
             raw.header.sequence = i as u64 + 1;
             raw.header.origin = messages::Stamp((i as u64 + 1) * 16_666_667);
             let now = raw.header.origin;
-            skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw });
+            skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw, stored: None });
         }
         // 003_02 has a wrist that jumps by 0.7 m for one frame; the jump and four frames of settling are dropped.
         let dropped = if motion.name == "003_02" { 5 } else { 0 };
@@ -91,4 +92,46 @@ fn an_elbow_only_flexes() {
     }
     let mean = out_of_plane / count;
     assert!(mean < 0.5, "forearms leave the plane of the hinge by {mean:.2} degrees on average");
+}
+
+#[test]
+fn without_a_calibration_hinges_are_learnt_within_ten_seconds_of_motion() {
+    let Some(paths) = clips() else { return };
+    let (mut learnt_s, mut off_deg) = (Vec::new(), Vec::new());
+    for path in paths {
+        let motion = read(&path);
+        let clip = calibrate(&motion, CalibrationMode::Clip);
+        let (mut state, mut learnt) = (skeleton::State::new(), None);
+        let ten_s = (10.0 * motion.frame_rate_hz) as usize;
+        for i in 0..motion.frames.len().min(ten_s) {
+            let mut raw = raw_frame(&motion, i, &HingeCalibration::ZERO);
+            raw.header.sequence = i as u64 + 1;
+            raw.header.origin = messages::Stamp((i as u64 + 1) * 16_666_667);
+            let (now, input) = (raw.header.origin, skeleton::Input { raw: &raw, stored: None });
+            skeleton::tick(&skeleton::Config::default(), &mut state, now, input);
+            if learnt.is_none() && state.calibration() == CalibrationSource::Online {
+                learnt = Some(i as f64 / motion.frame_rate_hz);
+            }
+        }
+        let Some(at_s) = learnt else {
+            assert!(motion.frames.len() < ten_s, "{}: nothing learnt in 10 s", motion.name);
+            continue;
+        };
+        learnt_s.push(at_s);
+        let online = state.online();
+        for limb in 0..4 {
+            let dot: f32 = (0..3).map(|c| clip.hinge[limb][c] * online.hinge[limb][c]).sum();
+            // The forearm's middle is that of the pronations seen so far.
+            let allowed_deg = if limb % 2 == 0 { 2.6 } else { 45.0 };
+            let off = f64::from(dot.min(1.0)).acos().to_degrees();
+            assert!(off < allowed_deg, "{}: limb {limb} is {off:.1} deg off", motion.name);
+            off_deg.push(off);
+        }
+    }
+    let middle = |all: &mut Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        (all[all.len() / 2], all[all.len() - 1])
+    };
+    println!("{} clips: learnt after (median, most) {:?} s; ", learnt_s.len(), middle(&mut learnt_s));
+    println!("off the whole clip's by (median, most) {:?} deg", middle(&mut off_deg));
 }

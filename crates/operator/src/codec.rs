@@ -27,9 +27,9 @@ fn header_fields(fields: &mut impl Fields, header: &mut Header) {
 }
 
 fn transition_fields(fields: &mut impl Fields, transition: &mut Transition) {
-    let Transition { k, from, to, why, reserved } = transition;
+    let Transition { k, from, to, why, about } = transition;
     fields.u64(k);
-    for value in [from, to, why, reserved] {
+    for value in [from, to, why, about] {
         fields.u32(value);
     }
 }
@@ -64,6 +64,12 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
         fields.u32(value);
     }
     for value in [&mut s.gate_denials, &mut s.fallbacks, &mut s.operators, &mut s.realtime] {
+        fields.u32(value);
+    }
+    for value in [&mut s.tracking_joint, &mut s.denied_why, &mut s.denied_about, &mut s.refused_about] {
+        fields.u32(value);
+    }
+    for value in [&mut s.input_drop, &mut s.calibration] {
         fields.u32(value);
     }
 }

@@ -1,5 +1,6 @@
 //! What `ingest` does with a frame: any layout becomes SMPL-22, what trembles is filtered, and that is judged.
 
+use crate::operators::Operators;
 use crate::settings::{Filter, IngestSettings};
 use layouts::{Layouts, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
@@ -10,6 +11,8 @@ use skeleton::{DropReason, Output, State};
 pub struct InputConfig {
     /// The built-in layouts and those from files.
     pub layouts: Layouts,
+    /// What was measured of operators.
+    pub operators: Operators,
     filter: Filter,
     noise: Noise,
     /// Bounds of a plausible person, of motion capture and of cameras.
@@ -20,10 +23,11 @@ pub struct InputConfig {
 impl InputConfig {
     /// The layouts that were read, the filter of the settings, and the bounds that `skeleton` has; for cameras with the changes
     /// of limbs' lengths that the settings allow.
-    pub fn new(settings: &IngestSettings, layouts: Layouts) -> Self {
+    pub fn new(settings: &IngestSettings, layouts: Layouts, operators: Operators) -> Self {
         let measured = skeleton::Config::default();
         Self {
             layouts,
+            operators,
             filter: settings.filter,
             noise: Noise {
                 rest_cutoff_hz: settings.filter_rest_cutoff_hz,
@@ -96,8 +100,9 @@ pub fn input_tick(config: &InputConfig, state: &mut InputState, now: Stamp, raw:
     if config.filter == Filter::All || camera && config.filter == Filter::Cameras {
         config.noise.filter(&mut state.noise, raw.layout, &mut frame);
     }
+    let stored = config.operators.find(raw.operator_id, raw.layout);
     let bounds = if camera { &config.seen } else { &config.measured };
-    skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame })
+    skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored })
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod instance;
 mod load;
 mod names;
 mod offline;
+mod operators;
 mod player;
 mod publisher;
 mod settings;
@@ -30,6 +31,7 @@ pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
+pub use operators::{Operator, Operators};
 pub use player::{PlayOptions, Player};
 pub use publisher::{ClientError, Port, Publisher, Way};
 pub use settings::{
@@ -39,7 +41,7 @@ pub use settings::{
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
-pub use words::{Gravity, Sentence, meaning, mode_name, sentences, why_stopped};
+pub use words::{Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, sentences, why_stopped};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

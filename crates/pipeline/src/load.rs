@@ -1,5 +1,6 @@
 //! Reads an instance's files: settings, robot, weights; and makes of them one hash that travels in every header.
 
+use crate::operators::Operators;
 use crate::settings::{Method, RobotInterface, Settings};
 use crate::{ConfigError, fnv_continue};
 use layouts::{Layouts, Map};
@@ -23,7 +24,11 @@ pub struct Loaded {
     pub weights: Option<retarget::Weights>,
     /// The layouts that clients may send.
     pub layouts: Layouts,
-    /// The one hash of it all.
+    /// What was measured of operators; it may change while the instance runs, and is no part of the hash.
+    pub operators: Operators,
+    /// Folder of their files.
+    pub operators_dir: PathBuf,
+    /// The one hash of all else.
     pub hash: u64,
     /// The files that were read.
     pub files: Vec<PathBuf>,
@@ -104,13 +109,15 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         hash = fnv_continue(hash, text.as_bytes());
         files.push(path);
     }
+    let operators_dir = folder.join(&settings.ingest.operators);
+    let operators = Operators::read(&operators_dir)?;
     // The very text that was judged: the file may be another by now.
     if let Some((_, text)) = &weights {
         hash = fnv_continue(hash, text.as_bytes());
         files.extend([manifest, tensors]);
     }
     let weights = weights.map(|(weights, _)| weights);
-    Ok(Loaded { settings, model, weights, layouts, hash, files })
+    Ok(Loaded { settings, model, weights, layouts, operators, operators_dir, hash, files })
 }
 
 /// If `file` could not be read: with the key of the settings that names it, because a copy of the settings alone finds

@@ -105,6 +105,8 @@ pub struct IngestSettings {
     pub authority_timeout_ms: f64,
     /// Files of layouts beside the built-in ones, relative to the settings.
     pub layouts: Vec<String>,
+    /// Folder of the operators' files, relative to the settings.
+    pub operators: String,
     pub filter: Filter,
     pub filter_rest_cutoff_hz: f64,
     pub filter_cutoff_per_m: f64,

@@ -1,7 +1,13 @@
 //! What happened, and why the robot does not move, in sentences for the operator: the fault, the joint or the pair is named.
 
-use crate::Names;
-use messages::{FAULTS, Fault, Faults, Mode, Response, Stamp, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
+use crate::control::subject as about_now;
+use crate::{InputConfig, Names};
+use messages::{
+    CalibrationSource, FAULTS, Fault, Faults, Mode, Response, Stamp, Status, Subject, TRANSITIONS_KEPT, Transition,
+    reduced_flag,
+};
+use safety::gate::Denial;
+use skeleton::DropReason;
 
 /// Transitions that a status keeps.
 const KEPT: u32 = TRANSITIONS_KEPT as u32;
@@ -77,14 +83,20 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     }
     let denied = now.gate_denials.wrapping_sub(before.gate_denials);
     if denied > 0 {
-        let pair = names.pair(now.nearest_pair);
-        all.push(say(Gravity::Error, format!("The gate denied {denied} commands; {pair} are nearest.")));
+        let why = self::denied(now, names).map_or(String::new(), |why| format!(", the last one because {why}"));
+        all.push(say(Gravity::Error, format!("The gate denied {denied} commands{why}.")));
     }
     let refused = now.fallbacks.wrapping_sub(before.fallbacks);
     if refused > 0 {
-        let (pair, clearance_mm) = (names.pair(now.nearest_pair), now.clearance_command_m * 1e3);
-        let text = format!("{refused} motions were refused, the plan went on: {pair} are {clearance_mm:.1} mm apart.");
-        all.push(say(Gravity::Note, text));
+        let why = subject(Subject::of(now.refused_about), names)
+            .map_or(String::new(), |pair| format!(": {pair} would have come too close"));
+        all.push(say(Gravity::Note, format!("{refused} motions were refused, the plan went on{why}.")));
+    }
+    if let Some((name, meaning)) = dropped(now).filter(|_| now.input_drop != before.input_drop) {
+        all.push(say(Gravity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
+    }
+    if now.calibration != before.calibration {
+        all.push(say(Gravity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
     }
     for (flag, name) in reduced_flag::NAMES {
         if now.reduced & flag != 0 && before.reduced & flag == 0 {
@@ -137,15 +149,31 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         }
         (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover takes them apart.", measured_pair()),
         (Fault::CollisionNear, _) => format!("{meaning} {}.", measured_pair()),
-        (Fault::GateDenied, _) => format!("{meaning} {} are nearest.", names.pair(status.nearest_pair)),
-        (Fault::TrackingError, _) => format!("{meaning} The largest error is {:.4} rad or m.", status.tracking_error),
+        (Fault::GateDenied, _) => match denied(status, names) {
+            Some(why) => format!("{meaning} The last one because {why}."),
+            None => meaning.into(),
+        },
+        (Fault::TrackingError, _) => {
+            let joint = status.tracking_joint.saturating_sub(1) as usize;
+            let (name, unit) = (names.joint(joint), names.unit(joint));
+            format!("{meaning} {name} is {:.4} {unit} from its command.", status.tracking_error)
+        }
         (Fault::InputStale, _) if silent_ms > TARGET_SILENT_MS => {
             format!(
                 "{meaning} Nor has `retarget` sent a target for {silent_ms:.0} ms: nothing is known of the skeletons."
             )
         }
+        (Fault::InputStale, _) => match dropped(status) {
+            Some((name, why)) => format!("{meaning} Frames come, and are dropped: {name}: {why}."),
+            None => meaning.into(),
+        },
         _ => meaning.into(),
     }
+}
+
+/// What the person's limbs rest on.
+pub fn calibration_name(status: &Status) -> &'static str {
+    CalibrationSource::from_u32(status.calibration).unwrap_or_default().name()
 }
 
 const fn moves(mode: Mode) -> bool {
@@ -162,10 +190,41 @@ fn named(fault: Fault, status: &Status, names: &Names) -> String {
     format!("{}: {}", fault.row().name, meaning(fault, status, names))
 }
 
+/// A joint or a pair by its name.
+pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String> {
+    subject.map(|subject| match subject {
+        Subject::Joint(joint) => names.joint(joint),
+        Subject::Pair(pair) => names.pair(pair),
+    })
+}
+
+/// Why the gate denied a command last, with the joint or the pair; none if it never did.
+pub(crate) fn denied(status: &Status, names: &Names) -> Option<String> {
+    let why = Denial::meaning(status.denied_why)?;
+    let about = subject(Subject::of(status.denied_about), names);
+    Some(about.map_or(why.into(), |about| format!("{why} ({about})")))
+}
+
+/// Why frames of the person are dropped now, as a sentence; none if none are.
+pub fn dropped_now(status: &Status) -> Option<String> {
+    dropped(status).map(|(name, meaning)| format!("frames are dropped: {name}: {meaning}"))
+}
+
+/// Why frames of the person are dropped now: name and meaning; none if none are.
+pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
+    let reason = *DropReason::ALL.get(status.input_drop.checked_sub(1)? as usize)?;
+    Some((reason.name(), InputConfig::meaning(reason)))
+}
+
 /// A change of mode.
 fn changed(made: &Transition, status: &Status, names: &Names) -> String {
     let why = match Fault::from_u32(made.why) {
-        Some(fault) => named(fault, status, names),
+        Some(fault) => {
+            let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
+            let was = Subject::of(made.about).filter(|&was| told != Some(was));
+            let was = subject(was, names).map_or(String::new(), |was| format!(" It was {was}."));
+            named(fault, status, names) + &was
+        }
         None => format!("{}.", made.why_name()),
     };
     format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))
@@ -183,7 +242,7 @@ mod tests {
     use messages::Layout;
 
     fn transition(k: u64, from: Mode, to: Mode, why: u32) -> Transition {
-        Transition { k, from: from as u32, to: to as u32, why, reserved: 0 }
+        Transition { k, from: from as u32, to: to as u32, why, about: 0 }
     }
 
     #[test]
@@ -199,14 +258,22 @@ mod tests {
         status.faults = Faults::NONE.with(Fault::CollisionNear).0;
         status.fault_counts[Fault::CollisionNear.index()] = 1;
         status.fault_counts[Fault::StateLate.index()] = 1;
-        (status.gate_denials, status.nearest_pair, status.nearest_pair_measured) = (2, [1, 2], [3, 4]);
+        (status.gate_denials, status.nearest_pair_measured) = (2, [3, 4]);
+        let denial = Denial::ClearanceAtRest { pair: [1, 2] };
+        (status.denied_why, status.denied_about) = (denial.code(), denial.subject().map_or(0, Subject::code));
+        (status.fallbacks, status.refused_about) = (7, Subject::Pair([5, 6]).code());
+        (status.input_drop, status.calibration) = (DropReason::Size as u32 + 1, CalibrationSource::Online as u32);
         let texts: Vec<_> = sentences(Some(&before), &status, &names).into_iter().map(|said| said.text).collect();
-        assert_eq!(texts.len(), 4, "{texts:?}");
+        assert_eq!(texts.len(), 7, "{texts:?}");
         assert_eq!(texts[0], "Engaging after Disengaged: enabled.");
         assert!(texts[1].starts_with("Holding after Engaging: CollisionNear"), "{texts:?}");
         assert!(texts[1].contains("part 3 and part 4"), "{texts:?}");
         assert!(texts[2].starts_with("StateLate: "), "{texts:?}");
-        assert_eq!(texts[3], "The gate denied 2 commands; part 1 and part 2 are nearest.");
+        let why = "parts were too close where the stop ends (part 1 and part 2)";
+        assert_eq!(texts[3], format!("The gate denied 2 commands, the last one because {why}."));
+        assert_eq!(texts[4], "7 motions were refused, the plan went on: part 5 and part 6 would have come too close.");
+        assert!(texts[5].starts_with("Frames of the person are dropped: Size: hips to shoulders"), "{texts:?}");
+        assert_eq!(texts[6], "Calibration of the person: estimated online.");
         assert!(sentences(Some(&status), &status, &names).is_empty());
         status.header.incarnation = 9;
         let anew = sentences(Some(&before), &status, &names);
@@ -221,15 +288,23 @@ mod tests {
         let near = Fault::CollisionNear;
         status.mode = Mode::Holding as u32;
         status.transitions[0] = transition(9, Mode::Engaged, Mode::Holding, near as u32);
+        status.transitions[0].about = Subject::Pair([3, 4]).code();
         status.transition_count = 1;
         (status.faults, status.nearest_pair_measured) = (Faults::NONE.with(near).0, [3, 4]);
         let why = why_stopped(&status, &names).expect("it holds");
         assert!(why.starts_with("Holding after Engaged: CollisionNear: "), "{why}");
         assert!(why.contains("part 3 and part 4 are 0.0 mm apart"), "{why}");
-        // They are apart again: which pair was near is not known any more, and another is not blamed.
+        assert!(!why.contains("It was"), "once: {why}");
+        // Another pair is near by now.
+        status.nearest_pair_measured = [5, 6];
+        let why = why_stopped(&status, &names).expect("it holds");
+        assert!(why.contains("part 5 and part 6 are 0.0 mm apart. It was part 3 and part 4."), "{why}");
+        // All are apart again: the pair that was near is still named, and no other is blamed.
         status.faults = Faults::NONE.with(Fault::InputStale).0;
+        status.input_drop = DropReason::Chirality as u32 + 1;
         let why = why_stopped(&status, &names).expect("it holds still");
-        assert!(!why.contains("part 3") && why.contains("InputStale: No valid skeleton"), "{why}");
+        assert!(why.contains("It was part 3 and part 4.") && !why.contains("part 5"), "{why}");
+        assert!(why.contains("InputStale: No valid skeleton") && why.contains("dropped: Chirality: left"), "{why}");
         // Once it rests, it is still said why.
         status.mode = Mode::Disengaged as u32;
         status.transitions[1] = transition(12, Mode::Holding, Mode::Disengaged, Transition::AT_REST);
@@ -254,6 +329,10 @@ mod tests {
             ..Status::ZERO
         };
         let said = |fault| meaning(fault, &status, &Names::default());
+        let lost = Faults::NONE.with(Fault::TrackingError).0;
+        let behind = Status { latched: lost, tracking_joint: 4, tracking_error: 0.06, ..Status::ZERO };
+        let behind = meaning(Fault::TrackingError, &behind, &Names::default());
+        assert!(behind.ends_with("joint 3 is 0.0600 rad or m from its command."), "{behind}");
         let outside = said(Fault::StartOutsideLimits);
         assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
         let close = said(Fault::StartInCollision);

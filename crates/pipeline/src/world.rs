@@ -48,7 +48,7 @@ impl WorldConfig {
     /// Everything for one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
-            input: InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone()),
+            input: InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone()),
             retarget: crate::retarget_config(loaded)?,
             control: ControlConfig::new(loaded, true)?,
             sim: crate::sim_config(loaded, true)?,
@@ -331,7 +331,7 @@ impl World {
         (target, robot): (Option<&JointTarget>, Option<&RobotState>),
         tamper: &mut impl Tamper,
     ) -> ControlOutput {
-        let input = ControlInput { k: self.k, target, robot, operator: *operator, realtime_ok: true };
+        let input = ControlInput { k: self.k, target, robot, operator: *operator, ingest: None, realtime_ok: true };
         let out = control_tick(&config.control, &mut self.control, now, input);
         if let Some(mut command) = out.command
             && tamper.command(&mut command)

@@ -72,7 +72,7 @@ fn f097_a_layout_that_is_missing_wrong_twice_or_too_many_is_refused_by_name() {
 #[test]
 fn f018_frames_of_no_layout_are_counted_by_their_reason() {
     let loaded = support::loaded();
-    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone());
+    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
     let mut state = InputState::default();
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);

@@ -177,7 +177,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         from: before.mode() as u32,
         to: phase.mode() as u32,
         why,
-        reserved: 0,
+        about: 0,
     });
     state.phase = phase;
     Output {

@@ -14,6 +14,7 @@ mod boundaries;
 #[cfg(test)]
 mod ceilings;
 mod check;
+mod denial;
 mod fixed;
 #[cfg(test)]
 mod lattice;
@@ -23,6 +24,7 @@ use messages::{JOINTS, Stamp, StopPlan};
 use robot::Model;
 
 pub use check::{Check, ConfigError};
+pub use denial::Denial;
 
 use crate::clearance::Geometry;
 use crate::engage::Permit;
@@ -155,34 +157,6 @@ pub struct Proposed {
     pub a: [f64; JOINTS],
     /// The stop from there.
     pub plan: StopPlan,
-}
-
-/// Why a command was denied.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Denial {
-    /// The last seed was not finite or does not come to rest.
-    Seed,
-    /// The command is not for the tick after the last one.
-    Index,
-    /// A new motion without permission to move.
-    Permit,
-    /// A joint fails a check.
-    Joint {
-        /// Its index.
-        joint: usize,
-        /// What it fails.
-        check: Check,
-    },
-    /// Two capsules are too close at the command.
-    ClearanceAtCommand {
-        /// Indices of the capsules in the robot file.
-        pair: [u32; 2],
-    },
-    /// Two capsules are too close where the plan rests.
-    ClearanceAtRest {
-        /// Indices of the capsules in the robot file.
-        pair: [u32; 2],
-    },
 }
 
 /// What the gate decided.

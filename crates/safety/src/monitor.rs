@@ -69,6 +69,15 @@ pub fn clear_to_start(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> 
     inside && crate::clearance::clearance(model, frames, q).is_at_least(model.d_min_m + START_MARGIN_M)
 }
 
+/// The largest |command - measured| of a kind of joints.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Farthest {
+    /// How far, rad or m.
+    pub error: f64,
+    /// Which joint.
+    pub joint: usize,
+}
+
 /// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). What the command is ahead of a
 /// sound servo, v times its known lag (s), is no error; zero takes the plain difference. NaN stays NaN.
 pub fn tracking_error(
@@ -77,17 +86,19 @@ pub fn tracking_error(
     v_command: &[f64; JOINTS],
     q_measured: &[f64; JOINTS],
     servo_lag_s: f64,
-) -> (f64, f64) {
-    let (mut angle_rad, mut length_m) = (0.0_f64, 0.0_f64);
+) -> (Farthest, Farthest) {
+    let (mut angle_rad, mut length_m) = (Farthest::default(), Farthest::default());
     for j in 0..JOINTS {
         let error = q_command[j] - servo_lag_s * v_command[j] - q_measured[j];
         let error = if known_bug!(TrackingErrorSigned) { error } else { error.abs() };
         let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
-        // `f64::max` would lose NaN.
         if error.is_nan() {
-            return (f64::NAN, f64::NAN);
+            let nothing = Farthest { error, joint: j };
+            return (nothing, nothing);
         }
-        *greatest = greatest.max(error);
+        if error > greatest.error {
+            *greatest = Farthest { error, joint: j };
+        }
     }
     (angle_rad, length_m)
 }
@@ -221,13 +232,15 @@ mod tests {
         measured[lift] += 0.02;
         measured[turn] -= 0.3;
         let (angle_rad, length_m) = tracking_error(&model, &q, &still, &measured, 0.0);
-        assert!((angle_rad - 0.3).abs() < 1e-12 && (length_m - 0.02).abs() < 1e-12);
+        assert!((angle_rad.error - 0.3).abs() < 1e-12 && (length_m.error - 0.02).abs() < 1e-12);
+        assert_eq!((angle_rad.joint, length_m.joint), (turn, lift));
         // A servo that lags by 30 ms is 0.3 rad behind a command of 10 rad/s, and that is no error.
         let mut v = still;
         v[turn] = 10.0;
-        assert!(tracking_error(&model, &q, &v, &measured, 0.03).0 < 1e-12);
+        assert!(tracking_error(&model, &q, &v, &measured, 0.03).0.error < 1e-12);
         measured[turn] = f64::NAN;
-        assert!(tracking_error(&model, &q, &still, &measured, 0.0).0.is_nan());
+        let nothing = tracking_error(&model, &q, &still, &measured, 0.0);
+        assert!([nothing.0, nothing.1].iter().all(|farthest| farthest.error.is_nan() && farthest.joint == turn));
     }
 
     #[test]

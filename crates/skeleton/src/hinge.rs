@@ -8,12 +8,18 @@ use nalgebra::{Matrix3, Vector3};
 /// Flexions below this one say nothing about the axis (10 degrees, twice the noise bound of a straight elbow).
 const FLEXED_SIN: f64 = 0.174;
 /// Flexed frames below which there is no estimate: half a second at 20 Hz, the slowest source.
-const SAMPLES_MIN: u32 = 10;
+const SAMPLES_MIN: f64 = 10.0;
 /// Mean resultant length below which the shoulder's rotation does not carry the hinge. 0.9999 on every CMU clip; a
 /// rotation without the twist falls to 0.9 at 25 degrees of spread.
 const UPPER_SPREAD_MIN: f64 = 0.9;
 /// The same for the hand, which pronates: 0.36 for a pronation uniform over 250 degrees.
 const FORE_SPREAD_MIN: f64 = 0.3;
+/// Seen from the shoulder's rotation the bone may spread by this share of what it does in the world, or that rotation does not
+/// move with the arm. Of a rig it is nothing; of a client that says its rotations are filled when they are not, all of it.
+const BONE_SHARE_MAX: f64 = 0.2;
+/// Spread (1 less the mean resultant length) of the bone in the world below which the arm has not moved enough to tell: 3.6
+/// degrees RMS.
+const BONE_MOVED_MIN: f64 = 0.002;
 
 /// Estimates a [`HingeCalibration`] from frames, in their order and of fixed size, so that any prefix gives the causal
 /// estimate of that moment.
@@ -32,9 +38,13 @@ pub struct Calibrator {
 struct Arm {
     upper: Vector3<f64>,
     upper_weight: f64,
+    /// The bone in the shoulder's frame, and in the world.
+    bone: [Vector3<f64>; 2],
     hand_from_shoulder: Matrix3<f64>,
+    /// Flexed frames, and how many frames and flexed ones the sums hold.
     samples: u32,
-    frames: u32,
+    flexed: f64,
+    frames: f64,
 }
 
 impl Default for Calibrator {
@@ -49,9 +59,11 @@ impl Calibrator {
         let arm = Arm {
             upper: Vector3::zeros(),
             upper_weight: 0.0,
+            bone: [Vector3::zeros(); 2],
             hand_from_shoulder: Matrix3::zeros(),
             samples: 0,
-            frames: 0,
+            flexed: 0.0,
+            frames: 0.0,
         };
         Self { arms: [arm; 2], frames: 0 }
     }
@@ -61,14 +73,34 @@ impl Calibrator {
         self.frames
     }
 
-    /// Adds a frame: positions in m, global rotations x y z w, both in any one right-handed frame. Frames that are not
-    /// finite or have no rotations are ignored.
-    pub fn add(&mut self, positions: &[[f32; 3]; SMPL_JOINTS], rotations: &[[f32; 4]; SMPL_JOINTS]) {
+    /// Adds a frame: positions in m, global rotations x y z w, both in any one right-handed frame. Of joints whose bit in
+    /// `usable` is clear, and of numbers that are not finite or no rotations, nothing is learnt.
+    pub fn add(&mut self, positions: &[[f32; 3]; SMPL_JOINTS], rotations: &[[f32; 4]; SMPL_JOINTS], usable: u32) {
         self.frames = self.frames.saturating_add(1);
         for (arm, joints) in self.arms.iter_mut().zip(ARMS) {
-            // A frame that cannot be used adds nothing.
-            let _ = arm.add(joints, positions, rotations);
+            if joints.iter().all(|joint| usable & (1 << joint) != 0) {
+                // A frame that cannot be used adds nothing.
+                let _ = arm.add(joints, positions, rotations);
+            }
         }
+    }
+
+    /// Lets everything added so far count by this share of what it did.
+    pub(crate) fn fade(&mut self, share: f64) {
+        for arm in &mut self.arms {
+            arm.upper *= share;
+            arm.bone = arm.bone.map(|sum| sum * share);
+            arm.hand_from_shoulder *= share;
+            for sum in [&mut arm.upper_weight, &mut arm.flexed, &mut arm.frames] {
+                *sum *= share;
+            }
+        }
+    }
+
+    /// Of the left and of the right arm: whether it moved, and its rotations with it. Of a file that is known; of a client whom
+    /// nobody has seen before it is not.
+    pub(crate) fn carried(&self) -> [bool; 2] {
+        self.arms.map(|arm| arm.is_carried())
     }
 
     /// The estimate of everything added so far; a hinge that the frames do not determine is not flagged valid.
@@ -111,23 +143,32 @@ impl Arm {
         }
         let normal = upper.cross(&fore);
         let local = rotate_back(rotations[shoulder], normal)?;
+        self.bone[0] += rotate_back(rotations[shoulder], upper)?;
+        self.bone[1] += upper;
         self.hand_from_shoulder += Matrix3::from_columns(&columns);
-        self.frames = self.frames.saturating_add(1);
+        self.frames += 1.0;
         if normal.norm() > FLEXED_SIN {
             self.upper += local;
             self.upper_weight += normal.norm();
             self.samples = self.samples.saturating_add(1);
+            self.flexed += 1.0;
         }
         Some(())
     }
 
+    /// Whether the bone was seen to move with the shoulder's rotation.
+    fn is_carried(&self) -> bool {
+        let [seen, moved] = self.bone.map(|sum| 1.0 - sum.norm() / self.frames);
+        moved >= BONE_MOVED_MIN && seen <= BONE_SHARE_MAX * moved
+    }
+
     fn upper_hinge(&self) -> Option<Vector3<f64>> {
-        let enough = self.samples >= SAMPLES_MIN && self.upper.norm() >= UPPER_SPREAD_MIN * self.upper_weight;
+        let enough = self.flexed >= SAMPLES_MIN && self.upper.norm() >= UPPER_SPREAD_MIN * self.upper_weight;
         if enough { unit(self.upper) } else { None }
     }
 
     fn fore_hinge(&self, upper_hinge: Vector3<f64>) -> Option<Vector3<f64>> {
         let sum = self.hand_from_shoulder * upper_hinge;
-        if sum.norm() >= FORE_SPREAD_MIN * f64::from(self.frames) { unit(sum) } else { None }
+        if sum.norm() >= FORE_SPREAD_MIN * self.frames { unit(sum) } else { None }
     }
 }

@@ -11,6 +11,8 @@ mod hinge;
 mod limbs;
 mod person;
 mod plausible;
+mod posture;
+mod reference;
 mod session;
 mod tick;
 
@@ -19,4 +21,6 @@ pub use geometry::slerp;
 pub use hinge::Calibrator;
 pub use limbs::{Hold, LimbFrames, TORSO_LEAN_RAD, limbs_from_positions_rotations, torso_rotation};
 pub use plausible::{Chirality, chirality};
+pub use posture::{Pose, TPose};
+pub use reference::{Calibration, LEAN_MAX_RAD};
 pub use tick::{Input, Output, State, tick};

@@ -2,6 +2,7 @@
 //! exporters and positions do not.
 
 use crate::geometry::{carry, quaternion, rotate, unit, unit_normal_to, vector};
+use crate::reference::Reference;
 use messages::{HingeCalibration, LIMBS, Limb, SMPL_JOINTS, Smpl, calibration_flag, skeleton_flag};
 use nalgebra::{Matrix3, Vector3};
 
@@ -49,13 +50,18 @@ const ARM_LIMBS: [[usize; 2]; 2] =
 /// The torso frame's axes as columns, in the frame of `positions`: y from the right to the left shoulder, z from the
 /// hips to the shoulders and upright in a T-pose (see [`TORSO_LEAN_RAD`]). `None` if shoulders and hips coincide.
 pub fn torso_rotation(positions: &[[f32; 3]; SMPL_JOINTS]) -> Option<Matrix3<f64>> {
+    torso_rotation_leaning(positions, TORSO_LEAN_RAD)
+}
+
+/// As [`torso_rotation`], of somebody who leans back by `lean_rad` when upright.
+pub(crate) fn torso_rotation_leaning(positions: &[[f32; 3]; SMPL_JOINTS], lean_rad: f64) -> Option<Matrix3<f64>> {
     let at = |joint: Smpl| vector(positions[joint as usize]);
     let (left, right) = (at(Smpl::LeftShoulder), at(Smpl::RightShoulder));
     let spine = (left + right - at(Smpl::LeftHip) - at(Smpl::RightHip)) / 2.0;
     let y = unit(left - right)?;
     let back = unit_normal_to(unit(spine)?, y)?;
     let front = y.cross(&back);
-    let (sin, cos) = TORSO_LEAN_RAD.sin_cos();
+    let (sin, cos) = lean_rad.sin_cos();
     Some(Matrix3::from_columns(&[front * cos - back * sin, y, front * sin + back * cos]))
 }
 
@@ -73,13 +79,25 @@ pub fn limbs_from_positions_rotations(
     usable: u32,
     hold: &mut Hold,
 ) -> LimbFrames {
+    limbs_against(positions, rotations, &Reference::of(*calibration), usable, hold)
+}
+
+/// As [`limbs_from_positions_rotations`], with hinges of which each counts by its weight against the plane of the moment.
+pub(crate) fn limbs_against(
+    positions: &[[f32; 3]; SMPL_JOINTS],
+    rotations: Option<&[[f32; 4]; SMPL_JOINTS]>,
+    reference: &Reference,
+    usable: u32,
+    hold: &mut Hold,
+) -> LimbFrames {
+    let Reference { hinges: calibration, weight, torso_lean_rad } = reference;
     let mut out = LimbFrames::NONE;
     let has = |joint: usize| usable & (1 << joint) != 0;
     let trunk = [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftHip, Smpl::RightHip];
     if !trunk.iter().all(|&joint| has(joint as usize)) {
         return out;
     }
-    let Some(world_from_torso) = torso_rotation(positions) else {
+    let Some(world_from_torso) = torso_rotation_leaning(positions, *torso_lean_rad) else {
         return out;
     };
     let mut all_calibrated = true;
@@ -99,16 +117,18 @@ pub fn limbs_from_positions_rotations(
         let momentary = momentary_hinge(&mut hold.arms[side], side, upper, fore);
         let [upper_limb, fore_limb] = ARM_LIMBS[side];
         let calibrated = hinge(upper_limb, shoulder).and_then(|axis| unit_normal_to(axis, upper));
-        all_calibrated &= calibrated.is_some();
-        let upper_hinge = calibrated.unwrap_or(momentary);
+        all_calibrated &= calibrated.is_some() && weight[upper_limb] >= 1.0;
+        let upper_hinge = calibrated.map_or(momentary, |axis| blended(momentary, axis, weight[upper_limb], upper));
         out.rotations[upper_limb] = limb_rotation(side, upper, upper_hinge);
         out.flags |= skeleton_flag::LIMB[upper_limb];
         let Some(fore) = fore else { continue };
         let calibrated = hinge(fore_limb, wrist).and_then(|axis| unit_normal_to(axis, fore));
-        all_calibrated &= calibrated.is_some();
+        all_calibrated &= calibrated.is_some() && weight[fore_limb] >= 1.0;
         let fallback = unit_normal_to(upper_hinge, fore);
-        let Some(fore_hinge) = calibrated.or(fallback) else {
-            continue;
+        let fore_hinge = match (calibrated, fallback) {
+            (Some(axis), Some(momentary)) => blended(momentary, axis, weight[fore_limb], fore),
+            (Some(axis), None) | (None, Some(axis)) => axis,
+            (None, None) => continue,
         };
         out.rotations[fore_limb] = limb_rotation(side, fore, fore_hinge);
         out.flags |= skeleton_flag::LIMB[fore_limb];
@@ -117,6 +137,15 @@ pub fn limbs_from_positions_rotations(
         out.flags |= skeleton_flag::CALIBRATED;
     }
     out
+}
+
+/// Between the hinge of the moment (`weight` 0) and the calibrated one (1), both normal to `bone`.
+fn blended(momentary: Vector3<f64>, calibrated: Vector3<f64>, weight: f64, bone: Vector3<f64>) -> Vector3<f64> {
+    if weight >= 1.0 {
+        return calibrated;
+    }
+    let nearer = if weight >= 0.5 { calibrated } else { momentary };
+    unit_normal_to(calibrated * weight + momentary * (1.0 - weight), bone).unwrap_or(nearer)
 }
 
 /// The hinge from the elbow's plane now, from the held one when straight; always normal to `upper`.

@@ -4,6 +4,7 @@ use crate::config::{Config, DropReason};
 use crate::limbs::{ARMS, Hold, torso_rotation};
 use crate::person::Person;
 use crate::plausible::{Chirality, chirality};
+use crate::reference::Learnt;
 use messages::{LIMBS, RawSkeleton, Smpl, Stamp, comes_after, known_bug};
 use nalgebra::Vector3;
 
@@ -29,6 +30,7 @@ pub(crate) struct Session {
     sequence: u64,
     origin: Stamp,
     pub(crate) hold: Hold,
+    pub(crate) learnt_hinges: Learnt,
     /// The last frame looked at, accepted or not.
     previous: Option<Body>,
     /// Coherent frames still missing before frames are accepted again.
@@ -84,6 +86,7 @@ impl Session {
             sequence: 0,
             origin: Stamp::NONE,
             hold: Hold::default(),
+            learnt_hinges: Learnt::default(),
             previous: None,
             settling: 0,
             lengths: [0.0; LIMBS],
@@ -199,6 +202,11 @@ impl Session {
         let frozen = config.frozen_after_ns > 0 && self.moved && still_ns >= config.frozen_after_ns;
         let frozen = frozen && !known_bug!(FrozenAccepted);
         if frozen { Err(DropReason::Frozen) } else { Ok(()) }
+    }
+
+    /// Lengths of the limbs in the newest frame, m, where they are seen.
+    pub(crate) fn lengths_m(&self) -> [Option<f64>; LIMBS] {
+        self.previous.map_or([None; LIMBS], |body| body.lengths)
     }
 
     /// Of the frames that were learnt from, m.

@@ -2,16 +2,22 @@
 
 use crate::clock::ClientClock;
 use crate::config::{Config, DROP_REASONS, DropReason};
-use crate::limbs::limbs_from_positions_rotations;
+use crate::limbs::limbs_against;
 use crate::person::Person;
+use crate::reference::Calibration;
 use crate::session::Session;
-use messages::{Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, known_bug, raw_flag};
+use messages::{
+    CalibrationSource, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, known_bug,
+    raw_flag,
+};
 
 /// The sample of this tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// The client's frame, copied once out of shared memory.
     pub raw: &'a RawSkeleton,
+    /// What was measured of this operator before, for the layout that the client sends.
+    pub stored: Option<&'a Calibration>,
 }
 
 /// What became of the frame; exactly one of both is `Some`.
@@ -93,6 +99,16 @@ impl State {
         Output { skeleton: None, drop: Some(reason) }
     }
 
+    /// Where the hinges of the newest accepted frame come from.
+    pub fn calibration(&self) -> CalibrationSource {
+        self.session.map_or(CalibrationSource::None, |session| session.learnt_hinges.source())
+    }
+
+    /// What this session's movements say of the hinges so far.
+    pub fn online(&self) -> HingeCalibration {
+        self.session.map_or(HingeCalibration::ZERO, |session| session.learnt_hinges.estimate())
+    }
+
     /// Frames accepted so far.
     pub const fn accepted(&self) -> u64 {
         self.accepted
@@ -103,7 +119,7 @@ impl State {
 ///
 /// `now` is when the frame arrived, on the same clock as its origin.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    match look(config, state, now, input.raw) {
+    match look(config, state, now, input) {
         Ok(skeleton) => {
             state.newest = skeleton.header.origin;
             state.accepted = state.accepted.saturating_add(1);
@@ -113,7 +129,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
 }
 
-fn look(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
+fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Result<Skeleton, DropReason> {
+    let raw = input.raw;
     check_envelope(raw)?;
     let State { session, newest, clock, trust, .. } = state;
     let known = session.is_some_and(|session| session.nonce == raw.session_nonce);
@@ -138,10 +155,12 @@ fn look(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Re
     }
     let person = Person::read(config, raw)?;
     current.check(config, now, raw, &person)?;
-    let limbs = limbs_from_positions_rotations(
+    let lengths_m = current.lengths_m();
+    let reference = current.learnt_hinges.next(origin, &person, lengths_m, input.stored);
+    let limbs = limbs_against(
         &person.positions,
         person.has_rotations.then_some(&person.rotations),
-        &person.calibration,
+        &reference,
         person.usable,
         &mut current.hold,
     );

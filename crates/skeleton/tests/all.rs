@@ -4,4 +4,5 @@ mod content;
 mod limbs;
 mod order;
 mod person;
+mod reference;
 mod tick;

@@ -10,7 +10,7 @@ use skeleton::{Config, DropReason, Input, State, tick};
 
 /// The person of a frame, if it was accepted.
 fn take(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
-    tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw }).skeleton
+    tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw, stored: None }).skeleton
 }
 
 /// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations count.

@@ -125,11 +125,11 @@ fn an_estimate_needs_flexed_elbows_and_a_rotation_that_carries_the_hinge() {
     for i in 0..200 {
         let a = f64::from(i) * 0.05;
         let still = person([a.sin(), a.cos() * 0.5, 0.0, 0.05, 0.0], [a.sin(), 0.0, 0.0, 0.05, 0.0]);
-        straight.add(&still.0, &still.1);
+        straight.add(&still.0, &still.1, u32::MAX);
         // A rotation that ignores the humeral twist.
         let mut body = person([0.0, 0.0, 1.5 * a.sin(), 1.0, 0.0], [0.0, 0.0, 1.5 * a.sin(), 1.0, 0.0]);
         body.1 = [[0.0, 0.0, 0.0, 1.0]; 22];
-        numb.add(&body.0, &body.1);
+        numb.add(&body.0, &body.1, u32::MAX);
     }
     assert_eq!(straight.estimate().flags, 0);
     assert_eq!(numb.estimate().flags, 0);
@@ -160,7 +160,7 @@ proptest! {
         let mut calibrator = Calibrator::new();
         let bodies: Vec<Body> = arms.iter().map(|&(l, r)| seen(&person(l, r), world, rest)).collect();
         for body in &bodies {
-            calibrator.add(&body.0, &body.1);
+            calibrator.add(&body.0, &body.1, u32::MAX);
         }
         let calibration = calibrator.estimate();
         prop_assert_eq!(calibration.flags, calibration_flag::ALL);

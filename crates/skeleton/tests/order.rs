@@ -23,7 +23,7 @@ proptest! {
             }
             replayed.session_nonce = if nonce && i % 2 == 0 { 8 } else { 7 };
             let now = Stamp(1_000_000_000 + 60 * 16_666_667 + n * MS);
-            let out = tick(&Config::default(), &mut state, now, Input { raw: &replayed });
+            let out = tick(&Config::default(), &mut state, now, Input { raw: &replayed, stored: None });
             // A new session is no old frame: `Authority` in `pipeline` keeps strangers out.
             prop_assert!(out.skeleton.is_none() || nonce, "frame {} came through again", i);
         }
@@ -42,7 +42,7 @@ proptest! {
             let mut frame = raw(&standing(at as f64 * 1e-9 - 1.0), 0);
             (frame.header.origin, frame.header.sequence) = (Stamp(at as u64), count.max(0) as u64);
             now = now.max(Stamp((at + late_ms * MS as i64) as u64));
-            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame });
+            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None });
             if let Some(person) = out.skeleton {
                 prop_assert!(person.header.origin > last, "{} after {}", person.header.origin.0, last.0);
                 prop_assert!(count > accepted_sequence);
@@ -78,7 +78,7 @@ proptest! {
         for (now, origin) in ends.into_iter().flat_map(|now| ends.map(|origin| (now, origin))) {
             let mut frame = raw(&standing(0.05), 3);
             (frame.header.origin, frame.header.sequence) = (Stamp(origin), now);
-            let out = tick(&Config::default(), &mut state, Stamp(now), Input { raw: &frame });
+            let out = tick(&Config::default(), &mut state, Stamp(now), Input { raw: &frame, stored: None });
             let of_now = origin <= now.saturating_add(2 * MS) && now <= origin.saturating_add(100 * MS);
             prop_assert!(out.drop.is_some() || of_now, "{} at {}", origin, now);
         }
@@ -107,7 +107,7 @@ fn f029_a_drifting_client_is_followed_for_an_hour() {
             let shown = 10_000 * MS + true_ns;
             frame.header.origin = Stamp(shown.saturating_add_signed(true_ns as i64 / 1_000_000 * drift_ppm));
             let now = Stamp(shown + 8 * MS);
-            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame });
+            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None });
             refused += u64::from(out.skeleton.is_none());
             let age_ok = |origin: Stamp| origin <= now.plus_ns(2 * MS) && now.since(origin) <= 100 * MS;
             assert!(out.skeleton.is_none_or(|person| age_ok(person.header.origin)));

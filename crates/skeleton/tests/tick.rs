@@ -15,7 +15,8 @@ fn a_person_is_accepted_and_the_header_copied() {
     frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
     frame.calibration.flags = calibration_flag::ALL;
     let now = Stamp(1_005_000_000);
-    let skeleton = tick(&Config::default(), &mut state, now, Input { raw: &frame }).skeleton.expect("accepted");
+    let skeleton =
+        tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None }).skeleton.expect("accepted");
     assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
     assert_eq!((skeleton.header.origin, skeleton.received), (frame.header.origin, now));
     assert_eq!((skeleton.session_nonce, skeleton.operator_id), (7, 1));
@@ -69,7 +70,7 @@ fn stamps_count_on_the_receivers_clock() {
     let config = Config::default();
     let mut at = |ns: i64| {
         let now = Stamp(frame.header.origin.0.saturating_add_signed(ns));
-        tick(&config, &mut state, now, Input { raw: &frame }).drop
+        tick(&config, &mut state, now, Input { raw: &frame, stored: None }).drop
     };
     assert_eq!(at(-2_000_001), Some(DropReason::Future));
     assert_eq!(at(100_000_001), Some(DropReason::Old));
@@ -203,7 +204,7 @@ fn whoever_comes_after_a_contradiction_is_another_person_whatever_number_the_cli
                 if damage {
                     frame.positions[20][2] = f32::NAN;
                 }
-                let input = Input { raw: &frame };
+                let input = Input { raw: &frame, stored: None };
                 tick(&config, &mut state, Stamp(1_000_000_000 + ns), input).skeleton.map(|person| person.operator_id)
             };
             let first = see(0, 1, false);
@@ -242,7 +243,8 @@ fn f011_f015_an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
     frame.positions[20] = [f32::NAN; 3];
     frame.rotations[20] = [f32::NAN; 4];
     let now = frame.header.origin;
-    let out = tick(&Config::default(), &mut state, now, Input { raw: &frame }).skeleton.expect("accepted");
+    let out =
+        tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None }).skeleton.expect("accepted");
     assert_eq!(out.flags & skeleton_flag::ALL, skeleton_flag::ALL & !skeleton_flag::LIMB[1]);
     assert!(out.positions.iter().flatten().all(|c| c.is_finite()));
 }
@@ -279,7 +281,7 @@ proptest! {
         for (i, (seed, holes)) in seeds.into_iter().enumerate() {
             let frame = hostile(seed, holes, i as u64);
             let now = Stamp(if seed % 3 == 0 { seed } else { frame.header.origin.0 });
-            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame });
+            let out = tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None });
             prop_assert_ne!(out.skeleton.is_some(), out.drop.is_some());
             if let Some(skeleton) = out.skeleton {
                 prop_assert!(skeleton.positions.iter().flatten().all(|c| c.is_finite()));
@@ -304,7 +306,7 @@ proptest! {
             _ => &mut frame.confidence[joint],
         };
         *value = f32::from_bits(value.to_bits() ^ (1 << bit));
-        let out = tick(&Config::default(), &mut state, frame.header.origin, Input { raw: &frame });
+        let out = tick(&Config::default(), &mut state, frame.header.origin, Input { raw: &frame, stored: None });
         if let Some(skeleton) = out.skeleton {
             prop_assert!(skeleton.positions.iter().flatten().all(|c| c.is_finite()));
         }
@@ -314,7 +316,7 @@ proptest! {
 #[test]
 fn zeros_are_no_person() {
     let mut state = State::new();
-    let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO });
+    let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO, stored: None });
     assert_eq!(out.drop, Some(DropReason::Layout));
 }
 
@@ -326,7 +328,7 @@ fn f014_a_session_there_and_back_makes_no_old_frame_new() {
     assert_eq!(feed(&mut state, &frame(13)), Some(DropReason::SessionChanged));
     let now = frame(13).header.origin.plus_ns(1_000_000);
     for old in [9, 10, 11] {
-        let out = tick(&Config::default(), &mut state, now, Input { raw: &frame(old) });
+        let out = tick(&Config::default(), &mut state, now, Input { raw: &frame(old), stored: None });
         assert_eq!(out.drop, Some(DropReason::Backwards), "frame {old}");
     }
     assert_eq!(feed(&mut state, &frame(14)), None);

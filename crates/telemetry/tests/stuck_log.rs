@@ -23,7 +23,7 @@ impl Write for Stuck {
 fn a_log_that_nobody_reads_holds_nothing_up() {
     tracing_subscriber::fmt().with_writer(|| Stuck).init();
     let (mut probe, mut collector) = channel("control");
-    let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, reserved: 0 };
+    let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, about: 0 };
     // At ten lines a second the queue of 256 would take half a minute to fill: the thread's first line is enough to stick.
     for _ in 0..20 {
         probe.event(Event::Transition(transition));

@@ -50,7 +50,7 @@ fn a_full_ring_loses_samples_and_counts_them() {
 #[test]
 fn the_loop_s_end_does_not_allocate() {
     let (mut probe, _collector) = channel("retarget");
-    let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, reserved: 0 };
+    let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, about: 0 };
     let ((), count) = rt::count_allocations(|| {
         for k in 0..2 * RING_CAPACITY as u64 {
             probe.record_ns(Metric::WakeUp, Stamp(k), k);

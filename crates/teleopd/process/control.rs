@@ -7,7 +7,9 @@ use crate::exit::{Exit, Failure};
 use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
-use messages::{JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at};
+use messages::{
+    InputStatus, JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at,
+};
 use operator::{Deed, OperatorError, Order, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
 use rt::SleepWatch;
@@ -40,6 +42,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         grace_ns: (process.loaded.settings.control.grace_us * 1e3) as u64,
         targets: core.waking_reader(Service::JointTarget).map_err(bus_failure)?,
         states: core.reader(Service::RobotState).map_err(bus_failure)?,
+        ingests: core.reader(Service::InputStatus).map_err(bus_failure)?,
         commands: core.writer(Service::JointCommand).map_err(bus_failure)?,
         statuses: core.writer(Service::Status).map_err(bus_failure)?,
         state: ControlState::new(&config, process.incarnation),
@@ -72,6 +75,7 @@ struct Control {
     edges: OperatorEdges,
     targets: WakingReader<JointTarget>,
     states: Reader<RobotState>,
+    ingests: Reader<InputStatus>,
     commands: Writer<JointCommand>,
     statuses: Writer<Status>,
     grace_ns: u64,
@@ -100,6 +104,7 @@ impl Control {
                 target: None,
                 robot: Some(&resting),
                 operator: OperatorEdges::default().take(),
+                ingest: None,
                 realtime_ok: false,
             };
             std::hint::black_box(pipeline::control_tick(&self.config, &mut warm, deadline(k), input));
@@ -158,12 +163,16 @@ impl Control {
     fn tick(&mut self, k: u64, woke: Stamp) {
         let waited_for = std::mem::replace(&mut self.next_k, k + 1);
         let robot = rt::allocating_aside(|| self.states.latest());
+        // It is shown in a status, and only there.
+        let shown = k.is_multiple_of(STATUS_EVERY);
+        let ingest = if shown { rt::allocating_aside(|| self.ingests.latest()) } else { None };
         let target = self.target.take();
         let input = ControlInput {
             k,
             target: target.as_ref(),
             robot: robot.as_ref(),
             operator: self.edges.take(),
+            ingest: ingest.as_ref(),
             realtime_ok: self.process.realtime_ok(),
         };
         let out = pipeline::control_tick(&self.config, &mut self.state, woke, input);

@@ -6,8 +6,8 @@ use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_nonce};
-use messages::{RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, Claim, HandOff, InputConfig, InputState, input_tick};
+use messages::{InputStatus, Layout, RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
+use pipeline::{Authority, Claim, HandOff, InputConfig, InputState, Operators, input_tick};
 use serde_json::json;
 use skeleton::DropReason;
 use std::time::Duration;
@@ -18,6 +18,8 @@ const WAIT: Duration = Duration::from_millis(10);
 
 /// Of the frames of clients without authority, the first and every so manieth is told in the log: ten seconds at 60 Hz.
 const TOLD_EVERY: u64 = 600;
+/// Time between two `InputStatus`: ten a second.
+const STATUS_EVERY_NS: u64 = 100_000_000;
 /// Half a period of the tick grid, ns.
 const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
 
@@ -29,6 +31,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
     let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
+    let statuses = core.writer::<InputStatus>(Service::InputStatus).map_err(bus_failure)?;
     // Last, because nobody else may write skeletons now: the socket belongs to this process.
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
@@ -38,11 +41,17 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         quotas: Quotas::default(),
         uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
-        config: InputConfig::new(&process.loaded.settings.ingest, process.loaded.layouts.clone()),
+        config: InputConfig::new(
+            &process.loaded.settings.ingest,
+            process.loaded.layouts.clone(),
+            process.loaded.operators.clone(),
+        ),
         state: InputState::default(),
         skeletons,
         sequence: 0,
         dropped: Dropped::since(rt::now()),
+        statuses,
+        status: InputStatus::ZERO,
     };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     process.ready()?;
@@ -61,6 +70,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             clients.drain(|sample| rt::allocating_ourselves(|| hall.take_sample(&mut process, &sample)))
         });
         hall.tell(&mut process, &mut socket);
+        hall.say(&mut process);
         process.alive();
     }
     process.leave(hall.figures(&socket))
@@ -115,10 +125,14 @@ struct Hall {
     skeletons: Writer<Skeleton>,
     sequence: u64,
     dropped: Dropped,
+    statuses: Writer<InputStatus>,
+    status: InputStatus,
 }
 
 /// Nanoseconds in a second.
 const SECOND_NS: u64 = 1_000_000_000;
+
+const _: () = assert!(skeleton::DROP_REASONS <= messages::DROPS_MAX, "every reason has its place");
 
 /// What was dropped before the current second: whose frames are all bad must read why, and a second of it is one line for
 /// each reason.
@@ -190,9 +204,14 @@ impl Hall {
         if self.authority.grants() != grants {
             self.session_nonce = draw_nonce();
             process.probe.event(Event::Lease { door: claim.door.name(), uid: claim.uid, pid: claim.pid });
+            self.reread_operators(process);
         }
         let raw = RawSkeleton { session_nonce: self.session_nonce, ..*raw };
-        let Some(person) = input_tick(&self.config, &mut self.state, now, &raw).skeleton else {
+        let out = input_tick(&self.config, &mut self.state, now, &raw);
+        (self.status.layout, self.status.operator_id, self.status.flags) = (raw.layout, raw.operator_id, raw.flags);
+        let Some(person) = out.skeleton else {
+            self.status.dropped_at = now;
+            self.status.dropped_why = out.drop.map_or(0, |reason| reason as u32 + 1);
             return true;
         };
         self.sequence += 1;
@@ -201,6 +220,32 @@ impl Hall {
         process.publish(&mut self.skeletons, &Skeleton { header, ..person });
         process.probe.record(Metric::IngestWork, now, stamp);
         true
+    }
+
+    /// A lease begins, and nobody's robot moves: what was measured of operators meanwhile holds from now on. A folder that
+    /// cannot be read changes nothing.
+    fn reread_operators(&mut self, process: &mut Process) {
+        match rt::allocating_aside(|| Operators::read(&process.loaded.operators_dir)) {
+            Ok(operators) => self.config.operators = operators,
+            Err(error) => tracing::warn!("ingest: {error}; what was known of operators stays"),
+        }
+    }
+
+    /// Says ten times a second who is heard, and what became of the frames.
+    fn say(&mut self, process: &mut Process) {
+        let now = rt::now();
+        if now.since(self.status.header.stamp) < STATUS_EVERY_NS {
+            return;
+        }
+        let skeleton = &self.state.skeleton;
+        self.status.header = process.header(self.status.header.sequence + 1, now, Stamp::NONE);
+        self.status.accepted = skeleton.accepted();
+        for reason in DropReason::ALL {
+            self.status.dropped[reason as usize] = skeleton.dropped(reason);
+        }
+        self.status.calibration = skeleton.calibration() as u32;
+        self.status.online = skeleton.online();
+        process.publish(&mut self.statuses, &self.status);
     }
 
     /// Counters and log lines of this round.

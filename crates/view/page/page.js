@@ -93,7 +93,7 @@ const told = {
     text("why", status ? status.why ?? "The robot follows, or waits to be engaged." : "control is not heard.");
     const faults = status?.faults ?? [];
     $("faults").replaceChildren(...faults.map((fault) => Object.assign(document.createElement("li"), { textContent: fault })));
-    if (status) text("link", `${status.realtime ? "real-time" : "no real-time"}, ${status.missed_deadlines} of ${status.ticks} deadlines missed`);
+    if (status) text("link", `${status.realtime ? "real-time" : "no real-time"}, ${status.missed_deadlines} of ${status.ticks} deadlines missed; calibration: ${status.calibration}`);
   },
   event({ at_s, gravity, text: sentence }) {
     const row = document.createElement("li"), at = document.createElement("time");

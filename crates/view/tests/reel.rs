@@ -47,7 +47,7 @@ fn recorded(model: &robot::Model) -> view::Reel {
         let mode = if (4.0..6.0).contains(&at_s) { Mode::Engaged } else { Mode::Disengaged };
         if status.mode != mode as u32 {
             let why = if mode == Mode::Engaged { Transition::ALIGNED } else { Transition::AT_REST };
-            let made = Transition { k: 1, from: status.mode, to: mode as u32, why, reserved: 0 };
+            let made = Transition { k: 1, from: status.mode, to: mode as u32, why, about: 0 };
             status.transitions[status.transition_count as usize] = made;
             status.transition_count += 1;
             status.mode = mode as u32;

@@ -36,12 +36,22 @@ pub(crate) struct Choice {
     pub(crate) fresh: JointSet,
     pub(crate) program: Program,
     pub(crate) fallbacks: u32,
+    /// The pair for which the first motion of this decision that was wanted could not be proved.
+    pub(crate) refused: Option<usize>,
     pub(crate) evaluations: u32,
 }
 
 impl Choice {
     pub(crate) fn plan(next: Planned) -> Self {
-        Self { next, candidate: Candidate::Plan, fresh: 0, program: Program::Idle, fallbacks: 0, evaluations: 0 }
+        Self {
+            next,
+            candidate: Candidate::Plan,
+            fresh: 0,
+            program: Program::Idle,
+            fallbacks: 0,
+            refused: None,
+            evaluations: 0,
+        }
     }
 
     fn taken(self, attempt: &Attempt, candidate: Candidate) -> Self {
@@ -158,6 +168,7 @@ impl Chooser<'_> {
         let verdict = certify(&self.config.geometry, motion, Purpose::Decision, *fresh, self.anchor, self.scratch);
         choice.evaluations += verdict.evaluations;
         choice.fallbacks += u32::from(verdict.blamed.is_some());
+        choice.refused = choice.refused.or(verdict.blamed);
         verdict.blamed
     }
 }

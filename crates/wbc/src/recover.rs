@@ -122,6 +122,7 @@ impl Recovery {
                 return Choice { next: attempt.next, candidate: Candidate::All, fresh: attempt.fresh, ..choice };
             }
             choice.fallbacks += 1;
+            choice.refused = choice.refused.or(verdict.blamed);
         }
         choice
     }

@@ -94,6 +94,8 @@ pub struct Output {
     pub program: Program,
     /// Motions that were wanted but not certified in this tick.
     pub fallbacks: u32,
+    /// The pair for which the first of them could not be, as `nearest_pair`.
+    pub refused_pair: Option<[u32; 2]>,
     /// Evaluations of the kinematics.
     pub evaluations: u32,
 }
@@ -197,6 +199,7 @@ fn output(config: &Config, state: &State, choice: &Choice, aims: &Aims) -> Outpu
         settled: at_rest || on_target,
         program: choice.program,
         fallbacks: choice.fallbacks,
+        refused_pair: choice.refused.map(|pair| config.geometry.pair(pair).map(|capsule| capsule as u32)),
         evaluations: choice.evaluations,
     }
 }

@@ -27,7 +27,7 @@ static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
 /// The shipped settings with these layouts.
 fn with(layouts: Layouts) -> InputConfig {
     let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
-    InputConfig::new(&settings.ingest, layouts)
+    InputConfig::new(&settings.ingest, layouts, pipeline::Operators::default())
 }
 
 /// The first byte says what the others are. 0: a file. 1: changes of a shipped one (length, place, how much is taken out, what

@@ -29,8 +29,16 @@ pub(crate) fn run(input: &[u8]) {
     assert_eq!(Settings::parse("teleop.toml", &again).expect("and read again"), settings);
     bounded(&settings);
     let Ok(model) = MODEL.clone().with_environment("teleop.toml", &settings.environment) else { return };
-    let loaded =
-        Loaded { settings, model, weights: None, layouts: layouts::Layouts::default(), hash: 1, files: Vec::new() };
+    let loaded = Loaded {
+        settings,
+        model,
+        weights: None,
+        layouts: layouts::Layouts::default(),
+        operators: pipeline::Operators::default(),
+        operators_dir: std::path::PathBuf::new(),
+        hash: 1,
+        files: Vec::new(),
+    };
     // Refused or accepted, but never a surprise.
     let _ = pipeline::retarget_config(&loaded);
     let _ = pipeline::sim_config(&loaded, true);

@@ -68,7 +68,7 @@ pub(crate) fn run(input: &[u8]) {
         if kind & 4 != 0 {
             next.header.origin = now;
         }
-        let out = tick(&config, &mut state, now, Input { raw: &next });
+        let out = tick(&config, &mut state, now, Input { raw: &next, stored: None });
         assert_eq!(out.skeleton.is_some(), out.drop.is_none(), "accepted or dropped, never both");
         let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.dropped(reason)).sum();
         assert_eq!(state.accepted() + dropped, count as u64, "every frame is counted once");

@@ -91,7 +91,7 @@ fn the_live_stage_accepts_every_frame() {
             let mut raw = raw_frame(&motion, i, &calibration);
             raw.header.sequence = i as u64 + 1;
             raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
-            let (now, input) = (raw.header.origin, skeleton::Input { raw: &raw });
+            let (now, input) = (raw.header.origin, skeleton::Input { raw: &raw, stored: None });
             let out = skeleton::tick(&skeleton::Config::default(), &mut state, now, input);
             let skeleton = out.skeleton.unwrap_or_else(|| panic!("{} frame {i}: {:?}", motion.name, out.drop));
             assert_eq!(skeleton.flags & skeleton_flag::ALL, skeleton_flag::ALL);

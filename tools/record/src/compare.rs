@@ -215,6 +215,7 @@ impl Stages {
             target: target.as_ref(),
             robot: state.as_ref(),
             operator: inputs.operator,
+            ingest: None,
             realtime_ok: inputs.realtime_ok,
         };
         let made = pipeline::control_tick(config, control, inputs.now, input);

@@ -118,7 +118,7 @@ fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
     let hinges = match calibration {
         CalibrationMode::First10s => "the first 10 s (the whole motion if shorter)",
         CalibrationMode::Clip => "the whole motion",
-        CalibrationMode::None => "the momentary elbow plane",
+        CalibrationMode::None => "the person's movements, as they are played",
         CalibrationMode::Rig => "the rig: its joints have no rotation in the T-pose",
     };
     println!("elbow hinges from {hinges}");

@@ -6,14 +6,14 @@ mod status;
 
 pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
-pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json};
+pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json, subject};
 
 use crate::ConfigError;
 use crate::load::Loaded;
 use driver::Motion;
 use messages::{
-    Header, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, command_flag, known_bug,
-    reduced_flag, state_flag, target_flag,
+    Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
+    command_flag, known_bug, reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -27,6 +27,11 @@ const ALIGNED_RAD: f64 = 0.02;
 /// A command that moves no joint faster than this (rad/s, m/s) has settled: blocked by an obstacle it creeps along it,
 /// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
 const SETTLED_SPEED: f64 = 0.05;
+
+/// An `ingest` that has said nothing for so long is not believed any more, ns: ten of its periods.
+const INGEST_GONE_NS: u64 = 1_000_000_000;
+/// A frame that was dropped within this time is dropped now, ns: as long as `ingest`'s own count of them goes.
+const DROPPED_NOW_NS: u64 = 1_000_000_000;
 
 /// Rounding of two kinematics that agree to 1e-12 over a reach of a metre, m, with a wide margin.
 const CLEARANCE_ROUNDING_M: f64 = 1e-9;
@@ -42,6 +47,8 @@ pub struct ControlConfig {
     arm: ArmModel,
     /// Known delay from a setpoint to its measurement, s: what the command is ahead by is no tracking error.
     servo_lag_s: f64,
+    /// Tracking errors that stop, rad and m: the joint that is worst is the one that uses up most of them.
+    tracking_max: [f64; 2],
     config_hash: u64,
     realtime: bool,
 }
@@ -62,6 +69,7 @@ impl ControlConfig {
             gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
+            tracking_max: [safety.tracking_error_rad, safety.tracking_error_m],
             config_hash: loaded.hash,
             realtime,
             model,
@@ -85,6 +93,7 @@ pub struct ControlState {
     robot: Option<(RobotState, Stamp)>,
     /// Of the newest robot state: what it measured cannot be.
     feedback_invalid: bool,
+    ingest: Option<(InputStatus, Stamp)>,
     motion: MotionView,
     frames: Frames,
     status: Status,
@@ -101,6 +110,8 @@ pub struct ControlInput<'a> {
     pub robot: Option<&'a RobotState>,
     /// The operator, with the edges since the last tick.
     pub operator: OperatorView,
+    /// What `ingest` says of its clients; it is shown, and decides nothing.
+    pub ingest: Option<&'a InputStatus>,
     /// Scheduling is real-time, or the settings allow to engage a simulated robot without.
     pub realtime_ok: bool,
 }
@@ -132,6 +143,7 @@ impl ControlState {
             target: None,
             robot: None,
             feedback_invalid: false,
+            ingest: None,
             motion: MotionView::default(),
             frames: Frames::default(),
             status: Status::ZERO,
@@ -154,6 +166,9 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     if let Some(robot) = input.robot {
         state.take_robot(config, now, robot);
     }
+    if let Some(ingest) = input.ingest {
+        state.ingest = Some((*ingest, now));
+    }
     let echo = state.robot.map(|(echo, _)| echo);
     let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
     if let Continue::From(motion) = from {
@@ -161,7 +176,12 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     }
 
     let observed = observe(config, state, &input, missed);
-    let decided = engage::tick(&config.engage, &mut state.engage, now, observed);
+    let mut decided = engage::tick(&config.engage, &mut state.engage, now, observed);
+    if let Some(made) = &mut decided.transition
+        && let Some(fault) = Fault::from_u32(made.why)
+    {
+        made.about = status::subject(&state.status, fault).map_or(0, Subject::code);
+    }
     let target =
         state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
     let enabled = decided.transition.is_some_and(|made| made.why == messages::Transition::ENABLED);
@@ -199,9 +219,9 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
         let recovers = state.engage.mode() == Mode::Recovering;
         state.note_measured(clearance, outside);
-        let (error_rad, error_m) =
+        let (angle_rad, length_m) =
             monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
-        state.status.tracking_error = error_rad.max(error_m);
+        state.note_tracking(config, angle_rad, length_m);
         RobotView {
             received,
             incarnation: robot.header.incarnation,
@@ -218,8 +238,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
                 && !in_collision
                 && monitor::clear_to_start(&config.model, &mut state.frames, &state.commander.commanded().q),
             collision_near: state.near.update(&config.model, clearance.distance_m),
-            tracking_error_rad: error_rad,
-            tracking_error_m: error_m,
+            tracking_error_rad: angle_rad.error,
+            tracking_error_m: length_m.error,
         }
     });
     engage::Input {
@@ -273,6 +293,10 @@ fn command(
     });
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
+    if let Some(denial) = denied {
+        state.status.denied_why = denial.code();
+        state.status.denied_about = denial.subject().map_or(0, Subject::code);
+    }
     let denied = denied.is_some();
     state.status.gate_denials += u32::from(denied);
     state.motion = MotionView {
@@ -289,6 +313,9 @@ fn command(
     state.status.clearance_command_m = proposed.clearance_m;
     state.status.nearest_pair = proposed.nearest_pair;
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
+    if let Some(pair) = proposed.refused_pair {
+        state.status.refused_about = Subject::Pair(pair).code();
+    }
     let chain = state.stream.as_mut().map(|stream| {
         stream.sent(input.k, motion);
         stream.chain()
@@ -351,6 +378,15 @@ impl ControlState {
         status.outside_by = outside.map_or(0.0, |outside| outside.by);
     }
 
+    /// Names the joint that is farthest behind its command, against what stops.
+    fn note_tracking(&mut self, config: &ControlConfig, angle_rad: monitor::Farthest, length_m: monitor::Farthest) {
+        let [angle_max_rad, length_max_m] = config.tracking_max;
+        let by_length = length_m.error * angle_max_rad > angle_rad.error * length_max_m;
+        let worst = if by_length { length_m } else { angle_rad };
+        self.status.tracking_error = worst.error;
+        self.status.tracking_joint = worst.joint as u32 + 1;
+    }
+
     fn note(
         &mut self,
         config: &ControlConfig,
@@ -383,6 +419,10 @@ impl ControlState {
             status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;
             status.transition_count += 1;
         }
+        let ingest = self.ingest.filter(|(_, received)| now.since(*received) <= INGEST_GONE_NS);
+        let dropped = |ingest: &InputStatus| now.since(ingest.dropped_at) <= DROPPED_NOW_NS;
+        status.input_drop = ingest.filter(|(ingest, _)| dropped(ingest)).map_or(0, |(ingest, _)| ingest.dropped_why);
+        status.calibration = ingest.map_or(0, |(ingest, _)| ingest.calibration);
         if let Some((_, received)) = self.robot {
             status.state_stamp = received;
         }

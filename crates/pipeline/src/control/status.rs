@@ -1,10 +1,10 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
-use crate::{Names, why_stopped};
+use crate::{Names, why_stopped, words};
 use messages::{
-    FAULTS, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, TORSO, TRANSITIONS_KEPT,
-    reduced_flag,
+    FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
+    TRANSITIONS_KEPT, reduced_flag,
 };
 use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
 use robot::Model;
@@ -53,6 +53,18 @@ fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
+/// What a fault is about now, if it is a joint or a pair.
+pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
+    let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
+    match fault {
+        Fault::StartOutsideLimits => joint(status.joint_outside),
+        Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(status.nearest_pair_measured)),
+        Fault::TrackingError => joint(status.tracking_joint),
+        Fault::GateDenied => Subject::of(status.denied_about),
+        _ => None,
+    }
+}
+
 /// Age of the newest frame, ms; `None` before the first one. An age is counted from when the frame was received, and that
 /// of no frame from the clock's zero.
 pub fn input_age_ms(status: &Status) -> Option<f64> {
@@ -97,6 +109,11 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "torso_to_go_m": status.torso_to_go_m,
         "note": note(status),
         "tracking_error": status.tracking_error,
+        "tracking_joint": status.tracking_joint.checked_sub(1),
+        "denied": words::denied(status, names),
+        "refused": words::subject(Subject::of(status.refused_about), names),
+        "input_drop": words::dropped(status).map(|(name, _)| name),
+        "calibration": words::calibration_name(status),
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
         "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),
         "speed_scale": status.speed_scale,

@@ -97,6 +97,7 @@ impl Bench {
             target: target.as_ref(),
             robot: self.echo.as_ref(),
             operator: self.hand,
+            ingest: None,
             realtime_ok: true,
         };
         let out = control_tick(&self.config, &mut self.control, now, input);

@@ -102,7 +102,7 @@ pub(crate) fn standing(t: f64) -> Body {
 #[allow(dead_code)]
 pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
     let now = raw.header.origin.plus_ns(1_000_000);
-    let out = tick(&Config::default(), state, now, Input { raw });
+    let out = tick(&Config::default(), state, now, Input { raw, stored: None });
     assert_ne!(out.skeleton.is_some(), out.drop.is_some());
     out.drop
 }

@@ -1,0 +1,115 @@
+//! Why a command was denied, and what to say of it.
+
+use super::Check;
+use messages::Subject;
+
+/// Why a command was denied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Denial {
+    /// The last seed was not finite or does not come to rest.
+    Seed,
+    /// The command is not for the tick after the last one.
+    Index,
+    /// A new motion without permission to move.
+    Permit,
+    /// A joint fails a check.
+    Joint {
+        /// Its index.
+        joint: usize,
+        /// What it fails.
+        check: Check,
+    },
+    /// Two capsules are too close at the command.
+    ClearanceAtCommand {
+        /// Indices of the capsules in the robot file.
+        pair: [u32; 2],
+    },
+    /// Two capsules are too close where the plan rests.
+    ClearanceAtRest {
+        /// Indices of the capsules in the robot file.
+        pair: [u32; 2],
+    },
+}
+
+/// Code of the first check; each has one, in their order.
+const FIRST_CHECK: u32 = 6;
+
+impl Denial {
+    /// Its code in `Status::denied_why`, never zero.
+    pub const fn code(self) -> u32 {
+        match self {
+            Self::Seed => 1,
+            Self::Index => 2,
+            Self::Permit => 3,
+            Self::ClearanceAtCommand { .. } => 4,
+            Self::ClearanceAtRest { .. } => 5,
+            Self::Joint { check, .. } => FIRST_CHECK + check as u32,
+        }
+    }
+
+    /// What it is about, if it is a joint or a pair.
+    pub const fn subject(self) -> Option<Subject> {
+        match self {
+            Self::Seed | Self::Index | Self::Permit => None,
+            Self::Joint { joint, .. } => Some(Subject::Joint(joint)),
+            Self::ClearanceAtCommand { pair } | Self::ClearanceAtRest { pair } => Some(Subject::Pair(pair)),
+        }
+    }
+
+    /// What a code means, to be followed by what it is about; none for a code that no denial has.
+    pub const fn meaning(code: u32) -> Option<&'static str> {
+        Some(match code {
+            1 => "there was no usable state to go on from",
+            2 => "a command of another tick came",
+            3 => "a new motion came without permission to move",
+            4 => "parts were too close at the command",
+            5 => "parts were too close where the stop ends",
+            code => match code.wrapping_sub(FIRST_CHECK) {
+                check if check == Check::Finite as u32 => "a number was not finite, or beyond every robot's",
+                check if check == Check::Position as u32 => "a position left its limits",
+                check if check == Check::Velocity as u32 => "a velocity left its limits",
+                check if check == Check::Acceleration as u32 => "an acceleration left its limits",
+                check if check == Check::Jerk as u32 => "more jerk was needed than allowed",
+                check if check == Check::Step as u32 => "the command did not continue the one before",
+                check if check == Check::SpeedScale as u32 => "the command was faster than permitted now",
+                check if check == Check::PlanLimits as u32 => "the stop left the limits on its way",
+                check if check == Check::Braking as u32 => "the stop did not end at rest in time",
+                _ => return None,
+            },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_denial_has_a_code_of_its_own_and_a_meaning() {
+        let checks = [
+            Check::Finite,
+            Check::Position,
+            Check::Velocity,
+            Check::Acceleration,
+            Check::Jerk,
+            Check::Step,
+            Check::SpeedScale,
+            Check::PlanLimits,
+            Check::Braking,
+        ];
+        let pair = [3, 9];
+        let mut all = vec![Denial::Seed, Denial::Index, Denial::Permit];
+        all.extend([Denial::ClearanceAtCommand { pair }, Denial::ClearanceAtRest { pair }]);
+        all.extend(checks.map(|check| Denial::Joint { joint: 4, check }));
+        let mut codes: Vec<_> = all.iter().map(|denial| denial.code()).collect();
+        let meanings: std::collections::BTreeSet<_> = codes.iter().map(|&code| Denial::meaning(code)).collect();
+        assert!(!meanings.contains(&None) && meanings.len() == all.len(), "{meanings:?}");
+        codes.sort_unstable();
+        codes.dedup();
+        assert_eq!(codes.len(), all.len());
+        assert_eq!((Denial::meaning(0), Denial::meaning(99)), (None, None));
+        assert_eq!(all[3].subject(), Some(Subject::Pair(pair)));
+        assert_eq!(all[5].subject(), Some(Subject::Joint(4)));
+        assert_eq!(all[0].subject(), None);
+    }
+}

@@ -1,0 +1,213 @@
+//! Whose hinges are used, and that none of them makes a limb jump.
+
+use crate::person::{Body, about, arm, mirror, person, raw, read, store};
+
+use messages::{
+    CalibrationSource, HingeCalibration, LIMBS, Layout, Limb, RawSkeleton, Skeleton, Smpl, calibration_flag,
+};
+use nalgebra::UnitQuaternion;
+use skeleton::{Calibration, Calibrator, Config, Input, LEAN_MAX_RAD, Pose, State, TORSO_LEAN_RAD, TPose, tick};
+
+/// Frames of a second.
+const RATE: u64 = 60;
+
+fn accept(state: &mut State, raw: &RawSkeleton, stored: Option<&Calibration>) -> Skeleton {
+    let out = tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw, stored });
+    out.skeleton.unwrap_or_else(|| panic!("frame {}: {:?}", raw.header.sequence, out.drop))
+}
+
+/// The joint angles of somebody who moves shoulders, elbows and hands, of the left and of the right arm.
+fn angles(i: u64) -> [[f64; 5]; 2] {
+    let t = i as f64 / RATE as f64;
+    let arm = |lag: f64| {
+        let wave = |period_s: f64| (std::f64::consts::TAU * (t / period_s) + lag).sin();
+        [0.5 * wave(4.0), 0.5 + 0.4 * wave(5.0), 0.6 * wave(7.0), 0.9 + 0.7 * wave(3.0), 0.6 * wave(2.5)]
+    };
+    [arm(0.0), arm(1.0)]
+}
+
+/// As a client whose joints' frames rest elsewhere sends it.
+fn elsewhere(body: &Body) -> Body {
+    let mut out = *body;
+    for (joint, rotation) in out.1.iter_mut().enumerate() {
+        let angle = 0.3 + 0.2 * joint as f64;
+        *rotation = store(read(*rotation) * about(joint % 3, angle) * about((joint + 1) % 3, -angle));
+    }
+    out
+}
+
+fn moving(i: u64) -> Body {
+    let [left, right] = angles(i);
+    person(left, right)
+}
+
+fn degrees(a: [f32; 4], b: UnitQuaternion<f64>) -> f64 {
+    read(a).angle_to(&b).to_degrees()
+}
+
+/// The largest step of a limb from frame to frame, deg.
+#[derive(Default)]
+struct Steps {
+    before: Option<[[f32; 4]; LIMBS]>,
+    largest_deg: f64,
+}
+
+impl Steps {
+    fn note(&mut self, limbs: [[f32; 4]; LIMBS]) {
+        let before = self.before.replace(limbs).unwrap_or(limbs);
+        for (was, is) in before.into_iter().zip(limbs) {
+            self.largest_deg = self.largest_deg.max(degrees(was, read(is)));
+        }
+    }
+}
+
+#[test]
+fn a_session_learns_its_hinges_within_ten_seconds_and_nothing_jumps() {
+    let (mut state, mut steps, mut truth) = (State::new(), Steps::default(), Steps::default());
+    let mut learnt_at = None;
+    for i in 0..20 * RATE {
+        let [left, right] = angles(i);
+        let person = accept(&mut state, &raw(&elsewhere(&moving(i)), i), None);
+        steps.note(person.limbs);
+        let (upper_left, fore_left) = arm(left);
+        let (upper_right, fore_right) = arm(right);
+        let limbs = [upper_left, fore_left, mirror(upper_right), mirror(fore_right)];
+        truth.note(limbs.map(store));
+        if state.calibration() == CalibrationSource::Online {
+            learnt_at.get_or_insert(i);
+        }
+        if i >= 10 * RATE {
+            let error = |limb: Limb, truth| degrees(person.limbs[limb as usize], truth);
+            assert!(error(Limb::LeftUpper, upper_left) < 0.5, "frame {i}");
+            assert!(error(Limb::RightUpper, mirror(upper_right)) < 0.5, "frame {i}");
+            assert_eq!(person.flags & messages::skeleton_flag::CALIBRATED, messages::skeleton_flag::CALIBRATED);
+        }
+    }
+    let learnt_at = learnt_at.expect("it learnt");
+    assert!((RATE / 2..10 * RATE).contains(&learnt_at), "after {learnt_at} frames");
+    // Blending adds what 2 s may: up to 90 degrees, and the mean of what is learnt moves on.
+    let (largest_deg, own_deg) = (steps.largest_deg, truth.largest_deg);
+    assert!(largest_deg < own_deg + 1.5, "{largest_deg} deg in a frame, the person {own_deg}");
+}
+
+#[test]
+fn rotations_that_do_not_move_with_the_arms_are_not_learnt_from_and_cease_to_count() {
+    let numb = |body: &Body| (body.0, [[0.0, 0.0, 0.0, 1.0]; 22]);
+    let (mut state, mut steps) = (State::new(), Steps::default());
+    for i in 0..30 * RATE {
+        accept(&mut state, &raw(&numb(&moving(i)), i), None);
+        assert_eq!(state.calibration(), CalibrationSource::None, "frame {i}");
+    }
+    // A tracker whose rotations froze after they were right: what was learnt ceases to count, and nothing jumps.
+    let mut state = State::new();
+    let frozen = elsewhere(&moving(10 * RATE)).1;
+    for i in 0..60 * RATE {
+        let (positions, rotations) = elsewhere(&moving(i));
+        let rotations = if i < 10 * RATE { rotations } else { frozen };
+        let limbs = accept(&mut state, &raw(&(positions, rotations), i), None).limbs;
+        if i > 10 * RATE {
+            steps.note(limbs);
+        }
+        if i == 10 * RATE {
+            assert_eq!(state.calibration(), CalibrationSource::Online);
+        }
+    }
+    assert_eq!(state.calibration(), CalibrationSource::None);
+    assert!(steps.largest_deg < 4.0, "{} deg in a frame", steps.largest_deg);
+}
+
+/// What a calibration of the client of [`elsewhere`] gives.
+fn measured() -> Calibration {
+    let mut calibrator = Calibrator::new();
+    for i in 0..10 * RATE {
+        let (positions, rotations) = elsewhere(&moving(i));
+        calibrator.add(&positions, &rotations, u32::MAX);
+    }
+    let hinges = calibrator.estimate();
+    assert_eq!(hinges.flags, calibration_flag::ALL);
+    Calibration { hinges, lengths_m: [0.3, 0.26, 0.3, 0.26], ..Calibration::NONE }
+}
+
+#[test]
+fn a_stored_calibration_holds_from_the_first_frame_for_its_own_person_unless_the_client_brings_one() {
+    let stored = measured();
+    let frame = raw(&elsewhere(&moving(100)), 0);
+    let [left, _] = angles(100);
+    let mut state = State::new();
+    let person = accept(&mut state, &frame, Some(&stored));
+    assert_eq!(state.calibration(), CalibrationSource::Stored);
+    assert!(degrees(person.limbs[0], arm(left).0) < 0.5);
+    // Somebody else's arms.
+    for (factor, source) in [(1.1, CalibrationSource::Stored), (1.3, CalibrationSource::None)] {
+        let other = Calibration { lengths_m: stored.lengths_m.map(|length| length * factor), ..stored };
+        let mut state = State::new();
+        accept(&mut state, &frame, Some(&other));
+        assert_eq!(state.calibration(), source, "{factor}");
+    }
+    let mut state = State::new();
+    accept(&mut state, &RawSkeleton { calibration: stored.hinges, ..frame }, Some(&stored));
+    assert_eq!(state.calibration(), CalibrationSource::Client);
+    // Another session is another person, until it is decided anew.
+    let mut other = raw(&elsewhere(&moving(101)), 1);
+    other.session_nonce = 8;
+    let out = tick(&Config::default(), &mut state, other.header.origin, Input { raw: &other, stored: None });
+    assert!(out.skeleton.is_none() && state.calibration() == CalibrationSource::None);
+}
+
+#[test]
+fn a_stored_lean_tilts_the_trunk_by_itself_and_no_further_than_any_person_leans() {
+    let bent = [0.0, 0.0, 0.0, 1.0, 0.0];
+    let frame = raw(&person(bent, bent), 0);
+    let upright = accept(&mut State::new(), &frame, None).limbs;
+    for (lean_rad, effect_rad) in [(TORSO_LEAN_RAD, 0.0), (0.2, 0.1), (2.0, LEAN_MAX_RAD - TORSO_LEAN_RAD)] {
+        let hinges = HingeCalibration::ZERO;
+        let stored = Calibration { hinges, torso_lean_rad: lean_rad, ..Calibration::NONE };
+        let limbs = accept(&mut State::new(), &frame, Some(&stored)).limbs;
+        // Seen from a trunk that is believed to lean back more, an arm to the side has turned about itself.
+        let turned = about(1, -effect_rad) * read(upright[0]);
+        assert!(degrees(limbs[0], turned) < 0.1, "{lean_rad}: {limbs:?}");
+    }
+}
+
+/// A validated frame of `body` at frame `i`, as `ingest` publishes it.
+fn published(body: &Body, i: u64) -> Skeleton {
+    let mut skeleton = Skeleton::ZERO;
+    skeleton.header.origin = raw(body, i).header.origin;
+    (skeleton.positions, skeleton.flags) = (body.0, messages::skeleton_flag::ALL);
+    skeleton
+}
+
+#[test]
+fn a_t_pose_that_is_held_gives_lengths_and_lean() {
+    let mut pose = TPose::default();
+    assert_eq!(pose.measured(), None);
+    let sway = |i: u64| 0.02 * (i as f64 * 0.1).sin();
+    let t_pose = |i: u64| person([sway(i), 0.1, 0.0, 0.1, 0.0], [sway(i), 0.1, 0.0, 0.1, 0.0]);
+    for i in 0..=2 * RATE {
+        let held = pose.add(&published(&t_pose(i), i));
+        assert_eq!(held, Pose::Held(i * 16_666_667), "frame {i}");
+    }
+    let measured = pose.measured().expect("it was held");
+    for (length, truth) in measured.lengths_m.into_iter().zip([0.3, 0.26, 0.3, 0.26]) {
+        assert!((length - truth).abs() < 1e-4);
+    }
+    assert!((measured.torso_lean_rad - TORSO_LEAN_RAD).abs() < 1e-3);
+    // Somebody who moves begins anew; so does somebody who walks.
+    assert_eq!(pose.add(&published(&person([0.0, 0.9, 0.0, 0.1, 0.0], [0.0; 5]), 130)), Pose::ArmsNotOut);
+    assert_eq!((pose.add(&published(&t_pose(131), 131)), pose.measured().is_some()), (Pose::Held(0), true));
+    let mut away = published(&t_pose(132), 132);
+    away.positions.iter_mut().for_each(|place| place[0] += 0.06);
+    assert_eq!(pose.add(&away), Pose::Held(0));
+    assert_eq!(pose.add(&published(&person([0.0; 5], [0.0, 0.0, 0.0, 1.0, 0.0]), 133)), Pose::ArmsNotOut, "bent");
+    let mut leaning = published(&t_pose(134), 134);
+    let back = about(1, -0.5);
+    leaning.positions =
+        leaning.positions.map(|p| (back * nalgebra::Vector3::from(p).cast::<f64>()).cast::<f32>().into());
+    assert_eq!(pose.add(&leaning), Pose::Leaning);
+    let mut unseen = published(&t_pose(135), 135);
+    unseen.flags = messages::skeleton_flag::LIMB[0];
+    assert_eq!(pose.add(&unseen), Pose::Unseen);
+    let mut nowhere = published(&t_pose(136), 136);
+    nowhere.positions[Smpl::LeftShoulder as usize] = [f32::NAN; 3];
+    assert_eq!((pose.add(&nowhere), pose.measured()), (Pose::Unseen, None));
+}

@@ -1,0 +1,173 @@
+//! Measures an operator: a T-pose held still gives lengths and the trunk's lean, moving arms the axes of their elbows. The robot has no part
+//! in it, and must not be engaged.
+
+use crate::{mode, only_disengaged};
+use bus::{BusError, Domain, Reader};
+use messages::{InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
+use operator::{Client, OperatorError};
+use pipeline::{Instance, Names, Operator, dropped_now};
+use skeleton::{Calibration, Pose, TPose};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Time between two looks: shorter than the period of the fastest client that people are seen by.
+const LOOK: Duration = Duration::from_millis(4);
+/// Time between two looks at the robot's mode, and two hints.
+const TELL: Duration = Duration::from_secs(1);
+/// How long the T-pose is held, ns.
+const HOLD_NS: u64 = 2_000_000_000;
+/// Flexed frames of both elbows that the axes rest on, at least: one second at 60 Hz, three at 20 Hz.
+const FLEXED_MIN: u32 = 60;
+/// How long each step may take.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What is to be measured, and where it goes.
+pub struct Job<'a> {
+    /// The operator's name.
+    pub name: &'a str,
+    /// Folder of the operators' files.
+    pub folder: PathBuf,
+}
+
+/// What the instance says of the person.
+struct Eyes {
+    skeletons: Reader<Skeleton>,
+    inputs: Reader<InputStatus>,
+    input: InputStatus,
+    _domain: Domain,
+}
+
+impl Eyes {
+    fn open(run_dir: &Path) -> Result<Self, BusError> {
+        let domain = Domain::open(Instance::unmade(run_dir).core_domain(), "calibrate")?;
+        let (skeletons, inputs) = (domain.reader(Service::Skeleton)?, domain.reader(Service::InputStatus)?);
+        Ok(Self { skeletons, inputs, input: InputStatus::ZERO, _domain: domain })
+    }
+
+    /// The person, if there is a new frame.
+    fn look(&mut self) -> Option<Skeleton> {
+        self.input = self.inputs.latest().unwrap_or(self.input);
+        self.skeletons.latest()
+    }
+}
+
+/// Measures the operator and writes the file.
+pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, OperatorError> {
+    let status = client.heartbeat()?;
+    if mode(&status) != Mode::Disengaged {
+        err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &Names::read(run_dir)));
+        return Ok(false);
+    }
+    let mut eyes = match Eyes::open(run_dir) {
+        Ok(eyes) => eyes,
+        Err(error) => {
+            err!("teleopctl: {error}");
+            return Ok(false);
+        }
+    };
+    out!("Stand upright with both arms straight out to the sides, and hold still for 2 s.");
+    let mut pose = TPose::default();
+    let posed = wait(client, &mut eyes, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
+        Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
+        Some(Pose::Held(_)) => Step::Going(None),
+        Some(pose) => Step::Going(Some(hint(pose).to_owned())),
+        None => Step::Silent(dropped_now(status)),
+    })?;
+    let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
+    if eyes.input.flags & raw_flag::ROTATIONS != 0 {
+        out!("Good. Now move both arms up and down, and bend and stretch the elbows a few times.");
+        let begun = eyes.input.online.samples;
+        let flexed = wait(client, &mut eyes, |eyes, status| {
+            let seen = eyes.look().is_some();
+            let online = eyes.input.online;
+            let done = online.samples.saturating_sub(begun) >= FLEXED_MIN && online.flags == calibration_flag::ALL;
+            if done { Step::Done } else { seen_or_silent(seen, status) }
+        })?;
+        if !flexed {
+            err!("teleopctl: do the joints' rotations move with the arms? Their elbows' axes cannot be seen in them");
+            return Ok(false);
+        }
+        calibration.hinges = eyes.input.online;
+    } else {
+        out!("Good. This client sends no rotations: the elbows' axes are seen in the arms' planes as they move.");
+    }
+    let InputStatus { operator_id, layout, .. } = eyes.input;
+    let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
+    Ok(store(&operator, &job.folder))
+}
+
+fn store(operator: &Operator, folder: &Path) -> bool {
+    let Calibration { lengths_m: [a, b, c, d], torso_lean_rad, hinges } = operator.calibration;
+    let path = match operator.write(folder) {
+        Ok(path) => path,
+        Err(error) => {
+            err!("teleopctl: {}: {error}", folder.display());
+            return false;
+        }
+    };
+    out!("upper arms        {a:.3} m left, {c:.3} m right");
+    out!("forearms          {b:.3} m left, {d:.3} m right");
+    out!("trunk             leans back by {:.1} deg", torso_lean_rad.to_degrees());
+    if hinges.flags == calibration_flag::ALL {
+        out!("elbows            axes from {} frames", hinges.samples);
+    }
+    out!("written           {}; it is used from the client's next session on", path.display());
+    true
+}
+
+/// Where a step is.
+enum Step {
+    Done,
+    /// Frames come; what is wrong, if something is.
+    Going(Option<String>),
+    /// No frame came just now; why they are dropped, if they are.
+    Silent(Option<String>),
+}
+
+fn seen_or_silent(seen: bool, status: &Status) -> Step {
+    if seen { Step::Going(None) } else { Step::Silent(dropped_now(status)) }
+}
+
+/// Looks until a step is done, and tells what is wrong once a second; false if it took too long or the robot was engaged.
+fn wait(
+    client: &mut Client,
+    eyes: &mut Eyes,
+    mut look: impl FnMut(&mut Eyes, &Status) -> Step,
+) -> Result<bool, OperatorError> {
+    let begun = Instant::now();
+    let (mut status, mut told, mut heard) = (client.heartbeat()?, begun, begun);
+    let mut wrong = None;
+    while begun.elapsed() < PATIENCE {
+        match look(eyes, &status) {
+            Step::Done => return Ok(true),
+            Step::Going(hint) => (wrong, heard) = (hint, Instant::now()),
+            Step::Silent(why) if heard.elapsed() > TELL => {
+                wrong = Some(why.unwrap_or_else(|| "no skeletons come: is the client running?".into()));
+            }
+            Step::Silent(_) => {}
+        }
+        if told.elapsed() > TELL {
+            told = Instant::now();
+            status = client.heartbeat()?;
+            if mode(&status) != Mode::Disengaged {
+                err!("teleopctl: the robot is {} now; nothing was written", mode(&status).name());
+                return Ok(false);
+            }
+            if let Some(wrong) = &wrong {
+                out!("  {wrong}");
+            }
+        }
+        std::thread::sleep(LOOK);
+    }
+    err!("teleopctl: not done within {} s; nothing was written", PATIENCE.as_secs());
+    Ok(false)
+}
+
+fn hint(pose: Pose) -> &'static str {
+    match pose {
+        Pose::Unseen => "shoulders, elbows, wrists and hips must all be seen",
+        Pose::Leaning => "stand upright",
+        Pose::ArmsNotOut => "arms straight out to the sides, at the height of the shoulders",
+        Pose::Held(_) => "hold still",
+    }
+}

@@ -1,0 +1,149 @@
+//! An operator is measured by `teleopctl calibrate` at a real instance, and known in the next session.
+
+mod rig;
+
+use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
+use nalgebra::{UnitQuaternion, Vector3};
+use pipeline::{Port, Way};
+use rig::{Rig, SOON};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Lengths of upper arm and forearm of the person below, m.
+const LENGTHS_M: [f32; 2] = [0.29, 0.24];
+/// How long the person holds a T-pose, and how long the elbows bend, in turns, s.
+const TURN_S: f64 = 4.0;
+
+/// Somebody who holds a T-pose, then lowers the arms and bends the elbows, in turns: the arms of the built-in motion's first frame, replaced.
+fn person(at_s: f64) -> RawSkeleton {
+    let motion = motion::builtin();
+    let mut raw = motion::raw_frame(&motion, 0, &HingeCalibration::ZERO);
+    let mut trunk = [[0.0; 3]; messages::SMPL_JOINTS];
+    trunk.copy_from_slice(&raw.positions[..messages::SMPL_JOINTS]);
+    let torso = UnitQuaternion::from_matrix(&skeleton::torso_rotation(&trunk).expect("a trunk"));
+    let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    let phase = at_s % (2.0 * TURN_S);
+    let bends = if phase < TURN_S { 0.0 } else { 1.0 - (std::f64::consts::TAU * (phase - TURN_S) / 2.0).cos() };
+    let sway = 0.01 * (3.0 * at_s).sin();
+    for side in 0..2 {
+        let sign = if side == 0 { 1.0 } else { -1.0 };
+        let upper = torso * about(Vector3::x_axis(), (sway - 0.3 * bends) * sign);
+        let fore = upper * about(Vector3::z_axis(), -0.6 * sign * bends) * about(Vector3::y_axis(), 0.4 * bends);
+        let mut at = Vector3::from(raw.positions[16 + side]).cast::<f64>();
+        for (joint, rotation, length) in [(18, upper, LENGTHS_M[0]), (20, fore, LENGTHS_M[1])] {
+            at += rotation * Vector3::y() * (sign * f64::from(length));
+            raw.positions[joint + side] = at.cast::<f32>().into();
+        }
+        // Joints' frames that rest as those of no robot do.
+        let rest = about(Vector3::x_axis(), 0.7) * about(Vector3::z_axis(), 0.4 * sign);
+        for (joint, rotation) in [(16, upper), (18, upper), (20, fore)] {
+            let q = rotation * rest;
+            raw.rotations[joint + side] = [q.i, q.j, q.k, q.w].map(|c| c as f32);
+        }
+    }
+    raw.flags = raw_flag::ROTATIONS;
+    raw.operator_id = 5;
+    raw
+}
+
+/// A client that publishes the person at 60 Hz until it is dropped.
+struct Client {
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Client {
+    fn start(rig: &Rig, session: u64) -> Self {
+        let end = Arc::new(AtomicBool::new(false));
+        let (twin, way) = (Arc::clone(&end), Way::Domain(rig.instance.input_domain()));
+        let thread = std::thread::spawn(move || {
+            let mut port = Port::open(way, "calibrated").expect("the input domain");
+            let (begun, incarnation) = (Instant::now(), rt::incarnation());
+            let mut sequence = 0;
+            while !twin.load(Ordering::Relaxed) {
+                let mut raw = person(begun.elapsed().as_secs_f64());
+                sequence += 1;
+                raw.session_nonce = session;
+                (raw.header.sequence, raw.header.incarnation) = (sequence, incarnation);
+                (raw.header.origin, raw.header.stamp) = (rt::now(), rt::now());
+                port.publish(&raw).expect("taken");
+                std::thread::sleep(Duration::from_millis(16));
+            }
+        });
+        Self { end, thread: Some(thread) }
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn calibrate(rig: &Rig, folder: &std::path::Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+    command.arg("--run-dir").arg(rig.folder()).args(["calibrate", "anna", "--folder"]).arg(folder);
+    command.stdin(Stdio::null());
+    command
+}
+
+#[test]
+fn an_operator_is_measured_and_known_in_the_next_session() {
+    let mut rig = Rig::with_settings(&[]);
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    let hand = rig.hand();
+    let place = rig.folder().join("operators");
+    let client = Client::start(&rig, 1);
+    let measured = calibrate(&rig, &place).output().expect("teleopctl runs");
+    let said = String::from_utf8_lossy(&measured.stdout);
+    assert!(measured.status.success(), "{said}{}", String::from_utf8_lossy(&measured.stderr));
+    assert!(said.contains("upper arms        0.290 m left, 0.290 m right"), "{said}");
+    assert!(said.contains("forearms          0.240 m left, 0.240 m right"), "{said}");
+    assert!(said.contains("move both arms up and down") && said.contains("axes from"), "{said}");
+    let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
+    assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
+    // The session goes on as it was; the next one begins with what was measured.
+    let online = hand.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
+    assert_ne!(online.calibration, CalibrationSource::Stored as u32);
+    drop(client);
+    std::thread::sleep(Duration::from_millis(1500));
+    let _client = Client::start(&rig, 2);
+    hand.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
+}
+
+#[test]
+fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
+    let mut rig = Rig::with_settings(&[]);
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    let place = rig.folder().join("operators");
+    let mut waiting = calibrate(&rig, &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+    std::thread::sleep(Duration::from_millis(2500));
+    assert!(waiting.try_wait().expect("its state").is_none(), "it waits for somebody");
+    let hand = rig.hand();
+    let client = rig.client(&motion::builtin(), 9);
+    hand.engage_until(messages::Mode::Engaged);
+    client.set_engaged(true);
+    let give_up = Instant::now() + SOON;
+    while waiting.try_wait().expect("its state").is_none() {
+        assert!(Instant::now() < give_up, "it goes on though the robot is engaged");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let ended = waiting.wait_with_output().expect("its words");
+    let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
+    assert!(said.contains("no skeletons come"), "{said}");
+    assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
+    let refused = calibrate(&rig, &place).output().expect("teleopctl runs");
+    let why = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && why.contains("only a disengaged robot can be calibrated to"), "{why}");
+    assert!(!place.exists());
+}
