@@ -23,7 +23,8 @@ const JOINTS: [(usize, usize); 14] = [
     (11, 32),
 ];
 /// As in the shipped settings.
-const NOISE: Noise = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, step_max_m: 0.15, confidence_min: 0.5 };
+const NOISE: Noise =
+    Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
 
 /// Noise of this standard deviation, m: the sum of twelve even numbers is nearly normal.
 struct Tremble(u64, f32);

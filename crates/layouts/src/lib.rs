@@ -8,7 +8,7 @@
 //! - local rotations: forward kinematics along the layout's own tree, and then over a neutral skeleton of nominal lengths.
 //!   The directions of the limbs are right, the lengths are those of nobody.
 //!
-//! What cameras see trembles: [`Noise`] filters it before it is judged.
+//! What cameras see trembles, and sometimes one joint is far off for one frame: [`Noise`] filters both before it is judged.
 mod axes;
 mod builtin;
 mod convert;
@@ -17,6 +17,7 @@ mod file;
 mod map;
 mod neutral;
 mod noise;
+mod outlier;
 
 pub use axes::{Axes, Direction};
 pub use convert::Refusal;

@@ -6,4 +6,6 @@ mod frames;
 mod golden;
 mod local;
 mod noise;
+mod outliers;
 mod refused;
+mod salt;

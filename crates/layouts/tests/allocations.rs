@@ -18,13 +18,23 @@ fn f076_no_conversion_and_no_filter_allocates() {
             let (out, counted) = count_allocations(|| layouts.convert(&raw));
             assert_eq!(counted.allocated, 0, "layout {number}, flags {flags}");
             converted += usize::from(out.is_ok());
-            let (mut noise, mut state) = (raw, NoiseState::default());
-            let filter = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, step_max_m: 0.15, confidence_min: 0.5 };
-            for origin in 1..4 {
-                (noise.header.origin.0, noise.positions[0][0]) = (origin * 10_000_000, origin as f32);
+            let mut state = NoiseState::default();
+            let filter = Noise {
+                rest_cutoff_hz: 1.5,
+                cutoff_per_m: 10.0,
+                outliers_mad: 3.0,
+                step_max_m: 0.15,
+                confidence_min: 0.5,
+            };
+            for origin in 1..30 {
+                let (wild, jumped) = (if origin == 20 { 0.1 } else { 0.0 }, if origin > 25 { 1.0 } else { 0.0 });
+                let mut noise = raw;
+                noise.header.origin.0 = origin * 10_000_000;
+                noise.positions[..22].fill([0.001 * origin as f32 + wild + jumped, 0.0, 0.0]);
                 let ((), counted) = count_allocations(|| filter.filter(&mut state, number, &mut noise));
                 assert_eq!(counted.allocated, 0, "layout {number}");
             }
+            assert_eq!(state.rejected(), 22);
         }
     }
     // SMPL-22 judges nothing but local rotations: 4 + 2; SMPL-24 has 6; two of positions and global rotations for the three

@@ -5,7 +5,8 @@ use layouts::{Noise, NoiseState};
 use messages::{RawSkeleton, SkeletonLayout, Stamp};
 use skeleton::{Config, DropReason, Input, State, tick};
 
-const NOISE: Noise = Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, step_max_m: 0.15, confidence_min: 0.5 };
+const NOISE: Noise =
+    Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
 const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
 /// 30 Hz, ns.
 const PERIOD_NS: u64 = 33_333_333;

@@ -1,4 +1,4 @@
-//! What `ingest` does with a frame: any layout becomes SMPL-22, what trembles is filtered, and that is judged.
+//! What `ingest` does with a frame: any layout becomes SMPL-22, what trembles or is wild is filtered, and that is judged.
 
 use crate::operators::Operators;
 use crate::settings::{Filter, IngestSettings};
@@ -32,6 +32,7 @@ impl InputConfig {
             noise: Noise {
                 rest_cutoff_hz: settings.filter_rest_cutoff_hz,
                 cutoff_per_m: settings.filter_cutoff_per_m,
+                outliers_mad: settings.filter_outliers_mad,
                 step_max_m: measured.step_max_m,
                 confidence_min: measured.confidence_min,
             },
@@ -86,6 +87,13 @@ pub struct InputState {
     /// What validation remembers, and its counts.
     pub skeleton: State,
     noise: NoiseState,
+}
+
+impl InputState {
+    /// Places of single joints that were held for a frame because they were outliers, so far.
+    pub const fn outliers(&self) -> u64 {
+        self.noise.rejected()
+    }
 }
 
 /// Converts a frame, filters it and checks it; a frame of no layout is dropped and counted like all others. Never allocates,

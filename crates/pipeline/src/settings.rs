@@ -110,6 +110,7 @@ pub struct IngestSettings {
     pub filter: Filter,
     pub filter_rest_cutoff_hz: f64,
     pub filter_cutoff_per_m: f64,
+    pub filter_outliers_mad: f64,
     pub camera_length_change_max: f64,
     pub camera_length_step_max: f64,
 }
@@ -284,6 +285,7 @@ impl Settings {
             ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
             ("ingest.filter_rest_cutoff_hz", self.ingest.filter_rest_cutoff_hz, 0.5, 100.0),
             ("ingest.filter_cutoff_per_m", self.ingest.filter_cutoff_per_m, 0.0, 1000.0),
+            ("ingest.filter_outliers_mad", self.ingest.filter_outliers_mad, 0.0, 20.0),
             ("ingest.camera_length_change_max", self.ingest.camera_length_change_max, 0.01, 0.5),
             ("ingest.camera_length_step_max", self.ingest.camera_length_step_max, 0.01, 0.5),
             ("control.grace_us", self.control.grace_us, 0.0, 600.0),

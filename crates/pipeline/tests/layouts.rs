@@ -1,8 +1,8 @@
 //! Layouts from files, and what becomes of frames that are of none.
 
 use crate::support;
-use messages::{RawSkeleton, SkeletonLayout, Stamp, raw_flag};
-use pipeline::{InputConfig, InputState, Loaded, Overrides, input_tick, load};
+use messages::{RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
+use pipeline::{Filter, InputConfig, InputState, Loaded, Overrides, input_tick, load};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
@@ -104,4 +104,29 @@ fn f018_frames_of_no_layout_are_counted_by_their_reason() {
         assert_eq!(take(&mut state, change).drop, reason);
         assert_eq!(reason.map(|reason| state.skeleton.dropped(reason)), before.map(|count| count + 1));
     }
+}
+
+#[test]
+fn f017_single_outliers_are_held_and_counted_where_the_settings_say_so() {
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    let play = |filter: Filter, outliers_mad: f64| {
+        let mut loaded = support::loaded();
+        (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
+        let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
+        let mut state = InputState::default();
+        for i in 0..60_u64 {
+            let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
+            (raw.session_nonce, raw.header.sequence) = (7, i + 1);
+            raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
+            raw.positions[Smpl::LeftWrist as usize][0] += if i == 40 { 0.08 } else { 0.0 };
+            input_tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw);
+        }
+        (state.outliers(), state.skeleton.dropped(DropReason::LengthStep))
+    };
+    let (outliers, dropped) = play(Filter::All, 3.0);
+    assert_eq!((outliers, dropped), (1, 0));
+    assert_eq!(play(Filter::All, 0.0).0, 0);
+    let (outliers, dropped) = play(Filter::Cameras, 3.0);
+    assert!(outliers == 0 && dropped > 0, "what is measured is passed on as it is: {outliers}, {dropped}");
 }

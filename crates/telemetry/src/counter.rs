@@ -31,11 +31,13 @@ pub enum Counter {
     OverQuota,
     /// Connections turned away at a door.
     Refused,
+    /// Places of single joints that were held for a frame because they were outliers (ingest).
+    Outliers,
 }
 
 impl Counter {
     /// All of them; the index of each is its place.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Ticks,
         Self::MissedDeadlines,
         Self::PublishFailures,
@@ -49,6 +51,7 @@ impl Counter {
         Self::WithoutAuthority,
         Self::OverQuota,
         Self::Refused,
+        Self::Outliers,
     ];
 }
 

@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const REQUEST_BYTES: usize = 4096;
 
 /// Counters as they are exposed: name, help, counter or gauge.
-const EXPOSED: [(Counter, &str, &str); 12] = [
+const EXPOSED: [(Counter, &str, &str); 13] = [
     (Counter::Ticks, "ticks_total", "Rounds of the loop."),
     (Counter::MissedDeadlines, "missed_deadlines_total", "Indices of the grid that were skipped."),
     (Counter::PublishFailures, "publish_failures_total", "Messages that the bus did not take."),
@@ -27,6 +27,7 @@ const EXPOSED: [(Counter, &str, &str); 12] = [
     (Counter::WithoutAuthority, "frames_without_authority_total", "Frames of clients that do not hold the lease."),
     (Counter::OverQuota, "frames_over_quota_total", "Frames passed over: their publisher sent more than 250 Hz."),
     (Counter::Refused, "connections_refused_total", "Connections turned away at the socket."),
+    (Counter::Outliers, "joint_outliers_total", "Places of single joints that were held for a frame: outliers."),
     (Counter::Faults, "faults_active", "Active faults, as bits."),
     (Counter::Latched, "faults_latched", "Latched faults, as bits."),
 ];

@@ -255,6 +255,7 @@ impl Hall {
         counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
         let refused = Word::ALL.into_iter().filter(|word| word.is_refusal());
         counters.set(Counter::Refused, refused.map(|word| socket.said(word)).sum());
+        counters.set(Counter::Outliers, self.state.outliers());
         socket.take_notices(|Notice { word, peer }| {
             let refused = word.is_refusal() || word == Word::OverQuota;
             process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
@@ -275,6 +276,7 @@ impl Hall {
         json!({
             "accepted": self.state.skeleton.accepted(),
             "dropped": counted(reasons),
+            "outliers": self.state.outliers(),
             "without_authority": self.authority.frames_refused(),
             "over_quota": { "shared memory": self.quotas.over, "socket": socket.over_quota() },
             "leases": self.authority.grants(),

@@ -1,0 +1,290 @@
+//! Single wild places are replaced, for one frame; motion is not, and nothing is hidden from who judges the frame.
+
+use crate::client::{as_smpl, bent};
+use crate::salt::{BONES, Errors, OFF, ON, angle_deg, distance_m, filter, motions, spoil};
+use layouts::{Noise, NoiseState};
+use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
+use std::path::Path;
+
+/// Without the low-pass, so that what comes out is what came, or where the joint was held.
+const BARE: Noise = Noise { rest_cutoff_hz: 1e12, cutoff_per_m: 0.0, ..ON };
+const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
+const WRIST: usize = 20;
+/// 30 Hz, ns and s.
+const PERIOD_NS: u64 = 33_333_333;
+const PERIOD_S: f32 = 33_333_333e-9;
+
+/// Frames of a person who stands still, but for a wrist.
+struct Camera {
+    noise: Noise,
+    state: NoiseState,
+    frame: u64,
+    at: Stamp,
+}
+
+impl Camera {
+    fn new(noise: Noise) -> Self {
+        Self { noise, state: NoiseState::default(), frame: 0, at: Stamp(1_000_000_000) }
+    }
+
+    /// Where the wrist comes out that is so far from its place, m.
+    fn see(&mut self, off: [f32; 3]) -> [f32; 3] {
+        self.see_changed(off, PERIOD_NS, &|_| ())
+    }
+
+    /// As [`Self::see`], so long after the last frame, and otherwise changed.
+    fn see_changed(&mut self, off: [f32; 3], after_ns: u64, change: &dyn Fn(&mut RawSkeleton)) -> [f32; 3] {
+        let mut raw = as_smpl(&bent(), false);
+        let rest = raw.positions[WRIST];
+        self.at = self.at.plus_ns(after_ns);
+        (raw.header.sequence, raw.header.origin) = (self.frame + 1, self.at);
+        raw.positions[WRIST] = [0, 1, 2].map(|i| rest[i] + off[i]);
+        // Of another joint, so that no frame is the one before.
+        raw.positions[15][2] += 0.0001 * (self.frame % 2) as f32;
+        change(&mut raw);
+        self.noise.filter(&mut self.state, CAMERA, &mut raw);
+        self.frame += 1;
+        [0, 1, 2].map(|i| raw.positions[WRIST][i] - rest[i])
+    }
+
+    /// One that has seen the wrist at rest for so many frames.
+    fn after(noise: Noise, frames: usize) -> Self {
+        let mut camera = Self::new(noise);
+        (0..frames).for_each(|_| _ = camera.see([0.0; 3]));
+        camera
+    }
+}
+
+fn near(a: [f32; 3], b: [f32; 3], by_m: f64) -> bool {
+    distance_m(a, b) < by_m
+}
+
+const WILD: [f32; 3] = [0.0, 0.08, 0.0];
+
+#[test]
+fn f017_a_wrist_that_is_8_cm_off_for_one_frame_stays_on_its_way() {
+    // To the side and ahead, and as far to the side as is no jump.
+    let (aside, far) = ([-0.05_f32, 0.06, 0.0], [0.0, 0.125, 0.0]);
+    for (speed_m_per_s, wild) in [(0.0_f32, aside), (0.5, aside), (2.5, aside), (1.9, far)] {
+        let way = |i: u64| [0.3 - speed_m_per_s * i as f32 * PERIOD_S, 0.0, 0.0];
+        let (mut camera, mut calm) = (Camera::new(ON), Camera::new(ON));
+        for i in 0..40 {
+            let clean = calm.see(way(i));
+            let off = if i == 25 || i == 33 { wild } else { [0.0; 3] };
+            let out = camera.see([0, 1, 2].map(|k| way(i)[k] + off[k]));
+            assert!(near(out, clean, 1e-4), "{speed_m_per_s} m/s, frame {i}: {out:?}, {clean:?}");
+        }
+        assert_eq!((camera.state.rejected(), calm.state.rejected()), (2, 0));
+    }
+}
+
+#[test]
+fn a_place_that_comes_twice_is_motion_and_one_frame_late() {
+    let mut camera = Camera::after(BARE, 30);
+    assert!(near(camera.see(WILD), [0.0; 3], 1e-6), "held");
+    for i in 1..20 {
+        assert!(near(camera.see(WILD), WILD, 1e-6), "{i} frames later");
+    }
+    assert_eq!(camera.state.rejected(), 1);
+}
+
+#[test]
+fn no_joint_is_held_twice_in_a_row_whatever_comes() {
+    let mut camera = Camera::after(Noise { outliers_mad: 1e-3, ..BARE }, 30);
+    let (mut held, mut random) = (false, 1_u32);
+    for i in 0..2000 {
+        let off = [0; 3].map(|_| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            0.08 * ((random >> 8) as f32 / (1 << 24) as f32 - 0.5)
+        });
+        let out = camera.see(off);
+        let now = !near(out, off, 1e-6);
+        assert!(!(held && now), "frame {i}: {out:?} for {off:?}");
+        held = now;
+    }
+    assert!(camera.state.rejected() > 100, "{}", camera.state.rejected());
+}
+
+#[test]
+fn what_trembles_has_to_go_further() {
+    // The wrist begins to tremble, the elbow does not.
+    let mut camera = Camera::after(BARE, 30);
+    let tremble = |i: usize| [[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [-0.02, 0.0, 0.02], [0.0, -0.02, -0.02]][i % 4];
+    (0..40).for_each(|i| _ = camera.see(tremble(i)));
+    assert_eq!(camera.state.rejected(), 0);
+    let out = camera.see_changed(WILD, PERIOD_NS, &|raw| raw.positions[18][1] += WILD[1]);
+    assert!(near(out, WILD, 1e-6), "{out:?}");
+    assert_eq!(camera.state.rejected(), 1, "the elbow alone");
+}
+
+#[test]
+fn after_two_wild_places_the_way_goes_on() {
+    let mut camera = Camera::new(BARE);
+    for i in 0..40 {
+        let mut place = [0.5 * i as f32 * PERIOD_S, 0.0, 0.0];
+        place[1] = [0.0, 0.08, -0.08][if i == 30 || i == 31 { i - 29 } else { 0 }];
+        let out = camera.see(place);
+        assert!(near(out, place, 1e-6) == (i != 30), "frame {i}: {out:?}");
+    }
+    assert_eq!(camera.state.rejected(), 1);
+}
+
+#[test]
+fn stamps_that_come_bunched_make_no_outlier() {
+    let mut camera = Camera::new(ON);
+    for i in 0..60_u32 {
+        let after_ns = if i % 10 == 9 { 3_000_000 } else { PERIOD_NS };
+        camera.see_changed([1.0 * i as f32 * PERIOD_S, 0.0, 0.0], after_ns, &|_| ());
+    }
+    assert_eq!(camera.state.rejected(), 0);
+}
+
+#[test]
+fn f013_a_repetition_of_a_wild_frame_is_a_repetition() {
+    let mut camera = Camera::after(ON, 30);
+    let still = |raw: &mut RawSkeleton| raw.positions[15][2] = 1.6;
+    let held = camera.see_changed(WILD, PERIOD_NS, &still);
+    for _ in 0..4 {
+        assert_eq!(camera.see_changed(WILD, PERIOD_NS, &still), held);
+    }
+    assert_eq!(camera.state.rejected(), 1);
+}
+
+#[test]
+fn f007_a_jump_beyond_the_step_is_no_outlier() {
+    let mut camera = Camera::after(ON, 30);
+    let far = [0.0, 0.2, 0.0];
+    assert!(near(camera.see(far), far, 1e-6));
+    // And begins anew: nothing is known of where it goes from there.
+    assert!(!near(camera.see([0.0, 0.28, 0.0]), far, 1e-3));
+    assert_eq!(camera.state.rejected(), 0);
+}
+
+#[test]
+fn a_held_joint_that_comes_back_did_not_jump() {
+    // 12 cm to one side, and back while it moves on by 4 cm: more than the step from where it was seen last.
+    let (mut camera, mut calm) = (Camera::new(ON), Camera::new(ON));
+    for i in 0..40 {
+        let way = [0.0, -1.2 * i as f32 * PERIOD_S, 0.0];
+        let clean = calm.see(way);
+        let out = camera.see([0.0, way[1] + if i == 30 { 0.12 } else { 0.0 }, 0.0]);
+        // Held where it could have stopped, 4 cm behind; and filtered afterwards, as what begins anew is not.
+        assert!(near(out, clean, 0.04), "frame {i}: {out:?} {clean:?}");
+        assert!(i == 0 || !near(out, way, 1e-3), "frame {i} begins anew");
+    }
+    assert_eq!(camera.state.rejected(), 1);
+}
+
+#[test]
+fn what_is_not_seen_or_no_number_passes_and_begins_anew() {
+    let changes: [&dyn Fn(&mut RawSkeleton); 2] =
+        [&|raw| raw.confidence[WRIST] = 0.2, &|raw| raw.positions[WRIST][0] = f32::NAN];
+    for change in changes {
+        let mut camera = Camera::after(BARE, 30);
+        let far = [0.0, 0.14, 0.0];
+        let out = camera.see_changed(far, PERIOD_NS, change);
+        assert!(out[0].is_nan() || near(out, far, 1e-6), "{out:?}");
+        assert!(near(camera.see(far), far, 1e-6), "nothing is known of it");
+        assert_eq!(camera.state.rejected(), 0);
+    }
+}
+
+#[test]
+fn nothing_is_an_outlier_of_what_is_not_known_yet() {
+    let first = (0..30).find(|&n| !near(Camera::after(BARE, n).see(WILD), WILD, 1e-6));
+    // Four places, and seven residuals of them.
+    assert_eq!(first, Some(11));
+}
+
+#[test]
+fn another_session_another_person_a_pause_and_lost_frames_begin_anew() {
+    let changes: [(u64, f32, &dyn Fn(&mut RawSkeleton)); 4] = [
+        (PERIOD_NS, 0.08, &|raw| raw.session_nonce = 8),
+        (PERIOD_NS, 0.08, &|raw| raw.operator_id = 2),
+        (300_000_000, 0.7, &|_| ()),
+        (3 * PERIOD_NS, 0.3, &|_| ()),
+    ];
+    for (i, (after_ns, far, change)) in changes.into_iter().enumerate() {
+        let (mut camera, off) = (Camera::after(BARE, 30), [0.0, far, 0.0]);
+        assert!(near(camera.see_changed(off, after_ns, change), off, 1e-6), "change {i}");
+        assert_eq!(camera.state.rejected(), 0);
+    }
+    let mut camera = Camera::after(BARE, 30);
+    assert!(
+        near(camera.see_changed([0.0, 0.13, 0.0], 2 * PERIOD_NS, &|_| ()), [0.0; 3], 1e-6),
+        "one frame may be lost"
+    );
+    camera.see_changed([0.0; 3], PERIOD_NS, &|raw| raw.session_nonce = 8);
+    assert_eq!(camera.state.rejected(), 1, "the count goes on");
+}
+
+#[test]
+fn with_0_nothing_is_an_outlier() {
+    let mut camera = Camera::after(Noise { outliers_mad: 0.0, ..BARE }, 30);
+    assert!(near(camera.see(WILD), WILD, 1e-6));
+    assert_eq!(camera.state.rejected(), 0);
+}
+
+#[test]
+fn a_fast_arm_is_no_outlier() {
+    // A circle of 0.25 m twice a second, 3.1 m/s and 39 m/s^2, that begins and ends within 0.1 s; stamps come unevenly.
+    let mut camera = Camera::after(ON, 30);
+    let mut angle = 0.0;
+    for i in 0..90_u32 {
+        let jitter_ns = if i.is_multiple_of(3) { 8_000_000 } else { 0 };
+        let share = i.min(60_u32.saturating_sub(i)).min(3) as f32 / 3.0;
+        angle += share * std::f32::consts::TAU * 2.0 * PERIOD_S;
+        camera.see_changed([0.25 * angle.sin(), 0.0, 0.25 * angle.cos() - 0.25], PERIOD_NS + jitter_ns, &|_| ());
+    }
+    assert_eq!(camera.state.rejected(), 0);
+}
+
+/// RMS and largest error against what the filter makes of the clean motion without rejection, m.
+fn errors(noise: &Noise, clean: &[Vec<[[f32; 3]; SMPL_JOINTS]>], noise_m: f32, p: f32) -> Errors {
+    let mut errors = Errors::default();
+    for clean in clean {
+        let (expected, got) = (filter(&OFF, clean, 30.0), filter(noise, &spoil(clean, noise_m, p), 30.0));
+        for (a, b) in expected.frames.iter().flatten().zip(got.frames.iter().flatten()) {
+            errors.add(distance_m(*a, *b));
+        }
+    }
+    errors
+}
+
+#[test]
+fn salt_is_taken_out_and_noise_is_not_made_worse() {
+    let clean = motions(None, 30.0);
+    for (noise_m, share) in [(0.0, 0.65), (0.005, 0.9), (0.01, 1.0)] {
+        let (off, on) = (errors(&OFF, &clean, noise_m, 0.01), errors(&ON, &clean, noise_m, 0.01));
+        assert!(on.rms() < share * off.rms(), "{noise_m}: {} of {}", on.rms(), off.rms());
+        assert!(on.largest < 1.1 * off.largest, "{noise_m}: {} of {}", on.largest, off.largest);
+        let (off, on) = (errors(&OFF, &clean, noise_m, 0.0), errors(&ON, &clean, noise_m, 0.0));
+        assert!(on.rms() <= 1.01 * off.rms(), "{noise_m}, no salt: {} of {}", on.rms(), off.rms());
+    }
+    let (off, on) = (errors(&OFF, &clean, 0.01, 0.03), errors(&ON, &clean, 0.01, 0.03));
+    assert!(on.rms() < 0.905 * off.rms(), "{} of {}", on.rms(), off.rms());
+    let accepted = |noise| filter(noise, &spoil(&clean[0], 0.005, 0.02), 30.0).accepted;
+    assert!(accepted(&ON) > accepted(&OFF), "{} of {}", accepted(&ON), accepted(&OFF));
+}
+
+#[test]
+fn clean_recorded_motion_is_left_alone() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
+    if !folder.is_dir() || cfg!(debug_assertions) {
+        println!("skipped: no recorded clips in ../shared/motions/cmu, or not a release build");
+        return;
+    }
+    for rate_hz in [30.0, 60.0] {
+        let (mut limbs, mut rejected, mut places) = (Errors::default(), 0, 0);
+        for clean in motions(Some(&folder), rate_hz) {
+            let (off, on) = (filter(&OFF, &clean, rate_hz), filter(&ON, &clean, rate_hz));
+            (rejected, places) = (rejected + on.rejected, places + clean.len() * SMPL_JOINTS);
+            for (a, b) in off.frames.iter().zip(&on.frames) {
+                BONES.iter().for_each(|&bone| limbs.add(angle_deg(a, b, bone)));
+            }
+        }
+        let (share, rms_deg) = (rejected as f64 / places as f64, limbs.rms());
+        println!("{rate_hz} Hz: {rejected} of {places} places, limbs {rms_deg} deg RMS, {} at most", limbs.largest);
+        assert!(share < 0.001 && rms_deg < 1.0, "{rate_hz} Hz: {share}, {rms_deg} deg");
+    }
+}

@@ -1,0 +1,137 @@
+//! Motions as a camera would see them, with noise and with single joints that are far off for one frame, and what the filter
+//! makes of them. The tests and `examples/outliers.rs` use it.
+
+use layouts::{Noise, NoiseState};
+use messages::{LIMBS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
+use skeleton::{Config, Input, State, tick};
+use std::path::Path;
+
+/// As in the shipped settings.
+pub const ON: Noise =
+    Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
+/// The same without rejection.
+pub const OFF: Noise = Noise { outliers_mad: 0.0, ..ON };
+/// Joints that the limbs go from and to: shoulders, elbows, wrists.
+pub const BONES: [[usize; 2]; LIMBS] = [[16, 18], [18, 20], [17, 19], [19, 21]];
+
+/// The joints of a frame, m.
+pub type Places = [[f32; 3]; SMPL_JOINTS];
+
+/// Evenly between 0 and 1; the same each time (Knuth's congruences).
+struct Chance(u64);
+
+impl Chance {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f32 / (1 << 24) as f32
+    }
+
+    /// Of standard deviation 1: the sum of twelve even numbers is nearly normal.
+    fn normal(&mut self) -> f32 {
+        (0..12).map(|_| self.next() - 0.5).sum()
+    }
+
+    /// 3 to 12 cm in any direction, m.
+    fn salt(&mut self) -> [f32; 3] {
+        let to = [self.normal(), self.normal(), self.normal()];
+        let norm = to.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-3);
+        let length_m = 0.03 + 0.09 * self.next();
+        to.map(|x| x / norm * length_m)
+    }
+}
+
+/// Noise of this standard deviation in every coordinate, m, and with probability `p` a joint that is 3 to 12 cm off.
+pub fn spoil(clean: &[Places], noise_m: f32, p: f32) -> Vec<Places> {
+    let mut chance = Chance(1);
+    let mut spoilt = clean.to_vec();
+    for place in spoilt.iter_mut().flatten() {
+        let salt = if chance.next() < p { chance.salt() } else { [0.0; 3] };
+        for (x, salt) in place.iter_mut().zip(salt) {
+            *x += noise_m * chance.normal() + salt;
+        }
+    }
+    spoilt
+}
+
+/// What became of a motion.
+pub struct Filtered {
+    /// The frames.
+    pub frames: Vec<Places>,
+    /// How many places were outliers.
+    pub rejected: u64,
+    /// How many frames `skeleton` accepts, with the bounds for cameras.
+    pub accepted: u64,
+}
+
+/// A motion through the filter.
+pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
+    let bounds = Config { length_change_max: 0.3, length_step_max: 0.15, ..Config::default() };
+    let (mut past, mut state) = (NoiseState::default(), State::new());
+    let mut out = Vec::new();
+    for (i, frame) in frames.iter().enumerate() {
+        let mut raw = RawSkeleton { joint_count: SMPL_JOINTS as u32, ..RawSkeleton::ZERO };
+        (raw.layout, raw.session_nonce) = (SkeletonLayout::Smpl22 as u32, 1);
+        raw.header.sequence = i as u64 + 1;
+        raw.header.origin = Stamp(1_000_000_000 + (i as f64 * 1e9 / rate_hz) as u64);
+        raw.confidence.fill(1.0);
+        raw.positions[..SMPL_JOINTS].copy_from_slice(frame);
+        noise.filter(&mut past, SkeletonLayout::MediaPipe33 as u32, &mut raw);
+        let mut places = [[0.0; 3]; SMPL_JOINTS];
+        places.copy_from_slice(&raw.positions[..SMPL_JOINTS]);
+        out.push(places);
+        tick(&bounds, &mut state, raw.header.origin.plus_ns(1_000_000), Input { raw: &raw, stored: None });
+    }
+    Filtered { frames: out, rejected: past.rejected(), accepted: state.accepted() }
+}
+
+/// The clips of a folder at this rate, or if there is none the built-in motion.
+pub fn motions(folder: Option<&Path>, rate_hz: f64) -> Vec<Vec<Places>> {
+    let clips = folder.and_then(|folder| std::fs::read_dir(folder).ok()).map(|entries| {
+        let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|e| e == "bvh"));
+        paths.sort();
+        paths.iter().map(|path| motion::load(path).expect("a motion")).collect::<Vec<_>>()
+    });
+    let all = clips.unwrap_or_else(|| vec![motion::upsample(&motion::builtin())]);
+    let sampled = all.iter().map(|motion| {
+        let every = (motion.frame_rate_hz / rate_hz).round().max(1.0) as usize;
+        motion.frames.iter().step_by(every).map(|frame| frame.positions).collect()
+    });
+    sampled.collect()
+}
+
+/// Distance of two places, m.
+pub fn distance_m(a: [f32; 3], b: [f32; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Angle between the directions of a limb in two frames, degrees.
+pub fn angle_deg(a: &Places, b: &Places, [from, to]: [usize; 2]) -> f64 {
+    let along = |places: &Places| [0, 1, 2].map(|i| f64::from(places[to][i] - places[from][i]));
+    let (a, b) = (along(a), along(b));
+    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    (dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// Root mean square and largest.
+#[derive(Default)]
+pub struct Errors {
+    squares: f64,
+    count: usize,
+    /// The largest.
+    pub largest: f64,
+}
+
+impl Errors {
+    /// One more.
+    pub fn add(&mut self, error: f64) {
+        self.squares += error * error;
+        self.count += 1;
+        self.largest = self.largest.max(error);
+    }
+
+    /// Root mean square.
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+}
