@@ -1,12 +1,10 @@
 //! From pose to pose through the latent space, or through joint space for comparison.
 
 use crate::error::{KeyposesError, within};
+use crate::keys::Keys;
 use crate::motions::minimum_jerk;
 use crate::trajectory::{Trajectory, joint_names};
-use retarget::{
-    ARM_Q, ARMS, ArmModel, ArmQ, Latent, Limbs, Network, PRIOR_WEIGHT, REFINE_STEPS_MAX, features, interpolate_latent,
-    refine,
-};
+use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
 use robot::Model;
 
 /// Where the straight line between two poses is drawn.
@@ -31,10 +29,8 @@ pub struct Options {
     pub refine_steps: u32,
 }
 
-/// From the first pose to the last, stopping at each, with minimum-jerk timing on straight lines: monotone in between.
-/// Latent: q(t) = D_r(z_a + s (z_b - z_a)) + (1 - s) (q_a - D_r(z_a)) + s (q_b - D_r(z_b)), within the limits, with s = s(t):
-/// what refinement adds to the poses fades from one to the next, because refining every row by itself may leap from one end of
-/// a joint to the other. Joint: q(t) = q_a + s(t) (q_b - q_a).
+/// From the first pose to the last, stopping at each, with minimum-jerk timing s(t) on straight lines: monotone in between.
+/// Between a and b the shares are 1 - s and s, of [`Keys::mix_latent`] or of [`Keys::mix_joints`].
 ///
 /// # Errors
 /// Fewer than two poses, or an option out of its bounds.
@@ -48,52 +44,18 @@ pub fn interpolate(
     let seconds = within("--seconds", options.seconds, 0.05, 60.0)?;
     let rate_hz = within("--rate", options.rate_hz, 1.0, 1500.0)?;
     within("--refine-steps", f64::from(options.refine_steps), 0.0, f64::from(REFINE_STEPS_MAX))?;
-    let arm = ArmModel::of(model);
-    let encode = |arms: &[Limbs; ARMS]| network.encode_human(&arms.each_ref().map(features));
-    let refined = |human: &Limbs, start: &ArmQ| refine(&arm, human, start, start, PRIOR_WEIGHT, options.refine_steps).q;
-    let keys: Vec<Key> = poses
-        .iter()
-        .map(|limbs| {
-            let latents = encode(limbs);
-            let decoded = network.decode(&latents);
-            let q: [ArmQ; ARMS] = std::array::from_fn(|a| refined(&limbs[a], &decoded[a]));
-            let added = std::array::from_fn(|a| std::array::from_fn(|j| q[a][j] - decoded[a][j]));
-            Key { latents, q, added }
-        })
-        .collect();
+    let keys = Keys::new(model, network, poses, options.refine_steps);
     let per_piece = (seconds * rate_hz).round().max(1.0);
     let rows = per_piece as usize * (poses.len() - 1);
     let row = |i: usize| {
-        let (piece, t) = ((i / per_piece as usize).min(keys.len() - 2), i as f64 / per_piece);
+        let (piece, t) = ((i / per_piece as usize).min(poses.len() - 2), i as f64 / per_piece);
         let s = minimum_jerk(t - piece as f64);
-        let (a, b) = (&keys[piece], &keys[piece + 1]);
+        let mut shares = vec![0.0; poses.len()];
+        (shares[piece], shares[piece + 1]) = (1.0 - s, s);
         match options.space {
-            Space::Joint => std::array::from_fn(|arm| lerp(&a.q[arm], &b.q[arm], s)),
-            Space::Latent => {
-                let latents: [Latent; ARMS] =
-                    std::array::from_fn(|arm| interpolate_latent(&a.latents[arm], &b.latents[arm], s));
-                let decoded = network.decode(&latents);
-                std::array::from_fn(|side| {
-                    let added = lerp(&a.added[side], &b.added[side], s);
-                    arm.clamp(&std::array::from_fn(|j| decoded[side][j] + added[j]))
-                })
-            }
+            Space::Joint => keys.mix_joints(&shares),
+            Space::Latent => keys.mix_latent(&shares),
         }
     };
     Ok(Trajectory { joint_names: joint_names(model), rate_hz, q: (0..=rows).map(row).collect() })
-}
-
-struct Key {
-    latents: [Latent; ARMS],
-    q: [ArmQ; ARMS],
-    /// What refinement added to the decoded posture.
-    added: [ArmQ; ARMS],
-}
-
-fn lerp(a: &ArmQ, b: &ArmQ, s: f64) -> ArmQ {
-    let mut out = [0.0; ARM_Q];
-    for (j, out) in out.iter_mut().enumerate() {
-        *out = a[j] + s * (b[j] - a[j]);
-    }
-    out
 }

@@ -4,8 +4,10 @@
 pub mod draw;
 pub mod error;
 pub mod interpolate;
+pub mod keys;
 pub mod motions;
 pub mod person;
 pub mod pose;
 pub mod trajectory;
+pub mod triangle;
 pub mod write;

@@ -161,7 +161,7 @@ fn play(recipe: &Recipe, standing: &Frame) -> Motion {
         }
     }
     frames.push(with_arms(standing, &rest.arms));
-    sway(&mut frames);
+    sway_all(&mut frames);
     let guesses = guesses();
     Motion { name: recipe.name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
@@ -172,12 +172,17 @@ pub(crate) fn guesses() -> Guesses {
 }
 
 /// Nobody stands as still as a number: a sway of 3 mm, once a second, so that a pause is told from a stuck tracker.
-pub(crate) fn sway(frames: &mut [Frame]) {
+pub(crate) fn sway(frame: &mut Frame, at_s: f64) {
+    let (sin, cos) = (at_s * TAU).sin_cos();
+    for position in &mut frame.positions {
+        position[0] += (0.003 * sin) as f32;
+        position[1] += (0.003 * cos) as f32;
+    }
+}
+
+/// [`sway`] of all frames of a motion at [`RATE_HZ`].
+pub(crate) fn sway_all(frames: &mut [Frame]) {
     for (i, frame) in frames.iter_mut().enumerate() {
-        let (sin, cos) = (i as f64 / RATE_HZ * TAU).sin_cos();
-        for position in &mut frame.positions {
-            position[0] += (0.003 * sin) as f32;
-            position[1] += (0.003 * cos) as f32;
-        }
+        sway(frame, i as f64 / RATE_HZ);
     }
 }

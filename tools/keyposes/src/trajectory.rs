@@ -1,10 +1,10 @@
 //! Joint trajectories of both arms: the oracle's of a motion, from and to CSV, and as the motion of a person.
 
 use crate::error::KeyposesError;
-use crate::motions::{guesses, sway};
+use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
 use messages::LIMBS;
-use motion::{CalibrationMode, Guesses, Motion};
+use motion::{CalibrationMode, Frame, Guesses, Motion};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, mirror, oracle, refine, rotation_from_xyzw};
 use robot::Model;
 use std::path::Path;
@@ -178,21 +178,23 @@ fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| a[arm][j] + s * (b[arm][j] - a[arm][j])))
 }
 
+/// `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics; hands in line with the forearms.
+pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Frame {
+    let arms = q.each_ref().map(|q| {
+        let limbs = arm.forward(q);
+        [limbs.upper, limbs.fore, limbs.fore]
+    });
+    with_limbs(standing, &arms)
+}
+
 /// The person whose limbs turn as the robot's: a standing one whose upper arms and forearms have the rotations U(q) and
 /// F(q) of the robot's forward kinematics. Retargeting it gives the trajectory back, through every check of a live person.
 /// Calibrate it with `CalibrationMode::Rig`.
 pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     let arm = ArmModel::of(model);
     let standing = standing();
-    let frame = |q: &[ArmQ; ARMS]| {
-        let arms = q.each_ref().map(|q| {
-            let limbs = arm.forward(q);
-            [limbs.upper, limbs.fore, limbs.fore]
-        });
-        with_limbs(&standing, &arms)
-    };
-    let mut frames: Vec<_> = trajectory.q.iter().map(frame).collect();
-    sway(&mut frames);
+    let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, q)).collect();
+    sway_all(&mut frames);
     let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
     let guesses = Guesses { warnings: vec![warning.to_owned()], ..guesses() };
     Motion {

@@ -1,0 +1,74 @@
+//! Key poses as points of the shared latent space, and every mix of them.
+
+use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, LATENT, Latent, Limbs, Network, PRIOR_WEIGHT, features, refine};
+use robot::Model;
+
+/// Key poses of both arms, encoded, decoded and refined once.
+#[derive(Clone, Debug)]
+pub struct Keys {
+    arm: ArmModel,
+    network: Network,
+    keys: Vec<Key>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Key {
+    latents: [Latent; ARMS],
+    q: [ArmQ; ARMS],
+    /// What refinement added to the decoded posture.
+    added: [ArmQ; ARMS],
+}
+
+impl Keys {
+    /// Each of `poses` through the human encoder, the decoder, and `refine_steps` Levenberg-Marquardt steps toward the
+    /// human's limbs.
+    pub fn new(model: &Model, network: &Network, poses: &[[Limbs; ARMS]], refine_steps: u32) -> Self {
+        let arm = ArmModel::of(model);
+        let refined = |human: &Limbs, start: &ArmQ| refine(&arm, human, start, start, PRIOR_WEIGHT, refine_steps).q;
+        let key = |limbs: &[Limbs; ARMS]| {
+            let latents = network.encode_human(&limbs.each_ref().map(features));
+            let decoded = network.decode(&latents);
+            let q: [ArmQ; ARMS] = std::array::from_fn(|a| refined(&limbs[a], &decoded[a]));
+            let added = std::array::from_fn(|a| std::array::from_fn(|j| q[a][j] - decoded[a][j]));
+            Key { latents, q, added }
+        };
+        let keys = poses.iter().map(key).collect();
+        Self { arm, network: network.clone(), keys }
+    }
+
+    /// The arm that the joint positions are of.
+    pub fn arm(&self) -> &ArmModel {
+        &self.arm
+    }
+
+    /// q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits, with the shares w_i of the keys, whose
+    /// sum is 1: what refinement adds to a pose fades with its share, because refining every mix by itself may leap from one
+    /// end of a joint to the other. A key whose share is 1 is met exactly.
+    pub fn mix_latent(&self, shares: &[f64]) -> [ArmQ; ARMS] {
+        let latents: [Latent; ARMS] = std::array::from_fn(|arm| {
+            let z: [f64; LATENT] = self.sum(shares, |key| key.latents[arm].map(f64::from));
+            z.map(|z| z as f32)
+        });
+        let decoded = self.network.decode(&latents);
+        std::array::from_fn(|arm| {
+            let added: ArmQ = self.sum(shares, |key| key.added[arm]);
+            self.arm.clamp(&std::array::from_fn(|j| decoded[arm][j] + added[j]))
+        })
+    }
+
+    /// q = sum_i w_i q_i, rad: the same mix in the space of the joints, for comparison.
+    pub fn mix_joints(&self, shares: &[f64]) -> [ArmQ; ARMS] {
+        std::array::from_fn(|arm| -> [f64; ARM_Q] { self.sum(shares, |key| key.q[arm]) })
+    }
+
+    /// sum_i w_i x_i as x_f + sum_i w_i (x_i - x_f) with the first key f that has a share: between two keys that is monotone
+    /// to the last bit.
+    fn sum<const N: usize>(&self, shares: &[f64], of: impl Fn(&Key) -> [f64; N]) -> [f64; N] {
+        let mut with_share = shares.iter().zip(&self.keys).filter(|(share, _)| **share != 0.0);
+        let first = with_share.next().map_or([0.0; N], |(_, key)| of(key));
+        with_share.fold(first, |sum, (share, key)| {
+            let x = of(key);
+            std::array::from_fn(|n| sum[n] + share * (x[n] - first[n]))
+        })
+    }
+}
