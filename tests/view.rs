@@ -2,131 +2,17 @@
 
 mod browser;
 mod rig;
+mod viewer;
 
 use browser::Browser;
 use messages::Mode;
-use rig::{Rig, SOON, assert_no_violations, config};
-use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
-use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::{Duration, Instant};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::stream::MaybeTlsStream;
-use tungstenite::{Message, WebSocket};
-
-/// `teleopd view` of an instance.
-struct Viewer {
-    child: Child,
-    address: String,
-    _told: BufReader<ChildStdout>,
-}
-
-impl Viewer {
-    fn of(rig: &Rig) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-            .args(["view", "--port", "0", "--config"])
-            .arg(config())
-            .arg("--run-dir")
-            .arg(rig.folder())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("it starts");
-        let mut told = BufReader::new(child.stdout.take().expect("its words"));
-        let mut line = String::new();
-        told.read_line(&mut line).expect("its words");
-        let address = line.trim().split(' ').next_back().expect("an address").to_owned();
-        assert!(address.starts_with("http://127.0.0.1:"), "{line}");
-        Self { child, address, _told: told }
-    }
-
-    fn host(&self) -> &str {
-        self.address["http://".len()..].split('/').next().expect("a host")
-    }
-
-    fn token(&self) -> &str {
-        self.address.split('#').next_back().expect("a token")
-    }
-
-    /// The answer to a request as it is.
-    fn raw(&self, request: &str) -> String {
-        let mut stream = TcpStream::connect(self.host()).expect("it listens");
-        stream.set_read_timeout(Some(SOON)).unwrap();
-        stream.write_all(request.as_bytes()).expect("it reads");
-        let mut answer = Vec::new();
-        let _ = stream.read_to_end(&mut answer);
-        String::from_utf8_lossy(&answer).into_owned()
-    }
-
-    fn get(&self, path: &str) -> String {
-        self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {}\r\n\r\n", self.host()))
-    }
-
-    fn page(&self) -> Page {
-        Page::at(&self.address)
-    }
-}
-
-impl Drop for Viewer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A page without a browser.
-struct Page {
-    socket: WebSocket<MaybeTlsStream<TcpStream>>,
-}
-
-impl Page {
-    fn at(address: &str) -> Self {
-        let (origin, token) = address.split_once("/#").expect("a token");
-        let host = origin.strip_prefix("http://").expect("a host");
-        let mut request = format!("ws://{host}/live?token={token}").into_client_request().unwrap();
-        request.headers_mut().insert("origin", origin.parse().unwrap());
-        let (socket, _) = tungstenite::connect(request).expect("our page is let in");
-        Self { socket }
-    }
-
-    fn ask(&mut self, what: &str) {
-        self.socket.send(Message::text(json!({ "do": what }).to_string())).expect("the server listens");
-    }
-
-    /// The next text of this kind.
-    fn told(&mut self, kind: &str) -> Value {
-        loop {
-            if let Message::Text(text) = self.socket.read().expect("the server tells") {
-                let told: Value = serde_json::from_str(&text).expect("JSON");
-                if told["tell"] == kind {
-                    return told;
-                }
-            }
-        }
-    }
-
-    /// The next frame, as numbers.
-    fn frame(&mut self) -> Vec<f32> {
-        loop {
-            if let Message::Binary(bytes) = self.socket.read().expect("the server tells") {
-                return bytes.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
-            }
-        }
-    }
-
-    /// Reads until a frame is in this mode, and keeps the enable pressed where it is meant to be.
-    fn until(&mut self, mode: Mode, keep: bool) {
-        let (give_up, mut kept) = (Instant::now() + SOON, Instant::now());
-        while self.frame()[2] != mode as u32 as f32 {
-            assert!(Instant::now() < give_up, "never {}", mode.name());
-            if keep && kept.elapsed() > Duration::from_millis(100) {
-                kept = Instant::now();
-                self.ask("keep");
-            }
-        }
-    }
-}
+use rig::{Rig, assert_no_violations, config};
+use serde_json::json;
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+use tungstenite::Message;
+use viewer::{Page, Viewer};
 
 fn first_line(answer: &str) -> &str {
     answer.lines().next().unwrap_or("")

@@ -1,4 +1,5 @@
 //! A headless Chromium, driven by its DevTools protocol: pages as users see them.
+#![allow(dead_code)]
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
@@ -116,15 +117,24 @@ impl Browser {
 
     /// Presses the middle of the element that `selector` names, where a user would.
     pub fn click(&mut self, selector: &str) {
-        let place = format!(
+        let place = self.middle(selector);
+        for kind in ["mousePressed", "mouseReleased"] {
+            self.mouse(kind, &place);
+        }
+    }
+
+    /// Where the middle of the element is in the window, x and y.
+    pub fn middle(&mut self, selector: &str) -> Value {
+        self.evaluate(&format!(
             "(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); \
              return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
-        );
-        let place = self.evaluate(&place);
-        for kind in ["mousePressed", "mouseReleased"] {
-            let at = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
-            self.ask("Input.dispatchMouseEvent", &at);
-        }
+        ))
+    }
+
+    /// What the mouse does with its left button, at x and y in the window.
+    pub fn mouse(&mut self, kind: &str, place: &Value) {
+        let at = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "buttons": 1, "clickCount": 1 });
+        self.ask("Input.dispatchMouseEvent", &at);
     }
 
     /// How many pixels of a picture have about this colour, whatever light falls on it.
