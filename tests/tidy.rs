@@ -46,7 +46,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot"]),
-    ("view", &["messages", "robot", "operator", "pipeline", "bus", "rt"]),
+    ("view", &["messages", "robot", "doors", "operator", "pipeline", "bus", "rt"]),
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),

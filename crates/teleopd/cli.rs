@@ -86,6 +86,10 @@ pub struct View {
     /// Port of 127.0.0.1; 0 is any free one.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
     pub port: u16,
+    /// Three key poses whose mixes the page can lead the robot through: names (t-pose, hands-up, ...), FILE.bvh:FRAME or
+    /// FILE.bvh@TIME_S, with commas between (default: t-pose, hands-up and box).
+    #[arg(long, value_name = "A,B,C", value_delimiter = ',', conflicts_with = "recording")]
+    pub key_poses: Option<Vec<String>>,
 }
 
 #[derive(Args, Clone, Debug)]

@@ -4,13 +4,15 @@ use crate::children::instance_in;
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::recorder;
-use pipeline::Instance;
+use keyposes::error::KeyposesError;
+use keyposes::triangle::{POSES, Triangle};
+use pipeline::{Instance, Loaded};
 use rt::Shutdown;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{Server, ViewError};
+use view::{KeyPoses, Server, ViewError};
 
 /// How often the signals are looked for.
 const LOOK: Duration = Duration::from_millis(50);
@@ -23,7 +25,9 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let place = &options.place;
     let instance = instance_in(&place.run_dir)?;
-    let server = start(&instance, place, options.port)?;
+    let loaded = load(place)?;
+    let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
+    let server = serve(&instance, &loaded, key_poses, options.port)?;
     out!(
         "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
          instance",
@@ -47,11 +51,37 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
     Err(Failure::new(Exit::Software, command.exec()))
 }
 
-/// A server for `instance` as it was started at `place`.
+/// A server for `instance` as it was started at `place`, by whose pages nobody is the person.
 pub fn start(instance: &Instance, place: &cli::Place, port: u16) -> Result<Server, Failure> {
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    Server::live(instance, &loaded.model, port).map_err(|error| match error {
+    serve(instance, &load(place)?, None, port)
+}
+
+fn load(place: &cli::Place) -> Result<Loaded, Failure> {
+    pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
+}
+
+fn serve(instance: &Instance, loaded: &Loaded, key_poses: Option<KeyPoses>, port: u16) -> Result<Server, Failure> {
+    Server::live(instance, &loaded.model, key_poses, port).map_err(|error| match error {
         ViewError::Bus(error) => crate::process::bus_failure(error),
         error => Failure::new(Exit::Unavailable, error),
     })
+}
+
+/// The key poses that were asked for, or ours; none where the instance has no network and nobody asked.
+fn key_poses(asked: Option<&[String]>, loaded: &Loaded) -> Result<Option<KeyPoses>, Failure> {
+    let Some(weights) = &loaded.weights else {
+        let text =
+            "--key-poses: the settings' weights.file is not there, and its latent space is where poses are mixed";
+        return asked.map_or(Ok(None), |_| Err(Failure::new(Exit::Config, text)));
+    };
+    let poses = asked.map_or_else(|| POSES.map(str::to_owned).to_vec(), <[String]>::to_vec);
+    let triangle = Triangle::of(&loaded.model, &weights.network, &poses).map_err(|error| {
+        let exit = match error {
+            KeyposesError::Motion(_) | KeyposesError::File { .. } => Exit::NoInput,
+            _ => Exit::Usage,
+        };
+        Failure::new(exit, format!("--key-poses: {error}"))
+    })?;
+    let names = triangle.names().clone();
+    Ok(Some(KeyPoses { names, person: Box::new(move |shares, at_s| triangle.raw(shares, at_s)) }))
 }

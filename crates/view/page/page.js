@@ -2,6 +2,7 @@
 
 import { Stage } from "./stage.js";
 import { Chart } from "./chart.js";
+import { Mix } from "./mix.js";
 import { PRESENT, Wire } from "./wire.js";
 
 const $ = (id) => document.getElementById(id);
@@ -59,6 +60,7 @@ const told = {
   },
   down(opened) {
     hold(false);
+    mix.told({ on: false });
     frame = null;
     $("link").classList.add("bad");
     text("link", opened ? "connection lost; trying again" : "no connection: is the address the one with the token, and does it still run?");
@@ -84,6 +86,7 @@ const told = {
     const recorded = message.about.source === "recording";
     $("hand").hidden = recorded;
     $("reel").hidden = !recorded;
+    mix.build(message.about.key_poses);
     if (recorded) {
       text("name", message.about.name);
       $("at").max = message.about.duration_s;
@@ -107,6 +110,9 @@ const told = {
   hand(message) {
     hold(message.held);
     text("answer", message.text ?? "");
+  },
+  mix(message) {
+    mix.told(message);
   },
   frame(message) {
     frame = message;
@@ -200,13 +206,17 @@ document.addEventListener("keydown", (event) => {
 }, true);
 document.addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); }, true);
 // Nobody looks at a page behind another: it lets go.
-document.addEventListener("visibilitychange", () => { if (document.hidden && held) ask("release"); });
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden && held) ask("release");
+  if (document.hidden && mix.on) mix.lead(false);
+});
 
 try {
   stage = new Stage($("stage"), (why) => text("trouble", `no picture: ${why}`));
 } catch (error) {
   text("trouble", `no picture: ${error.message}`);
 }
+const mix = new Mix((what, more) => wire.ask(what, more), $);
 const wire = new Wire(location.hash.slice(1), told);
 // Light and dark have colours of their own.
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {

@@ -2,7 +2,8 @@
 //!
 //! One thread reads the instance's messages 60 times a second, without waking anyone; a thread for every open page sends
 //! what is new. A page can only ask: its requests go through the operator socket like those of `teleopctl`, and `control`
-//! decides. The server listens on the loopback alone; who asks must come from its own page and know the token of the run.
+//! decides. Where there are key poses, a page can also be a client, whose person is a mix of them, by the skeleton socket.
+//! The server listens on the loopback alone; who asks must come from its own page and know the token of the run.
 
 mod assets;
 mod counted;
@@ -11,18 +12,22 @@ mod hand;
 mod http;
 mod hub;
 mod live;
+mod mixer;
 mod page;
 mod reel;
 mod scene;
 mod server;
+mod shares;
 
 pub use assets::{ASSETS, Asset};
 pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, present};
 pub use hand::HOLD_FOR;
 pub use live::{GONE_AFTER_NS, Readers};
+pub use mixer::{EDGE_S, KeyPoses, PersonOf};
 pub use reel::{Cutter, Reel};
 pub use scene::scene;
 pub use server::{PORT, Server};
+pub use shares::Shares;
 
 /// Why nothing can be shown.
 #[derive(Debug, thiserror::Error)]

@@ -3,7 +3,9 @@
 use crate::counted::Counted;
 use crate::hand::{Answer, Ask, Hand};
 use crate::hub::{Hub, Seen};
+use crate::mixer::{KeyPoses, Mixed, Mixer, Turn};
 use crate::reel::Position;
+use crate::shares::Shares;
 use pipeline::Instance;
 use serde::Deserialize;
 use serde_json::json;
@@ -21,6 +23,9 @@ const LOOK: Duration = Duration::from_millis(2);
 const REQUEST_BYTES: usize = 1 << 10;
 /// What may wait for a page that does not read, bytes: seconds of frames. Then it has gone.
 const WAITING_BYTES: usize = 1 << 20;
+/// Requests of a page that are taken in a second, after which it counts as no page of ours. Browsers tell of a pointer or a
+/// slider once a picture, and the fastest screens show 240 a second; assumption: twice that, and some.
+const REQUESTS_PER_S_MAX: u32 = 500;
 /// A page says something every two seconds; after so long a silence it has gone.
 const SILENT_MAX: Duration = Duration::from_secs(10);
 
@@ -36,6 +41,13 @@ enum Request {
     Release,
     Reset,
     Stop,
+    /// See [`Turn`]; of an instance with key poses alone. What is no number ends the page, what lies outside the triangle is
+    /// taken for the nearest point of it.
+    Join,
+    Mix {
+        shares: [f64; 3],
+    },
+    Leave,
     /// See [`Position`]; of a recording alone.
     Play,
     Pause,
@@ -47,28 +59,44 @@ enum Request {
 /// What is behind a page.
 #[derive(Clone, Debug)]
 pub enum Behind {
-    /// A running instance.
-    Instance(Instance),
+    /// A running instance, and what pages may lead it through.
+    Instance(Instance, Option<Arc<KeyPoses>>),
     /// A recording, and where it is being looked at.
     Recording(Arc<Position>),
 }
 
 /// What a page can move.
 enum Lever {
-    Hand(Hand),
+    Hand(Hand, Option<Mixer>),
     Position(Arc<Position>),
 }
 
 impl Lever {
+    fn of(behind: &Behind) -> std::io::Result<Self> {
+        Ok(match behind {
+            Behind::Instance(instance, key_poses) => {
+                let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
+                Self::Hand(Hand::new(instance)?, mixer)
+            }
+            Behind::Recording(position) => Self::Position(position.clone()),
+        })
+    }
+
     /// Whether such a thing can be asked here.
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here) => {}
-            (Self::Hand(hand), Request::Engage) => hand.ask(Ask::Engage),
-            (Self::Hand(hand), Request::Keep) => hand.ask(Ask::Keep),
-            (Self::Hand(hand), Request::Release) => hand.ask(Ask::Release),
-            (Self::Hand(hand), Request::Reset) => hand.ask(Ask::Reset),
-            (Self::Hand(hand), Request::Stop) => hand.ask(Ask::Stop),
+            (Self::Hand(hand, _), Request::Engage) => hand.ask(Ask::Engage),
+            (Self::Hand(hand, _), Request::Keep) => hand.ask(Ask::Keep),
+            (Self::Hand(hand, _), Request::Release) => hand.ask(Ask::Release),
+            (Self::Hand(hand, _), Request::Reset) => hand.ask(Ask::Reset),
+            (Self::Hand(hand, _), Request::Stop) => hand.ask(Ask::Stop),
+            (Self::Hand(_, Some(mixer)), Request::Join) => mixer.ask(Turn::Join),
+            (Self::Hand(_, Some(mixer)), Request::Leave) => mixer.ask(Turn::Leave),
+            (Self::Hand(_, Some(mixer)), Request::Mix { shares }) => match Shares::nearest(shares) {
+                Some(shares) => mixer.ask(Turn::Mix(shares)),
+                None => return false,
+            },
             (Self::Position(position), Request::Play) => position.play(true),
             (Self::Position(position), Request::Pause) => position.play(false),
             (Self::Position(position), Request::Seek { to_s }) => position.seek(to_s),
@@ -88,20 +116,17 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &Behind, ended: &AtomicBool) 
         .max_write_buffer_size(WAITING_BYTES);
     let mut page = Page {
         socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
-        lever: match behind {
-            Behind::Instance(instance) => Lever::Hand(Hand::new(instance)?),
-            Behind::Recording(position) => Lever::Position(position.clone()),
-        },
+        lever: Lever::of(behind)?,
         spoke: Instant::now(),
+        second: Instant::now(),
+        asked: 0,
     };
     page.send(Message::text(hub.scene()))?;
     let _open = Counted::one_more(hub.pages());
     let (mut seen, mut frame) = (Seen::default(), Vec::new());
     while !ended.load(Ordering::Relaxed) {
         page.listen()?;
-        while let Some(answer) = page.answer() {
-            page.send(Message::text(json!({ "tell": "hand", "held": answer.held, "text": answer.text }).to_string()))?;
-        }
+        page.tell()?;
         let (texts, new) = hub.news(&mut seen, &mut frame);
         for text in texts {
             page.send(Message::text(text))?;
@@ -121,11 +146,35 @@ struct Page {
     socket: WebSocket<TcpStream>,
     lever: Lever,
     spoke: Instant,
+    /// The second that runs, and the requests in it.
+    second: Instant,
+    asked: u32,
 }
 
 impl Page {
-    fn answer(&self) -> Option<Answer> {
-        if let Lever::Hand(hand) = &self.lever { hand.answer() } else { None }
+    /// Tells what became of what was asked.
+    fn tell(&mut self) -> Result<(), Error> {
+        while let Lever::Hand(hand, _) = &self.lever
+            && let Some(Answer { held, text }) = hand.answer()
+        {
+            self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
+        }
+        while let Lever::Hand(_, Some(mixer)) = &self.lever
+            && let Some(Mixed { on, shares, text }) = mixer.answer()
+        {
+            let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
+            self.send(Message::text(told.to_string()))?;
+        }
+        Ok(())
+    }
+
+    /// Whether the page asks no more often than a page can.
+    fn keeps_measure(&mut self) -> bool {
+        if self.second.elapsed() > Duration::from_secs(1) {
+            (self.second, self.asked) = (Instant::now(), 0);
+        }
+        self.asked += 1;
+        self.asked <= REQUESTS_PER_S_MAX
     }
 
     /// Takes what the page asks for.
@@ -135,7 +184,9 @@ impl Page {
                 Ok(Message::Text(text)) => {
                     self.spoke = Instant::now();
                     // Whoever speaks something else is no page of ours.
-                    if !serde_json::from_str(&text).is_ok_and(|request| self.lever.pull(request)) {
+                    if !self.keeps_measure()
+                        || !serde_json::from_str(&text).is_ok_and(|request| self.lever.pull(request))
+                    {
                         return Err(Error::ConnectionClosed);
                     }
                 }

@@ -4,6 +4,7 @@ use crate::ViewError;
 use crate::counted::Counted;
 use crate::hub::{Hub, Teller};
 use crate::live::Live;
+use crate::mixer::KeyPoses;
 use crate::page::Behind;
 use crate::reel::{Position, Reel};
 use crate::{http, page};
@@ -38,13 +39,16 @@ pub struct Server {
 }
 
 impl Server {
-    /// Shows `instance`, whose robot is `model`, at `port` of the loopback; 0 is any free one.
+    /// Shows `instance`, whose robot is `model`, at `port` of the loopback; 0 is any free one. With `key_poses` a page may be
+    /// the person whom the robot follows, by their mixes.
     ///
     /// # Errors
     /// The port is taken, or the instance's shared memory cannot be opened.
-    pub fn live(instance: &Instance, model: &Model, port: u16) -> Result<Self, ViewError> {
-        let about = json!({ "source": "live", "run_dir": instance.run_dir() });
-        let mut server = Self::listen(Hub::new(model, &about), Behind::Instance(instance.clone()), port)?;
+    pub fn live(instance: &Instance, model: &Model, key_poses: Option<KeyPoses>, port: u16) -> Result<Self, ViewError> {
+        let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
+        let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names });
+        let behind = Behind::Instance(instance.clone(), key_poses.map(Arc::new));
+        let mut server = Self::listen(Hub::new(model, &about), behind, port)?;
         let (hub, model, domain) = (server.hub.clone(), model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
         let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));

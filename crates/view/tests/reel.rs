@@ -96,6 +96,8 @@ fn nobody_engages_a_recording() {
     for bad in [
         json!({ "do": "engage" }),
         json!({ "do": "stop" }),
+        json!({ "do": "join" }),
+        json!({ "do": "mix", "shares": [1, 0, 0] }),
         json!({ "do": "seek" }),
         json!({ "do": "seek", "to_s": "a" }),
     ] {

@@ -1,0 +1,311 @@
+//! A page whose person is a mix of three key poses, against the real processes: as a program sees it, and in a browser
+//! where there is one.
+
+mod browser;
+mod rig;
+mod viewer;
+
+use browser::Browser;
+use keyposes::triangle::{POSES, Triangle};
+use messages::{JOINTS, Mode, Service, Skeleton};
+use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
+use rig::{Rig, SOON, assert_no_violations, config};
+use serde_json::{Value, json};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::Message;
+use viewer::{Page, Seen, Viewer};
+
+const CORNERS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// Asks for `shares` ten times a second, holds the enable if that is pressed, and reads until `done`.
+fn lead(page: &mut Page, what: &str, shares: [f64; 3], mut done: impl FnMut(Option<&Value>) -> bool) {
+    let (give_up, mut asked) = (Instant::now() + SOON, None);
+    loop {
+        if asked.is_none_or(|at: Instant| at.elapsed() > Duration::from_millis(100)) {
+            asked = Some(Instant::now());
+            page.say(&json!({ "do": "mix", "shares": shares }));
+            page.ask("keep");
+        }
+        let seen = page.read();
+        if done(if let Seen::Told(told) = &seen { Some(told) } else { None }) {
+            return;
+        }
+        assert!(Instant::now() < give_up, "never {what}");
+    }
+}
+
+/// The next word on whether this page's person is published.
+fn mixed(told: Option<&Value>) -> Option<(bool, String)> {
+    let told = told.filter(|told| told["tell"] == "mix")?;
+    Some((told["on"] == true, told["text"].as_str().unwrap_or_default().to_owned()))
+}
+
+/// What the robot is to come to: where the limbs are, and the joint positions that retargeting finds for such limbs.
+struct Goal {
+    arm: ArmModel,
+    limbs: [Limbs; ARMS],
+    q: [ArmQ; ARMS],
+    joints: [[usize; 5]; ARMS],
+    /// Degrees by which what retargeting finds misses those limbs.
+    misses_deg: f64,
+}
+
+impl Goal {
+    fn at(shares: &[f64; 3]) -> Self {
+        let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
+        let network = &loaded.weights.as_ref().expect("weights").network;
+        let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+        let arm = ArmModel::of(&loaded.model);
+        let limbs = triangle.q(shares).each_ref().map(|q| arm.forward(q));
+        let q = limbs.each_ref().map(|human| {
+            let [start] = network.decode(&network.encode_human(&[features(human)]));
+            refine(&arm, human, &start, &start, PRIOR_WEIGHT, 2).q
+        });
+        let joints = [0, 1].map(|side| std::array::from_fn(|j| loaded.model.arms[side].joints[j]));
+        let mut goal = Self { arm, limbs, q, joints, misses_deg: 0.0 };
+        goal.misses_deg = goal.limbs_deg(&q);
+        goal
+    }
+
+    fn limbs_deg(&self, q: &[ArmQ; ARMS]) -> f64 {
+        let error = |side: usize| limb_error_deg(&self.arm.forward(&q[side]), &self.limbs[side]);
+        (0..ARMS).flat_map(error).fold(0.0, f64::max)
+    }
+
+    /// How far a posture is from it: the joint that is furthest, rad, and the limb that is, degrees.
+    fn away(&self, posture: &[f64; JOINTS]) -> (f64, f64) {
+        let q: [ArmQ; ARMS] = self.joints.map(|joints| joints.map(|joint| posture[joint]));
+        let away = q.as_flattened().iter().zip(self.q.as_flattened()).map(|(a, b)| (a - b).abs());
+        (away.fold(0.0, f64::max), self.limbs_deg(&q))
+    }
+
+    /// Half a degree is what is left of the person's sway and of the way there; three of a joint, because where an elbow is
+    /// nearly straight the joints beside it may share a twist in other ways than the first guess.
+    fn is_met(&self, posture: &[f64; JOINTS]) -> bool {
+        let (joint_rad, limb_deg) = self.away(posture);
+        joint_rad < 3_f64.to_radians() && limb_deg < self.misses_deg + 0.5
+    }
+}
+
+/// From corner to corner in `view::EDGE_S` no joint has to be faster than it may: the robot is where the mix is.
+#[test]
+fn between_our_key_poses_the_arms_keep_up_with_the_handle() {
+    let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
+    let network = &loaded.weights.as_ref().expect("weights").network;
+    let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+    let mut needs_s = 0.0_f64;
+    for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+        let at = |i: u32| {
+            let s = f64::from(i) / 240.0;
+            triangle.q(&std::array::from_fn(|n| (1.0 - s) * CORNERS[from][n] + s * CORNERS[to][n]))
+        };
+        for (i, side, j) in (0..240).flat_map(|i| (0..ARMS).flat_map(move |side| (0..5).map(move |j| (i, side, j)))) {
+            let limit = loaded.model.limits[loaded.model.arms[side].joints[j]].v_max;
+            needs_s = needs_s.max((at(i + 1)[side][j] - at(i)[side][j]).abs() * 240.0 / limit);
+        }
+    }
+    println!("the slowest edge takes {needs_s:.2} s at the joints' speed limits");
+    assert!((1.0..view::EDGE_S).contains(&needs_s), "{needs_s} s");
+}
+
+#[test]
+fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
+    let mut rig = Rig::whole();
+    let (hand, viewer, mut eyes) = (rig.hand(), Viewer::of(&rig), rig.eyes());
+    let mut page = viewer.page();
+    assert_eq!(page.told("scene")["about"]["key_poses"], json!(POSES));
+    // Asked for, but not by a client.
+    page.say(&json!({ "do": "mix", "shares": CORNERS[1] }));
+    page.ask("join");
+    lead(&mut page, "its person", CORNERS[0], |told| mixed(told).is_some_and(|(on, _)| on));
+    lead(&mut page, "free to engage", CORNERS[0], |_| {
+        hand.status().is_some_and(|status| status.faults == 0 && status.ticks > 750)
+    });
+    assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
+    page.ask("engage");
+    lead(&mut page, "engaged", CORNERS[0], |_| hand.mode() == Some(Mode::Engaged));
+    for (shares, pose) in [(CORNERS[0], POSES[0]), (CORNERS[1], POSES[1]), ([0.0, 0.5, 0.5], "half way")] {
+        let goal = Goal::at(&shares);
+        lead(&mut page, pose, shares, |_| eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured)));
+        let (joint_rad, limb_deg) = eyes.robot().map(|state| goal.away(&state.q_measured)).expect("a robot");
+        println!("{pose}: {joint_rad:.4} rad, {limb_deg:.2} degrees; retargeting misses {:.2}", goal.misses_deg);
+        assert_eq!(hand.mode(), Some(Mode::Engaged));
+    }
+    // Out of the triangle is its nearest corner, and no fault.
+    let goal = Goal::at(&CORNERS[1]);
+    lead(&mut page, "the corner", [-1e300, 1e12, 0.5], |_| {
+        eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured))
+    });
+    // Silence about the handle, with the enable still held: the person is gone, and the robot holds.
+    let give_up = Instant::now() + SOON;
+    let silent = loop {
+        page.ask("keep");
+        if let Seen::Told(told) = page.read()
+            && let Some((false, text)) = mixed(Some(&told))
+        {
+            break text;
+        }
+        assert!(Instant::now() < give_up, "never silent");
+    };
+    assert!(silent.contains("silent"), "{silent}");
+    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+    let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
+    let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
+    for _ in 0..30 {
+        page.say(&json!({ "do": "mix", "shares": CORNERS[0] }));
+        page.frame();
+    }
+    assert!(skeletons.latest().is_none(), "what is asked late is no person");
+    drop(page);
+    hand.wait_mode(Mode::Disengaged);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_page_is_told_that_another_client_moves_the_robot() {
+    let rig = Rig::whole();
+    let client = rig.client(&motion::builtin(), 1);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    let mut page = viewer.page();
+    page.ask("join");
+    let told = page.told("mix");
+    assert_eq!(told["on"], false);
+    assert!(told["text"].as_str().is_some_and(|text| text.contains("Another client")), "{told}");
+    drop(client);
+    let give_up = Instant::now() + SOON;
+    loop {
+        page.ask("join");
+        if page.told("mix")["on"] == true {
+            break;
+        }
+        assert!(Instant::now() < give_up, "the lease ends with its holder");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    // The second page is another client, and a page that goes gives its lease up.
+    lead(&mut page, "the person", CORNERS[0], |_| hand.status().is_some_and(|status| status.faults == 0));
+    let mut second = viewer.page();
+    second.ask("join");
+    lead(&mut page, "there", CORNERS[0], |told| told.is_none());
+    assert_eq!(second.told("mix")["on"], false);
+    drop(page);
+    loop {
+        second.ask("join");
+        if second.told("mix")["on"] == true {
+            break;
+        }
+        assert!(Instant::now() < give_up, "the lease ends with the page");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
+    let rig = Rig::empty();
+    let viewer = Viewer::with(&rig, &["--key-poses", "rest,clap,tools/keyposes/motions/box.bvh@2.5"]);
+    for bad in [
+        r#"{"do":"mix"}"#,
+        r#"{"do":"mix","shares":[1,0]}"#,
+        r#"{"do":"mix","shares":[1,0,0,0]}"#,
+        r#"{"do":"mix","shares":[null,0,1]}"#,
+        r#"{"do":"mix","shares":[NaN,0,1]}"#,
+        r#"{"do":"mix","shares":[1e999,0,1]}"#,
+        r#"{"do":"join","shares":[1,0,0]}"#,
+    ] {
+        let mut page = viewer.page();
+        assert_eq!(page.told("scene")["about"]["key_poses"][1], "clap");
+        page.socket.send(Message::text(bad)).expect("it listens");
+        assert!(page.ends(), "{bad}");
+    }
+    let mut page = viewer.page();
+    let flood = json!({ "do": "mix", "shares": CORNERS[2] }).to_string();
+    let give_up = Instant::now() + SOON;
+    while page.socket.send(Message::text(flood.clone())).is_ok() {
+        assert!(Instant::now() < give_up, "a flood is taken");
+    }
+    // Nobody is there to be led: in words.
+    let mut page = viewer.page();
+    page.ask("join");
+    let told = page.told("mix");
+    assert!(told["on"] == false && told["text"].as_str().is_some_and(|text| text.contains("ingest")), "{told}");
+}
+
+#[test]
+fn key_poses_that_are_none_are_named() {
+    let rig = Rig::empty();
+    for (arguments, code, expected) in [
+        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses, not the 3"),
+        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: is neither FILE.bvh:FRAME"),
+        (vec!["--key-poses", "t-pose,rest,missing.bvh:1"], 66, "missing.bvh"),
+        (vec!["--key-poses", "t-pose,rest,clap", "a.mcap"], 2, "cannot be used with"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+            .args(["view", "--port", "0", "--config"])
+            .arg(config())
+            .arg("--run-dir")
+            .arg(rig.folder())
+            .args(&arguments)
+            .stdin(Stdio::null())
+            .output()
+            .expect("it runs");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && text.contains(expected), "{arguments:?}: {output:?}");
+    }
+}
+
+#[test]
+fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
+    let mut rig = Rig::whole();
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    let Some(mut browser) = Browser::open(&viewer.address) else {
+        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+    };
+    let spoken = "document.getElementById('mix-handle').getAttribute('aria-valuetext')";
+    browser.wait("the triangle is there", &format!("{spoken} === 't-pose 100 %, hands-up 0 %, box 0 %'"));
+    browser.click("#mix-on");
+    browser.wait("it is on", "document.getElementById('mix-on').getAttribute('aria-checked') === 'true'");
+    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    browser.click("#engage");
+    browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
+    let from = browser.middle("#mix-handle");
+    // Beyond the corner: the handle stays in the triangle.
+    let to = browser.evaluate(
+        "(() => { const b = document.getElementById('mix-plane').getBoundingClientRect(); return [b.right - 2, b.bottom - 2]; })()",
+    );
+    browser.mouse("mousePressed", &from);
+    for part in 1..=10 {
+        let between =
+            |n: usize| from[n].as_f64().zip(to[n].as_f64()).map(|(a, b)| a + (b - a) * f64::from(part) / 10.0);
+        browser.mouse("mouseMoved", &json!([between(0), between(1)]));
+    }
+    browser.mouse("mouseReleased", &to);
+    let goal = Goal::at(&CORNERS[1]);
+    let posture = "Array.from(window.teleopd.frame().q.measured)";
+    let give_up = Instant::now() + SOON;
+    loop {
+        let shown: Vec<f64> = serde_json::from_value(browser.evaluate(posture)).expect("numbers");
+        if goal.is_met(&shown.try_into().expect("all joints")) {
+            break;
+        }
+        assert!(Instant::now() < give_up, "never there: {}", browser.evaluate("document.body.innerText"));
+    }
+    assert_eq!(browser.evaluate(spoken), "t-pose 0 %, hands-up 100 %, box 0 %");
+    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
+        std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
+    }
+    // The handle has the focus since it was pressed.
+    for _ in 0..10 {
+        browser.press("ArrowLeft", "ArrowLeft");
+    }
+    browser.wait("keys move it", &format!("/^t-pose 2\\d %, hands-up 7\\d %/.test({spoken})"));
+    browser.wait("the person follows", "document.getElementById('mix-person').cx.baseVal.value < 90");
+    browser.click("#mix-on");
+    browser.wait("it is off", "document.getElementById('mix-on').getAttribute('aria-checked') === 'false'");
+    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
