@@ -1,4 +1,5 @@
 //! The triangle of three key poses: through its corners, monotone between them, and a person whom nobody refuses.
+#![expect(clippy::needless_range_loop, reason = "corners are clearer by their indices")]
 
 use keyposes::pose::read_pose;
 use keyposes::triangle::{POSES, Triangle};
