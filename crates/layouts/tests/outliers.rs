@@ -12,7 +12,7 @@ const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
 const WRIST: usize = 20;
 /// 30 Hz, ns and s.
 const PERIOD_NS: u64 = 33_333_333;
-const PERIOD_S: f32 = 33_333_333e-9;
+const PERIOD_S: f32 = PERIOD_NS as f32 * 1e-9;
 
 /// Frames of a person who stands still, but for a wrist.
 struct Camera {
@@ -198,7 +198,8 @@ fn nothing_is_an_outlier_of_what_is_not_known_yet() {
 
 #[test]
 fn another_session_another_person_a_pause_and_lost_frames_begin_anew() {
-    let changes: [(u64, f32, &dyn Fn(&mut RawSkeleton)); 4] = [
+    type Change<'a> = (u64, f32, &'a dyn Fn(&mut RawSkeleton));
+    let changes: [Change<'_>; 4] = [
         (PERIOD_NS, 0.08, &|raw| raw.session_nonce = 8),
         (PERIOD_NS, 0.08, &|raw| raw.operator_id = 2),
         (300_000_000, 0.7, &|_| ()),

@@ -120,7 +120,7 @@ fn between_two_corners_the_arms_come_ever_nearer() {
 fn ingest_refuses_no_frame_of_the_person() {
     let loaded = loaded();
     let triangle = of(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
-    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone());
+    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
     let (mut state, mut now) = (InputState::default(), Stamp(1_000_000_000));
     let mut seed = 11_u64;
     // Knuth's linear congruential generator (MMIX).
