@@ -52,7 +52,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("eval", &["messages", "motion", "skeleton", "retarget", "robot", "train", "keyposes"]),
     ("dist", &["latency", "motion", "pipeline", "record", "view"]),
     ("canvas", &[]),
-    ("say", &[]),
+    ("say", &["motion"]),
     ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),

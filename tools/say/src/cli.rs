@@ -16,6 +16,13 @@ pub struct Cli {
     /// there).
     #[arg(long, value_name = "FILE")]
     pub synonyms: Option<PathBuf>,
+    /// Folder of a text encoder and the motions' embeddings, instead of words that are the same: model.onnx, tokenizer.json and
+    /// motions.npy with a row for each line of captions.tsv.
+    #[arg(long, value_name = "DIR", requires = "onnxruntime", conflicts_with = "synonyms")]
+    pub embeddings: Option<PathBuf>,
+    /// The shared library of onnxruntime, 1.17 or later, that runs the encoder.
+    #[arg(long, value_name = "FILE", requires = "embeddings")]
+    pub onnxruntime: Option<PathBuf>,
     /// How many motions are shown, 1 to 100.
     #[arg(long, value_name = "K", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub top: u8,

@@ -17,7 +17,7 @@ const B: f64 = 0.75;
 pub struct Match {
     /// Its place in the library.
     pub caption: usize,
-    /// Larger is better; more than zero.
+    /// Larger is better: more than zero by words, -1 to 1 by embeddings.
     pub score: f64,
 }
 

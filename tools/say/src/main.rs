@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use say::cli::Cli;
-use say::{Index, Library, LibraryError, Match, Words, shown};
+use say::{EmbeddingError, Embeddings, Index, Library, LibraryError, Match, Words, shown};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -33,18 +33,36 @@ fn fail(code: u8, text: &str) -> ExitCode {
 /// The best motion, if there is one; shows it and those after it.
 fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
     let library = Library::open(&cli.library).map_err(refused)?;
-    let words = Words::new(&synonyms(cli)?);
-    let index = Index::new(&library, &words);
-    let top = usize::from(cli.top);
-    let query = words.of(&cli.sentence);
-    let found = best(&library, index.find(&query));
-    let unknown: Vec<_> = query.iter().filter(|word| !index.knows(word)).map(String::as_str).collect();
+    let (found, unknown) = match (&cli.embeddings, &cli.onnxruntime) {
+        (Some(folder), Some(runtime)) => (by_embeddings(cli, &library, folder, runtime)?, Vec::new()),
+        _ => by_words(cli, &library)?,
+    };
+    let (top, found) = (usize::from(cli.top), best(&library, found));
     if cli.json {
         println!("{}", say::escaped(&format!("{:#}", json(&library, &found, top, &unknown))));
     } else {
         show(&library, &found, top, &unknown);
     }
     Ok(found.first().map(|best| library.motion(best.caption)))
+}
+
+/// The captions that have words of the sentence, and the words that none has.
+fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), (u8, String)> {
+    let words = Words::new(&synonyms(cli)?);
+    let index = Index::new(library, &words);
+    let query = words.of(&cli.sentence);
+    let found = index.find(&query);
+    Ok((found, query.into_iter().filter(|word| !index.knows(word)).collect()))
+}
+
+/// All captions, by the space of an encoder.
+fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, (u8, String)> {
+    let embeddings = Embeddings::open(folder, runtime, library.captions().len());
+    embeddings.and_then(|mut embeddings| embeddings.find(&cli.sentence)).map_err(|error| match error {
+        EmbeddingError::File(error) => refused(error),
+        EmbeddingError::Runtime { .. } => (EX_UNAVAILABLE, error.to_string()),
+        _ => (EX_DATAERR, error.to_string()),
+    })
 }
 
 fn synonyms(cli: &Cli) -> Result<String, (u8, String)> {
@@ -67,7 +85,7 @@ fn best(library: &Library, found: Vec<Match>) -> Vec<Match> {
     found.into_iter().filter(|found| seen.insert(library.captions()[found.caption].file.as_str())).collect()
 }
 
-fn json(library: &Library, found: &[Match], top: usize, unknown: &[&str]) -> serde_json::Value {
+fn json(library: &Library, found: &[Match], top: usize, unknown: &[String]) -> serde_json::Value {
     let one = |found: &Match| {
         let caption = &library.captions()[found.caption];
         serde_json::json!({ "file": caption.file, "caption": caption.text, "score": found.score })
@@ -75,7 +93,7 @@ fn json(library: &Library, found: &[Match], top: usize, unknown: &[&str]) -> ser
     serde_json::json!({ "found": found.iter().take(top).map(one).collect::<Vec<_>>(), "unknown": unknown })
 }
 
-fn show(library: &Library, found: &[Match], top: usize, unknown: &[&str]) {
+fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
     for found in found.iter().take(top) {
         let caption = &library.captions()[found.caption];
         println!("{:6.2}  {:<24}  {}", found.score, shown(&caption.file), shown(&caption.text));

@@ -15,10 +15,7 @@ pub(crate) const BYTES_MAX: u64 = 64 << 20;
 pub fn read(path: &Path) -> Result<String, LibraryError> {
     let file = || path.display().to_string();
     let failed = |cause| LibraryError::Read { file: file(), cause };
-    // Before it is opened: opening a pipe would wait for whoever writes into it.
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(failed(Error::new(ErrorKind::InvalidInput, "is not a regular file")));
-    }
+    regular(path)?;
     let mut text = Vec::new();
     // A file may grow while it is read.
     File::open(path).and_then(|open| open.take(BYTES_MAX + 1).read_to_end(&mut text)).map_err(failed)?;
@@ -26,6 +23,15 @@ pub fn read(path: &Path) -> Result<String, LibraryError> {
         return Err(LibraryError::Large { file: file() });
     }
     String::from_utf8(text).map_err(|error| failed(Error::new(ErrorKind::InvalidData, error.utf8_error())))
+}
+
+/// Refuses what is no regular file, before it is opened: opening a pipe would wait for whoever writes into it.
+pub(crate) fn regular(path: &Path) -> Result<(), LibraryError> {
+    let failed = |cause| LibraryError::Read { file: path.display().to_string(), cause };
+    if std::fs::metadata(path).map_err(failed)?.is_file() {
+        return Ok(());
+    }
+    Err(failed(Error::new(ErrorKind::InvalidInput, "is not a regular file")))
 }
 
 /// For a terminal: a control character is shown as U+FFFD, and sent to none.

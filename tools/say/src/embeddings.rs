@@ -1,0 +1,286 @@
+//! The motions that are nearest to a sentence in a space that a text encoder of the user spans.
+//!
+//! A folder holds `model.onnx`, `tokenizer.json` (as exporters of Hugging Face models name them) and `motions.npy`:
+//! - the encoder takes `input_ids` and `attention_mask`, and `token_type_ids` if it has such an input: int64, [1, n];
+//! - its output is `sentence_embedding` if one is called that, or else the first: float32, [1, d], or [1, n, d], of which the mean
+//!   over the tokens that the mask shows is taken;
+//! - the matrix is [N, d], floats, with a row for each of the N captions in the order of captions.tsv: of the motion or of
+//!   its caption, whatever the encoder was trained to come near to.
+//!
+//! score = e . m / (|e| |m|), the cosine of sentence and row.
+
+use crate::text::regular;
+use crate::{LibraryError, Match, read};
+use ort::environment::Environment;
+use ort::session::Session;
+use ort::value::Tensor;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use thiserror::Error;
+use tokenizers::{Encoding, Tokenizer};
+
+/// The files of the folder.
+const ENCODER: &str = "model.onnx";
+const TOKENIZER: &str = "tokenizer.json";
+const MOTIONS: &str = "motions.npy";
+/// The output that is taken if there is one of this name.
+const OUTPUT: &str = "sentence_embedding";
+
+/// Embeddings that cannot be used.
+#[derive(Debug, Error)]
+pub enum EmbeddingError {
+    /// No text, or no file at all.
+    #[error(transparent)]
+    File(#[from] LibraryError),
+    /// The library is none, or too old.
+    #[error("{file}: is no onnxruntime (1.17 or later): {cause}")]
+    Runtime {
+        /// The shared library.
+        file: String,
+        /// Why.
+        cause: String,
+    },
+    /// onnxruntime refuses the encoder, or fails to run it.
+    #[error("{file}: onnxruntime says: {cause}")]
+    Encoder {
+        /// The encoder.
+        file: String,
+        /// Why.
+        cause: String,
+    },
+    /// An input that nobody can fill.
+    #[error("{file}: input `{name}` is none of input_ids, attention_mask, token_type_ids")]
+    Input {
+        /// The encoder.
+        file: String,
+        /// The input's name.
+        name: String,
+    },
+    /// An output that is no embedding.
+    #[error(
+        "{file}: output `{name}` has the shape {shape:?} for {tokens} tokens; it must be [1, d] or [1, {tokens}, d]"
+    )]
+    Output {
+        /// The encoder.
+        file: String,
+        /// The output's name.
+        name: String,
+        /// What came.
+        shape: Vec<i64>,
+        /// Tokens of the sentence.
+        tokens: usize,
+    },
+    /// No tokenizer, or one that finds nothing in the sentence.
+    #[error("{file}: {cause}")]
+    Tokenizer {
+        /// The tokenizer.
+        file: String,
+        /// Why.
+        cause: String,
+    },
+    /// No array.
+    #[error("{file}: {cause}")]
+    Array {
+        /// The matrix.
+        file: String,
+        /// Why.
+        cause: motion::ArrayError,
+    },
+    /// Not one row for each caption.
+    #[error("{file}: has the shape {shape:?}; it must be [{captions}, d], a row for each caption of captions.tsv")]
+    Rows {
+        /// The matrix.
+        file: String,
+        /// Its shape.
+        shape: Vec<usize>,
+        /// How many captions there are.
+        captions: usize,
+    },
+    /// Rows that are no neighbours of what the encoder says.
+    #[error("{file}: rows of {columns} numbers; the encoder's embedding has {width}")]
+    Width {
+        /// The matrix.
+        file: String,
+        /// Length of its rows.
+        columns: usize,
+        /// Length of the embedding.
+        width: usize,
+    },
+    /// No direction: NaN, infinite, or zero.
+    #[error("{file}: {what} has no direction: a number is not finite, or all are 0")]
+    Direction {
+        /// The matrix or the encoder.
+        file: String,
+        /// Which row.
+        what: String,
+    },
+}
+
+/// A text encoder with the motions of a library.
+pub struct Embeddings {
+    session: Session,
+    tokenizer: Tokenizer,
+    /// One unit vector for each caption, one after the other.
+    motions: Vec<f64>,
+    columns: usize,
+    files: [String; 3],
+}
+
+impl Embeddings {
+    /// Reads the `folder` for a library of so many captions; `runtime` is onnxruntime's shared library, which runs code of its
+    /// own.
+    ///
+    /// # Errors
+    /// A file is missing or not what it should be.
+    pub fn open(folder: &Path, runtime: &Path, captions: usize) -> Result<Self, EmbeddingError> {
+        let paths = [ENCODER, TOKENIZER, MOTIONS].map(|name| folder.join(name));
+        let files = paths.each_ref().map(|path| path.display().to_string());
+        for path in &paths {
+            regular(path)?;
+        }
+        let (motions, columns) = read_motions(&paths[2], captions)?;
+        let text = read(&paths[1])?;
+        let tokenizer = Tokenizer::from_bytes(text)
+            .map_err(|error| EmbeddingError::Tokenizer { file: files[1].clone(), cause: error.to_string() })?;
+        let session = load(&start(runtime)?, &paths[0])
+            .map_err(|error| EmbeddingError::Encoder { file: files[0].clone(), cause: error.to_string() })?;
+        Ok(Self { session, tokenizer, motions, columns, files })
+    }
+
+    /// All captions, the nearest first; where two are as near, the earlier in the library.
+    ///
+    /// # Errors
+    /// The encoder does not take the sentence, or what it says is no embedding of the matrix's width.
+    pub fn find(&mut self, sentence: &str) -> Result<Vec<Match>, EmbeddingError> {
+        let mut embedding = self.embed(sentence)?;
+        let [encoder, _, motions] = &self.files;
+        if embedding.len() != self.columns {
+            let (columns, width) = (self.columns, embedding.len());
+            return Err(EmbeddingError::Width { file: motions.clone(), columns, width });
+        }
+        if !normalise(&mut embedding) {
+            return Err(EmbeddingError::Direction { file: encoder.clone(), what: "the sentence's embedding".into() });
+        }
+        let rows = self.motions.chunks_exact(self.columns).enumerate();
+        let cosine = |row: &[f64]| row.iter().zip(&embedding).map(|(a, b)| a * b).sum();
+        let mut found: Vec<_> = rows.map(|(caption, row)| Match { caption, score: cosine(row) }).collect();
+        found.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.caption.cmp(&b.caption)));
+        Ok(found)
+    }
+
+    fn embed(&mut self, sentence: &str) -> Result<Vec<f64>, EmbeddingError> {
+        let [encoder, tokenizer, _] = &self.files;
+        let untaken = |cause: String| EmbeddingError::Tokenizer { file: tokenizer.clone(), cause };
+        let tokens = self.tokenizer.encode(sentence, true).map_err(|error| untaken(error.to_string()))?;
+        let shown = tokens.get_attention_mask().iter().filter(|&&mask| mask > 0).count();
+        if shown == 0 {
+            return Err(untaken("finds no token in the sentence".into()));
+        }
+        let failed = |error: ort::Error| EmbeddingError::Encoder { file: encoder.clone(), cause: error.to_string() };
+        let mut inputs = Vec::new();
+        for input in self.session.inputs() {
+            let name = input.name().to_owned();
+            let unknown = || EmbeddingError::Input { file: encoder.clone(), name: name.clone() };
+            let values = values(&tokens, &name).ok_or_else(unknown)?;
+            inputs.push((name, Tensor::from_array(([1, tokens.len()], values)).map_err(failed)?));
+        }
+        let outputs = self.session.run(inputs).map_err(failed)?;
+        let named = outputs.iter().find(|(name, _)| *name == OUTPUT).or_else(|| outputs.iter().next());
+        let Some((name, value)) = named else {
+            return Err(EmbeddingError::Encoder { file: encoder.clone(), cause: "the model has no output".into() });
+        };
+        let (shape, numbers) = value.try_extract_tensor::<f32>().map_err(failed)?;
+        match **shape {
+            [1, width] if width > 0 => Ok(numbers.iter().copied().map(f64::from).collect()),
+            [1, count, width] if count == tokens.len() as i64 && width > 0 => {
+                Ok(mean(numbers, numbers.len() / tokens.len(), tokens.get_attention_mask()))
+            }
+            _ => Err(EmbeddingError::Output {
+                file: encoder.clone(),
+                name: name.to_owned(),
+                shape: shape.to_vec(),
+                tokens: tokens.len(),
+            }),
+        }
+    }
+}
+
+/// What an input of this name is given.
+fn values(tokens: &Encoding, name: &str) -> Option<Vec<i64>> {
+    let numbers = match name {
+        "input_ids" => tokens.get_ids(),
+        "attention_mask" => tokens.get_attention_mask(),
+        "token_type_ids" => tokens.get_type_ids(),
+        _ => return None,
+    };
+    Some(numbers.iter().copied().map(i64::from).collect())
+}
+
+/// Mean of the rows that the mask shows, of which there is one.
+fn mean(rows: &[f32], width: usize, mask: &[u32]) -> Vec<f64> {
+    let shown = || rows.chunks_exact(width).zip(mask).filter(|(_, mask)| **mask > 0).map(|(row, _)| row);
+    let count = shown().count() as f64;
+    (0..width).map(|i| shown().map(|row| f64::from(row[i])).sum::<f64>() / count).collect()
+}
+
+/// Makes a unit vector of it, if it has a direction.
+fn normalise(vector: &mut [f64]) -> bool {
+    let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+    vector.iter_mut().for_each(|x| *x /= norm);
+    norm.is_finite() && norm > 0.0
+}
+
+/// The rows as unit vectors, and how long each is.
+fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), EmbeddingError> {
+    let file = || path.display().to_string();
+    let opened = File::open(path).map_err(|cause| LibraryError::Read { file: file(), cause })?;
+    let array = motion::npy::read_npy(BufReader::new(opened));
+    let array = array.map_err(|cause| EmbeddingError::Array { file: file(), cause })?;
+    let columns = match array.shape[..] {
+        [rows, columns] if rows == captions && columns > 0 => columns,
+        _ => return Err(EmbeddingError::Rows { file: file(), shape: array.shape, captions }),
+    };
+    let mut motions = array.values;
+    for (row, vector) in motions.chunks_exact_mut(columns).enumerate() {
+        if !normalise(vector) {
+            return Err(EmbeddingError::Direction { file: file(), what: format!("row {row}, counted from 0,") });
+        }
+    }
+    Ok((motions, columns))
+}
+
+/// onnxruntime, from this library.
+fn start(runtime: &Path) -> Result<Environment, EmbeddingError> {
+    let refused = |cause: String| EmbeddingError::Runtime { file: runtime.display().to_string(), cause };
+    // A path without a folder would be looked for in the system's folders.
+    let absolute = std::path::absolute(runtime).map_err(|error| refused(error.to_string()))?;
+    regular(&absolute)?;
+    let builder = ort::init_from(absolute).map_err(|error| refused(error.to_string()))?;
+    // What it has to say comes back as an error; nothing of it goes to the terminal or to its makers.
+    let builder = builder.with_telemetry(false).with_logger(std::sync::Arc::new(|_, _, _, _, _| ()));
+    builder.build().map_err(|error| refused(error.to_string()))
+}
+
+fn load(runtime: &Environment, encoder: &Path) -> Result<Session, ort::Error> {
+    Session::builder(runtime)?.commit_from_file(encoder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_tokens_that_the_mask_shows_are_averaged() {
+        assert_eq!(mean(&[1.0, 2.0, 3.0, 6.0, 100.0, f32::NAN], 2, &[1, 1, 0]), [2.0, 4.0]);
+    }
+
+    #[test]
+    fn what_has_no_direction_is_told_apart() {
+        let mut vector = [3.0, -4.0];
+        assert!(normalise(&mut vector) && vector == [0.6, -0.8]);
+        for mut none in [[0.0, 0.0], [f64::NAN, 1.0], [f64::INFINITY, 1.0]] {
+            assert!(!normalise(&mut none));
+        }
+    }
+}
