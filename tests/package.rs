@@ -111,7 +111,7 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
     if !built.ends_with("release") {
         return Err("the package takes release builds".into());
     }
-    for needed in ["dist", "replay", "latency", "record"] {
+    for needed in ["dist", "replay", "latency", "record", "say"] {
         if !built.join(needed).exists() {
             return Err(format!("{needed} is not built (cargo build --release --workspace)"));
         }
@@ -145,6 +145,10 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
         "usr/share/man/man1/teleop-replay.1.gz",
         "usr/share/man/man1/teleop-latency.1.gz",
         "usr/share/man/man1/teleop-record.1.gz",
+        "usr/share/man/man1/teleop-say.1.gz",
+        "usr/share/teleopd/motions/captions.tsv",
+        "usr/share/teleopd/motions/synonyms.txt",
+        "usr/share/teleopd/motions/clap.bvh",
         "usr/share/zsh/vendor-completions/_teleopctl",
         "usr/share/doc/teleopd/SAFETY.md",
         "usr/share/doc/teleopd/LICENSE-MIT",

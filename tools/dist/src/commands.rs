@@ -7,6 +7,9 @@ use std::path::Path;
 #[path = "../../replay/src/cli.rs"]
 #[allow(dead_code)]
 mod replay;
+#[path = "../../say/src/cli.rs"]
+#[allow(dead_code)]
+mod say;
 #[path = "../../../crates/teleopctl/cli.rs"]
 #[allow(dead_code)]
 mod teleopctl;
@@ -15,13 +18,14 @@ mod teleopctl;
 mod teleopd;
 
 /// Every program of the package under its name there: a bare `replay` or `latency` would say too little in /usr/bin.
-pub fn programs() -> [Command; 5] {
+pub fn programs() -> [Command; 6] {
     [
         teleopd::Cli::command(),
         teleopctl::Cli::command(),
         replay::Cli::command().name("teleop-replay"),
         latency::cli::Cli::command().name("teleop-latency"),
         record::cli::Cli::command().name("teleop-record"),
+        say::Cli::command().name("teleop-say"),
     ]
 }
 

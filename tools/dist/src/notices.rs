@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// The packages whose programs are packaged.
-const PACKAGED: [&str; 4] = ["teleopd", "replay", "latency", "record"];
+const PACKAGED: [&str; 5] = ["teleopd", "replay", "latency", "record", "say"];
 
 /// How the files that hold a licence begin.
 const BEGINNINGS: [&str; 5] = ["licen", "copying", "copyright", "notice", "unlicense"];
@@ -99,7 +99,7 @@ mod tests {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let out = collect(&root).expect("notices");
         let listed = |name: &str| out.lines().any(|line| line.starts_with(&format!("{name} ")) && line.contains(": "));
-        assert!(listed("iceoryx2") && listed("nalgebra"), "{}", &out[..2000]);
+        assert!(listed("iceoryx2") && listed("nalgebra") && listed("tokenizers"), "{}", &out[..2000]);
         assert!(!listed("proptest") && !listed("clarabel"), "{}", &out[..2000]);
         assert!(out.contains("Permission is hereby granted"));
         let unnamed: Vec<_> =
