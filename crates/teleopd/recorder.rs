@@ -2,6 +2,7 @@
 
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
+use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
 use pipeline::Instance;
 use std::os::unix::net::UnixDatagram;
@@ -45,7 +46,7 @@ impl Recorder {
         }
         // A process group of its own: Ctrl-C ends the others first.
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &socket_path).process_group(0);
-        let mut recorder = Self { child: command.spawn().map_err(software)?, told: false };
+        let mut recorder = Self { child: spawned_aside(command, place).map_err(software)?, told: false };
         let ready = recorder.wait_ready(&socket);
         let _ = std::fs::remove_file(&socket_path);
         ready.map(|()| recorder)
@@ -108,6 +109,19 @@ impl Drop for Recorder {
     fn drop(&mut self) {
         self.stop();
     }
+}
+
+/// Starts `command` off the cores of the real-time processes: a child stays where the thread is that starts it.
+fn spawned_aside(mut command: Command, place: &Place) -> std::io::Result<Child> {
+    let settings = pipeline::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
+    let spawned = std::thread::scope(|scope| {
+        let spawn = || {
+            settings.as_ref().map(keep_off);
+            command.spawn()
+        };
+        scope.spawn(spawn).join()
+    });
+    spawned.unwrap_or_else(|_| Err(std::io::Error::other("its thread ended badly")))
 }
 
 /// The program, beside this one.

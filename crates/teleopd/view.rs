@@ -3,6 +3,7 @@
 use crate::children::instance_in;
 use crate::cli;
 use crate::exit::{Exit, Failure};
+use crate::process::realtime::keep_off;
 use crate::recorder;
 use keyposes::error::KeyposesError;
 use keyposes::triangle::{POSES, Triangle};
@@ -61,7 +62,16 @@ fn load(place: &cli::Place) -> Result<Loaded, Failure> {
 }
 
 fn serve(instance: &Instance, loaded: &Loaded, key_poses: Option<KeyPoses>, port: u16) -> Result<Server, Failure> {
-    Server::live(instance, &loaded.model, key_poses, port).map_err(|error| match error {
+    // The server's threads stay where the one is that starts them.
+    let served = std::thread::scope(|scope| {
+        let serve = || {
+            keep_off(&loaded.settings.realtime);
+            Server::live(instance, &loaded.model, key_poses, port)
+        };
+        scope.spawn(serve).join()
+    });
+    let served = served.map_err(|_| Failure::new(Exit::Software, "the server of the page could not be started"))?;
+    served.map_err(|error| match error {
         ViewError::Bus(error) => crate::process::bus_failure(error),
         error => Failure::new(Exit::Unavailable, error),
     })

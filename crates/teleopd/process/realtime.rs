@@ -25,6 +25,13 @@ pub fn placement(settings: &RealtimeSettings) -> Placement {
     placed(settings, Some(settings.priority_driver))
 }
 
+/// Keeps the calling thread, and whatever it starts, off the cores of the real-time processes: for what only looks on.
+pub fn keep_off(settings: &RealtimeSettings) {
+    if let Some(cores) = placement(settings).others {
+        let _ = rt::Realtime::keep_to(&cores);
+    }
+}
+
 fn placed(settings: &RealtimeSettings, priority: Option<u32>) -> Placement {
     match &settings.cores {
         Cores::Auto => {}
