@@ -269,6 +269,8 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
     hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
     browser.click("#engage");
     browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
+    // All of the triangle, and then the handle in it.
+    browser.middle("#mix-plane");
     let from = browser.middle("#mix-handle");
     // Beyond the corner: the handle stays in the triangle.
     let to = browser.evaluate(

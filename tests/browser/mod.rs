@@ -126,8 +126,8 @@ impl Browser {
     /// Where the middle of the element is in the window, x and y.
     pub fn middle(&mut self, selector: &str) -> Value {
         self.evaluate(&format!(
-            "(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); \
-             return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'nearest' }}); \
+             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
         ))
     }
 
