@@ -419,9 +419,9 @@ impl ControlState {
             status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;
             status.transition_count += 1;
         }
-        let ingest = self.ingest.filter(|(_, received)| now.since(*received) <= INGEST_GONE_NS);
-        let dropped = |ingest: &InputStatus| now.since(ingest.dropped_at) <= DROPPED_NOW_NS;
-        status.input_drop = ingest.filter(|(ingest, _)| dropped(ingest)).map_or(0, |(ingest, _)| ingest.dropped_why);
+        let ingest = self.ingest.as_ref().filter(|(_, received)| now.since(*received) <= INGEST_GONE_NS);
+        let dropped = ingest.filter(|(ingest, _)| now.since(ingest.dropped_at) <= DROPPED_NOW_NS);
+        status.input_drop = dropped.map_or(0, |(ingest, _)| ingest.dropped_why);
         status.calibration = ingest.map_or(0, |(ingest, _)| ingest.calibration);
         if let Some((_, received)) = self.robot {
             status.state_stamp = received;
