@@ -1,5 +1,9 @@
 //! Embeddings of the user: a tiny text encoder, written here byte by byte, that a real onnxruntime runs.
 
+#[path = "../../../crates/retarget/benches/inference/protobuf.rs"]
+mod protobuf;
+
+use protobuf::Message;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::LazyLock;
@@ -35,41 +39,6 @@ fn runtime_or_skip() -> Option<&'static Path> {
 
 fn say(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_say")).args(arguments).output().expect("it runs")
-}
-
-/// A protobuf message in the making.
-#[derive(Default)]
-struct Message(Vec<u8>);
-
-impl Message {
-    fn varint(&mut self, mut value: u64) {
-        while value >= 0x80 {
-            self.0.push(value as u8 | 0x80);
-            value >>= 7;
-        }
-        self.0.push(value as u8);
-    }
-
-    fn number(mut self, field: u64, value: u64) -> Self {
-        self.varint(field << 3);
-        self.varint(value);
-        self
-    }
-
-    fn bytes(mut self, field: u64, value: &[u8]) -> Self {
-        self.varint(field << 3 | 2);
-        self.varint(value.len() as u64);
-        self.0.extend_from_slice(value);
-        self
-    }
-
-    fn text(self, field: u64, value: &str) -> Self {
-        self.bytes(field, value.as_bytes())
-    }
-
-    fn message(self, field: u64, value: Message) -> Self {
-        self.bytes(field, &value.0)
-    }
 }
 
 /// ONNX's numbers of the types float and int64.

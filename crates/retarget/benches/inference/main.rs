@@ -8,6 +8,7 @@
 mod contest;
 mod onnx;
 mod peers;
+mod protobuf;
 mod ticks;
 
 use std::process::Command;

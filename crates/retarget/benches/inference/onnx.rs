@@ -1,5 +1,6 @@
 //! The same networks as an ONNX model, run by onnxruntime where its library is given.
 
+use crate::protobuf::Message;
 use ort::environment::Environment;
 use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
@@ -87,39 +88,4 @@ fn value(name: &str, shape: &[usize]) -> Message {
         .fold(Message::default(), |shape, size| shape.message(1, Message::default().number(1, *size as u64)));
     let kind = Message::default().message(1, Message::default().number(1, 1).message(2, shape));
     Message::default().text(1, name).message(2, kind)
-}
-
-/// A protobuf message in the making.
-#[derive(Default)]
-struct Message(Vec<u8>);
-
-impl Message {
-    fn varint(&mut self, mut value: u64) {
-        while value >= 0x80 {
-            self.0.push(value as u8 | 0x80);
-            value >>= 7;
-        }
-        self.0.push(value as u8);
-    }
-
-    fn number(mut self, field: u64, value: u64) -> Self {
-        self.varint(field << 3);
-        self.varint(value);
-        self
-    }
-
-    fn bytes(mut self, field: u64, value: &[u8]) -> Self {
-        self.varint(field << 3 | 2);
-        self.varint(value.len() as u64);
-        self.0.extend_from_slice(value);
-        self
-    }
-
-    fn text(self, field: u64, value: &str) -> Self {
-        self.bytes(field, value.as_bytes())
-    }
-
-    fn message(self, field: u64, value: Message) -> Self {
-        self.bytes(field, &value.0)
-    }
 }
