@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use messages::{Fault, Mode, Stamp, deadline};
+use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
 use safety::engage::{Config, Output, Permit};
 use support::{Alive, Bench, settings, ticks};
 
@@ -151,4 +151,69 @@ fn every_writer_is_known_by_itself() {
         assert_eq!(bench.step().active.has(Fault::WriterRestarted), strange, "change {n}");
         assert!(!bench.step().active.has(Fault::WriterRestarted), "known from the next tick on");
     }
+}
+
+/// A millisecond, told as the own gap.
+fn step_of_1_ms(bench: &mut Bench) -> Output {
+    bench.input.own_gap_ns = 1_000_000;
+    bench.step()
+}
+
+/// A recovery that stands still finds no way after half a second, and not a millisecond sooner.
+#[test]
+fn a_recovery_is_blocked_to_the_nanosecond() {
+    let mut bench = Bench::recovering();
+    bench.input.motion.at_rest = true;
+    for n in 1..=501 {
+        let mode = if n <= 500 { Mode::Recovering } else { Mode::Disengaged };
+        assert_eq!(step_of_1_ms(&mut bench).mode, mode, "after {n} ms");
+    }
+}
+
+/// A jump is caught up at full speed for as long as it says.
+#[test]
+fn f034_a_jump_slows_to_the_nanosecond() {
+    let mut bench = Bench::engaged();
+    bench.input.target.jumped = true;
+    let most = settings().target_jump_slow_ms as u64;
+    for n in 1..=most + 1 {
+        let slow = step_of_1_ms(&mut bench).permit.speed_scale() < 1.0;
+        assert_eq!(slow, n > most, "after {n} ms");
+        (bench.input.target.jumped, bench.input.motion.behind) = (false, true);
+    }
+}
+
+/// Jumps are borne from the first of them on for as long as it says, also while the process is young.
+#[test]
+fn f034_jumps_are_borne_to_the_nanosecond() {
+    let debounce = u64::from(FAULTS[Fault::InputImplausible.index()].debounce_ticks);
+    let most = settings().target_jump_hold_ms as u64 + debounce - 1;
+    for young_ms in [0, 50] {
+        let mut bench = Bench::new();
+        for _ in 0..young_ms {
+            step_of_1_ms(&mut bench);
+        }
+        bench.input.target.jumped = true;
+        for n in 1..=most + 1 {
+            let implausible = step_of_1_ms(&mut bench).active.has(Fault::InputImplausible);
+            assert_eq!(implausible, n > most, "after {n} ms, born {young_ms} ms before");
+        }
+    }
+}
+
+/// A speed that comes back to full within the tick is not reduced any more.
+#[test]
+fn full_speed_has_no_reason_to_be_slow() {
+    let mut bench = Bench::engaged();
+    let late_ns = (settings().input_late_ms * 1e6) as u64 + 1000;
+    // None for 50 ms, so that what comes then is both new and old.
+    bench.alive.input = false;
+    bench.steps(75);
+    // 1 us of 50 ms: a share of 2e-5 is missing, and 10 us of 500 ms bring it back, to the bit.
+    let out = always_as_old(&mut bench, 1, late_ns, 1);
+    assert_eq!((out.permit, out.reduced), (Permit::Follow { speed_scale: 0.99998 }, reduced_flag::INPUT_LATE));
+    bench.alive.input = true;
+    bench.input.own_gap_ns = 10_000;
+    let out = bench.step();
+    assert_eq!((out.permit, out.reduced), (Permit::Follow { speed_scale: 1.0 }, 0));
 }
