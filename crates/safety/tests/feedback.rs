@@ -158,3 +158,29 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
         }
     }
 }
+
+/// What still swings when a motion begins comes back against the motion's sense, and is believed; a wrong sign that seems to
+/// come back does so once.
+#[test]
+fn f056_a_joint_that_comes_back_is_believed_and_a_wrong_sign_for_one_way_at_most() {
+    const ELBOW: usize = 10;
+    let start = MODEL.home[ELBOW];
+    for sign in [-1.0, 1.0] {
+        let v = one(ELBOW, sign * 0.05 * MODEL.limits[ELBOW].v_max);
+        let begin = || {
+            let mut bench = Bench::new();
+            bench.step(&[0.0; JOINTS], |q| q[ELBOW] += sign * 0.024);
+            bench.begins = true;
+            bench
+        };
+        let mut swings = begin();
+        for n in 0..1500 {
+            let judged = swings.step(&v, |q| q[ELBOW] += sign * (0.024 - 1.6 * (q[ELBOW] - start).abs()).max(0.0));
+            assert!(!judged.invalid, "tick {n}");
+        }
+        let mut wrong = begin();
+        let seen = (0..2000).find(|_| wrong.step(&v, |q| q[ELBOW] = 2.0 * start - q[ELBOW] + sign * 0.024).invalid);
+        let travel = (wrong.q[ELBOW] - start).abs();
+        assert!(seen.is_some() && travel < 0.035, "{travel} after {seen:?}");
+    }
+}

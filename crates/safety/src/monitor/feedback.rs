@@ -18,8 +18,8 @@ const FROZEN_RAD: f64 = 0.02;
 /// How far a joint is sent at the beginning of a motion before its measurement must have followed, rad.
 const SENSE_RAD: f64 = 0.015;
 
-/// Share of that way that it must show. A measurement of the wrong sign shows less than nothing, one of another joint
-/// what that joint does.
+/// Share of that way that it must show, unless it comes closer to where the joint is sent. A measurement of the wrong sign
+/// shows less than nothing, one of another joint what that joint does.
 const SENSE_SHARE: f64 = 0.2;
 
 /// Of a prismatic joint, m for each rad above: its limits of tracking error are a fifth as large.
@@ -75,8 +75,8 @@ impl Feedback {
     ///
     /// Off is a joint that moved by more than 3 v_max dt and the margin of noise since the last good sample. One such
     /// sample is passed over, a second in a row is invalid. Invalid is a measurement that stays the very same for 50 ms
-    /// while its joint is sent on by 0.02 rad, and one that shows less than a fifth of the first 0.015 rad of a motion that
-    /// begins. What is not finite is invalid at once.
+    /// while its joint is sent on by 0.02 rad, and one that goes away from where its joint is sent and shows less than a
+    /// fifth of the first 0.015 rad of a motion that begins. What is not finite is invalid at once.
     pub fn judge(&mut self, model: &Model, sample: &Sample<'_>, servo_lag_s: f64) -> Judged {
         if !sample.q_measured.iter().all(|q| q.is_finite()) {
             self.last = None;
@@ -128,6 +128,8 @@ impl Before {
             return false;
         }
         self.sense = Some((sent, measured));
-        (measured - measured_from) * way.signum() < SENSE_SHARE * way.abs()
+        // What was away and comes back follows, whichever way it comes: a joint that still swings.
+        let comes_back = (measured - sent).abs() <= (measured_from - sent_from).abs();
+        !comes_back && (measured - measured_from) * way.signum() < SENSE_SHARE * way.abs()
     }
 }
