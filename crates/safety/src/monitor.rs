@@ -228,6 +228,8 @@ mod tests {
         let model = model();
         let (q, still) = (model.home, [0.0; JOINTS]);
         let (lift, turn) = (messages::TORSO, messages::LEFT_ARM.start);
+        let (angle_rad, _) = tracking_error(&model, &q, &still, &q, 0.0);
+        assert_eq!(angle_rad, Farthest::default(), "where none is behind, none is blamed");
         let mut measured = q;
         measured[lift] += 0.02;
         measured[turn] -= 0.3;

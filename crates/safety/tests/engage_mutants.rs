@@ -217,3 +217,15 @@ fn full_speed_has_no_reason_to_be_slow() {
     let out = bench.step();
     assert_eq!((out.permit, out.reduced), (Permit::Follow { speed_scale: 1.0 }, 0));
 }
+
+/// While the speed comes back, what slows anew is the same reason still.
+#[test]
+fn a_reason_that_comes_again_is_told() {
+    let mut bench = Bench::engaged();
+    bench.alive.input = false;
+    bench.steps(100);
+    let late_ns = (settings().input_late_ms * 1e6) as u64 + 1000;
+    let out = always_as_old(&mut bench, 1, late_ns, 1);
+    assert!(out.permit.speed_scale() < 0.9, "it rises slowly");
+    assert_eq!(out.reduced, reduced_flag::INPUT_LATE);
+}

@@ -89,6 +89,10 @@ pub(super) fn charged_ns(own_gap_ns: u64) -> u64 {
     own_gap_ns.min(CHARGE_MAX_NS)
 }
 
+fn deaf_to_what_lasts(ticks: u32, debounce_ticks: u32) -> bool {
+    known_bug!(FaultActsForOneTick) && ticks > debounce_ticks
+}
+
 impl Watch {
     /// Whether the enable has been seen released for long enough since start.
     pub(super) fn armed(&self) -> bool {
@@ -105,8 +109,7 @@ impl Watch {
         for row in &FAULTS {
             let held = &mut self.ticks_held[row.fault.index()];
             *held = if seen.has(row.fault) { held.saturating_add(1) } else { 0 };
-            let once = known_bug!(FaultActsForOneTick) && *held > row.debounce_ticks;
-            if *held >= row.debounce_ticks && !once {
+            if *held >= row.debounce_ticks && !deaf_to_what_lasts(*held, row.debounce_ticks) {
                 active = active.with(row.fault);
                 if !self.active.has(row.fault) {
                     let count = &mut self.counts[row.fault.index()];
