@@ -1,10 +1,6 @@
 //! The operator's client: unprivileged, talks to `control` over its socket and to nothing else; `watch` alone reads the joints
 //! too, where it may.
 
-#[path = "../teleopd/say.rs"]
-#[macro_use]
-mod say;
-
 mod calibrate;
 mod cli;
 mod watch;
@@ -14,6 +10,7 @@ use cli::{CalibrateArgs, Cli, Command};
 use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
+use rt::{err, out};
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -33,28 +30,49 @@ const RESET_EVERY: Duration = Duration::from_millis(100);
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let socket = cli.run_dir.join("operator.sock");
-    let outcome = Client::connect(&socket).and_then(|mut client| match cli.command {
-        Command::Status(args) => status(&mut client, &cli.run_dir, args.json),
-        Command::Watch => watch::run(&mut client, &cli.run_dir),
-        Command::Calibrate(args) => calibrate(&mut client, &cli.run_dir, &args),
-        Command::Engage => engage(&mut client, &cli.run_dir),
-        Command::Recover => recover(&mut client, &cli.run_dir),
-        Command::Release => {
-            client.release();
-            until(&mut client, "released", |status| mode(status) == Mode::Disengaged || mode(status) == Mode::Faulted)
-        }
-        Command::Reset => reset(&mut client, &cli.run_dir),
-        Command::Estop => {
-            client.estop();
-            until(&mut client, "stopped", |status| mode(status) == Mode::Faulted)
-        }
-    });
+    let outcome = match cli.command {
+        Command::Estop => estop(&socket, &cli.run_dir),
+        command => Client::connect(&socket).and_then(|mut client| obey(&mut client, &cli.run_dir, command)),
+    };
     match outcome {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
             err!("teleopctl: {error}");
             ExitCode::from(EX_UNAVAILABLE)
+        }
+    }
+}
+
+fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, OperatorError> {
+    match command {
+        Command::Status(args) => status(client, run_dir, args.json),
+        Command::Watch => watch::run(client, run_dir),
+        Command::Calibrate(args) => calibrate(client, run_dir, &args),
+        Command::Engage => engage(client, run_dir),
+        Command::Recover => recover(client, run_dir),
+        Command::Release => {
+            client.release();
+            until(client, "released", |status| matches!(mode(status), Mode::Disengaged | Mode::Faulted))
+        }
+        Command::Reset => reset(client, run_dir),
+        Command::Estop => {
+            client.estop();
+            until(client, "stopped", |status| mode(status) == Mode::Faulted)
+        }
+    }
+}
+
+/// Presses the emergency stop until the robot is Faulted: whom a crowd puts out presses again.
+fn estop(socket: &Path, run_dir: &Path) -> Result<bool, OperatorError> {
+    let give_up = Instant::now() + EFFECT_WITHIN;
+    loop {
+        match Client::connect(socket).and_then(|mut client| obey(&mut client, run_dir, Command::Estop)) {
+            Err(error @ OperatorError::Closed { .. }) if Instant::now() < give_up => {
+                err!("teleopctl: {error}; pressed again");
+                std::thread::sleep(HEARTBEAT);
+            }
+            ended => return ended,
         }
     }
 }
@@ -72,9 +90,7 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     }
     let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
     out!("mode              {}{note}", mode(&status).name());
-    if let Some(why) = pipeline::why_stopped(&status, &names) {
-        out!("why               {why}");
-    }
+    out!("why               {}", pipeline::why(&status, &names));
     out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     match pipeline::input_age_ms(&status) {
         Some(age_ms) => out!("input age         {age_ms:.1} ms"),

@@ -115,6 +115,13 @@ impl Merge {
         true
     }
 
+    /// Takes the emergency stop of a connection's first request, and nothing else of it; whether it is one.
+    pub(crate) fn stop_alone(&mut self, request: &OperatorRequest) -> bool {
+        let stops = (1..=EDGES_MAX).contains(&request.estop_count);
+        self.view.estop_edges += if stops { u64::from(request.estop_count) } else { 0 };
+        stops
+    }
+
     fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool) {
         if self.holder.is_some_and(|holder| holder != index) || released_by_another {
             self.view.enables_refused += edges;

@@ -224,11 +224,31 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
     let view = house.poll();
     let seen = (view.connections, view.connections_refused, view.estop_edges, view.reset_edges, view.enable_level);
     assert_eq!(seen, (CLIENTS_MAX as u32, 0, 1, 1, true));
-    // Of a crowd at the door one comes in, and is heard.
+    // Of a crowd at the door one comes in. Of the others a stop is heard, and nothing else.
     let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
-    crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
+    crowd.iter_mut().for_each(|client| client.say(|r| (r.estop_count, r.reset_count, r.release_count) = (1, 1, 1)));
     let view = house.poll();
-    assert_eq!((view.connections_refused, view.estop_edges, view.enable_level), (7, 2, true));
+    let seen = (view.connections_refused, view.estop_edges, view.reset_edges, view.release_edges, view.enable_level);
+    assert_eq!(seen, (7, 9, 2, 1, false));
+}
+
+/// Who stops and loses his place in the same round is heard, and who pressed the enable there hands it to nobody.
+#[test]
+fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
+    let mut house = House::new();
+    let mut clients: Vec<Raw> = (1..CLIENTS_MAX).map(|_| house.raw()).collect();
+    clients.iter_mut().for_each(|client| client.say(|_| {}));
+    house.poll();
+    house.now = Stamp(house.now.0 + 300_000_000);
+    clients.iter_mut().skip(2).for_each(|client| client.say(|_| {}));
+    house.poll();
+    // One place is free, so nobody is served before the door is opened.
+    clients[0].say(|r| r.estop_count += 1);
+    clients[1].press();
+    let _crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
+    let view = house.poll();
+    assert_eq!((view.connections_refused, view.estop_edges, view.enable_edges), (0, 1, 1));
+    assert_eq!((view.enable_level, view.holders_lost), (false, 1));
 }
 
 #[test]
