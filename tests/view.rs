@@ -8,7 +8,8 @@ use browser::Browser;
 use messages::Mode;
 use rig::{Rig, assert_no_violations, config};
 use serde_json::json;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use tungstenite::Message;
@@ -142,6 +143,29 @@ fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
         while page.socket.read().is_ok() {}
     }
     assert!(viewer.page().told("scene").is_object(), "it serves on");
+}
+
+#[test]
+fn silent_connections_keep_nobody_out_and_a_page_that_only_pings_is_put_out() {
+    let rig = Rig::empty();
+    let viewer = Viewer::of(&rig);
+    let mut open = viewer.page();
+    open.told("scene");
+    // More than there are places, one byte each, and as many anew before each request.
+    let mut silent = Vec::new();
+    for _ in 0..5 {
+        for _ in 0..40 {
+            let mut one = TcpStream::connect(viewer.host()).expect("taken");
+            one.write_all(b"G").expect("sent");
+            silent.push(one);
+        }
+        let answer = viewer.get("/");
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    }
+    // Who is in stays.
+    open.socket.send(Message::Ping(vec![0].into())).expect("the server listens");
+    while !matches!(open.socket.read().expect("it answers"), Message::Pong(_)) {}
+    while open.socket.send(Message::Ping(vec![0].into())).is_ok() {}
 }
 
 #[test]

@@ -37,10 +37,14 @@ function isRecording() {
   return scene?.about.source === "recording";
 }
 
-function play(now) {
+function showPlaying(now) {
   playing = now;
   $("play").setAttribute("aria-pressed", String(now));
   text("play", now ? "Pause" : "Play");
+}
+
+function play(now) {
+  showPlaying(now);
   wire.ask(now ? "play" : "pause");
 }
 
@@ -63,7 +67,7 @@ const told = {
     mix.told({ on: false });
     frame = null;
     $("link").classList.add("bad");
-    text("link", opened ? "connection lost; trying again" : "no connection: is the address the one with the token, and does it still run?");
+    text("link", opened || scene ? "connection lost; has the run ended? Trying again" : "no connection: is the address the one with the token, and does it still run?");
     setMode("not connected");
   },
   scene(message) {
@@ -93,7 +97,7 @@ const told = {
     }
   },
   status({ status }) {
-    text("why", status ? status.why ?? "The robot follows, or waits to be engaged." : "control is not heard.");
+    text("why", status ? status.why : "control is not heard.");
     const faults = status?.faults ?? [];
     $("faults").replaceChildren(...faults.map((fault) => Object.assign(document.createElement("li"), { textContent: fault })));
     if (status) text("link", `${status.realtime ? "real-time" : "no real-time"}, ${status.missed_deadlines} of ${status.ticks} deadlines missed; calibration: ${status.calibration}`);
@@ -136,6 +140,8 @@ function show() {
   setMode(heard ? scene.modes[frame.mode] ?? "unknown" : isRecording() ? "nothing recorded" : "no instance");
   if (isRecording()) {
     if (!sliding) $("at").value = frame.at;
+    // At its end it stands by itself.
+    if (playing && frame.at >= scene.about.duration_s) showPlaying(false);
     text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
     // Sentences of what is yet to come are dim.
     for (const row of $("events").children) row.classList.toggle("later", Number(row.dataset.at) > frame.at + 0.01);

@@ -1,10 +1,10 @@
 //! A page's hand on the robot: its own connection to the operator socket. A page can only ask; `control` decides.
 
+use crate::worker::Worker;
 use messages::{Mode, Status};
 use operator::{Client, OperatorError};
 use pipeline::{Instance, Names};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
 /// Time between two heartbeats: 50 Hz.
@@ -38,12 +38,8 @@ pub struct Answer {
     pub text: Option<String>,
 }
 
-/// The hand and its thread. Dropping it lets go of what it holds.
-pub struct Hand {
-    asks: Sender<Ask>,
-    answers: Receiver<Answer>,
-    thread: Option<JoinHandle<()>>,
-}
+/// The hand. Dropping it lets go of what it holds.
+pub type Hand = Worker<Ask, Answer>;
 
 impl Hand {
     /// A hand that connects when it is first asked for something.
@@ -51,31 +47,8 @@ impl Hand {
     /// # Errors
     /// No thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
-        let (asks, asked) = channel();
-        let (answer, answers) = channel();
-        let grip = Grip { instance: instance.clone(), client: None, held: None, answer };
-        let thread = std::thread::Builder::new().name("hand".into()).spawn(move || grip.work(&asked))?;
-        Ok(Self { asks, answers, thread: Some(thread) })
-    }
-
-    /// Passes on what is asked.
-    pub fn ask(&self, ask: Ask) {
-        let _ = self.asks.send(ask);
-    }
-
-    /// What became of it since.
-    pub fn answer(&self) -> Option<Answer> {
-        self.answers.try_recv().ok()
-    }
-}
-
-impl Drop for Hand {
-    fn drop(&mut self) {
-        let (closed, _) = channel();
-        self.asks = closed;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        let instance = instance.clone();
+        Self::start("hand", |asked, answer| Grip { instance, client: None, held: None, answer }.work(asked))
     }
 }
 

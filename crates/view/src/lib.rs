@@ -18,6 +18,7 @@ mod reel;
 mod scene;
 mod server;
 mod shares;
+mod worker;
 
 pub use assets::{ASSETS, Asset};
 pub use frame::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, VERSION, encode, present};

@@ -3,12 +3,12 @@
 
 use crate::hand::HOLD_FOR;
 use crate::shares::Shares;
+use crate::worker::Worker;
 use doors::{Client, DoorError, Word};
 use messages::RawSkeleton;
 use pipeline::Instance;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
 /// Time between two frames of the person: 60 Hz, as the key poses' motions have.
@@ -61,12 +61,8 @@ pub struct Mixed {
     pub text: Option<String>,
 }
 
-/// The mixer and its thread. Dropping it ends the person.
-pub struct Mixer {
-    turns: Sender<Turn>,
-    answers: Receiver<Mixed>,
-    thread: Option<JoinHandle<()>>,
-}
+/// The mixer. Dropping it ends the person.
+pub type Mixer = Worker<Turn, Mixed>;
 
 impl Mixer {
     /// A mixer that connects when it is first asked to join.
@@ -74,42 +70,22 @@ impl Mixer {
     /// # Errors
     /// No thread can be started.
     pub fn new(instance: &Instance, key_poses: &Arc<KeyPoses>) -> std::io::Result<Self> {
-        let (turns, asked) = channel();
-        let (answer, answers) = channel();
-        let person = Person {
-            instance: instance.clone(),
-            key_poses: key_poses.clone(),
-            client: None,
-            on: None,
-            at: Shares::FIRST,
-            asked: Shares::FIRST,
-            begun: Instant::now(),
-            sequence: 0,
-            incarnation: rt::incarnation(),
-            answer,
-        };
-        let thread = std::thread::Builder::new().name("mixer".into()).spawn(move || person.work(&asked))?;
-        Ok(Self { turns, answers, thread: Some(thread) })
-    }
-
-    /// Passes on what is asked.
-    pub fn ask(&self, turn: Turn) {
-        let _ = self.turns.send(turn);
-    }
-
-    /// What became of it since.
-    pub fn answer(&self) -> Option<Mixed> {
-        self.answers.try_recv().ok()
-    }
-}
-
-impl Drop for Mixer {
-    fn drop(&mut self) {
-        let (closed, _) = channel();
-        self.turns = closed;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        let (instance, key_poses) = (instance.clone(), key_poses.clone());
+        Self::start("mixer", |asked, answer| {
+            let person = Person {
+                instance,
+                key_poses,
+                client: None,
+                on: None,
+                at: Shares::FIRST,
+                asked: Shares::FIRST,
+                begun: Instant::now(),
+                sequence: 0,
+                incarnation: rt::incarnation(),
+                answer,
+            };
+            person.work(asked);
+        })
     }
 }
 
@@ -258,6 +234,7 @@ mod tests {
     use std::path::PathBuf;
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::sync::{Mutex, MutexGuard};
+    use std::thread::JoinHandle;
 
     /// Longest time for anything that must happen; only a hang comes near.
     const SOON: Duration = Duration::from_secs(20);

@@ -168,7 +168,7 @@ impl Page {
         Ok(())
     }
 
-    /// Whether the page asks no more often than a page can.
+    /// Whether the page speaks no more often than a page can.
     fn keeps_measure(&mut self) -> bool {
         if self.second.elapsed() > Duration::from_secs(1) {
             (self.second, self.asked) = (Instant::now(), 0);
@@ -190,8 +190,8 @@ impl Page {
                         return Err(Error::ConnectionClosed);
                     }
                 }
-                Ok(Message::Binary(_)) => return Err(Error::ConnectionClosed),
-                Ok(_) => {}
+                Ok(Message::Ping(_) | Message::Pong(_)) if self.keeps_measure() => {}
+                Ok(_) => return Err(Error::ConnectionClosed),
                 Err(error) if waits(&error) => break,
                 Err(error) => return Err(error),
             }

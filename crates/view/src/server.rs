@@ -1,7 +1,6 @@
 //! The listener, the thread that reads the instance, and a thread for every page.
 
 use crate::ViewError;
-use crate::counted::Counted;
 use crate::hub::{Hub, Teller};
 use crate::live::Live;
 use crate::mixer::KeyPoses;
@@ -12,9 +11,9 @@ use bus::DomainConfig;
 use pipeline::Instance;
 use robot::Model;
 use serde_json::json;
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -148,7 +147,9 @@ fn play(hub: &Hub, reel: &Reel, position: &Position, ended: &AtomicBool) {
     let (mut next, mut before) = (Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = Instant::now();
-        let at_s = position.advance((now - before).as_secs_f64());
+        // Nobody misses its beginning.
+        let seen = hub.pages().load(Ordering::Relaxed) > 0;
+        let at_s = position.advance(if seen { (now - before).as_secs_f64() } else { 0.0 });
         before = now;
         reel.show(hub, at_s);
         wait(&mut next);
@@ -161,33 +162,53 @@ fn wait(next: &mut Instant) {
     std::thread::sleep(next.saturating_duration_since(Instant::now()));
 }
 
+/// A connection, shared with its thread for as long as that runs.
+struct Connection {
+    stream: TcpStream,
+    is_page: AtomicBool,
+}
+
 /// Pages end before this does.
 fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, behind: &Behind, ended: &Arc<AtomicBool>) {
-    let open = Arc::new(AtomicUsize::new(0));
+    let mut open: Vec<Arc<Connection>> = Vec::new();
     while !ended.load(Ordering::Relaxed) {
-        match listener.accept() {
-            Ok((stream, _)) if open.load(Ordering::Relaxed) < CONNECTIONS_MAX => {
-                let (key, hub, behind) = (key.clone(), hub.clone(), behind.clone());
-                let (ended, place) = (ended.clone(), Counted::one_more(open.clone()));
-                let work = move || {
-                    let _place = place;
-                    connection(stream, &key, &hub, &behind, &ended);
-                };
-                // Without a thread the connection is closed, and its place given back.
-                let _ = std::thread::Builder::new().name("page".into()).spawn(work);
-            }
-            Ok(_) => {}
-            Err(_) => std::thread::sleep(ACCEPT),
+        let Ok((stream, _)) = listener.accept() else {
+            std::thread::sleep(ACCEPT);
+            continue;
+        };
+        open.retain(|one| !has_ended(one));
+        if open.len() >= CONNECTIONS_MAX {
+            // Who has not proved to be a page makes place for who comes: nobody is kept out by those who say nothing.
+            let Some(oldest) = open.iter().position(|one| !one.is_page.load(Ordering::Relaxed)) else { continue };
+            let _ = open.remove(oldest).stream.shutdown(Shutdown::Both);
+        }
+        let (key, hub, behind, ended) = (key.clone(), hub.clone(), behind.clone(), ended.clone());
+        let Ok(twin) = stream.try_clone() else { continue };
+        let connection = Arc::new(Connection { stream: twin, is_page: AtomicBool::new(false) });
+        let own = connection.clone();
+        let work = move || {
+            answer(stream, &key, &hub, &behind, &own.is_page, &ended);
+            // The other end is told now, and not when the next one comes.
+            let _ = own.stream.shutdown(Shutdown::Both);
+        };
+        // Without a thread the connection is closed.
+        if std::thread::Builder::new().name("page".into()).spawn(work).is_ok() {
+            open.push(connection);
         }
     }
-    while open.load(Ordering::Relaxed) > 0 {
+    while open.iter().any(|one| !has_ended(one)) {
         std::thread::sleep(ACCEPT);
     }
 }
 
-fn connection(stream: TcpStream, key: &http::Key, hub: &Hub, behind: &Behind, ended: &AtomicBool) {
+fn has_ended(connection: &Arc<Connection>) -> bool {
+    Arc::strong_count(connection) == 1
+}
+
+fn answer(stream: TcpStream, key: &http::Key, hub: &Hub, behind: &Behind, is_page: &AtomicBool, ended: &AtomicBool) {
     // Who breaks off has harmed nobody but himself.
     if let Ok(Some(stream)) = http::answer(stream, key) {
+        is_page.store(true, Ordering::Relaxed);
         let _ = page::serve(stream, hub, behind, ended);
     }
 }
