@@ -86,9 +86,9 @@ impl Drop for Client {
     }
 }
 
-fn calibrate(rig: &Rig, folder: &std::path::Path) -> Command {
+fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
-    command.arg("--run-dir").arg(rig.folder()).args(["calibrate", "anna", "--folder"]).arg(folder);
+    command.arg("--run-dir").arg(rig.folder()).args(["calibrate", name, "--folder"]).arg(folder);
     command.stdin(Stdio::null());
     command
 }
@@ -102,7 +102,7 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
     let hand = rig.hand();
     let place = rig.folder().join("operators");
     let client = Client::start(&rig, 1);
-    let measured = calibrate(&rig, &place).output().expect("teleopctl runs");
+    let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let said = String::from_utf8_lossy(&measured.stdout);
     assert!(measured.status.success(), "{said}{}", String::from_utf8_lossy(&measured.stderr));
     assert!(said.contains("upper arms        0.290 m left, 0.290 m right"), "{said}");
@@ -117,6 +117,11 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
     std::thread::sleep(Duration::from_millis(1500));
     let _client = Client::start(&rig, 2);
     hand.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
+    // The same person under another name would be refused by the next start.
+    let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
+    let why = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && why.contains("operator_id 5 and layout 1 are \"anna\" already"), "{why}");
+    assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
 }
 
 #[test]
@@ -126,7 +131,8 @@ fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
         rig.start(name);
     }
     let place = rig.folder().join("operators");
-    let mut waiting = calibrate(&rig, &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+    let mut waiting =
+        calibrate(&rig, "anna", &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
     std::thread::sleep(Duration::from_millis(2500));
     assert!(waiting.try_wait().expect("its state").is_none(), "it waits for somebody");
     let hand = rig.hand();
@@ -142,7 +148,7 @@ fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
     let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
     assert!(said.contains("no skeletons come"), "{said}");
     assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
-    let refused = calibrate(&rig, &place).output().expect("teleopctl runs");
+    let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && why.contains("only a disengaged robot can be calibrated to"), "{why}");
     assert!(!place.exists());

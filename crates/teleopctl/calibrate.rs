@@ -5,7 +5,8 @@ use crate::{mode, only_disengaged};
 use bus::{BusError, Domain, Reader};
 use messages::{InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names, Operator, dropped_now};
+use pipeline::{Instance, Names, Operator, Operators, dropped_now};
+use rt::{err, out};
 use skeleton::{Calibration, Pose, TPose};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -34,6 +35,8 @@ struct Eyes {
     skeletons: Reader<Skeleton>,
     inputs: Reader<InputStatus>,
     input: InputStatus,
+    /// Of the newest frame.
+    session: u64,
     _domain: Domain,
 }
 
@@ -41,13 +44,20 @@ impl Eyes {
     fn open(run_dir: &Path) -> Result<Self, BusError> {
         let domain = Domain::open(Instance::unmade(run_dir).core_domain(), "calibrate")?;
         let (skeletons, inputs) = (domain.reader(Service::Skeleton)?, domain.reader(Service::InputStatus)?);
-        Ok(Self { skeletons, inputs, input: InputStatus::ZERO, _domain: domain })
+        Ok(Self { skeletons, inputs, input: InputStatus::ZERO, session: 0, _domain: domain })
     }
 
     /// The person, if there is a new frame.
     fn look(&mut self) -> Option<Skeleton> {
         self.input = self.inputs.latest().unwrap_or(self.input);
-        self.skeletons.latest()
+        let person = self.skeletons.latest();
+        self.session = person.map_or(self.session, |person| person.session_nonce);
+        person
+    }
+
+    /// Who is seen: the session, the client's person, the layout.
+    fn who(&self) -> (u64, u32, u32) {
+        (self.session, self.input.operator_id, self.input.layout)
     }
 }
 
@@ -74,6 +84,11 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         None => Step::Silent(dropped_now(status)),
     })?;
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
+    let who = eyes.who();
+    if let Some(why) = taken(job, who.1, who.2) {
+        err!("teleopctl: {why}; nothing was written");
+        return Ok(false);
+    }
     if eyes.input.flags & raw_flag::ROTATIONS != 0 {
         out!("Good. Now move both arms up and down, and bend and stretch the elbows a few times.");
         let begun = eyes.input.online.samples;
@@ -91,9 +106,28 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     } else {
         out!("Good. This client sends no rotations: the elbows' axes are seen in the arms' planes as they move.");
     }
-    let InputStatus { operator_id, layout, .. } = eyes.input;
+    eyes.look();
+    if eyes.who() != who {
+        err!("teleopctl: somebody else is seen now than in the T-pose; nothing was written");
+        return Ok(false);
+    }
+    let (_, operator_id, layout) = who;
     let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
     Ok(store(&operator, &job.folder))
+}
+
+/// Why this person cannot have a file of that name: two of one person would be refused by the next start.
+fn taken(job: &Job<'_>, operator_id: u32, layout: u32) -> Option<String> {
+    let known = match Operators::read(&job.folder) {
+        Ok(known) => known,
+        Err(error) => return Some(error.to_string()),
+    };
+    let other = known.called(operator_id, layout).filter(|other| *other != job.name)?;
+    Some(format!(
+        "operator_id {operator_id} and layout {layout} are {other:?} already, in {}: let the client send another operator_id \
+         for another person, or calibrate {other} anew, or remove that file",
+        job.folder.display()
+    ))
 }
 
 fn store(operator: &Operator, folder: &Path) -> bool {

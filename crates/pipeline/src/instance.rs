@@ -101,8 +101,12 @@ pub fn write_anew(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let beside = path.with_file_name(name);
     // Left by a process of the same number that was killed.
     let _ = std::fs::remove_file(&beside);
-    let written =
-        OpenOptions::new().write(true).create_new(true).open(&beside).and_then(|mut file| file.write_all(bytes));
+    // Synchronised before it has the name: after a power loss it is the old one or the new one, and never empty.
+    let written = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(&beside)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
     written.and_then(|()| std::fs::rename(&beside, path)).inspect_err(|_| _ = std::fs::remove_file(&beside))
 }
 

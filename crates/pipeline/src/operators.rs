@@ -112,9 +112,18 @@ impl Operators {
         Ok(all)
     }
 
+    fn get(&self, operator_id: u32, layout: u32) -> Option<&Operator> {
+        self.0.iter().find(|operator| operator.key() == (operator_id, layout))
+    }
+
     /// What is known of a client's person in a layout.
     pub fn find(&self, operator_id: u32, layout: u32) -> Option<&Calibration> {
-        self.0.iter().find(|operator| operator.key() == (operator_id, layout)).map(|operator| &operator.calibration)
+        self.get(operator_id, layout).map(|operator| &operator.calibration)
+    }
+
+    /// What a client's person in a layout is called.
+    pub fn called(&self, operator_id: u32, layout: u32) -> Option<&str> {
+        self.get(operator_id, layout).map(|operator| operator.name.as_str())
     }
 
     /// Their names.
