@@ -4,13 +4,14 @@
 use bus::{Domain, Reader};
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Gravity, Instance, Names, calibration_name, mode_name, sentences, why_stopped};
+use pipeline::{Gravity, Instance, Names, calibration_name, mode_name, sentences};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+use rt::err;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -148,9 +149,7 @@ impl Shown {
         ]);
         let [head, why, age, body, foot] = rows.areas(frame.area());
         frame.render_widget(self.head(status), head);
-        let text =
-            why_stopped(status, &self.names).unwrap_or_else(|| "The robot follows, or waits to be engaged.".into());
-        frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), why);
+        frame.render_widget(Paragraph::new(pipeline::why(status, &self.names)).wrap(Wrap { trim: true }), why);
         self.draw_age(frame, age);
         let [left, right] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(body);
         frame.render_widget(Paragraph::new(self.joints(left.width)), left);

@@ -3,6 +3,7 @@
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use messages::JOINTS;
+use rt::out;
 
 /// Reads everything an instance would read, refuses what it would refuse, and prints the rest.
 pub fn run(place: &Place) -> Result<Exit, Failure> {

@@ -13,6 +13,7 @@ use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
 use motion::CalibrationMode;
 use pipeline::{ClientError, Instance, Loaded, Overrides, PlayOptions, Player, Publisher, RealtimeSettings};
 use rt::Shutdown;
+use rt::out;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -1,9 +1,6 @@
 //! The processes of teleopd and the commands about them. A library, so that a harness can start the same processes from
 //! its own executable (`Children` starts the running one again); the binary `teleopd` is `main` alone.
 
-#[macro_use]
-mod say;
-
 mod check;
 mod children;
 mod cli;
@@ -23,6 +20,7 @@ mod view;
 
 use clap::Parser;
 use cli::{Cli, Command};
+use rt::err;
 use std::process::ExitCode;
 
 pub use children::Children;

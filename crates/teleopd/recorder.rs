@@ -5,6 +5,7 @@ use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
 use pipeline::Instance;
+use rt::err;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -88,7 +89,7 @@ impl Recorder {
     pub fn stop(&mut self) -> Option<String> {
         let judged = |status: ExitStatus| (!status.success()).then(|| format!("the recorder ended badly ({status})"));
         if let Ok(Some(status)) = self.child.try_wait() {
-            return judged(status).or_else(|| Some("the recorder had ended already".to_owned())).filter(|_| !self.told);
+            return judged(status).or_else(|| Some("the recorder had ended already".to_owned()));
         }
         rt::terminate(self.child.id());
         let give_up = Instant::now() + END_WITHIN;

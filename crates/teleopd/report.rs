@@ -4,6 +4,7 @@ use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use messages::{FAULTS, Response, TICK_HZ};
 use pipeline::Instance;
+use rt::out;
 use serde_json::{Map, Value, json};
 
 /// The kinds of violation that the simulated robot counts by itself.

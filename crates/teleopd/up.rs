@@ -8,6 +8,7 @@ use crate::recorder::Recorder;
 use messages::Mode;
 use pipeline::Instance;
 use rt::Shutdown;
+use rt::out;
 use std::time::Duration;
 
 /// How often the children are looked after.

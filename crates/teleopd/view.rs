@@ -9,6 +9,7 @@ use keyposes::error::KeyposesError;
 use keyposes::triangle::{POSES, Triangle};
 use pipeline::{Instance, Loaded};
 use rt::Shutdown;
+use rt::out;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;

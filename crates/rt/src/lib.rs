@@ -18,6 +18,7 @@ mod peer;
 mod placement;
 mod processor;
 mod realtime;
+mod say;
 mod shutdown;
 
 pub use allocation::{

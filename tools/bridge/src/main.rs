@@ -6,6 +6,7 @@ use clap::Parser;
 use messages::{Header, Layout, RawSkeleton, Stamp};
 use pipeline::{Instance, Port, Way};
 use rt::{Peer, Shutdown};
+use rt::{err, out};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
@@ -30,7 +31,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, text)) => {
-            eprintln!("bridge: {text}");
+            err!("bridge: {text}");
             ExitCode::from(code)
         }
     }
@@ -49,13 +50,13 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
     let port = Port::open(way, "bridge").map_err(|error| unavailable(error.to_string()))?;
     let at = socket.local_addr().unwrap_or(bind);
     let users = users(to).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
-    println!("bridge: listening at {at}");
+    out!("bridge: listening at {at}");
     match users {
-        Some(own) => println!("bridge: of this machine, users {own} and 0 may send; --any-user lets all of them"),
-        None => println!("bridge: every user of this machine can be followed by the robot"),
+        Some(own) => out!("bridge: of this machine, users {own} and 0 may send; --any-user lets all of them"),
+        None => out!("bridge: every user of this machine can be followed by the robot"),
     }
     if !at.ip().is_loopback() && to.from.is_none() {
-        println!("bridge: whoever reaches {at} can be followed by the robot; --from IP listens to one machine alone");
+        out!("bridge: whoever reaches {at} can be followed by the robot; --from IP listens to one machine alone");
     }
     let mut listener = Listener::new(port, protocol, Senders::new(to.from), Users::new(users));
     let mut packet = [0; PACKET_MAX + 1];
@@ -68,7 +69,7 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
         }
         listener.tell(rt::now());
     }
-    println!("{}", listener.summary());
+    out!("{}", listener.summary());
     Ok(())
 }
 
@@ -121,13 +122,15 @@ impl<P: Protocol> Listener<P> {
         if self.protocol.restarts() != self.restarts {
             self.restarts = self.protocol.restarts();
             self.session += 1;
-            println!("bridge: {sender} was started anew");
+            if self.restarts == 1 {
+                out!("bridge: {sender} was started anew; further times are counted");
+            }
         }
         if let Err(refused) = outcome {
             let count = &mut self.refused[refused as usize];
             *count += 1;
             if *count == 1 {
-                println!("bridge: refused a packet of {sender}: {refused}; others like it are counted");
+                out!("bridge: refused a packet of {sender}: {refused}; others like it are counted");
             }
         }
     }
@@ -147,7 +150,7 @@ impl<P: Protocol> Listener<P> {
             }
             self.protocol = self.protocol.anew();
             self.session += 1;
-            println!("bridge: listening to {sender}");
+            out!("bridge: listening to {sender}");
         }
         let mut frames = Vec::new();
         let taken = self.protocol.take(packet, &mut |frame| frames.push(*frame))?;
@@ -167,7 +170,7 @@ impl<P: Protocol> Listener<P> {
         if let Err(error) = self.port.publish(&RawSkeleton { header, session_nonce, ..*frame }) {
             self.failed += 1;
             if self.failed == 1 {
-                println!("bridge: a frame was not taken: {error}");
+                out!("bridge: a frame was not taken: {error}");
             }
         }
     }
@@ -177,7 +180,7 @@ impl<P: Protocol> Listener<P> {
         let refused = self.refused.iter().sum();
         if now.since(self.told.0) >= TELL_EVERY_NS {
             if refused != self.told.1 {
-                println!("{}", self.summary());
+                out!("{}", self.summary());
             }
             self.told = (now, refused);
         }
@@ -185,6 +188,9 @@ impl<P: Protocol> Listener<P> {
 
     fn summary(&self) -> String {
         let mut text = format!("bridge: {} frames, {} not taken", self.published, self.failed);
+        if self.restarts > 0 {
+            text += &format!("; senders started anew {} times", self.restarts);
+        }
         for refused in Refused::ALL {
             let count = self.refused[refused as usize];
             if count > 0 {

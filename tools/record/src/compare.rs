@@ -103,8 +103,12 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
 /// Why a recording that was read to its end is not whole.
 fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
     let mut flaws = Vec::new();
-    if let Ending::BrokenOff(why) = recorded.ending() {
-        flaws.push(format!("the file breaks off ({why}): it was compared up to its last whole chunk"));
+    match recorded.ending() {
+        Ending::BrokenOff(why) => {
+            flaws.push(format!("the file breaks off ({why}): it was compared up to its last whole chunk"));
+        }
+        Ending::GoesOn => flaws.push("something stands behind the end of the file, which was not compared".to_owned()),
+        Ending::Open | Ending::Complete => {}
     }
     match recorded.outcome().get("samples_lost").map(String::as_str) {
         None | Some("0") => {}

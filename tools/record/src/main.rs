@@ -5,6 +5,7 @@ use pipeline::{Instance, Loaded, Names};
 use record::cli::Cli;
 use record::{Attached, Origin, Queue, Rates, RecordError, Summary};
 use rt::{ServiceManager, Shutdown};
+use rt::{err, out};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::path::Path;
@@ -45,7 +46,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(code, text)) => {
-            eprintln!("record: {text}");
+            err!("record: {text}");
             ExitCode::from(code)
         }
     }
@@ -55,11 +56,12 @@ fn main() -> ExitCode {
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
     let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    err!("record: reads {}", file.display());
     let reel = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let server = view::Server::recording(reel, &name, &loaded.model, cli.port);
     let server = server.map_err(|error| Failure::of(UNAVAILABLE)(&error))?;
-    println!("record: shows {} at {}", file.display(), server.address());
+    out!("record: shows {} at {}", file.display(), server.address());
     while !shutdown.requested() {
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -71,12 +73,12 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let loaded = pipeline::load(&cli.config, cli.overrides());
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
     let summary = Summary::read(file, &names).map_err(|error| Failure(NO_INPUT, error.to_string()))?;
-    print!("{}", summary.text());
+    out!("{}", summary.text().trim_end());
     let Some(picture) = &cli.plot else { return Ok(()) };
     let loaded = loaded.map_err(|error| Failure::of(CONFIG)(&error))?;
     let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
     record::plot(picture, &summary.trace, &loaded.model, &title).map_err(|error| Failure::of(CANT_CREATE)(&error))?;
-    println!("picture   {}", picture.display());
+    out!("picture   {}", picture.display());
     Ok(())
 }
 
@@ -103,7 +105,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     let mut attached = attach(cli, &loaded)?;
     let mut queue = begin(cli, out, &loaded)?;
     let _ = manager.ready();
-    println!("record: writing {}", out.display());
+    out!("record: writing {}", out.display());
     let begun = rt::now();
     let end = cli.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
     let (mut warned, mut failed) = (false, false);
@@ -112,7 +114,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
         if let (false, Some(hash)) = (warned, attached.other_settings()) {
             warned = true;
             let ours = loaded.hash;
-            eprintln!(
+            err!(
                 "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}: give --config, \
                  --engage-without-realtime and --interface as it was started with; what the file says of its settings is \
                  not so"
@@ -120,7 +122,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
         }
         if !failed && queue.failed() {
             failed = true;
-            eprintln!("record: {}: nothing more can be written; the file is good up to here", out.display());
+            err!("record: {}: nothing more can be written; the file is good up to here", out.display());
         }
         shutdown.sleep_until(attached.next_look(rt::now()));
     }
@@ -161,10 +163,10 @@ fn finish(out: &Path, attached: &Attached, queue: Queue) -> Result<(), Failure> 
     let last: BTreeMap<String, String> = missed.iter().map(named).collect();
     let outcome = queue.finish(last);
     let unseen: Vec<_> = missed.iter().map(|(topic, count)| format!("{count} of {}", topic.name())).collect();
-    println!("record: {} messages in {}, {} lost", outcome.written, out.display(), outcome.lost);
-    println!("record: published between two looks and not seen: {}", unseen.join(", "));
+    out!("record: {} messages in {}, {} lost", outcome.written, out.display(), outcome.lost);
+    out!("record: published between two looks and not seen: {}", unseen.join(", "));
     if !attached.heard_any() {
-        println!("record: no process of an instance was heard; was --run-dir the right one?");
+        out!("record: no process of an instance was heard; was --run-dir the right one?");
     }
     match outcome.failure {
         Some(failure) => Err(Failure(FAILED, format!("{}: {failure}; {} messages lost", out.display(), outcome.lost))),

@@ -78,7 +78,7 @@ impl Summary {
         summary.outcome = recorded.outcome().clone();
         summary.broken_off = match recorded.ending() {
             Ending::BrokenOff(why) => Some(why.clone()),
-            Ending::Open | Ending::Complete => None,
+            Ending::Open | Ending::Complete | Ending::GoesOn => None,
         };
         Ok(summary)
     }

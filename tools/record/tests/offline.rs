@@ -101,6 +101,11 @@ fn a_recording_that_is_not_whole_is_not_equal() {
     let cut = record::compare(&part, &loaded).expect("a comparison");
     assert!(!cut.equal() && cut.commands.compared > all / 4, "{cut:?}");
     assert!(cut.flaws.iter().any(|flaw| flaw.starts_with("the file breaks off")), "{cut:?}");
+    // A file with a second one behind it: all that is read is the same, and more stands there.
+    let long = folder.path().join("long.mcap");
+    std::fs::write(&long, [&whole[..], &whole[..]].concat()).unwrap();
+    let long = record::compare(&long, &loaded).expect("a comparison");
+    assert!(!long.equal() && long.commands.different == 0 && long.commands.compared == all, "{long:?}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! `println!` would: what cannot be written is lost.
 
 /// A line on standard output.
+#[macro_export]
 macro_rules! out {
     ($($words:tt)*) => {{
         use std::io::Write as _;
@@ -10,6 +11,7 @@ macro_rules! out {
 }
 
 /// A line on standard error.
+#[macro_export]
 macro_rules! err {
     ($($words:tt)*) => {{
         use std::io::Write as _;
