@@ -364,7 +364,7 @@ pub enum BvhError {
         frames: u64,
     },
     /// The rig has no joint for these.
-    #[error("the rig has no joint for {}; it has {}", .missing.join(", "), .found.join(", "))]
+    #[error("the rig has no joint for {}; it has {}", sought(.missing), .found.join(", "))]
     MissingJoints {
         /// SMPL-22 names.
         missing: Vec<&'static str>,
@@ -380,4 +380,13 @@ pub enum BvhError {
     /// Left and right cannot be trusted.
     #[error(transparent)]
     Mirror(MirrorError),
+}
+
+/// The joints' names, and what else those are called that many rigs call otherwise.
+fn sought(missing: &[&str]) -> String {
+    let called = |name: &&str| match *name {
+        "left_foot" | "right_foot" => format!("{name} (the toes: ToeBase)"),
+        name => name.to_owned(),
+    };
+    missing.iter().map(called).collect::<Vec<_>>().join(", ")
 }

@@ -78,6 +78,8 @@ pub enum Ending {
     Complete,
     /// The file breaks off, as after kill -9 or on a full disk: what was read until there is good.
     BrokenOff(String),
+    /// The writer finished the file, and somebody put more behind it: that is not read.
+    GoesOn,
 }
 
 /// Reads a recording from its beginning. No index is needed, so that a file that breaks off is read up to its last chunk.
@@ -129,7 +131,9 @@ impl<R: Read> Reader<R> {
         while self.ending == Ending::Open {
             let event = match self.reader.next_event() {
                 None => {
-                    self.ending = Ending::Complete;
+                    let more =
+                        self.input.read(&mut [0]).map_err(|error| McapError::Read { cause: error.to_string() })?;
+                    self.ending = if more == 0 { Ending::Complete } else { Ending::GoesOn };
                     break;
                 }
                 Some(event) => event,

@@ -2,6 +2,7 @@
 
 use crate::{Cli, EX_NOINPUT, Failure};
 use pipeline::Overrides;
+use rt::out;
 use std::path::Path;
 
 /// Compares, and says what was compared.
@@ -10,7 +11,7 @@ pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     let found = record::compare(recording, &loaded).map_err(|error| Failure(EX_NOINPUT, error.to_string()))?;
     for (what, counts) in [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)] {
         let record::Counts { compared, missing, different } = counts;
-        println!("{what:<9} {compared:>9} compared, {missing} missing, {different} different");
+        out!("{what:<9} {compared:>9} compared, {missing} missing, {different} different");
     }
     let name = recording.display();
     let mut wrong: Vec<_> = found.flaws.iter().map(|flaw| format!("{name}: {flaw}")).collect();
@@ -18,6 +19,6 @@ pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     if !found.equal() {
         return Err(Failure::failed(wrong.join("\nreplay: ")));
     }
-    println!("equal, bit for bit");
+    out!("equal, bit for bit");
     Ok(())
 }

@@ -1,13 +1,15 @@
 //! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
+use bus::{BusError, Domain, Reader};
 use doors::DoorError;
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::Mode;
+use messages::{Mode, Service, Skeleton};
 use motion::Motion;
 use operator::{Client, OperatorError};
 use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Way};
 use rt::Shutdown;
+use rt::out;
 use std::path::Path;
 use std::time::Duration;
 
@@ -28,9 +30,40 @@ fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure
     }
 }
 
-/// Publishes until the end of the motion, or until Ctrl-C.
-pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
-    let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
+/// Whom the robot follows, as `ingest` tells the core. Only who shares memory with it can look.
+struct Leader {
+    skeletons: Reader<Skeleton>,
+    session: u64,
+    _domain: Domain,
+}
+
+impl Leader {
+    fn open(instance: &Instance) -> Result<Self, BusError> {
+        let domain = Domain::open(instance.core_domain(), "replay")?;
+        Ok(Self { skeletons: domain.reader(Service::Skeleton)?, session: 0, _domain: domain })
+    }
+
+    /// Its session; 0 for nobody yet.
+    fn session(&mut self) -> u64 {
+        self.session = self.skeletons.latest().map_or(self.session, |skeleton| skeleton.session_nonce);
+        self.session
+    }
+}
+
+/// What is said of a motion that the robot does not follow.
+const ANOTHER_LEADS: &str =
+    "another client leads the robot, not this motion: end that one, and start this one a second later";
+
+fn bar_of(frames: u64) -> ProgressBar {
+    let bar = ProgressBar::new(frames);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// The instance, and the way in.
+fn place(cli: &Cli) -> Result<(Instance, Way), Failure> {
     let instance = match &cli.socket {
         Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
         None if cli.run_dir.is_dir() => Instance::unmade(&cli.run_dir),
@@ -43,23 +76,28 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         Some(socket) => Way::Socket(socket.clone()),
         None => Way::Domain(instance.input_domain()),
     };
+    Ok((instance, way))
+}
+
+/// Publishes until the end of the motion, or until Ctrl-C.
+pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
+    let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
+    let (instance, way) = place(cli)?;
     let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
     let mut control = operator_of(cli, &instance)?;
+    let mut leader = if cli.socket.is_none() { Leader::open(&instance).ok() } else { None };
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     if control.is_none() {
-        println!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
+        out!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
         publisher.set_engaged(true);
     } else {
-        println!("holding the first frame until the robot is engaged (`teleopctl engage`)");
+        out!("holding the first frame until the robot is engaged (`teleopctl engage`)");
     }
-    let bar = ProgressBar::new(publisher.progress().1);
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
-        bar.set_style(style);
-    }
+    let bar = bar_of(publisher.progress().1);
     let (mut mode, mut told) = (None, None);
     let names = Names::read(instance.run_dir());
     // Since the robot follows no longer, why.
@@ -77,7 +115,11 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                         ended.iter().for_each(|why| bar.println(why));
                         followed |= now == Some(Mode::Engaged);
                     }
-                    publisher.set_engaged(now == Some(Mode::Engaged));
+                    let engaged = now == Some(Mode::Engaged);
+                    if engaged && leader.as_mut().is_some_and(|leader| leader.session() != nonce) {
+                        return Err(Failure::failed(ANOTHER_LEADS));
+                    }
+                    publisher.set_engaged(engaged);
                 }
                 Err(error) => bar.println(error.to_string()),
             }

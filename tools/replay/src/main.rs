@@ -10,6 +10,7 @@ use cli::Cli;
 use keyposes::trajectory;
 use motion::CalibrationMode;
 use pipeline::Overrides;
+use rt::{err, out};
 use std::process::ExitCode;
 
 /// EX_NOINPUT of sysexits(3): a file to read is missing or malformed.
@@ -48,7 +49,7 @@ fn main() -> ExitCode {
     let _ = rt::flush_denormals();
     // Recordings of 60 Hz at half speed still come at 30 Hz, the least that is followed.
     if !(0.5..=10.0).contains(&cli.speed) {
-        eprintln!("replay: --speed {} is outside [0.5, 10]", cli.speed);
+        err!("replay: --speed {} is outside [0.5, 10]", cli.speed);
         return ExitCode::from(EX_USAGE);
     }
     if let Some(recording) = &cli.compare {
@@ -70,7 +71,7 @@ fn ended(outcome: Result<(), Failure>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(code, text)) => {
-            eprintln!("replay: {text}");
+            err!("replay: {text}");
             ExitCode::from(code)
         }
     }
@@ -100,7 +101,7 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
 }
 
 fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
-    println!(
+    out!(
         "{}: {} frames at {:.1} Hz, {:.1} s",
         motion.name,
         motion.frames.len(),
@@ -108,12 +109,15 @@ fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
         motion.duration_s()
     );
     let guesses = &motion.guesses;
-    println!(
+    out!(
         "unit {} ({} m each), stature {:.2} m, up {}",
-        guesses.unit, guesses.scale_m_per_unit, guesses.stature_m, guesses.up
+        guesses.unit,
+        guesses.scale_m_per_unit,
+        guesses.stature_m,
+        guesses.up
     );
     for warning in &guesses.warnings {
-        println!("{warning}");
+        out!("{warning}");
     }
     let hinges = match calibration {
         CalibrationMode::First10s => "the first 10 s (the whole motion if shorter)",
@@ -121,5 +125,5 @@ fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
         CalibrationMode::None => "the person's movements, as they are played",
         CalibrationMode::Rig => "the rig: its joints have no rotation in the T-pose",
     };
-    println!("elbow hinges from {hinges}");
+    out!("elbow hinges from {hinges}");
 }

@@ -7,6 +7,7 @@ use motion::Motion;
 use pipeline::{Moment, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions};
 use record::{OfflineRecording, Trace};
 use robot::Model;
+use rt::out;
 use safety::engage::OperatorView;
 use serde_json::json;
 use std::fs::File;
@@ -98,12 +99,12 @@ fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model:
     if let (Some(recording), Some(path)) = (recording, &cli.record) {
         let failed = |error| Failure::cannot_create(format!("{}: {error}", path.display()));
         recording.finish().map_err(failed)?;
-        println!("every message in {}", path.display());
+        out!("every message in {}", path.display());
     }
     if let Some(path) = &cli.plot {
         let title = cli.file.as_deref().unwrap_or(Path::new("")).display().to_string();
         record::plot(path, trace, model, &title).map_err(Failure::cannot_create)?;
-        println!("picture in {}", path.display());
+        out!("picture in {}", path.display());
     }
     Ok(())
 }
@@ -124,8 +125,8 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
     });
     std::fs::write(&beside, format!("{summary:#}\n"))
         .map_err(|error| Failure::cannot_create(format!("{}: {error}", beside.display())))?;
-    println!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
-    println!(
+    out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
+    out!(
         "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, violations {}",
         report.limb_error_deg_mean,
         report.limb_error_measured_deg_mean,

@@ -4,6 +4,7 @@ use clap::Parser;
 use say::cli::Cli;
 use say::{EmbeddingError, Embeddings, Index, Library, LibraryError, Match, Words, shown};
 use std::collections::HashSet;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
@@ -18,7 +19,7 @@ const PLAYERS: [&str; 2] = ["replay", "teleop-replay"];
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match find(&cli) {
-        Ok(Some(motion)) if cli.play => play(&motion, &cli.replay).unwrap_or_else(|text| fail(EX_UNAVAILABLE, &text)),
+        Ok(Some(motion)) if cli.play => fail(EX_UNAVAILABLE, &play(&motion, &cli.replay)),
         Ok(Some(_)) => ExitCode::SUCCESS,
         Ok(None) => ExitCode::FAILURE,
         Err((code, text)) => fail(code, &text),
@@ -106,13 +107,17 @@ fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
     }
 }
 
-/// Hands over to `replay`: what it ends with is what this ends with.
-fn play(motion: &Path, arguments: &[String]) -> Result<ExitCode, String> {
+/// Becomes `replay`, so that no player goes on whose `say` was ended. Returns why it could not.
+fn play(motion: &Path, arguments: &[String]) -> String {
+    match player() {
+        Ok(player) => format!("{}: {}", player.display(), Command::new(&player).arg(motion).args(arguments).exec()),
+        Err(why) => why,
+    }
+}
+
+fn player() -> Result<PathBuf, String> {
     let own = std::env::current_exe().map_err(|error| error.to_string())?;
     let folder = own.parent().unwrap_or(Path::new("/"));
     let missing = || format!("{}: no program `replay` there (cargo build --release -p replay)", folder.display());
-    let player = PLAYERS.map(|name| folder.join(name)).into_iter().find(|path| path.is_file()).ok_or_else(missing)?;
-    let ended = Command::new(&player).arg(motion).args(arguments).status();
-    let ended = ended.map_err(|error| format!("{}: {error}", player.display()))?;
-    Ok(ended.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from))
+    PLAYERS.map(|name| folder.join(name)).into_iter().find(|path| path.is_file()).ok_or_else(missing)
 }
