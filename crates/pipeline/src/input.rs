@@ -60,17 +60,17 @@ impl InputConfig {
             DropReason::Backwards => "header.origin or header.sequence went backwards",
             DropReason::NotFinite => "a number is not finite",
             DropReason::OutOfRange => {
-                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1; are the \
-                 units those of the layout?"
+                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 (are the \
+                 units those of the layout?)"
             }
             DropReason::NotUnit => "a quaternion or a hinge is not of length 1",
             DropReason::TrunkLost => "shoulders or hips are below a confidence of 0.5",
             DropReason::Size => {
-                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that; are the \
-                 units and the order of the joints those of the layout?"
+                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that (are the \
+                 units and the order of the joints those of the layout?)"
             }
             DropReason::NotUpright => {
-                "the trunk does not stand upright at the start; is the axis that points up the layout's?"
+                "the trunk does not stand upright at the start (is the axis that points up the layout's?)"
             }
             DropReason::Chirality => "left and right are swapped, or the person is a mirror image",
             DropReason::Teleport => "a joint jumped by more than 0.15 m, or faster than 10 m/s",

@@ -41,7 +41,7 @@ pub use settings::{
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
-pub use words::{Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, sentences, why_stopped};
+pub use words::{Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, sentences, why, why_stopped};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

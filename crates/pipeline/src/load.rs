@@ -35,6 +35,11 @@ pub struct Loaded {
 }
 
 impl Loaded {
+    /// The settings file's name, for errors.
+    pub(crate) fn config_name(&self) -> String {
+        self.files.first().map_or_else(String::new, |file| file.display().to_string())
+    }
+
     /// Every setting in force, as `table.key` and value.
     pub fn effective(&self) -> Vec<(String, String)> {
         let tables = toml::Table::try_from(&self.settings).unwrap_or_default();

@@ -1,6 +1,6 @@
 //! What happened, and why the robot does not move, in sentences for the operator: the fault, the joint or the pair is named.
 
-use crate::control::subject as about_now;
+use crate::control::{input_age_ms, subject as about_now};
 use crate::{InputConfig, Names};
 use messages::{
     CalibrationSource, FAULTS, Fault, Faults, Mode, Response, Stamp, Status, Subject, TRANSITIONS_KEPT, Transition,
@@ -14,6 +14,9 @@ const KEPT: u32 = TRANSITIONS_KEPT as u32;
 
 /// A target this old is one of a `retarget` that stands still, ms: 1500 come in a second.
 const TARGET_SILENT_MS: f64 = 50.0;
+
+/// A frame this old was seen just now, ms: those of the slowest client that is followed are 50 ms apart.
+const INPUT_SEEN_MS: f64 = 100.0;
 
 /// How grave a sentence is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -114,9 +117,13 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
         let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
         all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
     } else {
-        // From where it last moved.
-        let moved = |made: &&Transition| Mode::from_u32(made.from).is_some_and(moves);
-        let since = newest(status, KEPT).enumerate().filter(|(_, made)| moved(made)).last().map_or(0, |(n, _)| n);
+        // From where it last moved; what was before a reset is over.
+        let moved = |made: &Transition| Mode::from_u32(made.from).is_some_and(moves);
+        let begins = |(n, made): (usize, &Transition)| match made.why {
+            Transition::RESET => Some(n + 1),
+            _ => moved(made).then_some(n),
+        };
+        let since = newest(status, KEPT).enumerate().filter_map(begins).last().unwrap_or(0);
         let mut told = Faults::NONE;
         for made in newest(status, KEPT).skip(since) {
             told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
@@ -126,6 +133,15 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
         all.extend(others.map(|fault| named(fault, status, names)));
     }
     (!all.is_empty()).then(|| all.join(" "))
+}
+
+/// Why the robot does not follow, or follows slowly; that it follows, or waits, if nothing stands in the way.
+pub fn why(status: &Status, names: &Names) -> String {
+    why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
+        Some(Mode::Recovering) => "The robot is brought back.".into(),
+        Some(mode) if moves(mode) => "The robot follows.".into(),
+        _ => "The robot waits to be engaged.".into(),
+    })
 }
 
 /// What a fault means; while it is there, with the joint or the pair that it is about, and what helps.
@@ -165,6 +181,9 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         }
         (Fault::InputStale, _) => match dropped(status) {
             Some((name, why)) => format!("{meaning} Frames come, and are dropped: {name}: {why}."),
+            None if input_age_ms(status).is_some_and(|age_ms| age_ms < INPUT_SEEN_MS) => {
+                format!("{meaning} Frames come, but more than 20 a second for half a second are needed.")
+            }
             None => meaning.into(),
         },
         _ => meaning.into(),
@@ -311,8 +330,18 @@ mod tests {
         status.transition_count = 2;
         let why = why_stopped(&status, &names).expect("it rests");
         assert!(why.contains("CollisionNear") && why.contains("Disengaged after Holding: at rest."), "{why}");
+        let disengaged = Status { input_age_ns: 40_000_000, input_drop: 0, ..status };
+        assert!(super::why(&disengaged, &names).contains("more than 20 a second"), "they come, and are not fresh");
+        // A reset ends the story, and not what is still there.
+        status.transitions[2] = transition(20, Mode::Disengaged, Mode::Faulted, Fault::EmergencyStop as u32);
+        status.transitions[3] = transition(30, Mode::Faulted, Mode::Disengaged, Transition::RESET);
+        status.transition_count = 4;
+        let why = why_stopped(&status, &names).expect("there are no frames");
+        assert!(why.contains("InputStale") && !why.contains("EmergencyStop"), "{why}");
+        status.faults = 0;
+        assert_eq!(super::why(&status, &names), "The robot waits to be engaged.");
         status.mode = Mode::Engaged as u32;
-        assert_eq!(why_stopped(&status, &names), None, "it follows");
+        assert_eq!(super::why(&status, &names), "The robot follows.");
         status.reduced = reduced_flag::NAMES[0].0;
         assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));
     }

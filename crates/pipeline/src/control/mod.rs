@@ -64,7 +64,7 @@ impl ControlConfig {
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         Ok(Self {
             engage: engage::Config::relaxed(&safety.thresholds(), factor)
-                .map_err(|error| ConfigError::stage("safety", error))?,
+                .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
             wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
             arm: ArmModel::of(&model),

@@ -1,7 +1,7 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
-use crate::{Names, why_stopped, words};
+use crate::{Names, words};
 use messages::{
     FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
     TRANSITIONS_KEPT, reduced_flag,
@@ -93,7 +93,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
     json!({
         "k": status.k,
         "mode": mode(status.mode),
-        "why": why_stopped(status, names),
+        "why": words::why(status, names),
         "ticks": status.ticks,
         "missed_deadlines": status.missed_deadlines,
         "faults": listed(status.faults),
