@@ -11,3 +11,4 @@ mod gate_state;
 mod recovery;
 mod reduced;
 mod support;
+mod target;

@@ -184,3 +184,60 @@ fn f056_a_joint_that_comes_back_is_believed_and_a_wrong_sign_for_one_way_at_most
         assert!(seen.is_some() && travel < 0.035, "{travel} after {seen:?}");
     }
 }
+
+/// What is made of one joint's samples: index, where it is sent, and what is measured; the others rest.
+fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> Vec<bool> {
+    const ELBOW: usize = 10;
+    let mut monitor = Feedback::default();
+    let judge = |&(k, q, v, measured): &(u64, f64, f64, f64)| {
+        let (q, v, q_measured) = (one(ELBOW, q), one(ELBOW, v), one(ELBOW, measured));
+        monitor.judge(&MODEL, &Sample { k, q: &q, v: &v, q_measured: &q_measured, begins }, servo_lag_s).invalid
+    };
+    samples.iter().map(judge).collect()
+}
+
+#[test]
+fn f052_a_joint_stands_to_the_tick_and_to_the_bit() {
+    let last_of = |samples: &[(u64, f64, f64, f64)]| judged(false, 0.0, samples).pop().expect("samples");
+    assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (1074, 0.03, 0.0, 0.1)]));
+    assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (1075, 0.03, 0.0, 0.1)]));
+    assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (1075, 0.02, 0.0, 0.1)]), "as far as friction holds back");
+    // Two samples of one index are no later than one.
+    assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (1000, 0.03, 0.0, 0.1), (1075, 0.03, 0.0, 0.1)]));
+    // A driver that counts anew begins anew.
+    assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (5, 0.03, 0.0, 0.1), (79, 0.06, 0.0, 0.1)]));
+    assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (5, 0.03, 0.0, 0.1), (80, 0.06, 0.0, 0.1)]));
+}
+
+#[test]
+fn f056_a_sense_is_judged_to_the_bit() {
+    let way = 1.0 / 64.0;
+    let ways = |samples: &[(f64, f64)]| {
+        let samples: Vec<_> = (1000..).zip(samples).map(|(k, &(q, measured))| (k, q, 0.0, measured)).collect();
+        judged(true, 0.0, &samples)
+    };
+    assert_eq!(ways(&[(0.0, 0.0), (0.0149, 0.0), (0.015, 0.0)]), [false, false, true], "after 0.015 rad");
+    assert_eq!(ways(&[(0.0, 0.0), (way, 0.2 * way)]), [false, false], "a fifth is enough");
+    // As far away on the other side is no farther; from there it goes away.
+    assert_eq!(ways(&[(0.0, way / 2.0), (way, way / 2.0), (2.0 * way, way / 2.0)]), [false, false, true]);
+}
+
+#[test]
+fn f056_what_a_sound_servo_lags_behind_is_no_wrong_sense() {
+    let lag_s = 0.03;
+    let mut samples = vec![(1000, 0.0, 0.0, 0.0)];
+    for n in 1..200 {
+        let q = 0.25 * TICK_S * n as f64;
+        samples.push((1000 + n, q, 0.25, q - lag_s * 0.25));
+    }
+    assert!(judged(true, lag_s, &samples).iter().all(|invalid| !invalid));
+}
+
+#[test]
+fn f053_a_joint_may_move_as_fast_as_its_bound_to_the_bit() {
+    let bound = 3.0 * MODEL.limits[10].v_max * TICK_S + 0.005;
+    for (to, off) in [(bound, false), (bound + 1e-12, true)] {
+        // The second of two samples in a row that are off is invalid.
+        assert_eq!(judged(false, 0.0, &[(1000, 0.0, 0.0, 0.0), (1001, 0.0, 0.0, to), (1001, 0.0, 0.0, to)])[2], off);
+    }
+}

@@ -1,10 +1,9 @@
 //! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
-use bus::{BusError, Domain, Reader};
 use doors::DoorError;
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::{Mode, Service, Skeleton};
+use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
 use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Way};
@@ -29,30 +28,6 @@ fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure
         }
     }
 }
-
-/// Whom the robot follows, as `ingest` tells the core. Only who shares memory with it can look.
-struct Leader {
-    skeletons: Reader<Skeleton>,
-    session: u64,
-    _domain: Domain,
-}
-
-impl Leader {
-    fn open(instance: &Instance) -> Result<Self, BusError> {
-        let domain = Domain::open(instance.core_domain(), "replay")?;
-        Ok(Self { skeletons: domain.reader(Service::Skeleton)?, session: 0, _domain: domain })
-    }
-
-    /// Its session; 0 for nobody yet.
-    fn session(&mut self) -> u64 {
-        self.session = self.skeletons.latest().map_or(self.session, |skeleton| skeleton.session_nonce);
-        self.session
-    }
-}
-
-/// What is said of a motion that the robot does not follow.
-const ANOTHER_LEADS: &str =
-    "another client leads the robot, not this motion: end that one, and start this one a second later";
 
 fn bar_of(frames: u64) -> ProgressBar {
     let bar = ProgressBar::new(frames);
@@ -89,7 +64,6 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
     let mut control = operator_of(cli, &instance)?;
-    let mut leader = if cli.socket.is_none() { Leader::open(&instance).ok() } else { None };
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
     if control.is_none() {
         out!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
@@ -115,11 +89,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                         ended.iter().for_each(|why| bar.println(why));
                         followed |= now == Some(Mode::Engaged);
                     }
-                    let engaged = now == Some(Mode::Engaged);
-                    if engaged && leader.as_mut().is_some_and(|leader| leader.session() != nonce) {
-                        return Err(Failure::failed(ANOTHER_LEADS));
-                    }
-                    publisher.set_engaged(engaged);
+                    publisher.set_engaged(now == Some(Mode::Engaged));
                 }
                 Err(error) => bar.println(error.to_string()),
             }

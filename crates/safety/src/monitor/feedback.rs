@@ -130,6 +130,6 @@ impl Before {
         self.sense = Some((sent, measured));
         // What was away and comes back follows, whichever way it comes: a joint that still swings.
         let comes_back = (measured - sent).abs() <= (measured_from - sent_from).abs();
-        !comes_back && (measured - measured_from) * way.signum() < SENSE_SHARE * way.abs()
+        !comes_back && (measured - measured_from) * way < SENSE_SHARE * way * way
     }
 }
