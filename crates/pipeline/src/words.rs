@@ -330,8 +330,11 @@ mod tests {
         status.transition_count = 2;
         let why = why_stopped(&status, &names).expect("it rests");
         assert!(why.contains("CollisionNear") && why.contains("Disengaged after Holding: at rest."), "{why}");
-        let disengaged = Status { input_age_ns: 40_000_000, input_drop: 0, ..status };
-        assert!(super::why(&disengaged, &names).contains("more than 20 a second"), "they come, and are not fresh");
+        let mut seldom = Status { input_age_ns: 40_000_000, input_drop: 0, ..status };
+        (seldom.header.stamp, seldom.target_stamp) = (Stamp(2_000_000_000), Stamp(1_999_000_000));
+        assert!(super::why(&seldom, &names).contains("more than 20 a second"), "they come, and are not fresh");
+        seldom.input_age_ns = 150_000_000;
+        assert!(!super::why(&seldom, &names).contains("more than 20 a second"), "they come no more");
         // A reset ends the story, and not what is still there.
         status.transitions[2] = transition(20, Mode::Disengaged, Mode::Faulted, Fault::EmergencyStop as u32);
         status.transitions[3] = transition(30, Mode::Faulted, Mode::Disengaged, Transition::RESET);
