@@ -218,6 +218,7 @@ fn f056_a_sense_is_judged_to_the_bit() {
     };
     assert_eq!(ways(&[(0.0, 0.0), (0.0149, 0.0), (0.015, 0.0)]), [false, false, true], "after 0.015 rad");
     assert_eq!(ways(&[(0.0, 0.0), (way, 0.2 * way)]), [false, false], "a fifth is enough");
+    assert_eq!(ways(&[(0.0, 0.0), (way, 0.19 * way)]), [false, true], "less is not");
     // As far away on the other side is no farther; from there it goes away.
     assert_eq!(ways(&[(0.0, way / 2.0), (way, way / 2.0), (2.0 * way, way / 2.0)]), [false, false, true]);
 }
