@@ -102,21 +102,24 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     let limits = pipeline::sim_config(&loaded, true)?;
     let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
-    let begun = Instant::now();
     let mut soaked = Soaked::default();
-    while begun.elapsed() < soak.length && !shutdown.requested() {
-        clean(&mut rig, &witness, &mut soaked, begun, soak, shutdown)?;
-        if begun.elapsed() < soak.length && !shutdown.requested() {
-            let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
-            let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
-            let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)?;
-            if !outcome.rested {
-                soaked.trouble.push(format!("no rest after {blow:?}"));
-            }
-            soaked.blows += 1;
-            let held = if matches!(blow.kind, Kind::Kill { .. }) { "killed" } else { "suspended" };
-            eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
+    trial::engage(&mut rig, &witness, Victim::Ingest, Mode::Engaged)?;
+    let begun = Instant::now();
+    loop {
+        clean(&mut rig, &mut soaked, begun, soak, shutdown);
+        if begun.elapsed() >= soak.length || shutdown.requested() {
+            break;
         }
+        let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
+        let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
+        let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)?;
+        if !outcome.rested {
+            soaked.trouble.push(format!("no rest after {blow:?}"));
+        }
+        soaked.blows += 1;
+        let held = if matches!(blow.kind, Kind::Kill { .. }) { "killed" } else { "suspended" };
+        eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
+        trial::engage(&mut rig, &witness, Victim::Ingest, Mode::Engaged)?;
     }
     rig.clear()?;
     soaked.segments_last = segments(&rig);
@@ -131,16 +134,8 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     Ok(soaked)
 }
 
-/// Follows the person until the next blow is due or the end; every stop in it is a false one.
-fn clean(
-    rig: &mut Rig,
-    witness: &Witness,
-    soaked: &mut Soaked,
-    begun: Instant,
-    soak: Soak,
-    shutdown: &Shutdown,
-) -> Result<(), LatencyError> {
-    trial::engage(rig, witness, Victim::Ingest, Mode::Engaged)?;
+/// Follows the person, engaged as it is, until the next blow is due or the end; every stop in it is a false one.
+fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, soak: Soak, shutdown: &Shutdown) {
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
@@ -155,7 +150,6 @@ fn clean(
     }
     soaked.engaged_s += engaged.elapsed().as_secs_f64();
     rig.release();
-    Ok(())
 }
 
 /// Files of the instance in /dev/shm.
