@@ -85,7 +85,8 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     })?;
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
     let who = eyes.who();
-    if let Some(why) = taken(job, who.1, who.2) {
+    let (_, operator_id, layout) = who;
+    if let Some(why) = taken(job, operator_id, layout) {
         err!("teleopctl: {why}; nothing was written");
         return Ok(false);
     }
@@ -111,7 +112,6 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         err!("teleopctl: somebody else is seen now than in the T-pose; nothing was written");
         return Ok(false);
     }
-    let (_, operator_id, layout) = who;
     let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
     Ok(store(&operator, &job.folder))
 }

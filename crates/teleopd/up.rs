@@ -7,8 +7,7 @@ use crate::operate::Operator;
 use crate::recorder::Recorder;
 use messages::Mode;
 use pipeline::Instance;
-use rt::Shutdown;
-use rt::out;
+use rt::{Shutdown, out};
 use std::time::Duration;
 
 /// How often the children are looked after.

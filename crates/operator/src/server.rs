@@ -92,7 +92,7 @@ impl Server {
             // Who may lose his place has been heard before.
             self.serve_all(now, &codec::encode_status(&reply));
         }
-        self.accept(now, &codec::encode_status(&reply));
+        self.accept(now, &reply);
         reply.operators = self.connections();
         self.serve_all(now, &codec::encode_status(&reply));
         self.merge.view.connections = self.connections();
@@ -125,7 +125,7 @@ impl Server {
 
     /// Takes what waits at the door; at most one full house per poll. Nobody is put out unheard: an emergency stop counts
     /// also of who loses his place, and of who gets none.
-    fn accept(&mut self, now: Stamp, reply: &[u8]) {
+    fn accept(&mut self, now: Stamp, reply: &Status) {
         let mut may_displace = true;
         for _ in 0..CLIENTS_MAX {
             match self.listener.accept() {
@@ -136,8 +136,10 @@ impl Server {
                 }
                 Some(Admission::Admitted(socket, peer)) => match self.place(now, &mut may_displace) {
                     Some(index) => {
-                        self.serve(index, now, reply);
-                        self.merge.gone(index);
+                        if self.clients[index].is_some() {
+                            self.serve(index, now, &codec::encode_status(reply));
+                            self.merge.gone(index);
+                        }
                         self.clients[index] = Some((socket, peer, Seat::new(now)));
                         self.note(Deed::Connected, peer);
                     }
@@ -148,13 +150,13 @@ impl Server {
     }
 
     /// Hears of who gets no place whether he stops the robot, and nothing else.
-    fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &[u8]) {
+    fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &Status) {
         self.merge.view.connections_refused += 1;
         let mut bytes = [0; REQUEST_BYTES + 1];
         let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
         if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(&request)) {
             self.note(Deed::EmergencyStop, peer);
-            let _ = net::send(socket, reply, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+            let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
         }
     }
 

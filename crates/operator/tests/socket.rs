@@ -25,6 +25,18 @@ impl House {
         Self { _folder: folder, path, server, now: Stamp(1_000_000_000) }
     }
 
+    /// With `count` connections, of which the first `forgotten` have been silent for a second.
+    fn with_forgotten(count: usize, forgotten: usize) -> (Self, Vec<Raw>) {
+        let mut house = Self::new();
+        let mut clients: Vec<Raw> = (0..count).map(|_| house.raw()).collect();
+        clients.iter_mut().for_each(|client| client.say(|_| {}));
+        house.poll();
+        house.now = Stamp(house.now.0 + 1_000_000_000);
+        clients.iter_mut().skip(forgotten).for_each(|client| client.say(|_| {}));
+        house.poll();
+        (house, clients)
+    }
+
     fn poll(&mut self) -> OperatorView {
         self.server.poll(self.now, &Status { k: 42, ..Status::ZERO })
     }
@@ -235,13 +247,7 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
 /// Who stops and loses his place in the same round is heard, and who pressed the enable there hands it to nobody.
 #[test]
 fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
-    let mut house = House::new();
-    let mut clients: Vec<Raw> = (1..CLIENTS_MAX).map(|_| house.raw()).collect();
-    clients.iter_mut().for_each(|client| client.say(|_| {}));
-    house.poll();
-    house.now = Stamp(house.now.0 + 300_000_000);
-    clients.iter_mut().skip(2).for_each(|client| client.say(|_| {}));
-    house.poll();
+    let (mut house, mut clients) = House::with_forgotten(CLIENTS_MAX - 1, 2);
     // One place is free, so nobody is served before the door is opened.
     clients[0].say(|r| r.estop_count += 1);
     clients[1].press();
@@ -253,13 +259,7 @@ fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
 
 #[test]
 fn the_forgotten_go_first_and_as_many_as_there_are() {
-    let mut house = House::new();
-    let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
-    clients.iter_mut().for_each(|client| client.say(|_| {}));
-    house.poll();
-    house.now = Stamp(house.now.0 + 1_000_000_000);
-    clients.iter_mut().skip(3).for_each(|client| client.say(|_| {}));
-    house.poll();
+    let (mut house, _clients) = House::with_forgotten(CLIENTS_MAX, 3);
     let mut crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
     crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
     let view = house.poll();

@@ -129,8 +129,7 @@ fn a_tracking_error_is_borne_to_the_nanosecond() {
     bench.input.robot.tracking_error_rad = 0.1;
     let most = settings().tracking_error_ms as u64;
     for n in 1..=most + 1 {
-        bench.input.own_gap_ns = 1_000_000;
-        assert_eq!(bench.step().active.has(Fault::TrackingError), n > most, "after {n} ms");
+        assert_eq!(step_of_1_ms(&mut bench).active.has(Fault::TrackingError), n > most, "after {n} ms");
     }
 }
 

@@ -15,8 +15,8 @@ const EVENTS_KEPT = 1000;
 const charts = Object.fromEntries([["age", 20], ["late", 200], ["limb", 10], ["clearance", 50]]
   .map(([name, least]) => [name, new Chart(document.querySelector(`[data-chart=${name}]`), least)]));
 let stage = null, scene = null, frame = null, joints = [], held = false, drawn = 0, keeping = null;
-// Of a recording: whether it plays, and whether the slider is being held.
-let playing = true, sliding = false;
+// Of a recording: whether it plays, whether it is at its end, and whether the slider is being held.
+let playing = true, ended = false, sliding = false;
 
 function text(id, value) {
   if ($(id).textContent !== value) $(id).textContent = value;
@@ -140,8 +140,10 @@ function show() {
   setMode(heard ? scene.modes[frame.mode] ?? "unknown" : isRecording() ? "nothing recorded" : "no instance");
   if (isRecording()) {
     if (!sliding) $("at").value = frame.at;
-    // At its end it stands by itself.
-    if (playing && frame.at >= scene.about.duration_s) showPlaying(false);
+    // It stands by itself when it comes to its end; frames from there may still come when it is played anew.
+    const over = frame.at >= scene.about.duration_s;
+    if (over && !ended) showPlaying(false);
+    ended = over;
     text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
     // Sentences of what is yet to come are dim.
     for (const row of $("events").children) row.classList.toggle("later", Number(row.dataset.at) > frame.at + 0.01);
@@ -188,7 +190,7 @@ $("stop").addEventListener("click", () => ask("stop"));
 $("engage").addEventListener("click", () => (held ? ask("release") : engage()));
 $("release").addEventListener("click", () => ask("release"));
 $("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
-$("play").addEventListener("click", () => play(!playing || frame?.at >= scene.about.duration_s));
+$("play").addEventListener("click", () => play(!playing));
 $("at").addEventListener("pointerdown", () => { sliding = true; });
 for (const end of ["pointerup", "pointercancel"]) $("at").addEventListener(end, () => { sliding = false; });
 $("at").addEventListener("input", () => wire.ask("seek", { to_s: Number($("at").value) }));

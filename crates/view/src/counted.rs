@@ -1,20 +1,19 @@
 //! Counts what is there while it is there.
 
-use std::ops::Deref;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// One of them, for as long as it lives.
-pub struct Counted<C: Deref<Target = AtomicUsize>>(C);
+pub struct Counted<'a>(&'a AtomicUsize);
 
-impl<C: Deref<Target = AtomicUsize>> Counted<C> {
+impl<'a> Counted<'a> {
     /// One more in `count`.
-    pub fn one_more(count: C) -> Self {
+    pub fn one_more(count: &'a AtomicUsize) -> Self {
         count.fetch_add(1, Ordering::Relaxed);
         Self(count)
     }
 }
 
-impl<C: Deref<Target = AtomicUsize>> Drop for Counted<C> {
+impl Drop for Counted<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }

@@ -190,7 +190,8 @@ impl Page {
                         return Err(Error::ConnectionClosed);
                     }
                 }
-                Ok(Message::Ping(_) | Message::Pong(_)) if self.keeps_measure() => {}
+                Ok(Message::Binary(_)) => return Err(Error::ConnectionClosed),
+                Ok(_) if self.keeps_measure() => {}
                 Ok(_) => return Err(Error::ConnectionClosed),
                 Err(error) if waits(&error) => break,
                 Err(error) => return Err(error),

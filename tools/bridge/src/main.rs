@@ -5,8 +5,7 @@ use bridge::{Mvn, PACKET_MAX, Protocol, Refused, Senders, Taken, Turn, Users, Vm
 use clap::Parser;
 use messages::{Header, Layout, RawSkeleton, Stamp};
 use pipeline::{Instance, Port, Way};
-use rt::{Peer, Shutdown};
-use rt::{err, out};
+use rt::{Peer, Shutdown, err, out};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;

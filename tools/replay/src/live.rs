@@ -7,8 +7,7 @@ use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
 use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Way};
-use rt::Shutdown;
-use rt::out;
+use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;
 
