@@ -140,8 +140,9 @@ function show() {
   setMode(heard ? scene.modes[frame.mode] ?? "unknown" : isRecording() ? "nothing recorded" : "no instance");
   if (isRecording()) {
     if (!sliding) $("at").value = frame.at;
-    // It stands by itself when it comes to its end; frames from there may still come when it is played anew.
-    const over = frame.at >= scene.about.duration_s;
+    // It stands by itself when it comes to its end; frames from there may still come when it is played anew. The numbers
+    // of a frame are of single precision.
+    const over = frame.at >= Math.fround(scene.about.duration_s);
     if (over && !ended) showPlaying(false);
     ended = over;
     text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
