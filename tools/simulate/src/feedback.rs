@@ -14,14 +14,23 @@ const SLIDES: f64 = 0.2;
 const JUMP: f64 = 0.03;
 /// Samples in a row after which a jump must have stopped the robot.
 const JUMPED: u32 = 6;
-/// A measurement that stays the very same for so long, ticks, while its joint is sent on by so much, rad.
+/// A measurement that stays the very same for so long, ticks, while its joint is sent on and goes on by so much, rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
-const SENT: f64 = 0.06;
+const WENT: f64 = 0.03;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
 /// How much faster than its limit a joint without power is believed to move.
 const FALLS: f64 = 3.0;
+
+/// A joint when its measurement changed last.
+#[derive(Clone, Copy, Default)]
+struct Still {
+    measured: f64,
+    told: f64,
+    truth: f64,
+    k: u64,
+}
 
 /// What is remembered.
 #[derive(Clone)]
@@ -31,8 +40,8 @@ pub struct Feedback {
     away: [[u64; 2]; JOINTS],
     good: Option<([f64; JOINTS], u64)>,
     jumped: u32,
-    /// Value, where the joint was told to be, and since when.
-    still: [(f64, f64, u64); JOINTS],
+    /// Of the last change of each measurement.
+    still: [Still; JOINTS],
     sagged: u32,
     /// An encoder has lied since the robot has been without power.
     lied: bool,
@@ -51,7 +60,7 @@ impl Feedback {
             away: [[0; 2]; JOINTS],
             good: None,
             jumped: 0,
-            still: [(0.0, 0.0, 0); JOINTS],
+            still: [Still::default(); JOINTS],
             sagged: 0,
             lied: false,
         }
@@ -69,7 +78,7 @@ impl Feedback {
         }
         let Some(state) = &seen.moment.state_seen else { return Ok(()) };
         self.jumps(state, mode)?;
-        self.stands(state, mode)
+        self.stands(seen, state, mode)
     }
 
     fn scale(&self, j: usize) -> f64 {
@@ -133,16 +142,21 @@ impl Feedback {
         Ok(())
     }
 
-    /// A measurement that stands still while its joint is sent on stops.
-    fn stands(&mut self, state: &RobotState, mode: Mode) -> Result<(), Broken> {
+    /// A measurement that stands still while its joint is sent on, and goes, stops.
+    fn stands(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
         let k = index(state);
         for j in 0..JOINTS {
-            let (value, told, since) = self.still[j];
-            if value != state.q_measured[j] || !moves(mode) || k < since {
-                self.still[j] = (state.q_measured[j], state.q[j], k);
-            } else if k - since > STILL && (state.q[j] - told).abs() > self.scale(j) * SENT {
-                let ticks = k - since;
-                return Err(("frozen encoder", format!("joint {j} at {value} for {ticks} ticks, sent on from {told}")));
+            let now = Still { measured: state.q_measured[j], told: state.q[j], truth: seen.truth[j], k };
+            let then = self.still[j];
+            let went = (now.told - then.told).abs().min((now.truth - then.truth).abs());
+            if then.measured != now.measured || !moves(mode) || k < then.k {
+                self.still[j] = now;
+            } else if k - then.k > STILL && went > self.scale(j) * WENT {
+                let ticks = k - then.k;
+                return Err((
+                    "frozen encoder",
+                    format!("joint {j} at {} for {ticks} ticks, and went {went}", now.measured),
+                ));
             }
         }
         Ok(())
