@@ -111,7 +111,7 @@ fn f088_a_client_that_takes_all_places_of_the_bus_does_not_disturb_the_holder() 
         }
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    hand.wait_mode(Mode::Engaged);
     assert_eq!(hand.raised(messages::Fault::InputStale), stale);
     drop(holder);
     let ingest = rig.end("ingest");

@@ -3,7 +3,7 @@
 mod rig;
 
 use messages::{Fault, Faults, Mode, state_flag};
-use rig::{Rig, assert_no_violations, config, repository};
+use rig::{Rig, assert_no_violations, config, modes, repository};
 use std::process::Command;
 use std::time::Duration;
 
@@ -28,8 +28,13 @@ fn engages_follows_and_stops_at_rest() {
     assert!(step < 1e-4, "the first step of engaging was {step} rad");
     let ratio = sim["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
     assert!(ratio > 0.0 && ratio <= 0.05, "the first second ran at {ratio} of the velocity limit");
-    let modes: Vec<_> = control["mode_transitions"].as_array().unwrap().iter().map(|one| one["to"].clone()).collect();
-    assert_eq!(modes, ["Engaging", "Engaged", "Holding", "Disengaged"], "{control:#}");
+    let modes = modes(&control);
+    assert_eq!(modes[0], "Engaging");
+    assert!(modes.iter().any(|mode| mode == "Engaged"), "{modes:?}");
+    assert_eq!(modes[modes.len() - 2..], ["Holding", "Disengaged"], "{modes:?}");
+    // Once: the robot was let go by nobody else.
+    assert_eq!(modes.iter().position(|mode| mode == "Disengaged"), Some(modes.len() - 1), "{modes:?}");
+    assert!(!modes.contains(&"Faulted".to_owned()), "{modes:?}");
 }
 
 #[test]
@@ -147,6 +152,7 @@ fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
         hand.engage_until(Mode::Engaged);
         client.set_engaged(true);
         std::thread::sleep(Duration::from_millis(700));
+        let before = hand.wait_mode(Mode::Engaged).transition_count as usize;
         rig.kill(process);
         hand.wait_mode(Mode::Holding);
         // Well before the hold times out: the person is seen again, and nobody let the enable go.
@@ -154,10 +160,7 @@ fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
         hand.wait_mode(Mode::Disengaged);
         eyes.wait_at_rest();
         std::thread::sleep(Duration::from_secs(1));
-        let control = rig.end("control");
-        let modes: Vec<_> =
-            control["mode_transitions"].as_array().unwrap().iter().map(|one| one["to"].clone()).collect();
-        assert_eq!(modes, ["Engaging", "Engaged", "Holding", "Disengaged"], "{process}: {control:#}");
+        assert_eq!(modes(&rig.end("control"))[before..], ["Holding", "Disengaged"], "{process}");
         assert_no_violations(&rig.end("sim"));
     }
 }
@@ -337,7 +340,8 @@ fn f068_a_second_client_gets_no_authority() {
     let second = rig.client(&motion::builtin(), 18);
     second.set_engaged(true);
     std::thread::sleep(Duration::from_secs(1));
-    assert_eq!(hand.mode(), Some(Mode::Engaged), "the second client disturbs nothing");
+    // The second client disturbs nothing: without authority the robot would be let go, and not come back.
+    hand.wait_mode(Mode::Engaged);
     drop(first);
     hand.wait_mode(Mode::Holding);
     hand.wait_mode(Mode::Disengaged);

@@ -127,10 +127,11 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
     lead(&mut page, "engaged", CORNERS[0], |_| hand.mode() == Some(Mode::Engaged));
     for (shares, pose) in [(CORNERS[0], POSES[0]), (CORNERS[1], POSES[1]), ([0.0, 0.5, 0.5], "half way")] {
         let goal = Goal::at(&shares);
-        lead(&mut page, pose, shares, |_| eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured)));
+        lead(&mut page, pose, shares, |_| {
+            hand.mode() == Some(Mode::Engaged) && eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured))
+        });
         let (joint_rad, limb_deg) = eyes.robot().map(|state| goal.away(&state.q_measured)).expect("a robot");
         println!("{pose}: {joint_rad:.4} rad, {limb_deg:.2} degrees; retargeting misses {:.2}", goal.misses_deg);
-        assert_eq!(hand.mode(), Some(Mode::Engaged));
     }
     // Out of the triangle is its nearest corner, and no fault.
     let goal = Goal::at(&CORNERS[1]);
@@ -294,7 +295,7 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
         assert!(Instant::now() < give_up, "never there: {}", browser.evaluate("document.body.innerText"));
     }
     assert_eq!(browser.evaluate(spoken), "t-pose 0 %, hands-up 100 %, box 0 %");
-    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    hand.wait_mode(Mode::Engaged);
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
         std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
     }

@@ -119,7 +119,7 @@ fn f081_running_processes_open_nothing_more() {
     hand.wait_mode(Mode::Engaged);
     client.set_engaged(true);
     std::thread::sleep(Duration::from_millis(500));
-    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    hand.wait_mode(Mode::Engaged);
     hand.release();
     hand.wait_mode(Mode::Disengaged);
 }

@@ -39,10 +39,7 @@ impl Browser {
     pub fn open(address: &str) -> Option<Self> {
         let program = program()?;
         let folder = tempfile::tempdir().expect("a folder");
-        // It draws in software on every core: what it looks at comes first.
-        let mut child = Command::new("nice")
-            .args(["-n", "10"])
-            .arg(program)
+        let mut child = Command::new(program)
             .args(["--headless=new", "--remote-debugging-port=0", "--no-first-run", "--disable-gpu-sandbox"])
             // Root may not use the sandbox; the page is our own. There is no graphics card: software renders.
             .args(["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1280,800"])

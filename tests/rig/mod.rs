@@ -419,6 +419,13 @@ impl Drop for Hand {
     }
 }
 
+/// The modes that control came to, in their order, by its figures. A machine that stands still for a tenth of a second adds
+/// holds that end by themselves.
+pub fn modes(control: &serde_json::Value) -> Vec<String> {
+    let transitions = control["mode_transitions"].as_array().expect("transitions");
+    transitions.iter().map(|one| one["to"].as_str().expect("a mode").to_owned()).collect()
+}
+
 /// No kind of violation was counted by the simulated robot.
 pub fn assert_no_violations(figures: &serde_json::Value) {
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
