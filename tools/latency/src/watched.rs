@@ -15,11 +15,26 @@ use std::fmt::Write;
 /// Quantiles that are compared.
 const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)];
 
-/// Both variants.
+/// Both variants, and what chance alone does: every second block without page and recorder, and those between.
 #[derive(Clone, Debug)]
 pub struct Watched {
     alone: Figures,
     watched: Figures,
+    halves: [Figures; 2],
+}
+
+/// What is compared, by both variants and by both halves of the blocks alone.
+struct Row<'a> {
+    name: String,
+    of: [&'a Distribution; 4],
+}
+
+impl Row<'_> {
+    /// Without, with, µs, with by without, and one half of the blocks without by the other.
+    fn at(&self, q: f64) -> [Option<f64>; 4] {
+        let [alone, watched, one, other] = self.of.map(|distribution| distribution.quantile_us(q));
+        [alone, watched, ratio(watched, alone), ratio(other, one)]
+    }
 }
 
 /// Runs blocks of both kinds in turns.
@@ -41,27 +56,33 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Watched, LatencyError> 
         }
     }
     drop(load);
-    Ok(Watched { alone: Figures::merge(&alone)?, watched: Figures::merge(&watched)? })
+    let half = |n: usize| alone.iter().skip(n).step_by(2).cloned().collect::<Vec<_>>();
+    let halves = [Figures::merge(&half(0))?, Figures::merge(&half(1))?];
+    Ok(Watched { alone: Figures::merge(&alone)?, watched: Figures::merge(&watched)?, halves })
 }
 
 impl Watched {
     /// What is compared: work and wake-ups of control first, then of the others, and the path.
-    fn rows(&self) -> impl Iterator<Item = (String, &Distribution, &Distribution)> {
+    fn rows(&self) -> Vec<Row<'_>> {
+        let all = [&self.alone, &self.watched, &self.halves[0], &self.halves[1]];
         let hops = ["control_work", "retarget_work", "target_to_command", "skeleton_to_command"];
-        let hops = hops.map(|hop| (hop.to_owned(), self.alone.hop(hop), self.watched.hop(hop)));
-        let wake_ups = self.alone.wake_ups().zip(self.watched.wake_ups());
-        hops.into_iter()
-            .chain(wake_ups.map(|((name, alone), (_, watched))| (format!("{name}_wake_up"), alone, watched)))
+        let hops = hops.map(|hop| Row { name: hop.to_owned(), of: all.map(|figures| figures.hop(hop)) });
+        let loops = self.alone.wake_ups().enumerate().map(|(n, (name, _))| {
+            let of = all.map(|figures| figures.wake_ups().nth(n).expect("as many of each").1);
+            Row { name: format!("{name}_wake_up"), of }
+        });
+        hops.into_iter().chain(loops).collect()
     }
 
-    /// As JSON: for each row and quantile alone, watched, both us, and their ratio.
+    /// As JSON: for each row and quantile alone, watched, both us, their ratio, and that of both halves of the blocks alone.
     pub fn to_json(&self) -> Value {
-        let rows = self.rows().map(|(name, alone, watched)| {
+        let rows = self.rows().into_iter().map(|row| {
             let quantiles = QUANTILES.map(|(label, q)| {
-                let (a, w) = (alone.quantile_us(q), watched.quantile_us(q));
-                (label.to_owned(), json!({ "alone_us": a, "watched_us": w, "ratio": ratio(w, a) }))
+                let [alone, watched, ratio, chance] = row.at(q);
+                let told = json!({ "alone_us": alone, "watched_us": watched, "ratio": ratio, "chance": chance });
+                (label.to_owned(), told)
             });
-            (name, Value::Object(quantiles.into_iter().collect()))
+            (row.name, Value::Object(quantiles.into_iter().collect()))
         });
         json!({
             "rows": rows.collect::<serde_json::Map<_, _>>(),
@@ -73,20 +94,23 @@ impl Watched {
     /// As a table.
     pub fn words(&self) -> String {
         let mut out = format!(
-            "{} blocks alone, {} beside a page and a recorder, in turns; us alone, us watched, ratio\n",
+            "{} blocks alone, {} beside a page and a recorder, in turns; us alone, us watched, ratio,\n\
+             and in brackets that of one half of the blocks alone to the other: chance\n",
             self.alone.blocks, self.watched.blocks
         );
         let _ = write!(out, "{:20}", "");
         for (label, _) in QUANTILES {
-            let _ = write!(out, "{label:>26}");
+            let _ = write!(out, "{label:>32}");
         }
-        for (name, alone, watched) in self.rows() {
-            let _ = write!(out, "\n{name:20}");
+        for row in self.rows() {
+            let _ = write!(out, "\n{:20}", row.name);
             for (_, q) in QUANTILES {
-                let (a, w) = (alone.quantile_us(q), watched.quantile_us(q));
-                let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
-                let ratio = ratio(w, a).map_or("-".to_owned(), |ratio| format!("{ratio:.2}"));
-                let _ = write!(out, "{:>10}{:>10}{ratio:>6}", number(a), number(w));
+                let [alone, watched, ratio, chance] = row.at(q);
+                let number =
+                    |value: Option<f64>, digits| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
+                let chance = format!("({})", number(chance, 2));
+                let _ =
+                    write!(out, "{:>10}{:>10}{:>6}{chance:>6}", number(alone, 1), number(watched, 1), number(ratio, 2));
             }
         }
         out.push('\n');
