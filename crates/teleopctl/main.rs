@@ -106,11 +106,13 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     let worst = status.tracking_joint.saturating_sub(1) as usize;
     out!("tracking error    {:.4} {} ({})", status.tracking_error, names.unit(worst), names.joint(worst));
     let degrees = |rad: f64| rad.to_degrees();
-    out!(
-        "limb error        {:.1} deg target, {:.1} deg measured",
-        degrees(status.limb_error_target_rad),
-        degrees(status.limb_error_measured_rad)
-    );
+    if pipeline::input_age_ms(&status).is_some() {
+        out!(
+            "limb error        {:.1} deg target, {:.1} deg measured",
+            degrees(status.limb_error_target_rad),
+            degrees(status.limb_error_measured_rad)
+        );
+    }
     out!("calibration       {}", pipeline::calibration_name(&status));
     out!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
     out!("operators         {}", status.operators);

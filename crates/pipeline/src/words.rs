@@ -139,6 +139,7 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
 pub fn why(status: &Status, names: &Names) -> String {
     why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
         Some(Mode::Recovering) => "The robot is brought back.".into(),
+        Some(Mode::Engaging) => "The robot comes to the person, slowly.".into(),
         Some(mode) if moves(mode) => "The robot follows.".into(),
         _ => "The robot waits to be engaged.".into(),
     })
@@ -345,6 +346,8 @@ mod tests {
         assert_eq!(super::why(&status, &names), "The robot waits to be engaged.");
         status.mode = Mode::Engaged as u32;
         assert_eq!(super::why(&status, &names), "The robot follows.");
+        status.mode = Mode::Engaging as u32;
+        assert_eq!(super::why(&status, &names), "The robot comes to the person, slowly.");
         status.reduced = reduced_flag::NAMES[0].0;
         assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));
     }

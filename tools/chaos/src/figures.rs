@@ -158,7 +158,7 @@ impl Figures {
         let _ = writeln!(
             out,
             "{:<10} {:>6} {:>8} {:>7} {:>6} {:>13} {:>10} {:>6} {:>10}",
-            "", "kills", "suspends", "moving", "rests", "to rest: p50", "max", "late", "late after"
+            "", "kills", "suspends", "moving", "rests", "to rest: p50", "max", "late", "bound"
         );
         for (name, of) in value["victims"].as_object().into_iter().flatten() {
             let number = |key: &str| of[key].to_string();

@@ -100,7 +100,7 @@ fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
         println!("{:6.2}  {:<24}  {}", found.score, shown(&caption.file), shown(&caption.text));
     }
     if !unknown.is_empty() {
-        println!("no caption says: {}", unknown.join(", "));
+        println!("in no caption, by their stems: {}", unknown.join(", "));
     }
     if found.is_empty() {
         println!("no motion of this library says any of it");

@@ -21,7 +21,7 @@ pub struct Cli {
     /// Runs, one per seed.
     #[arg(long, default_value_t = 100, default_value_if("known_bugs", "true", "400"))]
     pub seeds: u64,
-    /// Ticks of each run; the last 7,500 (5 s) are without faults.
+    /// Ticks of each run, 8,250 or more; the last 7,500 (5 s) are without faults.
     #[arg(long, default_value_t = 60_000, default_value_if("known_bugs", "true", "15000"))]
     pub ticks: u64,
     /// The first seed.

@@ -87,7 +87,7 @@ pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     if let Some(least) = least {
         let _ = writeln!(
             out,
-            "every fault fired {} times or more ({}), demanded {}",
+            "the rarest fault, {1}, fired {0} times; so long a run demands {2} of each",
             sum.fired[least], KINDS[least].name, sum.demanded
         );
     }
