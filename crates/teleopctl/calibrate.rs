@@ -116,18 +116,14 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     Ok(store(&operator, &job.folder))
 }
 
-/// Why this person cannot have a file of that name: two of one person would be refused by the next start.
+/// Why this person cannot have a file of that name.
 fn taken(job: &Job<'_>, operator_id: u32, layout: u32) -> Option<String> {
     let known = match Operators::read(&job.folder) {
         Ok(known) => known,
         Err(error) => return Some(error.to_string()),
     };
-    let other = known.called(operator_id, layout).filter(|other| *other != job.name)?;
-    Some(format!(
-        "operator_id {operator_id} and layout {layout} are {other:?} already, in {}: let the client send another operator_id \
-         for another person, or calibrate {other} anew, or remove that file",
-        job.folder.display()
-    ))
+    let why = known.refuses(job.name, operator_id, layout)?;
+    Some(format!("{}: {why}", job.folder.display()))
 }
 
 fn store(operator: &Operator, folder: &Path) -> bool {

@@ -31,7 +31,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let socket = cli.run_dir.join("operator.sock");
     let outcome = match cli.command {
-        Command::Estop => estop(&socket, &cli.run_dir),
+        Command::Estop => estop(&socket),
         command => Client::connect(&socket).and_then(|mut client| obey(&mut client, &cli.run_dir, command)),
     };
     match outcome {
@@ -58,19 +58,38 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
         Command::Reset => reset(client, run_dir),
         Command::Estop => {
             client.estop();
-            until(client, "stopped", |status| mode(status) == Mode::Faulted)
+            stopped(client)
         }
     }
 }
 
-/// Presses the emergency stop until the robot is Faulted: whom a crowd puts out presses again.
-fn estop(socket: &Path, run_dir: &Path) -> Result<bool, OperatorError> {
+fn stopped(client: &mut Client) -> Result<bool, OperatorError> {
+    until(client, "stopped", |status| mode(status) == Mode::Faulted)
+}
+
+/// Presses the emergency stop until the robot is Faulted: whom a crowd puts out presses again. An answer to the press means
+/// that it counts, even if no place is left from which the robot's mode can be seen.
+fn estop(socket: &Path) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
+    let (mut heard, mut told) = (false, false);
+    let mut press = || {
+        let mut client = Client::connect(socket)?;
+        client.estop();
+        client.heartbeat()?;
+        heard = true;
+        stopped(&mut client)
+    };
     loop {
-        match Client::connect(socket).and_then(|mut client| obey(&mut client, run_dir, Command::Estop)) {
+        match press() {
             Err(error @ OperatorError::Closed { .. }) if Instant::now() < give_up => {
-                err!("teleopctl: {error}; pressed again");
+                if !std::mem::replace(&mut told, true) {
+                    err!("teleopctl: {error}; pressed again and again");
+                }
                 std::thread::sleep(HEARTBEAT);
+            }
+            Err(OperatorError::Closed { .. }) if heard => {
+                out!("pressed, and control has heard it; too many are connected for its mode to be seen from here");
+                return Ok(true);
             }
             ended => return ended,
         }

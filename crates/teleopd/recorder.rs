@@ -39,6 +39,8 @@ impl Recorder {
         socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(software)?;
         let mut command = Command::new(program()?);
         command.arg(file).arg("--full").arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
+        // Should this process be killed, the recorder ends as at a signal: nobody is recorded who did not ask for it.
+        command.arg("--child-of").arg(std::process::id().to_string());
         if place.engage_without_realtime {
             command.arg("--engage-without-realtime");
         }

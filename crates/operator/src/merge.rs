@@ -115,7 +115,7 @@ impl Merge {
         true
     }
 
-    /// Takes the emergency stop of a connection's first request, and nothing else of it; whether it is one.
+    /// Takes the emergency stop of a request of who has no place, and nothing else of it; whether it is one.
     pub(crate) fn stop_alone(&mut self, request: &OperatorRequest) -> bool {
         let stops = (1..=EDGES_MAX).contains(&request.estop_count);
         self.view.estop_edges += if stops { u64::from(request.estop_count) } else { 0 };

@@ -123,8 +123,8 @@ impl Server {
         self.clients.iter().flatten().count() as u32
     }
 
-    /// Takes what waits at the door; at most one full house per poll. Nobody is put out unheard: an emergency stop counts
-    /// also of who loses his place, and of who gets none.
+    /// Takes what waits at the door; at most one full house per poll. Nobody is put out unheard: an emergency stop among
+    /// the requests that a poll reads counts also of who loses his place, and of who gets none.
     fn accept(&mut self, now: Stamp, reply: &Status) {
         let mut may_displace = true;
         for _ in 0..CLIENTS_MAX {
@@ -153,10 +153,13 @@ impl Server {
     fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &Status) {
         self.merge.view.connections_refused += 1;
         let mut bytes = [0; REQUEST_BYTES + 1];
-        let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
-        if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(&request)) {
-            self.note(Deed::EmergencyStop, peer);
-            let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+        for _ in 0..REQUESTS_MAX {
+            let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
+            if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(&request)) {
+                self.note(Deed::EmergencyStop, peer);
+                let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+                return;
+            }
         }
     }
 

@@ -242,6 +242,13 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
     let view = house.poll();
     let seen = (view.connections_refused, view.estop_edges, view.reset_edges, view.release_edges, view.enable_level);
     assert_eq!(seen, (7, 9, 2, 1, false));
+    // And in a later request than the first, too.
+    let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
+    crowd.iter_mut().for_each(|client| {
+        client.say(|_| {});
+        client.say(|r| r.estop_count += 1);
+    });
+    assert_eq!(house.poll().estop_edges, 9 + 8);
 }
 
 /// Who stops and loses his place in the same round is heard, and who pressed the enable there hands it to nobody.

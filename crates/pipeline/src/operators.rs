@@ -29,9 +29,9 @@ pub struct Operator {
     pub calibration: Calibration,
 }
 
-/// All operators that are known.
+/// All operators that are known, each with the name of its file without the extension.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Operators(Vec<Operator>);
+pub struct Operators(Vec<(String, Operator)>);
 
 /// A value for each limb.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
@@ -102,18 +102,44 @@ impl Operators {
         for path in paths {
             let file = path.display().to_string();
             let operator = parse(&file, &read_text(&path)?)?;
-            if let Some(other) = all.0.iter().find(|other| other.key() == operator.key()) {
+            if let Some((_, other)) = all.0.iter().find(|(_, other)| other.key() == operator.key()) {
                 let (id, layout) = operator.key();
                 let cause = format!("operator_id {id} and layout {layout} are those of {:?} too", other.name);
                 return Err(ConfigError::Syntax { file, cause });
             }
-            all.0.push(operator);
+            all.0.push((path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), operator));
         }
         Ok(all)
     }
 
     fn get(&self, operator_id: u32, layout: u32) -> Option<&Operator> {
-        self.0.iter().find(|operator| operator.key() == (operator_id, layout))
+        self.0.iter().map(|(_, operator)| operator).find(|operator| operator.key() == (operator_id, layout))
+    }
+
+    /// Why this person in this layout cannot have the file `name`: with it the folder could not be read any more, or it is
+    /// somebody else's.
+    pub fn refuses(&self, name: &str, operator_id: u32, layout: u32) -> Option<String> {
+        let key = (operator_id, layout);
+        for (file, operator) in &self.0 {
+            let (id, of) = operator.key();
+            match (file == name, operator.key() == key) {
+                (true, true) => return None,
+                (true, false) => {
+                    return Some(format!(
+                        "{file}.toml is that of operator_id {id} and layout {of}, and who is seen has operator_id \
+                         {operator_id} and layout {layout}: give another name, or remove that file"
+                    ));
+                }
+                (false, true) => {
+                    return Some(format!(
+                        "operator_id {id} and layout {of} are those of {file}.toml already: let the client send another \
+                         operator_id for another person, or calibrate {file} anew, or remove that file"
+                    ));
+                }
+                (false, false) => {}
+            }
+        }
+        (self.0.len() >= OPERATORS_MAX).then(|| format!("there are {OPERATORS_MAX} files, and no more are read"))
     }
 
     /// What is known of a client's person in a layout.
@@ -121,14 +147,9 @@ impl Operators {
         self.get(operator_id, layout).map(|operator| &operator.calibration)
     }
 
-    /// What a client's person in a layout is called.
-    pub fn called(&self, operator_id: u32, layout: u32) -> Option<&str> {
-        self.get(operator_id, layout).map(|operator| operator.name.as_str())
-    }
-
     /// Their names.
     pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().map(|operator| operator.name.as_str())
+        self.0.iter().map(|(_, operator)| operator.name.as_str())
     }
 }
 
@@ -242,6 +263,29 @@ mod tests {
         }
         assert_eq!(all.find(3, 4).unwrap().hinges.flags, 0);
         assert_eq!((all.find(3, 2), all.find(4, 1)), (None, None));
+        let twin_of = "operator_id 3 and layout 1 are those of anna.toml already";
+        let of_another =
+            "anna.toml is that of operator_id 3 and layout 1, and who is seen has operator_id 4 and layout 1";
+        for (name, person, layout, why) in [
+            ("anna", 3, 1, None),
+            ("bert", 4, 1, None),
+            ("bert", 3, 1, Some(twin_of)),
+            ("anna", 4, 1, Some(of_another)),
+        ] {
+            let said = all.refuses(name, person, layout);
+            assert_eq!(said.is_some(), why.is_some(), "{name}: {said:?}");
+            assert!(said.is_none_or(|said| said.contains(why.unwrap_or_default())), "{name}");
+        }
+        // By its file, whatever it says that they are called.
+        std::fs::rename(place.join("anna.toml"), place.join("old.toml")).unwrap();
+        let renamed = Operators::read(&place).unwrap();
+        assert!(renamed.refuses("anna", 3, 1).is_some_and(|why| why.contains("old.toml")));
+        std::fs::rename(place.join("old.toml"), place.join("anna.toml")).unwrap();
+        let full = Operators(
+            (0..OPERATORS_MAX).map(|n| (format!("{n}"), Operator { operator_id: 100 + n as u32, ..anna() })).collect(),
+        );
+        assert!(full.refuses("anna", 3, 1).is_some_and(|why| why.contains("64 files")));
+        assert_eq!(full.refuses("7", 107, 1), None);
         let mut twin = anna();
         twin.name = "bert".into();
         twin.write(&place).unwrap();

@@ -26,6 +26,8 @@ const FRAME: Duration = Duration::from_nanos(16_666_667);
 const REATTACH: Duration = Duration::from_secs(1);
 /// How often connections are looked for.
 const ACCEPT: Duration = Duration::from_millis(10);
+/// How long pages have to end when the server does; who goes on talking is cut off.
+const END_WITHIN: Duration = Duration::from_secs(1);
 /// Connections at a time: a page needs eight files at once and one socket, and there may be several pages.
 const CONNECTIONS_MAX: usize = 32;
 
@@ -196,7 +198,11 @@ fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, behind: &Behi
             open.push(connection);
         }
     }
+    let give_up = Instant::now() + END_WITHIN;
     while open.iter().any(|one| !has_ended(one)) {
+        if Instant::now() > give_up {
+            open.iter().for_each(|one| drop(one.stream.shutdown(Shutdown::Both)));
+        }
         std::thread::sleep(ACCEPT);
     }
 }

@@ -3,7 +3,9 @@
 use crate::frames::model;
 use messages::{JointCommand, Layout, Mode, RobotState, Stamp, Status, Transition};
 use serde_json::{Value, json};
+use std::io::Write;
 use std::net::TcpStream;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
@@ -108,4 +110,27 @@ fn nobody_engages_a_recording() {
             assert!(Instant::now() < give_up);
         }
     }
+}
+
+#[test]
+fn a_page_that_never_ends_its_message_does_not_keep_the_server() {
+    let model = model();
+    let server = Server::recording(recorded(&model), "head.mcap", &model, 0).expect("a port");
+    let mut socket = page(&server);
+    let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("no TLS on the loopback") };
+    let mut stream = stream.try_clone().expect("a twin");
+    stream.set_write_timeout(Some(Duration::from_secs(1))).expect("a limit");
+    // A text frame that is not the last of its message, and empty ones of the same message without end.
+    stream.write_all(&[0x01, 0x81, 0, 0, 0, 0, b'a']).expect("taken");
+    let more = [0x00, 0x80, 0, 0, 0, 0].repeat(1000);
+    let talker = std::thread::spawn(move || while stream.write_all(&more).is_ok() {});
+    std::thread::sleep(Duration::from_millis(200));
+    let (ended, seen) = mpsc::channel();
+    let end = std::thread::spawn(move || {
+        drop(server);
+        let _ = ended.send(());
+    });
+    assert!(seen.recv_timeout(Duration::from_secs(10)).is_ok(), "it never ends");
+    end.join().expect("no panic");
+    talker.join().expect("no panic");
 }

@@ -63,7 +63,7 @@ pub struct Cli {
     #[arg(long, conflicts_with_all = ["soak", "plot", "compare"])]
     pub watched: bool,
     /// Time between two blows of a soak, s.
-    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak")]
+    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak", conflicts_with = "watched")]
     pub strike_every: f64,
 }
 

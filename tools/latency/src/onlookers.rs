@@ -69,9 +69,11 @@ impl Onlookers {
         let seconds = self.begun.elapsed().as_secs_f64();
         self.end.store(true, Ordering::Relaxed);
         let frames = self.page.join().unwrap_or_default() as f64;
+        let ended = self.view.try_wait().ok().flatten();
         rt::terminate(self.view.id());
         let _ = self.view.wait();
         let mut trouble: Vec<_> = self.recorder.stop().into_iter().collect();
+        trouble.extend(ended.map(|status| format!("the page's server ended by itself ({status})")));
         if frames < FRAMES_PER_S_MIN * seconds {
             trouble.push(format!("the page was sent {frames} frames in {seconds:.1} s"));
         }

@@ -2,11 +2,13 @@
 //! descriptors, threads, segments. A stop that no blow explains is a false one.
 
 use crate::error::LatencyError;
-use chaos::blow::{Blow, Kind, Victim};
+use chaos::blow::{Blow, Victim};
+use chaos::error::ChaosError;
 use chaos::rig::Rig;
 use chaos::trial;
 use chaos::witness::Witness;
 use messages::{Mode, Status, TRANSITIONS_KEPT};
+use pipeline::Settings;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rt::Shutdown;
@@ -112,16 +114,16 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
         }
         let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
         let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
-        let outcome = trial::run(&mut rig, &witness, &loaded.settings, blow)?;
-        if !outcome.rested {
-            soaked.trouble.push(format!("no rest after {blow:?}"));
-        }
         soaked.blows += 1;
-        let held = if matches!(blow.kind, Kind::Kill { .. }) { "killed" } else { "suspended" };
+        if let Err(error) = strike(&mut rig, &witness, &loaded.settings, blow, &mut soaked.trouble) {
+            // What was seen until then is worth its report.
+            soaked.trouble.push(format!("after {blow:?}: {error}"));
+            break;
+        }
+        let held = if kill { "killed" } else { "suspended" };
         eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
-        trial::engage(&mut rig, &witness, Victim::Ingest, Mode::Engaged)?;
     }
-    rig.clear()?;
+    soaked.trouble.extend(rig.clear().err().map(|error| error.to_string()));
     soaked.segments_last = segments(&rig);
     soaked.seconds = begun.elapsed().as_secs_f64();
     let seen = witness.seen();
@@ -132,6 +134,21 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     soaked.trouble.extend(ended.trouble);
     soaked.reports = ended.reports;
     Ok(soaked)
+}
+
+/// Strikes, and follows the person again.
+fn strike(
+    rig: &mut Rig,
+    witness: &Witness,
+    settings: &Settings,
+    blow: Blow,
+    trouble: &mut Vec<String>,
+) -> Result<(), ChaosError> {
+    let outcome = trial::run(rig, witness, settings, blow)?;
+    if !outcome.rested {
+        trouble.push(format!("no rest after {blow:?}"));
+    }
+    trial::engage(rig, witness, Victim::Ingest, Mode::Engaged)
 }
 
 /// Follows the person, engaged as it is, until the next blow is due or the end; every stop in it is a false one.

@@ -56,8 +56,12 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
     let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
     err!("record: reads {}", file.display());
-    let reel = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let (reel, broken_off) = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
+    let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if let Some(why) = broken_off {
+        err!("record: {} breaks off ({why}): what is shown is what stands before", file.display());
+        name.push_str(", which breaks off");
+    }
     let server = view::Server::recording(reel, &name, &loaded.model, cli.port);
     let server = server.map_err(|error| Failure::of(UNAVAILABLE)(&error))?;
     out!("record: shows {} at {}", file.display(), server.address());
@@ -108,7 +112,8 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     let begun = rt::now();
     let end = cli.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
     let (mut warned, mut failed) = (false, false);
-    while !shutdown.requested() && end.is_none_or(|end| rt::now() < end) {
+    let orphaned = || cli.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id);
+    while !shutdown.requested() && !orphaned() && end.is_none_or(|end| rt::now() < end) {
         attached.look(&mut |entry| queue.add(entry));
         if let (false, Some(hash)) = (warned, attached.other_settings()) {
             warned = true;

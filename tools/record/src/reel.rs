@@ -2,15 +2,16 @@
 
 use crate::error::RecordError;
 use crate::read::{Content, Recorded};
+use motion::mcap::Ending;
 use robot::Model;
 use std::path::Path;
 use view::{Cutter, GONE_AFTER_NS, Heard, Reel};
 
-/// Reads a recording of the robot `model`.
+/// Reads a recording of the robot `model`; and why it breaks off, if it does.
 ///
 /// # Errors
-/// The file cannot be read, or one of our channels has another layout than ours.
-pub fn reel(path: &Path, model: &Model) -> Result<Reel, RecordError> {
+/// The file cannot be read, there is nothing of an instance in it, or one of our channels has another layout than ours.
+pub fn reel(path: &Path, model: &Model) -> Result<(Reel, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
     let (mut heard, mut at, mut begin_ns) = (Heard::default(), [f64::NEG_INFINITY; 5], None);
     let mut cutter = Cutter::new(model);
@@ -34,5 +35,16 @@ pub fn reel(path: &Path, model: &Model) -> Result<Reel, RecordError> {
         };
         cutter.add(&heard, at_s);
     }
-    Ok(cutter.reel())
+    let broken_off = match recorded.ending() {
+        Ending::BrokenOff(why) => Some(why.clone()),
+        Ending::Open | Ending::Complete | Ending::GoesOn => None,
+    };
+    if begin_ns.is_none() {
+        let cause = match broken_off {
+            Some(why) => format!("it breaks off before the first message: {why}"),
+            None => "there is no message in it".to_owned(),
+        };
+        return Err(RecordError::Lacks { file: path.display().to_string(), cause });
+    }
+    Ok((cutter.reel(), broken_off))
 }

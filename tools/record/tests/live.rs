@@ -154,6 +154,32 @@ fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
     instance.retire();
 }
 
+/// As `up` starts it: killed with -9, it can end nothing itself.
+#[test]
+fn the_recorder_ends_with_whoever_started_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new(&folder.path().join("run")).unwrap();
+    let mut writers = Writers::new(&instance);
+    let out = folder.path().join("out.mcap");
+    let mut parent = Command::new("sh");
+    parent.args(["-c", "\"$0\" \"$@\" --child-of $$ & wait"]).arg(env!("CARGO_BIN_EXE_record")).arg(&out);
+    let mut parent = parent.arg("--run-dir").arg(instance.run_dir()).arg("--config").arg(config()).spawn().unwrap();
+    let begun = Instant::now();
+    while std::fs::metadata(&out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    writers.publish_for(Duration::from_millis(500));
+    assert!(matches!(commands(&out, &writers.sent).1, Ending::BrokenOff(_)), "it still writes");
+    parent.kill().unwrap();
+    parent.wait().unwrap();
+    let begun = Instant::now();
+    while commands(&out, &writers.sent).1 != Ending::Complete {
+        assert!(begun.elapsed() < Duration::from_secs(20), "it still records");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    instance.retire();
+}
+
 /// A disk with so many bytes of room.
 #[derive(Clone, Default)]
 struct Small {
