@@ -64,14 +64,24 @@ impl Holding {
         let descriptors = std::fs::read_dir(format!("/proc/{id}/fd")).ok()?.count() as u64;
         Some(Self { resident_kib: number("VmRSS")?, descriptors, threads: number("Threads")? })
     }
+
+    fn each_with(self, other: Self, of: impl Fn(u64, u64) -> u64) -> Self {
+        Self {
+            resident_kib: of(self.resident_kib, other.resident_kib),
+            descriptors: of(self.descriptors, other.descriptors),
+            threads: of(self.threads, other.threads),
+        }
+    }
 }
 
-/// What one life of a process held when it was warm, and at most since.
+/// What one life of a process held when it was warm, at the look before, and at most since; of each number what two looks
+/// in a row showed: a thread that opens a file and ends is none that leaks.
 #[derive(Clone, Copy, Debug)]
 struct Life {
     id: u32,
     since: Instant,
     warm: Option<Holding>,
+    before: Holding,
     most: Holding,
 }
 
@@ -194,25 +204,19 @@ impl Soaked {
 
     fn look(&mut self, name: &'static str, id: Option<u32>) {
         let Some((id, holding)) = id.and_then(|id| Some((id, Holding::of(id)?))) else { return };
-        let life = self.lives.entry(name).and_modify(|life| {
-            if life.id != id {
-                *life = Life { id, since: Instant::now(), warm: None, most: holding };
-            }
-        });
-        let life = life.or_insert(Life { id, since: Instant::now(), warm: None, most: holding });
+        let born = Life { id, since: Instant::now(), warm: None, before: holding, most: holding };
+        let life = self.lives.entry(name).or_insert(born);
+        if life.id != id {
+            *life = born;
+        }
+        let lasting = std::mem::replace(&mut life.before, holding).each_with(holding, u64::min);
         if life.warm.is_none() && life.since.elapsed() > WARM_AFTER {
-            (life.warm, life.most) = (Some(holding), holding);
+            (life.warm, life.most) = (Some(lasting), lasting);
         }
         let Some(warm) = life.warm else { return };
-        life.most = Holding {
-            resident_kib: life.most.resident_kib.max(holding.resident_kib),
-            descriptors: life.most.descriptors.max(holding.descriptors),
-            threads: life.most.threads.max(holding.threads),
-        };
+        life.most = life.most.each_with(lasting, u64::max);
         let most = self.growth.entry(name).or_default();
-        most.resident_kib = most.resident_kib.max(life.most.resident_kib - warm.resident_kib);
-        most.descriptors = most.descriptors.max(life.most.descriptors - warm.descriptors);
-        most.threads = most.threads.max(life.most.threads - warm.threads);
+        *most = most.each_with(life.most.each_with(warm, |most, warm| most - warm), u64::max);
     }
 
     /// What must not have happened.

@@ -32,8 +32,8 @@ pub struct Cli {
     /// The instance was started with this interface: direct or jtc100.
     #[arg(long, value_name = "NAME", value_parser = interface, conflicts_with = "summary")]
     pub interface: Option<RobotInterface>,
-    /// End with this process, which started it.
-    #[arg(long, value_name = "PID", hide = true)]
+    /// End, as at a signal, once this process is not its parent any more.
+    #[arg(long, value_name = "PID", conflicts_with = "summary")]
     pub child_of: Option<u32>,
     /// Say what this recording holds: duration, topics, counts, modes, faults in words.
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "out")]
