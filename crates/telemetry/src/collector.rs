@@ -41,6 +41,11 @@ impl Collector {
 
     /// Takes everything that lies in the ring; answers how much that was.
     pub fn drain(&mut self) -> usize {
+        // Before there is anything to write: no thread begins while the robot moves. The one that writes is the child of the
+        // one that collects, and runs where that one does.
+        if self.lines.is_none() {
+            self.lines = Lines::start(self.process);
+        }
         let mut taken = 0;
         while let Ok(entry) = self.ring.pop() {
             taken += 1;
@@ -68,11 +73,7 @@ impl Collector {
         taken
     }
 
-    /// The thread that writes is the child of the one that collects, and runs where that one does.
     fn put(&mut self, line: Line) {
-        if self.lines.is_none() {
-            self.lines = Lines::start(self.process);
-        }
         if let Some(lines) = &mut self.lines {
             lines.put(line);
         }
