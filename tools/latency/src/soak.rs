@@ -74,14 +74,12 @@ impl Holding {
     }
 }
 
-/// What one life of a process held when it was warm, at the look before, and at most since; of each number what two looks
-/// in a row showed: a thread that opens a file and ends is none that leaks.
+/// What one life of a process held when it was warm, and at most since.
 #[derive(Clone, Copy, Debug)]
 struct Life {
     id: u32,
     since: Instant,
     warm: Option<Holding>,
-    before: Holding,
     most: Holding,
 }
 
@@ -204,17 +202,16 @@ impl Soaked {
 
     fn look(&mut self, name: &'static str, id: Option<u32>) {
         let Some((id, holding)) = id.and_then(|id| Some((id, Holding::of(id)?))) else { return };
-        let born = Life { id, since: Instant::now(), warm: None, before: holding, most: holding };
+        let born = Life { id, since: Instant::now(), warm: None, most: holding };
         let life = self.lives.entry(name).or_insert(born);
         if life.id != id {
             *life = born;
         }
-        let lasting = std::mem::replace(&mut life.before, holding).each_with(holding, u64::min);
         if life.warm.is_none() && life.since.elapsed() > WARM_AFTER {
-            (life.warm, life.most) = (Some(lasting), lasting);
+            (life.warm, life.most) = (Some(holding), holding);
         }
         let Some(warm) = life.warm else { return };
-        life.most = life.most.each_with(lasting, u64::max);
+        life.most = life.most.each_with(holding, u64::max);
         let most = self.growth.entry(name).or_default();
         *most = most.each_with(life.most.each_with(warm, |most, warm| most - warm), u64::max);
     }

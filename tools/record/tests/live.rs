@@ -74,12 +74,16 @@ fn program(run_dir: &Path, out: &Path) -> Command {
 fn start(run_dir: &Path, out: &Path) -> Child {
     let child = program(run_dir, out).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let child = child.expect("the program starts");
-    // The file begins with the channels; then it reads.
+    wait_begun(out);
+    child
+}
+
+/// The file begins with the channels; then the recorder reads.
+fn wait_begun(out: &Path) {
     let begun = Instant::now();
     while std::fs::metadata(out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
         std::thread::sleep(Duration::from_millis(10));
     }
-    child
 }
 
 /// The commands of a recording, each checked to be one that was sent, and in order.
@@ -164,10 +168,7 @@ fn the_recorder_ends_with_whoever_started_it() {
     let mut parent = Command::new("sh");
     parent.args(["-c", "\"$0\" \"$@\" --child-of $$ & wait"]).arg(env!("CARGO_BIN_EXE_record")).arg(&out);
     let mut parent = parent.arg("--run-dir").arg(instance.run_dir()).arg("--config").arg(config()).spawn().unwrap();
-    let begun = Instant::now();
-    while std::fs::metadata(&out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_begun(&out);
     writers.publish_for(Duration::from_millis(500));
     assert!(matches!(commands(&out, &writers.sent).1, Ending::BrokenOff(_)), "it still writes");
     parent.kill().unwrap();
