@@ -1,0 +1,131 @@
+//! One arm as two limb rotations: kinematics, and the rotation that is missing between robot and person.
+
+use crate::LIMB_JOINTS;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use robot::Model;
+
+/// Positions, velocities or accelerations of joints 1 to 5 of one arm.
+pub type ArmVector = nalgebra::SVector<f64, LIMB_JOINTS>;
+
+/// Rows of an error: three of the upper arm, three of the forearm.
+pub const ROWS: usize = 6;
+
+/// Rotations of one arm's limbs in the torso frame, as differences from the T-pose, of a left arm or of a right arm
+/// mirrored to the left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limbs {
+    /// Shoulder to elbow.
+    pub upper: UnitQuaternion<f64>,
+    /// Elbow to wrist.
+    pub fore: UnitQuaternion<f64>,
+}
+
+impl Limbs {
+    /// The T-pose.
+    pub fn identity() -> Self {
+        Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
+    }
+}
+
+/// Five revolute joints that turn two limbs: joints 1 to 3 the upper arm, 4 and 5 the forearm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// Unit axis of each joint in the torso frame while the arm is at `reference`.
+    axes: [Vector3<f64>; LIMB_JOINTS],
+    /// Joint positions of the T-pose, rad.
+    reference: [f64; LIMB_JOINTS],
+}
+
+/// What the robot's limbs miss, and how the joints change it.
+#[derive(Clone, Copy, Debug)]
+pub struct Error {
+    /// log(R_robot R_person^-1) of both limbs, torso frame, rad.
+    pub rotation: [f64; ROWS],
+    /// Column j: derivative by joint j.
+    pub jacobian: [[f64; ROWS]; LIMB_JOINTS],
+}
+
+impl Arm {
+    /// An arm from unit axes in the torso frame at the reference posture (rad).
+    pub fn new(axes: [Vector3<f64>; LIMB_JOINTS], reference: [f64; LIMB_JOINTS]) -> Self {
+        Self { axes: axes.map(|axis| axis.normalize()), reference }
+    }
+
+    /// The left arm of `model`; the right arm is its mirror, which the model has checked.
+    pub fn of(model: &Model) -> Self {
+        Self::new(model.arms[0].axes, model.arms[0].reference)
+    }
+
+    /// Rotations of the limbs: U = R1 R2 R3 and F = U R4 R5 with Ri = Rot(axis i, q i - reference i).
+    pub fn limbs(&self, q: &ArmVector) -> Limbs {
+        let turn = |j: usize| self.turn(j, q);
+        let upper = turn(0) * turn(1) * turn(2);
+        let fore = upper * turn(3) * turn(4);
+        Limbs { upper: UnitQuaternion::new_unchecked(upper), fore: UnitQuaternion::new_unchecked(fore) }
+    }
+
+    /// Angles between the robot's limbs at `q` and the person's, rad: upper arm, forearm.
+    pub fn angles(&self, q: &ArmVector, person: &Limbs) -> [f64; 2] {
+        let limbs = self.limbs(q);
+        [(limbs.upper, person.upper), (limbs.fore, person.fore)].map(|(robot, person)| {
+            let (w, v) = between(&robot, &person);
+            2.0 * v.norm().atan2(w)
+        })
+    }
+
+    /// The rotations that are missing. With w_j the axis of joint j in the torso frame, d log(R P^-1) / d q_j =
+    /// J_l^-1(log) w_j, J_l the left Jacobian of SO(3) (Sola, Deray, Atchuthan 2018, equation 146).
+    pub fn error(&self, q: &ArmVector, person: &Limbs) -> Error {
+        let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
+        let mut so_far = Quaternion::identity();
+        let mut upper = so_far;
+        let axes: [_; LIMB_JOINTS] = std::array::from_fn(|j| {
+            let axis = rotate(&so_far, &self.axes[j]);
+            so_far *= turns[j];
+            if j == 2 {
+                upper = so_far;
+            }
+            axis
+        });
+        let mut error = Error { rotation: [0.0; ROWS], jacobian: [[0.0; ROWS]; LIMB_JOINTS] };
+        let limbs = [(upper, person.upper, 3), (so_far, person.fore, LIMB_JOINTS)];
+        for (limb, (robot, person, joints)) in limbs.into_iter().enumerate() {
+            let (w, v) = between(&UnitQuaternion::new_unchecked(robot), &person);
+            let sine = v.norm();
+            let half = sine.atan2(w);
+            // Below 1e-6 the logarithm is twice the vector, and its Jacobian the identity, to 1e-12.
+            let (rotation, direction, c) = if sine < 1e-6 {
+                (v * 2.0, Vector3::zeros(), 1.0)
+            } else {
+                (v * (2.0 * half / sine), v / sine, half * w / sine)
+            };
+            error.rotation[3 * limb..3 * limb + 3].copy_from_slice(rotation.as_slice());
+            for j in 0..joints {
+                let axis = axes[j];
+                let column = axis * c + direction * ((1.0 - c) * direction.dot(&axis)) - rotation.cross(&axis) * 0.5;
+                error.jacobian[j][3 * limb..3 * limb + 3].copy_from_slice(column.as_slice());
+            }
+        }
+        error
+    }
+
+    fn turn(&self, j: usize, q: &ArmVector) -> Quaternion<f64> {
+        let (sin, cos) = (0.5 * (q[j] - self.reference[j])).sin_cos();
+        let axis = &self.axes[j];
+        Quaternion::new(cos, axis.x * sin, axis.y * sin, axis.z * sin)
+    }
+}
+
+/// (w, imag) of R_robot R_person^-1 with w >= 0.
+fn between(robot: &UnitQuaternion<f64>, person: &UnitQuaternion<f64>) -> (f64, Vector3<f64>) {
+    let e = robot.quaternion() * person.quaternion().conjugate();
+    let v = Vector3::new(e.i, e.j, e.k);
+    if e.w < 0.0 { (-e.w, -v) } else { (e.w, v) }
+}
+
+/// v rotated by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
+fn rotate(q: &Quaternion<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    let u = Vector3::new(q.i, q.j, q.k);
+    let t = u.cross(v) * 2.0;
+    v + t * q.w + u.cross(&t)
+}

@@ -1,0 +1,388 @@
+//! The best motion of one arm over the horizon: differential dynamic programming with bounded accelerations.
+//!
+//! States are positions q and velocities v of the joints that turn limbs, inputs their accelerations u, constant over an
+//! interval of d seconds:
+//!
+//! ```text
+//! q' = q + d v + d^2 u / 2,   v' = v + d u,   |u| <= A,   |v'| <= V
+//!
+//! minimise  sum over nodes      d (w rho(angle of upper arm) + w rho(angle of forearm) + W_q (q beyond its range)^2
+//!                                  + r_v |v|^2 + r_p |q - prior|^2),   r_p larger at the last node
+//!         + sum over intervals  d r_a |u / A|^2
+//!
+//! rho(x) = 2 c^2 (sqrt(1 + (x / c)^2) - 1)
+//! ```
+//!
+//! The angle is that of the rotation which is missing between robot and person. rho is its square below c and grows in
+//! proportion beyond: where the robot cannot keep up, it pulls no harder the further it falls behind. (With the square
+//! alone the same weights that smooth a dance leave a raised arm degrees away.)
+//!
+//! One iteration is a Gauss-Newton sweep backward over the nodes (Riccati recursion; inputs at their bounds are held
+//! there, as in control-limited DDP: Tassa, Mansard, Todorov 2014) and a rollout forward with a few step lengths, of which
+//! the best is taken, or none. The blocks of the dynamics are multiples of the identity, so nothing but scaled sums of
+//! 5 x 5 blocks is needed to propagate.
+
+use crate::arm::{Arm, ArmVector, Limbs, ROWS};
+use crate::{LIMB_JOINTS, NODES};
+use nalgebra::SMatrix;
+
+type Block = SMatrix<f64, LIMB_JOINTS, LIMB_JOINTS>;
+
+/// Step lengths that are tried.
+const STEPS: [f64; 3] = [1.0, 0.5, 0.15];
+
+/// Weights of the cost. Chosen by the mean error over the clips; see the table in the crate's documentation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights {
+    /// Accelerations, as a share of the bound.
+    pub acceleration: f64,
+    /// Angle from which an error counts in proportion and not by its square, rad.
+    pub knee: f64,
+    /// Velocities, per (rad/s)^2.
+    pub velocity: f64,
+    /// Distance from the posture that retargeting proposes, per rad^2.
+    pub prior: f64,
+    /// The same at the last node, and per rad that its limbs are off: see [`Problem::pull`].
+    pub pull: f64,
+    /// Position beyond its range, per rad^2.
+    pub range: f64,
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self { acceleration: 5e-3, knee: 0.08, velocity: 2e-3, prior: 2e-4, pull: 0.1, range: 30.0 }
+    }
+}
+
+/// Bounds of the joints of one arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Lowest positions, rad.
+    pub q_min: ArmVector,
+    /// Highest positions, rad.
+    pub q_max: ArmVector,
+    /// Speeds, rad/s.
+    pub v_max: ArmVector,
+    /// Accelerations, rad/s^2.
+    pub a_max: ArmVector,
+}
+
+/// A state: positions and velocities, rad and rad/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Positions.
+    pub q: ArmVector,
+    /// Velocities.
+    pub v: ArmVector,
+}
+
+impl Bounds {
+    /// The accelerations that a joint may take for `d` seconds at velocity `v`: those of the limit that do not lead beyond the
+    /// speed. A joint that is too fast brakes.
+    #[inline]
+    fn inputs(&self, j: usize, v: f64, d: f64) -> [f64; 2] {
+        let (a, fastest) = (self.a_max[j], self.v_max[j]);
+        // Unlike `clamp`, this bears a velocity that is no number.
+        [(-(fastest + v) / d).max(-a).min(a), ((fastest - v) / d).max(-a).min(a)]
+    }
+
+    fn clamp(&self, u: &ArmVector, v: &ArmVector, d: f64) -> ArmVector {
+        ArmVector::from_fn(|j, _| {
+            let [low, high] = self.inputs(j, v[j], d);
+            u[j].max(low).min(high)
+        })
+    }
+}
+
+impl State {
+    /// The state after `d` seconds of acceleration `u`.
+    #[inline]
+    pub fn after(&self, u: &ArmVector, d: f64) -> Self {
+        Self { q: self.q + self.v * d + u * (0.5 * d * d), v: self.v + u * d }
+    }
+}
+
+/// What is to be followed, and from where.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem {
+    /// The state at the beginning.
+    pub start: State,
+    /// Length of each interval, s; node i is at its end.
+    pub interval_s: [f64; NODES],
+    /// The person at each node.
+    pub person: [Limbs; NODES],
+    /// Weight of each node's error.
+    pub weight: [f64; NODES],
+    /// What retargeting proposes, rad.
+    pub prior: ArmVector,
+    /// Weight of the distance from it at the last node. Where the plan ends far from the person, limbs alone may lead nowhere
+    /// (an arm that hangs has its shoulder's axes in line, and must turn about itself before it can rise on the other side);
+    /// the posture that retargeting knows to be right does lead there.
+    pub pull: f64,
+    /// Bounds.
+    pub bounds: Bounds,
+}
+
+/// Working memory of the sweep.
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    /// Accelerations of each interval, rad/s^2.
+    pub input: [ArmVector; NODES],
+    nodes: [State; NODES],
+    open: [ArmVector; NODES],
+    feedback: [[Block; 2]; NODES],
+    value: Value,
+    cost: f64,
+}
+
+/// Quadratic model of what lies ahead of a node.
+#[derive(Clone, Copy, Debug)]
+struct Value {
+    q: ArmVector,
+    v: ArmVector,
+    qq: Block,
+    qv: Block,
+    vv: Block,
+}
+
+impl Value {
+    fn zero() -> Self {
+        Self {
+            q: ArmVector::zeros(),
+            v: ArmVector::zeros(),
+            qq: Block::zeros(),
+            qv: Block::zeros(),
+            vv: Block::zeros(),
+        }
+    }
+}
+
+impl Default for Sweep {
+    fn default() -> Self {
+        let nothing = State { q: ArmVector::zeros(), v: ArmVector::zeros() };
+        Self {
+            input: [ArmVector::zeros(); NODES],
+            nodes: [nothing; NODES],
+            open: [ArmVector::zeros(); NODES],
+            feedback: [[Block::zeros(); 2]; NODES],
+            value: Value::zero(),
+            cost: 0.0,
+        }
+    }
+}
+
+impl Sweep {
+    /// Begins an iteration from the accelerations in `input`.
+    pub fn begin(&mut self, arm: &Arm, weights: &Weights, problem: &Problem) {
+        let mut state = problem.start;
+        self.cost = 0.0;
+        for i in 0..NODES {
+            self.input[i] = problem.bounds.clamp(&self.input[i], &state.v, problem.interval_s[i]);
+            state = state.after(&self.input[i], problem.interval_s[i]);
+            self.nodes[i] = state;
+            self.cost += cost(arm, weights, problem, i, &state, &self.input[i]);
+        }
+        self.value = Value::zero();
+    }
+
+    /// The cost of `input`, after `begin` or `finish`.
+    pub fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    /// The states at the nodes.
+    pub fn nodes(&self) -> &[State; NODES] {
+        &self.nodes
+    }
+
+    /// Node `i` of the sweep; all nodes are due once, the last one first.
+    pub fn backward(&mut self, arm: &Arm, weights: &Weights, problem: &Problem, i: usize) {
+        let d = problem.interval_s[i];
+        let value = {
+            let mut value = self.value;
+            add_node(&mut value, arm, weights, problem, i, &self.nodes[i]);
+            value
+        };
+        let (b, h) = (d, 0.5 * d * d);
+        let bounds = &problem.bounds;
+        let vq = value.qv.transpose();
+        // Rows of B^T V A.
+        let to_q = value.qq * h + vq * b;
+        let to_v = to_q * d + value.qv * h + value.vv * b;
+        let mut quu = value.qq * (h * h) + (value.qv + vq) * (h * b) + value.vv * (b * b);
+        let mut qu = value.q * h + value.v * b;
+        for j in 0..LIMB_JOINTS {
+            let r = d * weights.acceleration / (bounds.a_max[j] * bounds.a_max[j]);
+            quu[(j, j)] += r;
+            qu[j] += r * self.input[i][j];
+        }
+        let v = if i == 0 { &problem.start.v } else { &self.nodes[i - 1].v };
+        let change: [[f64; 2]; LIMB_JOINTS] =
+            std::array::from_fn(|j| bounds.inputs(j, v[j], d).map(|bound| bound - self.input[i][j]));
+        let (open, [gain_q, gain_v]) = bounded_step(&quu, &qu, &to_q, &to_v, &change);
+        // V = A' V A, less what the inputs save.
+        let a_qv = value.qq * d + value.qv;
+        let a_vv = value.qq * (d * d) + (value.qv + vq) * d + value.vv;
+        self.value = Value {
+            q: value.q + to_q.transpose() * open,
+            v: value.q * d + value.v + to_v.transpose() * open,
+            qq: symmetric(value.qq + to_q.transpose() * gain_q),
+            qv: a_qv + to_q.transpose() * gain_v,
+            vv: symmetric(a_vv + to_v.transpose() * gain_v),
+        };
+        (self.open[i], self.feedback[i]) = (open, [gain_q, gain_v]);
+    }
+
+    /// Rolls out and takes the best step, if any is better than none.
+    pub fn finish(&mut self, arm: &Arm, weights: &Weights, problem: &Problem) {
+        let mut best = self.cost;
+        let (mut inputs, mut nodes) = (self.input, self.nodes);
+        for step in STEPS {
+            let (mut input, mut states) = (self.input, self.nodes);
+            let mut state = problem.start;
+            let mut before = problem.start;
+            let mut cost_here = 0.0;
+            for i in 0..NODES {
+                let [gain_q, gain_v] = &self.feedback[i];
+                let change = self.open[i] * step + gain_q * (state.q - before.q) + gain_v * (state.v - before.v);
+                input[i] = problem.bounds.clamp(&(self.input[i] + change), &state.v, problem.interval_s[i]);
+                before = self.nodes[i];
+                state = state.after(&input[i], problem.interval_s[i]);
+                states[i] = state;
+                cost_here += cost(arm, weights, problem, i, &state, &input[i]);
+            }
+            // A cost that is no number is not less.
+            if cost_here < best {
+                (best, inputs, nodes) = (cost_here, input, states);
+            }
+        }
+        (self.cost, self.input, self.nodes) = (best, inputs, nodes);
+    }
+}
+
+/// A squared angle below the knee, a straight line beyond: what is far off pulls no harder (pseudo-Huber).
+fn loss(squared: f64, knee: f64) -> f64 {
+    2.0 * knee * knee * ((1.0 + squared / (knee * knee)).sqrt() - 1.0)
+}
+
+fn symmetric(m: Block) -> Block {
+    (m + m.transpose()) * 0.5
+}
+
+/// Weight of the distance from the proposed posture at node `i`.
+fn prior_weight(weights: &Weights, problem: &Problem, i: usize) -> f64 {
+    weights.prior + if i + 1 == NODES { problem.pull } else { 0.0 }
+}
+
+fn cost(arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State, input: &ArmVector) -> f64 {
+    let [upper, fore] = arm.angles(&state.q, &problem.person[i]);
+    let mut sum = problem.weight[i] * (loss(upper * upper, weights.knee) + loss(fore * fore, weights.knee));
+    let bounds = &problem.bounds;
+    let prior = prior_weight(weights, problem, i);
+    for j in 0..LIMB_JOINTS {
+        let (q, v) = (state.q[j], state.v[j]);
+        let beyond = (bounds.q_min[j] - q).max(q - bounds.q_max[j]).max(0.0);
+        let u = input[j] / bounds.a_max[j];
+        sum += weights.range * beyond * beyond
+            + weights.velocity * v * v
+            + prior * (q - problem.prior[j]).powi(2)
+            + weights.acceleration * u * u;
+    }
+    sum * problem.interval_s[i]
+}
+
+/// Adds half the gradient and half the Hessian (Gauss-Newton) of a node's cost.
+fn add_node(value: &mut Value, arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State) {
+    let d = problem.interval_s[i];
+    let error = arm.error(&state.q, &problem.person[i]);
+    let w = d * problem.weight[i];
+    let slope = |limb: usize| {
+        let squared: f64 = error.rotation[3 * limb..3 * limb + 3].iter().map(|x| x * x).sum();
+        1.0 / (1.0 + squared / (weights.knee * weights.knee)).sqrt()
+    };
+    let slopes = [slope(0), slope(1)];
+    for j in 0..LIMB_JOINTS {
+        let column = &error.jacobian[j];
+        let dot = |other: &[f64; ROWS]| (0..ROWS).map(|r| slopes[r / 3] * column[r] * other[r]).sum::<f64>();
+        value.q[j] += w * dot(&error.rotation);
+        for k in 0..=j {
+            let entry = w * dot(&error.jacobian[k]);
+            value.qq[(j, k)] += entry;
+            if k < j {
+                value.qq[(k, j)] += entry;
+            }
+        }
+    }
+    let bounds = &problem.bounds;
+    let prior = prior_weight(weights, problem, i);
+    for j in 0..LIMB_JOINTS {
+        let (q, v) = (state.q[j], state.v[j]);
+        let beyond = q - q.clamp(bounds.q_min[j], bounds.q_max[j]);
+        value.v[j] += d * weights.velocity * v;
+        value.vv[(j, j)] += d * weights.velocity;
+        value.q[j] += d * (weights.range * beyond + prior * (q - problem.prior[j]));
+        value.qq[(j, j)] += d * (prior + if beyond == 0.0 { 0.0 } else { weights.range });
+    }
+}
+
+/// The best change of the inputs within their bounds, and how it follows the state: inputs that end at a bound are held
+/// there, at most one round for each.
+fn bounded_step(
+    quu: &Block,
+    qu: &ArmVector,
+    to_q: &Block,
+    to_v: &Block,
+    change: &[[f64; 2]; LIMB_JOINTS],
+) -> (ArmVector, [Block; 2]) {
+    let mut held = [false; LIMB_JOINTS];
+    let mut open = ArmVector::zeros();
+    for _ in 0..=LIMB_JOINTS {
+        let free = reduced(quu, &held);
+        let Some(factor) = free.cholesky() else {
+            return (ArmVector::zeros(), [Block::zeros(); 2]);
+        };
+        let mut rest = -qu;
+        for j in (0..LIMB_JOINTS).filter(|&j| held[j]) {
+            for k in 0..LIMB_JOINTS {
+                rest[k] -= quu[(k, j)] * open[j];
+            }
+        }
+        for j in (0..LIMB_JOINTS).filter(|&j| held[j]) {
+            rest[j] = open[j];
+        }
+        let step = factor.solve(&rest);
+        let mut more = false;
+        for j in 0..LIMB_JOINTS {
+            let [low, high] = change[j];
+            if !held[j] && !(low..=high).contains(&step[j]) {
+                (held[j], more) = (true, true);
+                open[j] = if step[j] < low { low } else { high };
+            }
+        }
+        if !more {
+            for j in (0..LIMB_JOINTS).filter(|&j| !held[j]) {
+                open[j] = step[j];
+            }
+            let rows = |m: &Block| {
+                let mut m = -*m;
+                for j in (0..LIMB_JOINTS).filter(|&j| held[j]) {
+                    m.row_mut(j).fill(0.0);
+                }
+                factor.solve(&m)
+            };
+            return (open, [rows(to_q), rows(to_v)]);
+        }
+    }
+    (open, [Block::zeros(); 2])
+}
+
+/// The matrix without the rows and columns of what is held.
+fn reduced(quu: &Block, held: &[bool; LIMB_JOINTS]) -> Block {
+    let mut m = *quu;
+    for j in (0..LIMB_JOINTS).filter(|&j| held[j]) {
+        m.row_mut(j).fill(0.0);
+        m.column_mut(j).fill(0.0);
+        m[(j, j)] = 1.0;
+    }
+    m
+}

@@ -1,0 +1,111 @@
+//! The kinematics of the limbs, and the Jacobian of what is missing, against the robot's kinematics and differences.
+
+use crate::support::{arm, model, random_q, random_rotation, turned};
+use follow::LIMB_JOINTS;
+use follow::arm::{Arm, ArmVector, Limbs};
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::f64::consts::PI;
+
+#[test]
+fn limbs_are_those_of_the_robots_own_kinematics() {
+    let (model, mut rng) = (model(), Pcg64::seed_from_u64(1));
+    let of_model = Arm::of(&model);
+    for _ in 0..1000 {
+        let q = random_q(&mut rng);
+        let (upper, fore) = model.arms[0].limb_rotations(&std::array::from_fn(|j| q[j]));
+        let limbs = of_model.limbs(&q);
+        assert!((limbs.upper.to_rotation_matrix().matrix() - upper).amax() < 1e-12);
+        assert!((limbs.fore.to_rotation_matrix().matrix() - fore).amax() < 1e-12);
+    }
+}
+
+/// Largest entry by which the Jacobian differs from central differences, over steps of 1e-6 rad.
+fn jacobian_off(arm: &Arm, q: &ArmVector, person: &Limbs) -> f64 {
+    const STEP: f64 = 1e-6;
+    let error = arm.error(q, person);
+    let mut worst = 0.0_f64;
+    for j in 0..LIMB_JOINTS {
+        let at = |by: f64| {
+            let mut q = *q;
+            q[j] += by;
+            arm.error(&q, person).rotation
+        };
+        let (after, before) = (at(STEP), at(-STEP));
+        for (row, (after, before)) in after.iter().zip(&before).enumerate() {
+            worst = worst.max((error.jacobian[j][row] - (after - before) / (2.0 * STEP)).abs());
+        }
+    }
+    worst
+}
+
+/// Postures anywhere, at the gimbal and with the elbow straight.
+fn posture(rng: &mut Pcg64, case: u32) -> ArmVector {
+    let mut q = random_q(rng);
+    match case % 3 {
+        0 => q[1] = PI / 2.0 + rng.random_range(-1e-4..1e-4),
+        1 => q[3] = rng.random_range(-1e-7..1e-7),
+        _ => {}
+    }
+    q
+}
+
+#[test]
+fn the_jacobian_is_that_of_central_differences() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(2));
+    for case in 0..3000 {
+        let q = posture(&mut rng, case);
+        let person = Limbs { upper: random_rotation(&mut rng), fore: random_rotation(&mut rng) };
+        // Where half a turn is missing the shorter way is another one, a step farther on.
+        if arm.angles(&q, &person).iter().any(|angle| *angle > 3.1) {
+            continue;
+        }
+        let off = jacobian_off(&arm, &q, &person);
+        assert!(off < 2e-8, "case {case}: {off}");
+    }
+}
+
+#[test]
+fn the_jacobian_holds_where_nothing_and_where_half_a_turn_is_missing() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
+    // 1e-6 is where the logarithm changes its formula: steps lie on both sides of it.
+    for angle in [0.0, 1e-9, 9.9e-7, 1e-6, 2e-6, 2.1e-6, 1e-4, PI - 1e-2, PI - 1e-3, PI - 1e-4] {
+        for case in 0..300 {
+            let q = posture(&mut rng, case);
+            let limbs = arm.limbs(&q);
+            let mut from = |limb: &UnitQuaternion<f64>| turned(&mut rng, limb, angle);
+            let person = Limbs { upper: from(&limbs.upper), fore: from(&limbs.fore) };
+            for missing in arm.angles(&q, &person) {
+                assert!((missing - angle).abs() < 1e-7, "{missing} rad instead of {angle}");
+            }
+            let off = jacobian_off(&arm, &q, &person);
+            // The Jacobian's own curvature is of order one; of numbers of order pi, differences keep 1e-9.
+            assert!(off < 2e-8, "{angle} rad, case {case}: {off}");
+        }
+    }
+}
+
+#[test]
+fn nothing_is_missing_where_the_robot_is_the_person_and_signs_do_not_count() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(4));
+    for _ in 0..500 {
+        let (q, other) = (random_q(&mut rng), random_q(&mut rng));
+        let error = arm.error(&q, &arm.limbs(&q));
+        assert!(error.rotation.iter().all(|x| x.abs() < 1e-14), "{:?}", error.rotation);
+        // Joints 4 and 5 do not turn the upper arm.
+        assert!((3..LIMB_JOINTS).all(|j| error.jacobian[j][..3] == [0.0; 3]));
+        let person = arm.limbs(&other);
+        let negated = |limb: UnitQuaternion<f64>| UnitQuaternion::new_unchecked(-limb.into_inner());
+        let same = Limbs { upper: negated(person.upper), fore: negated(person.fore) };
+        assert_eq!(arm.error(&q, &person).rotation, arm.error(&q, &same).rotation);
+        // The angles are the lengths of what is missing, and that turns the person into the robot.
+        let error = arm.error(&q, &person).rotation;
+        for (limb, angle) in arm.angles(&q, &person).into_iter().enumerate() {
+            let missing = Vector3::from_column_slice(&error[3 * limb..3 * limb + 3]);
+            assert!((missing.norm() - angle).abs() < 1e-12);
+            let [robot, person] = [arm.limbs(&q), person].map(|l| if limb == 0 { l.upper } else { l.fore });
+            assert!((UnitQuaternion::from_scaled_axis(missing) * person).angle_to(&robot) < 1e-7);
+        }
+    }
+}

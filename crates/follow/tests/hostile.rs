@@ -1,0 +1,231 @@
+//! Whatever a target holds and whichever ticks are missed: numbers, bounded and continuous, and the same ones again.
+
+use crate::support::{A_MAX, FIRST, FREE, Robot, V_MAX, Way, arm, random_q, way};
+use follow::arm::{ArmVector, Limbs};
+use follow::{LIMB_JOINTS, NODES, Output, Weights};
+use messages::{ALL_JOINTS, TICK_HZ, TICK_S};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const LEFT: u32 = 0b1_1111 << FIRST[0];
+const RIGHT: u32 = 0b1_1111 << FIRST[1];
+
+/// Finite, for all joints of the arms that are meant and for no others, within the limits.
+fn assert_sane(output: &Output, valid_mask: u32, context: &str) {
+    for (j, aim) in output.aims.iter().enumerate() {
+        let arm = FIRST.iter().find(|&&first| (first..first + LIMB_JOINTS).contains(&j));
+        let meant = arm.is_some_and(|&first| valid_mask >> first & 0b1_1111 == 0b1_1111);
+        assert_eq!(aim.is_some(), meant, "{context}: joint {j}");
+        let Some(aim) = aim else { continue };
+        assert!(aim.q.is_finite() && aim.q.abs() < 10.0, "{context}: joint {j}: {aim:?}");
+        assert!(aim.v.abs() <= V_MAX + 1e-9 && aim.a.abs() <= A_MAX, "{context}: joint {j}: {aim:?}");
+    }
+}
+
+/// Goes on from the command within the motion of so many ticks.
+fn assert_goes_on(output: &Output, before: &Robot, ticks: u64, context: &str) {
+    let dt = ticks as f64 * TICK_S;
+    for (j, aim) in output.aims.iter().enumerate() {
+        let Some(aim) = aim else { continue };
+        let (q, v) = (before.q[j], before.v[j]);
+        assert!((aim.v - v).abs() <= A_MAX * dt + 1e-9, "{context}: joint {j} from {v} rad/s to {}", aim.v);
+        let moved = (aim.q - q - v * dt).abs();
+        assert!(moved <= 0.5 * A_MAX * dt * dt + 1e-9, "{context}: joint {j} from {q} to {} at {v} rad/s", aim.q);
+    }
+}
+
+fn standing(q: &ArmVector) -> [Limbs; 2] {
+    [arm().limbs(q); 2]
+}
+
+/// A robot in full motion towards somewhere.
+fn moving(seed: u64) -> (Robot, [Limbs; 2]) {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut robot = Robot::at(&FREE, Weights::default());
+    // Within the robot's own ranges, which are a little narrower.
+    let goal = random_q(&mut rng) * 0.9 + ArmVector::from(FREE) * 0.1;
+    robot.propose(&goal.into());
+    let person = standing(&goal);
+    for _ in 0..250 + seed % 10 {
+        robot.step(|_| person);
+    }
+    (robot, person)
+}
+
+fn remembered(robot: &Robot) -> Robot {
+    Robot { config: robot.config.clone(), state: robot.state.clone(), ..*robot }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let (mut robot, person) = moving(31);
+    let mut again = remembered(&robot);
+    let (mut late, _) = moving(31);
+    for tick in 0..TICK_HZ {
+        let [a, b, c] = [&mut robot, &mut again, &mut late].map(|robot| robot.step(|_| person));
+        let bits =
+            |output: &Output| output.aims.map(|aim| aim.map(|aim| [aim.q.to_bits(), aim.v.to_bits(), aim.a.to_bits()]));
+        assert!(bits(&a) == bits(&b) && bits(&a) == bits(&c), "tick {tick}");
+    }
+}
+
+#[test]
+fn missed_ticks_continue_the_same_motion() {
+    for seed in 0..30 {
+        let mut rng = Pcg64::seed_from_u64(100 + seed);
+        let (mut robot, person) = moving(seed);
+        for n in 0..300 {
+            let missed: u64 = if rng.random_bool(0.5) { 1 } else { rng.random_range(1..=40) };
+            let before = remembered(&robot);
+            let first = (robot.k + missed) / messages::WAY_NODE_TICKS + 1;
+            let output = robot.step_after(missed, &way(first, |_| person), first);
+            let context = format!("seed {seed}, step {n}, {missed} ticks");
+            // Accelerations that were chosen for another state may lead a little beyond the speed.
+            let fastest = output.aims.iter().flatten().fold(0.0, |most: f64, aim| most.max(aim.v.abs()));
+            assert!(fastest <= 1.05 * V_MAX, "{context}: {fastest} rad/s");
+            assert_goes_on(&output, &before, missed, &context);
+        }
+        let off = arm().angles(&robot.arm(0), &person[0]);
+        assert!(off.iter().all(|angle| *angle < 0.1), "seed {seed}: it arrives all the same, {off:?} rad off");
+    }
+}
+
+#[test]
+fn a_tick_that_is_repeated_or_runs_back_moves_nothing_on() {
+    let (mut robot, person) = moving(3);
+    let first = robot.next_first();
+    let there = robot.q;
+    for back in [0, 1, 20, 400] {
+        robot.k -= back;
+        assert_sane(&robot.step_after(0, &way(first, |_| person), first), ALL_JOINTS, &format!("{back} ticks back"));
+        robot.k += back;
+        // A plan that is taken meanwhile may lie as far ahead as its iteration was to last.
+        let most = V_MAX * follow::ITERATION_TICKS as f64 * TICK_S;
+        assert!((0..there.len()).all(|j| (robot.q[j] - there[j]).abs() <= most), "{back} ticks back");
+    }
+}
+
+#[test]
+fn a_way_that_begins_earlier_or_later_is_read_where_it_lies() {
+    // A person who stands before node 20 of the run and elsewhere after it: the target's beginning says nothing else.
+    let mut rng = Pcg64::seed_from_u64(41);
+    let (from, to) = (ArmVector::from(FREE), ArmVector::from(FREE) + ArmVector::repeat(0.3));
+    let run = |shift: i64| {
+        let mut robot = Robot::at(&FREE, Weights::default());
+        let change = robot.next_first() + 20;
+        for _ in 0..TICK_HZ {
+            let first = robot.next_first().wrapping_add_signed(shift);
+            let way = way(first, |node| standing(if node < change { &from } else { &to }));
+            robot.step_after(1, &way, first);
+        }
+        robot.arm(0)
+    };
+    let straight = run(0);
+    for shift in [-3, -1, 1, 2] {
+        assert!((run(shift) - straight).amax() < 1e-3, "shifted by {shift} nodes");
+    }
+    // One that lies far behind or far ahead is its last or first node.
+    for shift in [-1000, 1000, -250_000] {
+        let (mut robot, person) = moving(4);
+        for n in 0..TICK_HZ {
+            let first = robot.next_first().saturating_add_signed(shift + rng.random_range(-2..=2));
+            let before = remembered(&robot);
+            let output = robot.step_after(1, &way(first, |_| person), first);
+            let context = format!("shifted by {shift}, tick {n}");
+            assert_sane(&output, ALL_JOINTS, &context);
+            assert_goes_on(&output, &before, 1, &context);
+        }
+    }
+    let (mut robot, person) = moving(5);
+    for first in [0, u64::MAX, u64::MAX - 24] {
+        for _ in 0..40 {
+            assert_sane(&robot.step_after(1, &way(0, |_| person), first), ALL_JOINTS, "an absurd beginning");
+        }
+    }
+}
+
+/// Numbers that hurt, in any limb of any node.
+fn hurt(rng: &mut Pcg64, way: &mut Way) {
+    const BAD: [f32; 7] = [0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e-30, -3.0];
+    for _ in 0..rng.random_range(1..60) {
+        let limb = &mut way[rng.random_range(0..NODES)][rng.random_range(0..4)];
+        let bad = BAD[rng.random_range(0..BAD.len())];
+        if rng.random_bool(0.5) {
+            *limb = [bad; 4];
+        } else {
+            limb[rng.random_range(0..4)] = bad;
+        }
+    }
+}
+
+#[test]
+fn a_way_that_is_none_moves_no_joint_beyond_its_bounds() {
+    for seed in 0..40 {
+        let mut rng = Pcg64::seed_from_u64(200 + seed);
+        let (mut robot, person) = moving(seed);
+        for n in 0..800 {
+            let first = robot.next_first();
+            let mut way = way(first, |_| person);
+            match seed % 4 {
+                0 => way = [[[0.0; 4]; 4]; NODES],
+                1 => way = [[[f32::NAN; 4]; 4]; NODES],
+                2 => way = [[[3.0, 1.0, -2.0, 5.0]; 4]; NODES],
+                _ => hurt(&mut rng, &mut way),
+            }
+            let before = remembered(&robot);
+            let output = robot.step_after(1, &way, first);
+            let context = format!("seed {seed}, tick {n}");
+            assert_sane(&output, ALL_JOINTS, &context);
+            assert_goes_on(&output, &before, 1, &context);
+        }
+        // What was wrong is over, and is forgotten.
+        for _ in 0..2 * TICK_HZ {
+            robot.step(|_| person);
+        }
+        let off = arm().angles(&robot.arm(0), &person[0]);
+        assert!(off.iter().all(|angle| *angle < 0.02), "seed {seed}: {off:?} rad off");
+    }
+}
+
+#[test]
+fn arms_that_come_and_go_begin_at_the_command() {
+    for seed in 0..40 {
+        let mut rng = Pcg64::seed_from_u64(300 + seed);
+        let (mut robot, person) = moving(seed);
+        for n in 0..1500 {
+            if rng.random_bool(0.05) {
+                robot.valid_mask = [0, LEFT, RIGHT, LEFT | RIGHT, ALL_JOINTS, LEFT & LEFT << 1][rng.random_range(0..6)];
+            }
+            if rng.random_bool(0.01) {
+                robot.state.forget();
+            }
+            let before = remembered(&robot);
+            let output = robot.step(|_| person);
+            let context = format!("seed {seed}, tick {n}, mask {:b}", robot.valid_mask);
+            assert_sane(&output, robot.valid_mask, &context);
+            assert_goes_on(&output, &before, 1, &context);
+            // An arm that is not meant goes elsewhere, slowly.
+            for (j, _) in output.aims.iter().enumerate().filter(|(_, aim)| aim.is_none()) {
+                (robot.v[j], robot.q[j]) = (0.3, robot.q[j] + 0.3 * TICK_S);
+            }
+        }
+    }
+}
+
+#[test]
+fn speeds_follow_the_scale() {
+    let (mut robot, _) = moving(6);
+    let far = standing(&ArmVector::from([-1.1, -1.1, 3.8, 2.2, -2.0]));
+    robot.speed_scale = 0.05;
+    for n in 0..2 * TICK_HZ {
+        let before = remembered(&robot);
+        let output = robot.step(|_| far);
+        assert_sane(&output, ALL_JOINTS, &format!("tick {n}"));
+        assert_goes_on(&output, &before, 1, &format!("tick {n}"));
+        // 2 rad/s are braked away in 0.2 s; each arm's turn comes every ten ticks.
+        if n > 320 {
+            assert!(robot.speed() <= 0.05 * V_MAX + 1e-9, "tick {n}: {} rad/s", robot.speed());
+        }
+    }
+    assert!(robot.speed() > 0.9 * 0.05 * V_MAX, "and it moves on, at {} rad/s", robot.speed());
+}

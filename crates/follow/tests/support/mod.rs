@@ -1,0 +1,184 @@
+//! An arm like TIAGo's with limits of its own, and a robot whose command is what was aimed at.
+#![allow(dead_code, reason = "every test file uses a part of it")]
+
+use follow::arm::{Arm, ArmVector, Limbs};
+use follow::solver::{Bounds, Problem, State as ArmState};
+use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
+use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODE_TICKS};
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use robot::Model;
+use std::f64::consts::FRAC_PI_2;
+
+/// Speeds and accelerations of these tests, whatever the robot file has: rad/s, rad/s^2.
+pub const V_MAX: f64 = 2.0;
+pub const A_MAX: f64 = 10.0;
+pub const FIRST: [usize; 2] = [LEFT_ARM.start, RIGHT_ARM.start];
+/// A posture away from the gimbal and from all limits.
+pub const FREE: [f64; LIMB_JOINTS] = [0.3, 0.3, 1.5, 1.0, 0.2];
+
+pub type Way = [[[f32; 4]; LIMBS]; NODES];
+
+/// Axes, reference and ranges of a TiaGo++.
+pub fn arm() -> Arm {
+    let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+    Arm::new([-z, -x, y, -z, -y], [0.0, 0.0, FRAC_PI_2, 0.0, 0.0])
+}
+
+pub fn bounds() -> Bounds {
+    Bounds {
+        q_min: ArmVector::from([-1.178, -1.178, -0.785, -0.393, -2.094]),
+        q_max: ArmVector::from([1.571, 1.571, 3.927, 2.356, 2.094]),
+        v_max: ArmVector::repeat(V_MAX),
+        a_max: ArmVector::repeat(A_MAX),
+    }
+}
+
+/// From rest at `q`, after a person who stands.
+pub fn problem(q: ArmVector, person: Limbs) -> Problem {
+    Problem {
+        start: ArmState { q, v: ArmVector::zeros() },
+        interval_s: [0.02; NODES],
+        person: [person; NODES],
+        weight: [1.0; NODES],
+        prior: q,
+        pull: 0.0,
+        bounds: bounds(),
+    }
+}
+
+/// The shipped robot, with the speeds and accelerations of these tests.
+pub fn model() -> Model {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/");
+    let read = |name: &str| std::fs::read_to_string(format!("{folder}{name}")).expect("shipped with the repository");
+    let (toml, urdf) = (read("tiago_dual.toml"), read("tiago_dual.urdf"));
+    let mut model = Model::from_text("tiago_dual.toml", &toml, "tiago_dual.urdf", &urdf).expect("the shipped robot");
+    for first in FIRST {
+        for limits in &mut model.limits[first..first + LIMB_JOINTS] {
+            (limits.v_max, limits.a_max) = (V_MAX, A_MAX);
+        }
+    }
+    model
+}
+
+pub fn random_q(rng: &mut Pcg64) -> ArmVector {
+    let bounds = bounds();
+    ArmVector::from_fn(|j, _| rng.random_range(bounds.q_min[j]..bounds.q_max[j]))
+}
+
+pub fn random_rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
+    let axis = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize();
+    UnitQuaternion::from_scaled_axis(axis * rng.random_range(0.0..3.1))
+}
+
+/// The rotation, turned by `angle` about some line.
+pub fn turned(rng: &mut Pcg64, rotation: &UnitQuaternion<f64>, angle: f64) -> UnitQuaternion<f64> {
+    let axis = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize();
+    UnitQuaternion::from_scaled_axis(axis * angle) * rotation
+}
+
+/// One arm's limbs as a message has them.
+pub fn to_message(limbs: &Limbs, arm: usize) -> [[f32; 4]; 2] {
+    [limbs.upper, limbs.fore].map(|limb| {
+        let [x, y, z, w] = [limb.i, limb.j, limb.k, limb.w].map(|x| x as f32);
+        if arm == 0 { [x, y, z, w] } else { [-x, y, -z, w] }
+    })
+}
+
+/// The nodes from `first` on of two persons' arms, by node.
+pub fn way(first: u64, person: impl Fn(u64) -> [Limbs; 2]) -> Way {
+    std::array::from_fn(|i| {
+        let [left, right] = person(first + i as u64);
+        let ([a, b], [c, d]) = (to_message(&left, 0), to_message(&right, 1));
+        [a, b, c, d]
+    })
+}
+
+/// Time of a node, s.
+pub fn node_s(node: u64) -> f64 {
+    (node * WAY_NODE_TICKS) as f64 * messages::TICK_S
+}
+
+/// A robot whose command is the aim of the tick before.
+pub struct Robot {
+    pub config: Config,
+    pub state: State,
+    pub k: u64,
+    pub q: [f64; JOINTS],
+    pub v: [f64; JOINTS],
+    pub prior: [f64; JOINTS],
+    pub valid_mask: u32,
+    pub speed_scale: f64,
+}
+
+impl Robot {
+    /// At rest with both arms at `q`, which retargeting proposes as well.
+    pub fn at(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
+        let model = model();
+        let mut all = model.home;
+        for first in FIRST {
+            all[first..first + LIMB_JOINTS].copy_from_slice(q);
+        }
+        Self {
+            config: Config::new(&model, weights),
+            state: State::new(),
+            k: 7_500_017,
+            q: all,
+            v: [0.0; JOINTS],
+            prior: all,
+            valid_mask: ALL_JOINTS,
+            speed_scale: 1.0,
+        }
+    }
+
+    pub fn propose(&mut self, q: &[f64; LIMB_JOINTS]) {
+        for first in FIRST {
+            self.prior[first..first + LIMB_JOINTS].copy_from_slice(q);
+        }
+    }
+
+    /// The first node that a target of the next tick has.
+    pub fn next_first(&self) -> u64 {
+        (self.k + 1) / WAY_NODE_TICKS + 1
+    }
+
+    /// `ticks` later, with this way, of which the first node is `way_first`. In the ticks between, joints keep their speed.
+    pub fn step_after(&mut self, ticks: u64, way: &Way, way_first: u64) -> Output {
+        self.k += ticks;
+        for (q, v) in self.q.iter_mut().zip(&self.v) {
+            *q += v * ticks.saturating_sub(1) as f64 * messages::TICK_S;
+        }
+        let input = Input {
+            k: self.k,
+            way,
+            way_first,
+            valid_mask: self.valid_mask,
+            prior: &self.prior,
+            q: &self.q,
+            v: &self.v,
+            speed_scale: self.speed_scale,
+        };
+        let output = tick(&self.config, &mut self.state, input);
+        for (j, aim) in output.aims.iter().enumerate() {
+            if let Some(aim) = aim {
+                (self.q[j], self.v[j]) = (aim.q, aim.v);
+            }
+        }
+        output
+    }
+
+    /// The next tick, after this person.
+    pub fn step(&mut self, person: impl Fn(u64) -> [Limbs; 2]) -> Output {
+        let first = self.next_first();
+        self.step_after(1, &way(first, person), first)
+    }
+
+    pub fn arm(&self, arm: usize) -> ArmVector {
+        ArmVector::from_fn(|j, _| self.q[FIRST[arm] + j])
+    }
+
+    pub fn speed(&self) -> f64 {
+        self.v.iter().fold(0.0, |most, v| v.abs().max(most))
+    }
+}
