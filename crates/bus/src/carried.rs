@@ -4,7 +4,10 @@
 use crate::domain::Domain;
 use crate::error::{BusError, PublishError};
 use crate::reader::Sample;
-use messages::{InputStatus, JointCommand, JointTarget, Message, RawSkeleton, RobotState, Service, Skeleton, Status};
+use messages::{
+    InputStatus, JointCommand, JointTarget, Message, RawSkeleton, RobotMeasured, RobotSetpoint, RobotState, Service,
+    Skeleton, Status,
+};
 
 /// The writing end of a service.
 pub trait WritePort<M> {
@@ -56,4 +59,14 @@ macro_rules! carried {
     )*};
 }
 
-carried!(RawSkeleton, Skeleton, JointTarget, JointCommand, RobotState, Status, InputStatus);
+carried!(
+    RawSkeleton,
+    Skeleton,
+    JointTarget,
+    JointCommand,
+    RobotState,
+    Status,
+    InputStatus,
+    RobotSetpoint,
+    RobotMeasured
+);

@@ -3,6 +3,7 @@
 use crate::carried::{Carried, ReadPort, WritePort};
 use crate::error::BusError;
 use crate::payload::Payload;
+use crate::presence::Presence;
 use crate::reader::{Ear, IpcEar, IpcReader, Reader, WakingReader};
 use crate::shared_memory;
 use crate::writer::{IpcWriter, Writer};
@@ -22,7 +23,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::{Message, Service};
 use std::os::unix::fs::DirBuilderExt;
 use std::path::PathBuf;
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 /// How long opening may take: cleaning up after dead processes took 51 ms at worst (measured, 0.10.0).
@@ -70,6 +71,8 @@ impl DomainConfig {
 pub struct Domain {
     node: Box<dyn AsNode + Send>,
     config: DomainConfig,
+    // Declared last, so that the node goes before it.
+    presence: Arc<Presence>,
 }
 
 /// Only so that programs do not make the code of [`Node`] again; see `carried`.
@@ -90,7 +93,8 @@ impl std::fmt::Debug for Domain {
 }
 
 impl Domain {
-    /// Enters the domain as `node_name` and cleans up after dead processes; ends within 5 s, in success or not. Start
+    /// Enters the domain as `node_name` and cleans up after dead processes; ends within 5 s, in success or not. The first who
+    /// enters finds nothing of those who were killed, and the last who leaves leaves nothing in shared memory. Start
     /// child processes before: descriptors opened here are not closed on exec.
     pub fn open(config: DomainConfig, node_name: &str) -> Result<Self, BusError> {
         let transport = transport_config(&config)?;
@@ -99,9 +103,12 @@ impl Domain {
         shared_memory::check_room()?;
         create_root(&config)?;
         set_log_level(iceoryx2::prelude::LogLevel::Error);
+        let own = config.clone();
         let create = move || {
+            let presence = Presence::enter(&own, &transport);
             let builder = NodeBuilder::new().name(&name).config(&transport);
-            builder.signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>()
+            let node = builder.signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
+            node.map(|node| (node, presence))
         };
         match within(START_DEADLINE, create) {
             None => Err(BusError::Hangs {
@@ -112,9 +119,9 @@ impl Domain {
             Some(Err(error)) => {
                 Err(BusError::Node { root: config.root, prefix: config.prefix, cause: node_failure(error) })
             }
-            Some(Ok(node)) => {
+            Some(Ok((node, presence))) => {
                 shared_memory::close_to_others(&config.prefix);
-                Ok(Self { node: Box::new(node), config })
+                Ok(Self { node: Box::new(node), config, presence: Arc::new(presence) })
             }
         }
     }
@@ -126,7 +133,8 @@ impl Domain {
 
     /// A reader of `service` that is polled.
     pub fn reader<M: Carried>(&self, service: Service) -> Result<Reader<M>, BusError> {
-        Ok(Reader::new(M::read_port(self, service)?, service.row().writers_max))
+        let row = service.row();
+        Ok(Reader::new(M::read_port(self, service)?, row.writers_max * row.kept))
     }
 
     /// A reader of `service` that can wait for `Writer::notify`. Each one costs the writer a system call per wake-up.
@@ -137,7 +145,7 @@ impl Domain {
     fn ear(&self, service: Service) -> Result<Box<dyn Ear>, BusError> {
         let listener = self.event_service(service)?.listener_builder().create();
         let listener = listener.map_err(|error| self.service_error(service, format!("listener: {error:?}"), 1))?;
-        Ok(Box::new(IpcEar(listener)))
+        Ok(Box::new(IpcEar { listener, _presence: self.presence.clone() }))
     }
 
     #[doc(hidden)]
@@ -167,14 +175,14 @@ impl Domain {
         };
         let notifier = events.notifier_builder().create();
         let notifier = notifier.map_err(|error| self.service_error(service, format!("wake-up: {error:?}"), 1))?;
-        Ok(Box::new(IpcWriter::new(publisher, notifier)))
+        Ok(Box::new(IpcWriter::new(publisher, notifier, self.presence.clone())))
     }
 
     #[doc(hidden)]
     pub fn make_read_port<M: Message>(&self, service: Service) -> Result<Box<dyn ReadPort<M>>, BusError> {
         let data = self.data_service::<M>(service)?;
         match data.subscriber_builder().create() {
-            Ok(subscriber) => Ok(Box::new(IpcReader(subscriber))),
+            Ok(subscriber) => Ok(Box::new(IpcReader { subscriber, _presence: self.presence.clone() })),
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => Err(BusError::ReadersExhausted {
                 service: service.row().name,
                 root: self.config.root.clone(),
@@ -204,7 +212,7 @@ impl Domain {
             let builder = self.node.node().service_builder(&name).publish_subscribe::<Payload<M>>();
             let builder = builder.max_publishers(service.row().writers_max).max_subscribers(READERS_MAX);
             let builder = builder.max_nodes(NODES_MAX).history_size(0).enable_safe_overflow(true);
-            builder.subscriber_max_buffer_size(1).subscriber_max_borrowed_samples(1).open_or_create()
+            builder.subscriber_max_buffer_size(service.row().kept).subscriber_max_borrowed_samples(1).open_or_create()
         };
         self.retried(service, open, data_is_passing, |error| match error {
             OpenOrCreateError::PublishSubscribeOpenError(OpenError::IncompatibleTypes) => {

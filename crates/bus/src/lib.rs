@@ -1,7 +1,7 @@
 //! Messages between processes: one writer and any number of readers per service over iceoryx2, and slots with the same
 //! traits inside one process, faulty on request.
 //!
-//! A reader sees the newest message, never a queue; silence is the only sign of a dead writer. Ports are `!Send`: a
+//! A reader sees the newest message, and a queue only where the table of services says so; silence is the only sign of a dead writer. Ports are `!Send`: a
 //! port is created on the thread that uses it. Never fork after opening a domain: death is seen by a file lock, which
 //! a forked child would keep alive.
 
@@ -12,6 +12,7 @@ mod faulty;
 mod local;
 mod payload;
 mod port;
+mod presence;
 mod reader;
 mod shared_memory;
 mod writer;
@@ -23,5 +24,5 @@ pub use faulty::{FaultCounts, FaultPlan, Faulty};
 pub use local::Channel;
 pub use port::{Latest, Publish};
 pub use reader::{ALSO_MAX, PublisherId, Reader, Sample, Wake, WakingReader};
-pub use shared_memory::SHARED_MEMORY_NEEDED_BYTES;
+pub use shared_memory::{Mapped, SHARED_MEMORY_NEEDED_BYTES, Segment, prefix_of, segments, segments_beginning};
 pub use writer::Writer;

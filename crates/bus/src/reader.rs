@@ -4,6 +4,7 @@
 use crate::carried::{ReadPort, Unconnected};
 use crate::payload::Payload;
 use crate::port::Latest;
+use crate::presence::Presence;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{FileDescriptorBased, PayloadHeader, ipc};
@@ -11,6 +12,7 @@ use messages::Message;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fmt;
 use std::os::fd::BorrowedFd;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Descriptors that a reader can wait for beside its own.
@@ -34,7 +36,8 @@ pub struct Sample<M> {
 /// A reader that is polled: no system call, no allocation, no lock; a poll took 0.1 us (2026-11, 480 bytes).
 pub struct Reader<M: Message> {
     port: Box<dyn ReadPort<M>>,
-    writers_max: usize,
+    /// Messages that can wait at once: of every writer as many as the service keeps.
+    waiting_max: usize,
     failures: u64,
 }
 
@@ -45,8 +48,8 @@ impl<M: Message> fmt::Debug for Reader<M> {
 }
 
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(port: Box<dyn ReadPort<M>>, writers_max: usize) -> Self {
-        Self { port, writers_max, failures: 0 }
+    pub(crate) fn new(port: Box<dyn ReadPort<M>>, waiting_max: usize) -> Self {
+        Self { port, waiting_max, failures: 0 }
     }
 
     /// The newest message that has not been read yet.
@@ -58,14 +61,14 @@ impl<M: Message> Reader<M> {
     pub fn latest_sample(&mut self) -> Option<Sample<M>> {
         let mut newest = None;
         // A writer that has gone is read before its successor, so the last one is the newest.
-        self.take(self.writers_max + 1, |sample| newest = Some(sample));
+        self.take(self.waiting_max + 1, |sample| newest = Some(sample));
         newest
     }
 
-    /// Hands the unread newest message of each writer to `use_sample`, at most one per place for a writer; answers
-    /// how many. A writer that publishes during the call may be seen twice; what is left waits for the next call.
+    /// Hands the unread messages of each writer to `use_sample`, the oldest first, at most as many as the service keeps
+    /// of each (one in most cases); answers how many. A writer that publishes during the call may be seen twice; what is left waits for the next call.
     pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
-        self.take(self.writers_max, use_sample)
+        self.take(self.waiting_max, use_sample)
     }
 
     /// Polls that failed because a writer could not be connected; its messages are silence to this reader.
@@ -89,11 +92,15 @@ impl<M: Message> Reader<M> {
 }
 
 /// A reader over iceoryx2.
-pub(crate) struct IpcReader<M: Message>(pub(crate) Subscriber<ipc::Service, Payload<M>, ()>);
+pub(crate) struct IpcReader<M: Message> {
+    pub(crate) subscriber: Subscriber<ipc::Service, Payload<M>, ()>,
+    // Declared last, so that the port goes before it.
+    pub(crate) _presence: Arc<Presence>,
+}
 
 impl<M: Message> ReadPort<M> for IpcReader<M> {
     fn receive(&mut self) -> Result<Option<Sample<M>>, Unconnected> {
-        let Some(sample) = self.0.receive().map_err(|_| Unconnected)? else { return Ok(None) };
+        let Some(sample) = self.subscriber.receive().map_err(|_| Unconnected)? else { return Ok(None) };
         let publisher = PublisherId(sample.origin().value());
         let pid = sample.header().node_id().pid::<ipc::Service>();
         let process = pid.map_or(0, |pid| u32::try_from(pid.value()).unwrap_or(0));
@@ -143,16 +150,20 @@ pub(crate) trait Ear {
 }
 
 /// An ear over iceoryx2.
-pub(crate) struct IpcEar(pub(crate) Listener<ipc::Service>);
+pub(crate) struct IpcEar {
+    pub(crate) listener: Listener<ipc::Service>,
+    // Declared last, so that the port goes before it.
+    pub(crate) _presence: Arc<Presence>,
+}
 
 impl Ear for IpcEar {
     fn take(&mut self) -> Result<u64, Unconnected> {
-        self.0.try_wait(|_| {}).map_err(|_| Unconnected)
+        self.listener.try_wait(|_| {}).map_err(|_| Unconnected)
     }
 
     fn descriptor(&self) -> BorrowedFd<'_> {
         // SAFETY: the descriptor belongs to the listener, which outlives the borrow and never closes it before.
-        unsafe { BorrowedFd::borrow_raw(self.0.file_descriptor().native_handle()) }
+        unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
     }
 }
 

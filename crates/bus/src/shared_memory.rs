@@ -1,14 +1,105 @@
-//! Room in the shared-memory filesystem.
+//! The shared-memory filesystem: its room, and what lies there.
 
 use crate::error::BusError;
+use std::collections::BTreeSet;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Where POSIX shared memory lives on Linux (shm_overview(7)).
 const SHARED_MEMORY: &str = "/dev/shm";
 /// What one domain may need: 8 clients with 20 readers took 1.0 MiB (2026-11); 16 times that leaves room for restarts,
 /// whose predecessors' memory goes only when they are cleaned up.
 pub const SHARED_MEMORY_NEEDED_BYTES: u64 = 16 << 20;
+
+/// Digits of the hash that follows the prefix in every name (iceoryx2 0.10.0: SHA-1 of the kind of segment).
+const HASH_DIGITS: usize = 40;
+/// Unit of `st_blocks` (stat(2)).
+const BLOCK_BYTES: u64 = 512;
+
+/// A piece of shared memory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Segment {
+    /// Name in /dev/shm.
+    pub name: String,
+    /// Memory that it takes.
+    pub bytes: u64,
+    /// Its owner.
+    pub uid: u32,
+}
+
+impl Segment {
+    /// Its path.
+    pub fn path(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(&self.name)
+    }
+}
+
+/// What lies in /dev/shm of the domains whose prefix begins with `prefix` and is told apart by `is_prefix`.
+fn segments_of(is_prefix: impl Fn(&str) -> bool) -> Vec<Segment> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+        let Ok(name) = entry.file_name().into_string() else { continue };
+        let Ok(metadata) = entry.metadata() else { continue };
+        if metadata.is_file() && prefix_of(&name).is_some_and(&is_prefix) {
+            found.push(Segment { name, bytes: metadata.blocks() * BLOCK_BYTES, uid: metadata.uid() });
+        }
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    found
+}
+
+/// What lies in /dev/shm of the domain with exactly this prefix, sorted by name.
+pub fn segments(prefix: &str) -> Vec<Segment> {
+    segments_of(|found| found == prefix)
+}
+
+/// What lies in /dev/shm of all domains whose prefix begins so, sorted by name.
+pub fn segments_beginning(prefix: &str) -> Vec<Segment> {
+    segments_of(|found| found.starts_with(prefix))
+}
+
+/// The prefix of the domain to which a name in /dev/shm belongs; nothing if the transport makes no such names.
+pub fn prefix_of(name: &str) -> Option<&str> {
+    let digits = |text: &str| text.len() == HASH_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let ends = name.match_indices('_').map(|(end, _)| end).filter(|&end| end >= HASH_DIGITS);
+    let mut starts = ends.map(|end| (end - HASH_DIGITS, end));
+    let (start, _) = starts.find(|&(start, end)| name.get(start..end).is_some_and(digits))?;
+    name.get(..start)
+}
+
+/// Names in /dev/shm that some process has mapped, as far as this user may see.
+#[derive(Clone, Debug)]
+pub struct Mapped(BTreeSet<String>);
+
+impl Mapped {
+    /// Looks through /proc for names that begin with `prefix`; nothing if that is not done at `give_up`.
+    pub fn read(prefix: &str, give_up: Instant) -> Option<Self> {
+        let mut names = BTreeSet::new();
+        for process in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
+            if Instant::now() >= give_up {
+                return None;
+            }
+            let is_process = process.file_name().as_encoded_bytes().iter().all(u8::is_ascii_digit);
+            let maps = if is_process { std::fs::read_to_string(process.path().join("maps")).ok() } else { None };
+            for line in maps.iter().flat_map(|maps| maps.lines()) {
+                let name = line.split_once("/dev/shm/").map(|(_, name)| name);
+                names.extend(name.filter(|name| name.starts_with(prefix)).map(str::to_owned));
+            }
+        }
+        Some(Self(names))
+    }
+
+    /// Whether `name` is among them.
+    pub fn has(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+
+    /// Whether a name of the domain with this prefix is among them.
+    pub fn any_of(&self, prefix: &str) -> bool {
+        self.0.iter().any(|name| prefix_of(name) == Some(prefix))
+    }
+}
 
 /// Refuses to start where a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
 pub(crate) fn check_room() -> Result<(), BusError> {

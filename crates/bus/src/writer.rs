@@ -4,6 +4,7 @@ use crate::carried::WritePort;
 use crate::error::PublishError;
 use crate::payload::Payload;
 use crate::port::Publish;
+use crate::presence::Presence;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{LoanError, SendError};
@@ -12,6 +13,7 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use messages::Message;
 use std::fmt;
 use std::mem::MaybeUninit;
+use std::sync::Arc;
 
 type Loan<M> = SampleMutUninit<ipc::Service, MaybeUninit<Payload<M>>, ()>;
 
@@ -47,12 +49,18 @@ pub(crate) struct IpcWriter<M: Message> {
     in_hand: Option<Loan<M>>,
     publisher: Publisher<ipc::Service, Payload<M>, ()>,
     notifier: Notifier<ipc::Service>,
+    // Declared last, so that the ports go before it.
+    _presence: Arc<Presence>,
 }
 
 impl<M: Message> IpcWriter<M> {
-    pub(crate) fn new(publisher: Publisher<ipc::Service, Payload<M>, ()>, notifier: Notifier<ipc::Service>) -> Self {
+    pub(crate) fn new(
+        publisher: Publisher<ipc::Service, Payload<M>, ()>,
+        notifier: Notifier<ipc::Service>,
+        presence: Arc<Presence>,
+    ) -> Self {
         let in_hand = publisher.loan_uninit().ok();
-        Self { in_hand, publisher, notifier }
+        Self { in_hand, publisher, notifier, _presence: presence }
     }
 }
 

@@ -182,3 +182,75 @@ fn processes_may_start_all_at_once() {
     writer.publish(&message(2, 3)).expect("it goes out");
     assert_eq!(own.latest(), Some(message(2, 3)));
 }
+
+/// Names in /dev/shm of this place's domain.
+fn names(place: &Place) -> Vec<String> {
+    let prefix = place.config().prefix;
+    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
+    let all = all.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    all.filter(|name| name.starts_with(&prefix)).collect()
+}
+
+#[test]
+fn killed_processes_leave_nothing_to_the_next_who_enters() {
+    for folder_is_gone in [false, true] {
+        let place = Place::new("left");
+        let mut processes = [Process::start(&place, "writer"), Process::start(&place, "reader")];
+        let connected = || names(&place).iter().any(|name| name.ends_with(".connection"));
+        eventually("segments of both", || connected().then_some(()));
+        processes.iter_mut().for_each(Process::kill);
+        let left = names(&place);
+        if folder_is_gone {
+            // As whoever tidies /tmp does it: then the transport itself does not know whose the segments are.
+            std::fs::remove_dir_all(place.root()).expect("it was there");
+        }
+        let domain = place.open();
+        let now = names(&place);
+        let kept: Vec<_> = left.iter().filter(|name| now.contains(name) && !name.ends_with(".global_mgmt")).collect();
+        assert!(kept.is_empty(), "{folder_is_gone}: {kept:?}");
+        drop(domain);
+        assert_eq!(names(&place), Vec::<String>::new(), "{folder_is_gone}");
+        let nodes = std::fs::read_dir(place.root().join("nodes")).expect("the transport's folder").count();
+        assert_eq!(nodes, 0, "{folder_is_gone}");
+    }
+}
+
+#[test]
+fn segments_of_a_live_process_are_never_removed() {
+    let place = Place::new("alive");
+    let process = Process::start(&place, "writer");
+    eventually("its segments", || (names(&place).len() > 3).then_some(()));
+    let mut reader = reader(&place.open());
+    let incarnation = incarnation_heard(&mut reader);
+    drop(reader);
+    process.signal("-STOP");
+    let before = names(&place);
+    let kept = |what: &str| {
+        let now = names(&place);
+        assert!(before.iter().all(|name| now.contains(name) || name.ends_with(".connection")), "{what}: {now:?}");
+    };
+    drop(place.open());
+    kept("by another who comes and goes");
+    // A client that speaks to the transport directly holds no lock of ours.
+    std::fs::remove_file(place.root().join("presence.lock")).expect("it is there");
+    drop(place.open());
+    kept("without its lock");
+    // Another folder, the same names: a second mount of /tmp.
+    let elsewhere = DomainConfig { root: place.root().with_file_name("elsewhere"), ..place.config() };
+    drop(Domain::open(elsewhere, "test").expect("the domain opens"));
+    kept("of another folder");
+    process.signal("-CONT");
+    let domain = place.open();
+    assert_eq!(incarnation_heard(&mut self::reader(&domain)), incarnation, "the same writer goes on");
+}
+
+#[test]
+fn a_port_that_outlives_its_domain_keeps_its_segments() {
+    let place = Place::new("outlives");
+    let (mut writer, mut reader) = (writer(&place.open()).expect("a writer's place"), reader(&place.open()));
+    drop(place.open());
+    assert_eq!(writer.publish(&message(1, 2)), Ok(1));
+    assert_eq!(reader.latest(), Some(message(1, 2)));
+    drop((writer, reader));
+    assert_eq!(names(&place), Vec::<String>::new());
+}

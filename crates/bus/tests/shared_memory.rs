@@ -55,7 +55,7 @@ fn a_second_writer_is_refused_by_name_and_a_reader_may_come_first() {
     let error = other.writer::<JointTarget>(Service::JointTarget).expect_err("the place is taken");
     assert!(matches!(error, BusError::WriterExists { writers_max: 1, .. }), "{error:?}");
     let text = error.to_string();
-    assert!(text.contains("teleop/joint_target/1") && text.contains("another retarget is already running"), "{text}");
+    assert!(text.contains("teleop/joint_target/2") && text.contains("another retarget is already running"), "{text}");
     assert!(text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     held.publish(&target(5)).expect("the first writer goes on");
     assert_eq!(early.latest(), Some(target(5)));
@@ -139,11 +139,11 @@ fn domains_with_another_prefix_do_not_see_each_other() {
 /// As large as a `JointTarget` and of the same name and version, but with two fields exchanged.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-struct Exchanged([u64; 60]);
+struct Exchanged([u64; 254]);
 
 impl Layout for Exchanged {
     const HASH: u64 = JointTarget::HASH ^ 1;
-    const ZERO: Self = Self([0; 60]);
+    const ZERO: Self = Self([0; 254]);
     fn put(&self, out: &mut [u8]) {
         self.0.put(out);
     }
@@ -175,7 +175,7 @@ fn another_layout_of_the_same_size_and_name_is_refused() {
 fn a_message_of_another_service_is_refused() {
     let place = Place::new("wrong");
     let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
-    assert_eq!(error.to_string(), "service teleop/status/4 carries Status, not JointTarget");
+    assert_eq!(error.to_string(), "service teleop/status/5 carries Status, not JointTarget");
 }
 
 #[test]

@@ -1,15 +1,28 @@
-//! Groups by name.
+//! Groups by name, and users by number.
 
-use nix::unistd::Group;
+use nix::unistd::{Group, Uid, User};
 
 /// The number of the group `name`; nothing if this machine has no such group. Asks the name service (getgrnam_r(3)).
 pub fn group_id(name: &str) -> Option<u32> {
     Group::from_name(name).ok().flatten().map(|group| group.gid.as_raw())
 }
 
+/// The name and number of the user `uid`, or its number alone if this machine knows no name. Asks the name service
+/// (getpwuid_r(3)).
+pub fn user_name(uid: u32) -> String {
+    let user = User::from_uid(Uid::from_raw(uid)).ok().flatten();
+    user.map_or_else(|| uid.to_string(), |user| format!("{} ({uid})", user.name))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_user_has_a_name_or_at_least_a_number() {
+        assert_eq!(user_name(0), "root (0)");
+        assert_eq!(user_name(4_242_424), "4242424");
+    }
 
     #[test]
     fn root_is_everywhere_and_nonsense_nowhere() {

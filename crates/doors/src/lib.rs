@@ -27,7 +27,7 @@ pub use client::Client;
 pub use error::DoorError;
 pub use fields::{Fields, Put, Take};
 pub use frame::{FRAME_BYTES, decode_frame, encode_frame};
-pub use group::group_id;
+pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
 pub use nonce::draw_nonce;
 pub use protocol::{ANSWER_BYTES, Answer, HELLO_BYTES, Hello, Word};

@@ -28,7 +28,7 @@ pub struct Noise {
     pub cutoff_per_m: f64,
     /// Deviations from where a joint could have gone beyond which its place is an outlier, k; 0 finds none.
     pub outliers_mad: f64,
-    /// A joint that goes further in a 30th of a second has jumped, m: what `skeleton` allows between two frames.
+    /// A joint that goes further in a 30th of a second has jumped, m.
     pub step_max_m: f64,
     /// Below this confidence a joint is not seen: that of `skeleton`.
     pub confidence_min: f32,

@@ -2,7 +2,7 @@
 //! makes of them. The tests and `examples/outliers.rs` use it.
 
 use layouts::{Noise, NoiseState};
-use messages::{LIMBS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
+use messages::{LIMBS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, skeleton_flag};
 use skeleton::{Config, Input, State, tick};
 use std::path::Path;
 
@@ -59,7 +59,7 @@ pub struct Filtered {
     pub frames: Vec<Places>,
     /// How many places were outliers.
     pub rejected: u64,
-    /// How many frames `skeleton` accepts, with the bounds for cameras.
+    /// How many frames `skeleton` accepts with both arms, with the bounds for cameras.
     pub accepted: u64,
 }
 
@@ -67,7 +67,7 @@ pub struct Filtered {
 pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
     let bounds = Config { length_change_max: 0.3, length_step_max: 0.15, ..Config::default() };
     let (mut past, mut state) = (NoiseState::default(), State::new());
-    let mut out = Vec::new();
+    let (mut out, mut accepted) = (Vec::new(), 0);
     for (i, frame) in frames.iter().enumerate() {
         let mut raw = RawSkeleton { joint_count: SMPL_JOINTS as u32, ..RawSkeleton::ZERO };
         (raw.layout, raw.session_nonce) = (SkeletonLayout::Smpl22 as u32, 1);
@@ -79,9 +79,10 @@ pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
         let mut places = [[0.0; 3]; SMPL_JOINTS];
         places.copy_from_slice(&raw.positions[..SMPL_JOINTS]);
         out.push(places);
-        tick(&bounds, &mut state, raw.header.origin.plus_ns(1_000_000), Input { raw: &raw, stored: None });
+        let seen = tick(&bounds, &mut state, raw.header.origin.plus_ns(1_000_000), Input { raw: &raw, stored: None });
+        accepted += u64::from(seen.skeleton.is_some_and(|seen| seen.flags & skeleton_flag::ALL == skeleton_flag::ALL));
     }
-    Filtered { frames: out, rejected: past.rejected(), accepted: state.accepted() }
+    Filtered { frames: out, rejected: past.rejected(), accepted }
 }
 
 /// The clips of a folder at this rate, or if there is none the built-in motion.

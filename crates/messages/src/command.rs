@@ -27,9 +27,15 @@ pub mod state_flag {
     pub const EMERGENCY_STOP: u32 = 4;
 }
 
+/// Nodes of a person's way in a target.
+pub const WAY_NODES: usize = 24;
+/// Ticks from one node to the next: 20 ms. Nodes stand at whole multiples of it.
+pub const WAY_NODE_TICKS: u64 = 30;
+
 message! {
-    /// Where the arms should be at tick `k`: any value is allowed, `control` makes it safe.
-    pub struct JointTarget v 1 size 480 {
+    /// Where the arms should be at tick `k` and how the person goes on from there: any value is allowed, `control` makes it
+    /// safe.
+    pub struct JointTarget v 2 size 2032 {
         /// `origin` of the skeleton behind it.
         pub header: Header,
         /// Tick index.
@@ -51,6 +57,14 @@ message! {
         /// Session of that skeleton, mixed with the incarnation of the `ingest` that passed it: another one is another
         /// authority.
         pub session_nonce: u64,
+        /// The person's limb rotations at the ticks (way_first + i) * `WAY_NODE_TICKS`, x y z w; zero where there is none.
+        pub way: [[[f32; 4]; LIMBS]; WAY_NODES],
+        /// The first node of the way: the first one after tick `k`.
+        pub way_first: u64,
+        /// So many nodes were seen; those after them are predicted.
+        pub way_seen: u32,
+        /// Nodes of the way: zero or `WAY_NODES`. Without a way the joints are followed.
+        pub way_nodes: u32,
     }
 }
 

@@ -110,6 +110,8 @@ faults! {
     StateStale: Stop, 1, "The robot state stopped arriving.";
     FeedbackInvalid: Stop, 1, "What the robot measures cannot be: it jumps, stands still on the way, or goes the other way.";
     TrackingError: Stop, 1, "The robot does not follow its command.";
+    VelocityError: Stop, 1, "A joint is measured moving faster than its limit, or otherwise than it is sent.";
+    StandstillLost: Stop, 1, "Nothing moves the robot, and a joint is measured leaving its place, or it does not come to rest.";
     DeadlineMissed: Stop, 1, "Control missed too many deadlines in a row.";
     DriverFault: Stop, 1, "The driver latched a fault.";
     GateDenied: Stop, 3, "The last gate refused commands of whole-body control.";

@@ -94,6 +94,7 @@ mod planted {
         ScaleIgnored, "The reduced speed is computed, shown and not applied.";
         RecoveryOutward, "A joint beyond its limit is moved further out.";
         RecoveryTooFast, "A recovery moves at ten times its speed.";
+        TorqueUnchecked, "Whether the motors can give what a motion asks for is not looked at.";
         // safety
         StopForgottenWhileEngaging, "A stop is not heard in one of the modes: while the robot engages.";
         StopLostWithEnable, "An emergency stop that comes together with an enable is lost.";
@@ -144,6 +145,11 @@ mod planted {
         JointsSwapped, "Two joints of a command have changed places.";
         LeftChainContinued, "A stream of commands goes on though its stop has begun to play.", like "UniversalRobots/Universal_Robots_ROS_Driver#274";
         SilenceNotLatched, "Silence latches nothing: whoever speaks again moves the robot on.";
+        GapBridged, "A driver that was suspended takes the newest command as if no time had passed.";
+        PauseBridged, "A driver that was suspended plays all missed ticks of its plan in one step.";
+        SwingIgnored, "A joint whose measured speed is not the one it is sent stops nothing.";
+        StandstillIgnored, "A robot that leaves its place while nothing moves it is left to itself.";
+        ResetWhileSwinging, "The driver takes a reset while the joints still move, if only the command stands.";
         HoldDrifts, "A robot at rest is told to stay where it is measured, in every tick anew.", like "moveit/moveit2#2127";
         SagForgotten, "A robot that sank without power is sent back to where it was.", like "RethinkRobotics/baxter_interface#65";
     }

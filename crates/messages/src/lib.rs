@@ -13,13 +13,16 @@ mod joints;
 mod known_bug;
 mod layout;
 mod operator;
+mod port;
 mod service;
 mod skeleton;
 mod status;
 mod subject;
 mod time;
 
-pub use command::{JointCommand, JointTarget, RobotState, StopPlan, command_flag, state_flag, target_flag};
+pub use command::{
+    JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS, WAY_NODES, command_flag, state_flag, target_flag,
+};
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
@@ -27,6 +30,7 @@ pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORS
 pub use known_bug::KnownBug;
 pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest};
+pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
     CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT,

@@ -27,6 +27,10 @@ pub enum Service {
     Status = 5,
     /// `InputStatus`, written by `ingest`.
     InputStatus = 6,
+    /// `RobotSetpoint`, written by the driver.
+    RobotSetpoint = 7,
+    /// `RobotMeasured`, written by the simulated robot.
+    RobotMeasured = 8,
 }
 
 /// A row of the service table.
@@ -44,6 +48,8 @@ pub struct ServiceRow {
     pub writers_max: usize,
     /// Nominal (or highest) rate.
     pub rate_hz: u32,
+    /// Messages that a reader keeps until it looks; the oldest makes room.
+    pub kept: usize,
     /// Silence after which readers raise a fault; zero where silence is no fault.
     pub stale_after_ms: u32,
 }
@@ -57,18 +63,27 @@ const fn row(
     rate_hz: u32,
     stale_after_ms: u32,
 ) -> ServiceRow {
-    ServiceRow { service, name, domain, writer, writers_max, rate_hz, stale_after_ms }
+    ServiceRow { service, name, domain, writer, writers_max, rate_hz, kept: 1, stale_after_ms }
 }
 
+/// Setpoints that wait for a robot whose process is late, as they would in the memory of its field bus: 85 ms of them.
+/// The drives of a real robot are never late.
+const SETPOINTS_KEPT: usize = 128;
+
 /// The one table of services.
-pub const SERVICES: [ServiceRow; 7] = [
+pub const SERVICES: [ServiceRow; 9] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
     row(Service::Skeleton, "teleop/skeleton/1", Domain::Core, "ingest", 1, 240, 100),
-    row(Service::JointTarget, "teleop/joint_target/1", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::JointTarget, "teleop/joint_target/2", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/1", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/1", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/4", Domain::Core, "control", 1, 50, 500),
+    row(Service::Status, "teleop/status/5", Domain::Core, "control", 1, 50, 500),
     row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
+    ServiceRow {
+        kept: SETPOINTS_KEPT,
+        ..row(Service::RobotSetpoint, "teleop/robot_setpoint/1", Domain::Core, "driver", 1, 1500, 10)
+    },
+    row(Service::RobotMeasured, "teleop/robot_measured/1", Domain::Core, "robot", 1, 1000, 10),
 ];
 
 impl Service {

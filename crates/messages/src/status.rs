@@ -79,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 4 size 712 {
+    pub struct Status v 5 size 736 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -152,5 +152,14 @@ message! {
         pub input_drop: u32,
         /// A `CalibrationSource`: what the person's limbs rest on.
         pub calibration: u32,
+        /// One more than the number of the user who pressed the emergency stop and has to reset it first; zero if anyone may.
+        pub reset_first_by: u32,
+        /// Resets that were refused for that reason since start.
+        pub resets_refused: u32,
+        /// Zero while the command and the measured robot are at rest, near each other; else 1.
+        pub moving: u32,
+        /// One more than the index of the joint that `VelocityError` or `StandstillLost` is about, or that keeps a robot
+        /// whose command rests from being at rest; zero if there is none.
+        pub unsteady_joint: u32,
     }
 }

@@ -3,7 +3,7 @@
 
 use messages::{
     Header, HingeCalibration, InputStatus, JointCommand, JointTarget, Layout, Message, OperatorRequest, RawSkeleton,
-    RobotState, SERVICES, Skeleton, Status, StopPlan, Transition, deadline, tick_at,
+    RobotMeasured, RobotSetpoint, RobotState, SERVICES, Skeleton, Status, StopPlan, Transition, deadline, tick_at,
 };
 use std::fmt::Write;
 
@@ -28,6 +28,8 @@ fn snapshot() -> String {
     describe::<Status>(&mut out);
     describe::<InputStatus>(&mut out);
     describe::<OperatorRequest>(&mut out);
+    describe::<RobotSetpoint>(&mut out);
+    describe::<RobotMeasured>(&mut out);
     out
 }
 
@@ -62,6 +64,8 @@ fn fields_fill_their_message_without_gaps() {
     check::<InputStatus>();
     check::<Status>();
     check::<OperatorRequest>();
+    check::<RobotSetpoint>();
+    check::<RobotMeasured>();
 }
 
 #[test]
@@ -81,6 +85,9 @@ fn service_names_carry_the_version_of_their_message() {
         JointCommand::VERSION,
         RobotState::VERSION,
         Status::VERSION,
+        InputStatus::VERSION,
+        RobotSetpoint::VERSION,
+        RobotMeasured::VERSION,
     ];
     for (index, (row, version)) in SERVICES.iter().zip(versions).enumerate() {
         assert_eq!(row.service as usize, index);

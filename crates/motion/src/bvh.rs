@@ -20,6 +20,10 @@ const NUMBER_MAX: f64 = 1e7;
 /// frames.
 const CHANNELS_MIN: usize = 18;
 
+/// Shortest and longest time between two frames, s. No camera is faster than 100 kHz; longer than 10 s is no motion.
+/// Assumption.
+const FRAME_TIME_S: [f64; 2] = [1e-5, 10.0];
+
 /// What a number of a frame moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Channel {
@@ -156,10 +160,11 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     scan.expect("Frame")?;
     scan.expect("Time:")?;
     let time_line = scan.line();
-    let frame_time_s = scan.number("Frame Time", 10.0)?;
-    // 100 kHz: no camera is faster; zero and negative times fall here too.
-    if frame_time_s < 1e-5 {
-        return Err(BvhError::OutOfRange { line: time_line, what: "Frame Time", value: frame_time_s, bound: 10.0 });
+    let frame_time_s = scan.any_number("Frame Time")?;
+    let [low_s, high_s] = FRAME_TIME_S;
+    // NaN is in no range.
+    if !(low_s..=high_s).contains(&frame_time_s) {
+        return Err(BvhError::FrameTime { line: time_line, value_s: frame_time_s, low_s, high_s });
     }
     let channels: usize = joints.iter().map(|joint| joint.channels.len()).sum();
     let bytes = scan.rest();

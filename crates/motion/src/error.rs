@@ -321,6 +321,21 @@ pub enum BvhError {
         /// Bound of its magnitude.
         bound: f64,
     },
+    /// A time between two frames that no motion has.
+    #[error(
+        "line {line}: Frame Time: {value_s} is outside [{low_s}, {high_s}] s; write the seconds from one frame to the \
+         next, such as 0.0333333 for 30 frames a second"
+    )]
+    FrameTime {
+        /// Line of `Frame Time:`.
+        line: usize,
+        /// Value, s.
+        value_s: f64,
+        /// Shortest time, s.
+        low_s: f64,
+        /// Longest time, s.
+        high_s: f64,
+    },
     /// Joints nested or counted beyond any body.
     #[error("line {line}: {what}: {value}, at most {bound}")]
     TooMany {

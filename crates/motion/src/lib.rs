@@ -26,7 +26,7 @@ pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use error::{ArrayError, BvhError, McapError, MotionError};
 pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
 pub use mirror::MirrorError;
-pub use resample::{loop_blend, upsample};
+pub use resample::{loop_blend, resampled, upsample};
 pub use write::{save_bvh, write_bvh};
 
 use canonical::{Canonical, Up};
@@ -41,7 +41,8 @@ pub const RECORDING_BYTES_MAX: u64 = 1 << 35;
 /// Most frames that are read: 33 minutes at 60 Hz. A frame takes 1.8 kB while it is read, so that no file, whatever it
 /// claims and however it is packed, takes more than 512 MB (`tests/bounds.rs`). Longer recordings come in parts.
 pub const FRAMES_MAX: usize = 120_000;
-/// Sources slower than this are upsampled before they are published, because engaging needs at least 25 Hz.
+/// Sources slower than this are upsampled before they are published: between two of their frames lies more time than the
+/// interpolation of targets is behind.
 pub const RATE_MIN_HZ: f64 = 30.0;
 /// Frame rates that a file or an option may claim: from one frame in 100 s to 100 kHz, faster than any camera.
 pub const FRAME_RATE_HZ: [f64; 2] = [0.01, 1e5];

@@ -8,19 +8,27 @@ use skeleton::slerp;
 /// A source below [`RATE_MIN_HZ`] resampled to [`RATE_UPSAMPLED_HZ`] (rotations by slerp, bones by direction and length,
 /// so that no limb shrinks between frames); any other is returned as it is.
 pub fn upsample(motion: &Motion) -> Motion {
+    if motion.frame_rate_hz >= RATE_MIN_HZ || motion.frames.len() < 2 {
+        return motion.clone();
+    }
+    resampled(motion, RATE_UPSAMPLED_HZ)
+}
+
+/// The same motion in so many frames a second, as far as its frames reach: between two of them as in [`upsample`].
+pub fn resampled(motion: &Motion, rate_hz: f64) -> Motion {
     let mut out = motion.clone();
     let last = motion.frames.len().saturating_sub(1);
-    if motion.frame_rate_hz >= RATE_MIN_HZ || last == 0 {
+    if last == 0 || rate_hz == motion.frame_rate_hz {
         return out;
     }
-    let count = (last as f64 / motion.frame_rate_hz * RATE_UPSAMPLED_HZ).floor() as usize + 1;
+    let count = (last as f64 / motion.frame_rate_hz * rate_hz).floor() as usize + 1;
     let frame = |i: usize| {
-        let at = i as f64 * motion.frame_rate_hz / RATE_UPSAMPLED_HZ;
+        let at = i as f64 * motion.frame_rate_hz / rate_hz;
         let before = (at.floor() as usize).min(last);
         mix(&motion.frames[before], &motion.frames[(before + 1).min(last)], (at - before as f64) as f32)
     };
     out.frames = (0..count).map(frame).collect();
-    out.frame_rate_hz = RATE_UPSAMPLED_HZ;
+    out.frame_rate_hz = rate_hz;
     out
 }
 

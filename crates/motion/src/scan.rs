@@ -72,13 +72,16 @@ impl<'a> Scan<'a> {
         BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
     }
 
-    /// The next word as a finite number of at most `bound`.
-    pub(crate) fn number(&mut self, what: &'static str, bound: f64) -> Result<f64, BvhError> {
+    /// The next word as a number, which may be infinite or NaN.
+    pub(crate) fn any_number(&mut self, what: &'static str) -> Result<f64, BvhError> {
         let word = self.expect_word(what)?;
         let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<f64>().ok());
-        let Some(value) = value else {
-            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
-        };
+        value.ok_or_else(|| BvhError::NotANumber { line: self.line, found: excerpt(word), what })
+    }
+
+    /// The next word as a finite number of at most `bound`.
+    pub(crate) fn number(&mut self, what: &'static str, bound: f64) -> Result<f64, BvhError> {
+        let value = self.any_number(what)?;
         if value.is_finite() && value.abs() <= bound {
             Ok(value)
         } else {

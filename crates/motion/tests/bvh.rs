@@ -241,7 +241,7 @@ fn f104_damage_is_named_with_its_line() {
         ("negative frames", good.replace("Frames: 13", "Frames: -1").into_bytes(), "\"-1\" is not a number (Frames)"),
         ("one frame", good.replace("Frames: 13", "Frames: 1").into_bytes(), "at least 2 are needed"),
         ("too many frames", good.replace("Frames: 13", "Frames: 12").into_bytes(), "more numbers than the 12"),
-        ("no time", good.replace("0.016666667", "0.0").into_bytes(), "Frame Time 0"),
+        ("no time", good.replace("0.016666667", "0.0").into_bytes(), "Frame Time: 0 is outside [0.00001, 10] s"),
         ("NaN", good.replace("OFFSET 0.000000 9", "OFFSET NaN 9").into_bytes(), "OFFSET NaN is not within"),
         ("infinite", good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(), "OFFSET inf is not within"),
         ("1e30", good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(), "is not within"),
@@ -255,6 +255,26 @@ fn f104_damage_is_named_with_its_line() {
             Ok(_) => panic!("{name} was read"),
             Err(error) => assert!(error.to_string().contains(expected), "{name}: {error}"),
         }
+    }
+}
+
+#[test]
+fn a_frame_time_out_of_range_is_refused_with_its_bounds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("clip.bvh");
+    let good = write_bvh(&short());
+    for said in ["0", "-0.01", "0.0000099", "10.001", "11", "1e300", "NaN", "inf"] {
+        std::fs::write(&path, good.replace("0.016666667", said)).expect("saved");
+        let error = load(&path).expect_err(said).to_string();
+        let (file, text) = error.split_once(": ").expect("the file comes first");
+        assert!(file.ends_with("clip.bvh"), "{error}");
+        assert!(text.contains("Frame Time: ") && text.contains("is outside [0.00001, 10] s; write "), "{error}");
+        assert!(!text.contains("+-"), "{error}");
+    }
+    for said in ["0.00001", "10"] {
+        std::fs::write(&path, good.replace("0.016666667", said)).expect("saved");
+        let read = load(&path).expect(said);
+        assert_eq!(read.frame_rate_hz, 1.0 / said.parse::<f64>().expect("a number"), "{said}");
     }
 }
 

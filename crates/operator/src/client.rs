@@ -17,6 +17,18 @@ const LATE_REPLIES_MAX: usize = 1024;
 /// Whose socket it is.
 pub(crate) const DAEMON: &str = "teleopd control";
 
+/// Why a reset by this process is refused at this status: another user pressed the emergency stop. Nothing if it is not.
+pub fn reset_refusal(status: &Status) -> Option<String> {
+    let own = rustix::process::geteuid().as_raw();
+    let uid = status.reset_first_by.checked_sub(1).filter(|&uid| own != 0 && uid != own)?;
+    let user = doors::user_name(uid);
+    let who = if uid == 0 { "only root" } else { "only this user or root" };
+    Some(format!(
+        "the emergency stop was pressed by user {user}; {who} may reset it \
+         (control.emergency_stop_reset = \"presser\")"
+    ))
+}
+
 /// A connection to `control`, and the hand's counters.
 pub struct Client {
     path: PathBuf,

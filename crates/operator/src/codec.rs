@@ -69,7 +69,14 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     for value in [&mut s.tracking_joint, &mut s.denied_why, &mut s.denied_about, &mut s.refused_about] {
         fields.u32(value);
     }
-    for value in [&mut s.input_drop, &mut s.calibration] {
+    for value in [
+        &mut s.input_drop,
+        &mut s.calibration,
+        &mut s.reset_first_by,
+        &mut s.resets_refused,
+        &mut s.moving,
+        &mut s.unsteady_joint,
+    ] {
         fields.u32(value);
     }
 }

@@ -7,18 +7,23 @@
 //! - The enable, or in its place the recovery, belongs to one connection, the first whose enable edge arrives while nobody holds it. It loses it by a
 //!   release, by lowering its level, by going away, or by a heartbeat that is late by the lease; to get it back takes a
 //!   new edge.
-//! - Release, reset and emergency stop are accepted from every connection.
+//! - Release and emergency stop are accepted from every connection. So is a reset, unless the settings leave it to the user who
+//!   pressed the emergency stop (`ResetRule`).
+//! - When all places are taken, the process with the most places loses its idlest one. Every process has one place before any
+//!   has a second. An emergency stop is heard from a connection that gets no place, too.
 //!
 //! The socket is a door (`doors::Listener`): mode 0660 and a group of its own.
 
 mod client;
 mod codec;
 mod error;
+mod locks;
 mod merge;
 mod server;
 
-pub use client::Client;
+pub use client::{Client, reset_refusal};
 pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
 pub use error::OperatorError;
+pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
 pub use server::{Deed, Order, Server};

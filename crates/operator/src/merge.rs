@@ -1,5 +1,6 @@
 //! Many connections, one operator: what their requests add up to. Does no IO and reads no clock.
 
+use crate::locks::{Locks, ResetRule};
 use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, Stamp};
 
 /// Connections at once.
@@ -28,8 +29,12 @@ pub struct OperatorView {
     pub recover_edges: u64,
     /// Release edges of any connection; a holder that merely lowers its level counts as one.
     pub release_edges: u64,
-    /// Reset edges of any connection.
+    /// Reset edges that were admitted.
     pub reset_edges: u64,
+    /// Reset edges that were refused: another user pressed the emergency stop and has not reset it.
+    pub resets_refused: u64,
+    /// One more than the number of that user; zero if there is none.
+    pub reset_first_by: u32,
     /// Emergency stop edges of any connection.
     pub estop_edges: u64,
     /// Holders that went away or fell silent while holding.
@@ -64,6 +69,8 @@ pub(crate) struct Merge {
     pub(crate) holder: Option<usize>,
     /// A release arrived in this round: an enable of the same round does not outlive it, whatever the order of the seats.
     released: bool,
+    pub(crate) rule: ResetRule,
+    locks: Locks,
 }
 
 impl Merge {
@@ -75,8 +82,15 @@ impl Merge {
         }
     }
 
-    /// Takes a request of the connection `index`; `false` if it makes no sense, and then nothing of it counts.
-    pub(crate) fn request(&mut self, index: usize, seat: &mut Seat, now: Stamp, request: &OperatorRequest) -> bool {
+    /// Takes a request of the connection `index` of user `uid`; `false` if it makes no sense, and then nothing of it counts.
+    pub(crate) fn request(
+        &mut self,
+        index: usize,
+        uid: u32,
+        seat: &mut Seat,
+        now: Stamp,
+        request: &OperatorRequest,
+    ) -> bool {
         let edges = |new: u32, old: u32| Some(new.wrapping_sub(old)).filter(|&n| n <= EDGES_MAX);
         let last = &seat.last;
         let (Some(enables), Some(releases), Some(resets), Some(estops), true) = (
@@ -90,8 +104,9 @@ impl Merge {
             return false;
         };
         (seat.last, seat.heard) = (*request, now);
-        self.view.estop_edges += u64::from(estops);
-        self.view.reset_edges += u64::from(resets);
+        // A stop in the same request comes after the reset: it has to be reset again.
+        self.reset(uid, resets);
+        self.stop(uid, estops);
         let released_by_another = self.released;
         let held = self.holder == Some(index);
         let kept = match request.enable_level {
@@ -116,10 +131,28 @@ impl Merge {
     }
 
     /// Takes the emergency stop of a request of who has no place, and nothing else of it; whether it is one.
-    pub(crate) fn stop_alone(&mut self, request: &OperatorRequest) -> bool {
+    pub(crate) fn stop_alone(&mut self, uid: u32, request: &OperatorRequest) -> bool {
         let stops = (1..=EDGES_MAX).contains(&request.estop_count);
-        self.view.estop_edges += if stops { u64::from(request.estop_count) } else { 0 };
+        self.stop(uid, if stops { request.estop_count } else { 0 });
         stops
+    }
+
+    fn stop(&mut self, uid: u32, edges: u32) {
+        self.view.estop_edges += u64::from(edges);
+        if edges > 0 && self.rule == ResetRule::Presser {
+            self.locks.add(uid);
+        }
+        self.view.reset_first_by = self.locks.first_by();
+    }
+
+    fn reset(&mut self, uid: u32, edges: u32) {
+        if edges > 0 {
+            self.locks.remove(uid);
+        }
+        self.view.reset_first_by = self.locks.first_by();
+        let admitted = self.locks.are_gone();
+        let counted = if admitted { &mut self.view.reset_edges } else { &mut self.view.resets_refused };
+        *counted += u64::from(edges);
     }
 
     fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool) {

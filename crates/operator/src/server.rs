@@ -3,6 +3,7 @@
 use crate::client::DAEMON;
 use crate::codec::{self, REQUEST_BYTES};
 use crate::error::OperatorError;
+use crate::locks::ResetRule;
 use crate::merge::{CLIENTS_MAX, LEASE_NS, Merge, OperatorView, Seat};
 use doors::{Admission, Listener};
 use messages::{Stamp, Status};
@@ -37,6 +38,8 @@ pub enum Deed {
     EmergencyStop,
     /// It pressed reset.
     Reset,
+    /// It pressed reset, and another user has to do so first.
+    ResetRefused,
 }
 
 /// A deed and who did it.
@@ -82,21 +85,31 @@ impl Server {
         self
     }
 
+    /// Leaves resets to whom `rule` says.
+    pub fn with_reset_rule(mut self, rule: ResetRule) -> Self {
+        self.merge.rule = rule;
+        self
+    }
+
     /// Takes new connections and all requests that have arrived, answers each with `status`, and returns what they add up
     /// to. `now` is the time of CLOCK_MONOTONIC.
     pub fn poll(&mut self, now: Stamp, status: &Status) -> OperatorView {
         self.merge.begin(now, self.lease_ns);
-        let mut reply = *status;
-        reply.operators = self.connections();
-        if reply.operators as usize == CLIENTS_MAX {
+        if self.connections() as usize == CLIENTS_MAX {
             // Who may lose his place has been heard before.
-            self.serve_all(now, &codec::encode_status(&reply));
+            self.serve_all(now, &codec::encode_status(&self.reply(status)));
         }
-        self.accept(now, &reply);
-        reply.operators = self.connections();
-        self.serve_all(now, &codec::encode_status(&reply));
+        self.accept(now, &self.reply(status));
+        self.serve_all(now, &codec::encode_status(&self.reply(status)));
         self.merge.view.connections = self.connections();
         self.merge.view
+    }
+
+    /// The status with what the socket itself knows.
+    fn reply(&self, status: &Status) -> Status {
+        let OperatorView { reset_first_by, resets_refused, .. } = self.merge.view;
+        let resets_refused = u32::try_from(resets_refused).unwrap_or(u32::MAX);
+        Status { operators: self.connections(), reset_first_by, resets_refused, ..*status }
     }
 
     fn serve_all(&mut self, now: Stamp, reply: &[u8]) {
@@ -134,7 +147,7 @@ impl Server {
                     self.merge.view.connections_refused += 1;
                     self.note(Deed::Forbidden, peer);
                 }
-                Some(Admission::Admitted(socket, peer)) => match self.place(now, &mut may_displace) {
+                Some(Admission::Admitted(socket, peer)) => match self.place(now, peer, &mut may_displace) {
                     Some(index) => {
                         if self.clients[index].is_some() {
                             self.serve(index, now, &codec::encode_status(reply));
@@ -155,7 +168,8 @@ impl Server {
         let mut bytes = [0; REQUEST_BYTES + 1];
         for _ in 0..REQUESTS_MAX {
             let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
-            if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(&request)) {
+            if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(peer.uid, &request))
+            {
                 self.note(Deed::EmergencyStop, peer);
                 let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
                 return;
@@ -163,20 +177,41 @@ impl Server {
         }
     }
 
-    /// A free place, if need be that of the connection that has been silent longest: sixteen others must not keep an
-    /// emergency stop out. Who holds keeps his place. Of those who are alive at most one loses his in a poll, so that a
-    /// crowd cannot put out who has just come before he is heard.
-    fn place(&self, now: Stamp, may_displace: &mut bool) -> Option<usize> {
+    /// A place for a connection of `peer`: a free one, or that of the idlest connection of the process with the most places.
+    /// The newcomer counts for its own process. So every process has one place before any has a second, and one that
+    /// connects without end takes places from itself. Who holds keeps its place. Where nobody has two, at most one that is
+    /// alive loses its place in a poll, so that a crowd cannot put out who has just come before he is heard.
+    fn place(&self, now: Stamp, peer: Peer, may_displace: &mut bool) -> Option<usize> {
         if let Some(index) = self.clients.iter().position(Option::is_none) {
             return Some(index);
         }
+        let (own, most) = (self.places(peer) + 1, (0..CLIENTS_MAX).map(|index| self.places_beside(index)).max()?);
+        let loses = |index: usize| match own {
+            2.. if own >= most => self.is_of(index, peer),
+            _ => self.places_beside(index) == most,
+        };
         let silent = |index: usize| self.clients[index].as_ref().map_or(0, |(_, _, seat)| now.since(seat.heard));
-        let others = (0..CLIENTS_MAX).filter(|&index| self.merge.holder != Some(index));
+        let others = (0..CLIENTS_MAX).filter(|&index| self.merge.holder != Some(index) && loses(index));
         let index = others.max_by_key(|&index| silent(index))?;
-        if silent(index) > IDLE_NS {
+        if own < most || silent(index) > IDLE_NS {
             return Some(index);
         }
         std::mem::take(may_displace).then_some(index)
+    }
+
+    /// Places of the process of `peer`.
+    fn places(&self, peer: Peer) -> usize {
+        (0..CLIENTS_MAX).filter(|&index| self.is_of(index, peer)).count()
+    }
+
+    /// Places of the process that has the place `index`.
+    fn places_beside(&self, index: usize) -> usize {
+        self.clients[index].as_ref().map_or(0, |&(_, peer, _)| self.places(peer))
+    }
+
+    /// Whether the place `index` is taken by the process of `peer`.
+    fn is_of(&self, index: usize, peer: Peer) -> bool {
+        self.clients[index].as_ref().is_some_and(|(_, other, _)| (other.pid, other.uid) == (peer.pid, peer.uid))
     }
 
     /// Takes the requests of one connection; `false` if it is gone or makes no sense.
@@ -192,6 +227,7 @@ impl Server {
             (view.recover_edges, before.recover_edges, Deed::Recovers),
             (view.estop_edges, before.estop_edges, Deed::EmergencyStop),
             (view.reset_edges, before.reset_edges, Deed::Reset),
+            (view.resets_refused, before.resets_refused, Deed::ResetRefused),
         ] {
             if is > was {
                 self.note(deed, peer);
@@ -201,7 +237,7 @@ impl Server {
     }
 
     fn take_requests(&mut self, index: usize, now: Stamp, reply: &[u8]) -> bool {
-        let Some((socket, _, seat)) = &mut self.clients[index] else {
+        let Some((socket, peer, seat)) = &mut self.clients[index] else {
             return true;
         };
         for _ in 0..REQUESTS_MAX {
@@ -214,7 +250,7 @@ impl Server {
                         self.merge.view.requests_refused += 1;
                         return false;
                     };
-                    if !self.merge.request(index, seat, now, &request) {
+                    if !self.merge.request(index, peer.uid, seat, now, &request) {
                         return false;
                     }
                 }

@@ -4,10 +4,15 @@ use doors::DoorError;
 use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
 use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
+use std::io::{BufRead, BufReader, Lines, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use tempfile::TempDir;
+
+/// Names the socket to the crowd in a process of its own.
+const CROWD_AT: &str = "TELEOP_TEST_CROWD_AT";
 
 /// A server in a folder of its own, with a clock that stands still unless told otherwise.
 struct House {
@@ -42,9 +47,7 @@ impl House {
     }
 
     fn raw(&self) -> Raw {
-        let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
-        rustix::net::connect(&socket, &SocketAddrUnix::new(&self.path).unwrap()).unwrap();
-        Raw { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } }
+        Raw::connect(&self.path)
     }
 }
 
@@ -55,6 +58,25 @@ struct Raw {
 }
 
 impl Raw {
+    fn connect(path: &Path) -> Self {
+        let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
+        rustix::net::connect(&socket, &SocketAddrUnix::new(path).unwrap()).unwrap();
+        Self { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } }
+    }
+
+    /// Whether the server still keeps the connection.
+    fn is_kept(&self) -> bool {
+        use rustix::net::{RecvFlags, recv};
+        let mut bytes = [0; operator::STATUS_BYTES];
+        loop {
+            match recv(&self.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
+                Ok((0, _)) => return false,
+                Ok(_) => {}
+                Err(error) => return error == rustix::io::Errno::AGAIN,
+            }
+        }
+    }
+
     fn say(&mut self, change: impl Fn(&mut OperatorRequest)) {
         change(&mut self.request);
         self.request.sequence += 1;
@@ -68,6 +90,83 @@ impl Raw {
     fn press(&mut self) {
         self.say(|r| (r.enable_level, r.enable_count) = (1, r.enable_count + 1));
     }
+}
+
+/// Connections of another process, which speaks with all of them when it is told so.
+struct Crowd {
+    process: Child,
+    orders: ChildStdin,
+    answers: Lines<BufReader<ChildStdout>>,
+}
+
+impl Crowd {
+    fn at(path: &Path) -> Self {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "a_crowd_in_a_process_of_its_own", "--nocapture", "--test-threads=1"]);
+        command.env(CROWD_AT, path).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut process = command.spawn().unwrap();
+        let (orders, answers) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
+        Self { process, orders, answers: BufReader::new(answers).lines() }
+    }
+
+    /// Opens so many connections more, and speaks with all that the server keeps; how many those are.
+    fn come(&mut self, count: usize) -> usize {
+        writeln!(self.orders, "{count}").unwrap();
+        let mut said = self.answers.by_ref().map(|line| line.unwrap());
+        said.find_map(|line| line.strip_prefix("kept ")?.parse().ok()).expect("the crowd has come")
+    }
+}
+
+impl Drop for Crowd {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn a_crowd_in_a_process_of_its_own() {
+    let Some(path) = std::env::var_os(CROWD_AT) else { return };
+    let mut all: Vec<Raw> = Vec::new();
+    for line in std::io::stdin().lines() {
+        let count: usize = line.unwrap().parse().unwrap();
+        all.extend((0..count).map(|_| Raw::connect(Path::new(&path))));
+        all.retain(Raw::is_kept);
+        all.iter_mut().for_each(|client| client.say(|_| {}));
+        println!("\nkept {}", all.len());
+    }
+}
+
+#[test]
+fn a_process_with_all_places_gives_one_to_each_other() {
+    let mut house = House::new();
+    let mut crowd = Crowd::at(&house.path);
+    crowd.come(CLIENTS_MAX);
+    assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
+    let mut others = [Crowd::at(&house.path), Crowd::at(&house.path)];
+    let mut own = house.raw();
+    own.say(|r| r.reset_count += 1);
+    // Between them at the door, more of those who have all places.
+    crowd.come(5);
+    others.iter_mut().for_each(|other| assert_eq!(other.come(1), 1));
+    crowd.come(5);
+    let view = house.poll();
+    assert_eq!((view.connections, view.reset_edges), (CLIENTS_MAX as u32, 1));
+    // However long it goes on, who has one place keeps it and is heard, also after a second of silence.
+    for round in 1..=20 {
+        house.now = Stamp(house.now.0 + 1_000_000_000);
+        crowd.come(10);
+        own.say(|r| r.reset_count += 1);
+        let view = house.poll();
+        assert!(own.is_kept(), "round {round}");
+        assert_eq!((view.connections, view.reset_edges), (CLIENTS_MAX as u32, 1 + round));
+    }
+    let mut second = house.raw();
+    second.say(|_| {});
+    house.poll();
+    assert!(own.is_kept() && second.is_kept(), "the crowd still has more than two");
+    others.iter_mut().for_each(|other| assert_eq!(other.come(0), 1));
+    assert_eq!(crowd.come(0), CLIENTS_MAX - 4);
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod plausible;
 mod posture;
 mod reference;
 mod session;
+mod steps;
 mod tick;
 
 pub use config::{Config, DROP_REASONS, DropReason};

@@ -50,6 +50,16 @@ impl Person {
         Ok(person)
     }
 
+    /// Makes elbow and wrist of these arms unseen.
+    pub(crate) fn leave_out(&mut self, arms: [bool; 2]) {
+        for [_, elbow, wrist] in ARMS.into_iter().zip(arms).filter_map(|(arm, out)| out.then_some(arm)) {
+            for joint in [elbow, wrist] {
+                self.usable &= !(1 << joint);
+                self.positions[joint] = [0.0; 3];
+            }
+        }
+    }
+
     pub(crate) fn has(&self, joint: usize) -> bool {
         self.usable & (1 << joint) != 0
     }

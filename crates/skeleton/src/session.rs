@@ -5,21 +5,22 @@ use crate::limbs::{ARMS, Hold, torso_rotation};
 use crate::person::Person;
 use crate::plausible::{Chirality, chirality};
 use crate::reference::Learnt;
-use messages::{LIMBS, RawSkeleton, Smpl, Stamp, comes_after, known_bug};
-use nalgebra::Vector3;
+use crate::steps::{Body, Part, Which};
+use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after, known_bug};
 
-/// Frames over which the evidence on left and right is averaged: half a second at 60 Hz. Dancers turn shoulders and feet
-/// against the hips for a moment (CMU 005_16), a mirrored tracker does so always.
-const CHIRALITY_FRAMES: f64 = 30.0;
+/// Time over which the evidence on left and right is averaged, s. Dancers turn shoulders and feet against the hips for a moment
+/// (CMU 005_16), a mirrored tracker does so always.
+const CHIRALITY_S: f64 = 0.5;
 /// Least mean cosine between shoulders and hips. CMU clips: above 0; swapped sides: -0.9.
 const SIDES_MIN: f64 = -0.3;
 /// Least mean evidence of feet and knees, of -4 to 4. CMU clips: mean 2.3, never below 0 over a second; mirrored: -2.3.
 const FRONT_MIN: f64 = -1.0;
-/// Time without a frame after which the evidence on left and right begins anew, ns: a period at 20 Hz. A jump over the
-/// time between may be an exchange of the sides.
-const UNSEEN_NS: u64 = 50_000_000;
-/// A step that noise alone may cause, m: 10 mm at each end of a bone and of the hips, three times.
-const NOISE_M: f64 = 0.03;
+/// Time without a frame after which the evidence on left and right begins anew, ns: a period at 20 Hz, and half of one for
+/// jitter. A jump over the time between may be an exchange of the sides.
+const UNSEEN_NS: u64 = 75_000_000;
+
+/// Why each arm is not used in a frame that is.
+pub(crate) type Doubts = [Option<DropReason>; 2];
 
 /// One operator of one client's session.
 #[derive(Clone, Copy, Debug)]
@@ -33,48 +34,22 @@ pub(crate) struct Session {
     pub(crate) learnt_hinges: Learnt,
     /// The last frame looked at, accepted or not.
     previous: Option<Body>,
-    /// Coherent frames still missing before frames are accepted again.
-    settling: u32,
+    trunk: Part,
+    arms: [Part; 2],
     /// Sum of limb lengths over the frames learnt from.
     lengths: [f64; LIMBS],
     learnt: u32,
     learning_until: Stamp,
     /// Since when lengths have been refused without a break.
     lengths_refused_since: Stamp,
-    /// Low-passed evidence on left and right.
+    /// Low-passed evidence on left and right, and when it was looked at last.
     chirality: Option<Chirality>,
+    posture_at: Stamp,
     upright: bool,
-    /// Hash of the last frame of which all else was right.
-    payload: Option<u64>,
+    /// Hash of the last frame of which all else was right; of an arm, of the last in which it was.
+    payload: Option<Payload>,
     moved: bool,
     frozen_since: Stamp,
-}
-
-/// What is compared from frame to frame.
-#[derive(Clone, Copy, Debug)]
-struct Body {
-    origin: Stamp,
-    /// Relative to the middle of the hips, m, with NaN-free values; shoulders, elbows, wrists of both arms.
-    arms: [[Vector3<f64>; 3]; 2],
-    lengths: [Option<f64>; LIMBS],
-}
-
-impl Body {
-    fn read(raw: &RawSkeleton, person: &Person) -> Self {
-        let hips = person.hips();
-        let arms = ARMS.map(|joints| {
-            joints.map(|joint| if person.has(joint) { person.at(joint) - hips } else { Vector3::zeros() })
-        });
-        let mut lengths = [None; LIMBS];
-        for (side, [shoulder, elbow, wrist]) in ARMS.into_iter().enumerate() {
-            for (limb, [from, to]) in [[shoulder, elbow], [elbow, wrist]].into_iter().enumerate() {
-                if person.has(from) && person.has(to) {
-                    lengths[2 * side + limb] = Some((person.at(to) - person.at(from)).norm());
-                }
-            }
-        }
-        Self { origin: raw.header.origin, arms, lengths }
-    }
 }
 
 impl Session {
@@ -88,12 +63,14 @@ impl Session {
             hold: Hold::default(),
             learnt_hinges: Learnt::default(),
             previous: None,
-            settling: 0,
+            trunk: Part::default(),
+            arms: [Part::default(); 2],
             lengths: [0.0; LIMBS],
             learnt: 0,
             learning_until: Stamp::NONE,
             lengths_refused_since: Stamp::NONE,
             chirality: None,
+            posture_at: Stamp::NONE,
             upright: false,
             payload: None,
             moved: false,
@@ -129,39 +106,67 @@ impl Session {
         Ok(gap)
     }
 
-    /// Checks a frame against those before it.
+    /// Checks a frame against those before it. What is wrong with one arm is that arm's matter: it is not used in this frame,
+    /// for the reason that is given, and the frame is.
     pub(crate) fn check(
         &mut self,
         config: &Config,
         now: Stamp,
         raw: &RawSkeleton,
         person: &Person,
-    ) -> Result<(), DropReason> {
-        if self.previous.is_some_and(|previous| raw.header.origin.since(previous.origin) > UNSEEN_NS) {
+    ) -> Result<Doubts, DropReason> {
+        let since = self.previous.map(|previous| raw.header.origin.since(previous.origin));
+        if since.is_some_and(|since| since > UNSEEN_NS) {
             self.chirality = None;
         }
-        self.check_posture(person)?;
         let body = Body::read(raw, person);
-        let previous = self.previous.replace(body);
-        if let Some(previous) = previous {
-            if teleported(config, person, &previous, &body) {
-                self.settling = config.coherent_frames;
-                // It may be the two sides that jumped.
-                self.chirality = None;
-                return Err(DropReason::Teleport);
-            }
-            self.settling = self.settling.saturating_sub(1);
-            if self.settling > 0 {
-                return Err(DropReason::Teleport);
-            }
-            check_length_steps(config, &previous, &body)?;
+        if self.previous.is_some_and(|previous| body.across().dot(&previous.across()) <= 0.0) {
+            // Nobody turns by a quarter between two frames: it may be the two sides that changed places.
+            self.chirality = None;
         }
-        self.check_lengths(config, &body)?;
-        self.check_frozen(config, now, payload_hash(person))
+        let judged = std::mem::replace(&mut self.posture_at, raw.header.origin);
+        self.check_posture(person, raw.header.origin.since(judged))?;
+        let (mut trunk, mut doubts) = (None, Doubts::default());
+        if let Some(previous) = self.previous.replace(body) {
+            trunk = self.trunk.judge(config, Which::Trunk, person, &previous, &body);
+            for (side, (doubt, arm)) in doubts.iter_mut().zip(&mut self.arms).enumerate() {
+                *doubt = arm.judge(config, Which::Arm(side), person, &previous, &body);
+            }
+        }
+        if let Some(reason) = trunk {
+            // It may be the two sides that jumped.
+            self.chirality = None;
+            self.used(&body, false, [false; 2]);
+            return Err(reason);
+        }
+        let mut steady = body;
+        for side in (0..2).filter(|&side| doubts[side].is_some()) {
+            steady.lengths[2 * side..2 * side + 2].fill(None);
+        }
+        for (doubt, changed) in doubts.iter_mut().zip(self.check_lengths(config, &steady)) {
+            *doubt = doubt.or(changed);
+        }
+        let used = doubts.map(|doubt| doubt.is_none());
+        self.used(&body, true, used);
+        // With no arm that is seen and right there is nothing to follow.
+        let seen = [0, 1].map(|side| ARMS[side].iter().all(|&joint| person.has(joint)));
+        let any = (0..2).any(|side| seen[side] && used[side]);
+        if let (Some(reason), false) = (doubts.into_iter().flatten().next(), any) {
+            return Err(reason);
+        }
+        self.check_frozen(config, now, &payload(person), used)?;
+        Ok(doubts)
+    }
+
+    fn used(&mut self, body: &Body, trunk: bool, arms: [bool; 2]) {
+        self.trunk.used(body, trunk);
+        for (part, used) in self.arms.iter_mut().zip(arms) {
+            part.used(body, used);
+        }
     }
 
     /// Upright at the start, and never a mirror image.
-    fn check_posture(&mut self, person: &Person) -> Result<(), DropReason> {
+    fn check_posture(&mut self, person: &Person, since_ns: u64) -> Result<(), DropReason> {
         let torso = torso_rotation(&person.positions).ok_or(DropReason::Size)?;
         if !self.upright {
             // 60 degrees: no start of a session leans further, and every wrong up-axis gives 90 or 180.
@@ -176,17 +181,28 @@ impl Session {
         let sees_legs = legs.iter().all(|&joint| person.has(joint as usize));
         let was =
             self.chirality.unwrap_or(Chirality { sides: now.sides, front: if sees_legs { now.front } else { 0.0 } });
-        let front = if sees_legs { was.front + (now.front - was.front) / CHIRALITY_FRAMES } else { was.front };
-        let mean = Chirality { sides: was.sides + (now.sides - was.sides) / CHIRALITY_FRAMES, front };
+        let share = (since_ns as f64 * 1e-9 / CHIRALITY_S).min(1.0);
+        let front = if sees_legs { was.front + (now.front - was.front) * share } else { was.front };
+        let mean = Chirality { sides: was.sides + (now.sides - was.sides) * share, front };
         self.chirality = Some(mean);
         if mean.sides < SIDES_MIN || mean.front < FRONT_MIN { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
-    /// Compares with the last frame of which all else was right: one that is refused is no sign of life.
-    fn check_frozen(&mut self, config: &Config, now: Stamp, payload: u64) -> Result<(), DropReason> {
-        let last = self.payload.replace(payload);
-        if last != Some(payload) {
-            self.moved |= last.is_some();
+    /// Compares with the last frame of which all else was right: one that is refused is no sign of life, and neither is an
+    /// arm that is not used.
+    fn check_frozen(
+        &mut self,
+        config: &Config,
+        now: Stamp,
+        payload: &Payload,
+        used: [bool; 2],
+    ) -> Result<(), DropReason> {
+        let last = self.payload.unwrap_or(*payload);
+        let arms = [0, 1].map(|side| if used[side] { payload.arms[side] } else { last.arms[side] });
+        let seen = Payload { rest: payload.rest, arms };
+        let known = self.payload.replace(seen).is_some();
+        if !known || last != seen {
+            self.moved |= known;
             self.frozen_since = Stamp::NONE;
             return Ok(());
         }
@@ -214,7 +230,7 @@ impl Session {
         (self.learnt > 0).then(|| self.lengths[limb] / f64::from(self.learnt))
     }
 
-    fn check_lengths(&mut self, config: &Config, body: &Body) -> Result<(), DropReason> {
+    fn check_lengths(&mut self, config: &Config, body: &Body) -> Doubts {
         if self.learning_until == Stamp::NONE {
             self.learning_until = body.origin.plus_ns(config.gap_ns);
         }
@@ -223,13 +239,15 @@ impl Session {
             _ => None,
         };
         let learning = self.learnt == 0 || body.origin < self.learning_until;
-        for limb in 0..LIMBS {
-            if let (Some(length), Some(mean)) = (body.lengths[limb], self.mean_length(limb))
-                && (length - mean).abs() > config.length_change_max * mean
-            {
-                self.refuse_lengths(config, body.origin);
-                return Err(DropReason::LengthChange);
-            }
+        let changed = |limb: usize| match (body.lengths[limb], self.mean_length(limb)) {
+            (Some(length), Some(mean)) => (length - mean).abs() > config.length_change_max * mean,
+            _ => false,
+        };
+        let doubts =
+            [0, 1].map(|side| (changed(2 * side) || changed(2 * side + 1)).then_some(DropReason::LengthChange));
+        if doubts != Doubts::default() {
+            self.refuse_lengths(config, body.origin);
+            return doubts;
         }
         self.lengths_refused_since = Stamp::NONE;
         if let (Some(lengths), true) = (all, learning) {
@@ -238,7 +256,7 @@ impl Session {
             }
             self.learnt = self.learnt.saturating_add(1);
         }
-        Ok(())
+        doubts
     }
 }
 
@@ -257,41 +275,29 @@ impl Session {
     }
 }
 
-/// Whether a used joint jumped, relative to the hips.
-fn teleported(config: &Config, person: &Person, previous: &Body, body: &Body) -> bool {
-    let dt_s = body.origin.since(previous.origin) as f64 * 1e-9;
-    // The step holds between frames of a tracker of 30 Hz or faster; after lost frames it grows with the time, and it
-    // never falls below a tracker's noise when frames arrive bunched.
-    let frames = (dt_s * 30.0).max(1.0);
-    let step_max_m = config.step_max_m.max(NOISE_M) * frames;
-    let step_max_m = (config.speed_max_m_per_s * dt_s).clamp(NOISE_M, step_max_m);
-    ARMS.iter().enumerate().any(|(side, joints)| {
-        joints.iter().enumerate().any(|(i, &joint)| {
-            let (was, is) = (previous.arms[side][i], body.arms[side][i]);
-            // Zero stands for a joint that was not seen: it appears, it does not jump.
-            let jumps = (is - was).norm() > step_max_m && !known_bug!(TeleportAccepted);
-            person.has(joint) && was != Vector3::zeros() && jumps
-        })
-    })
-}
-
-fn check_length_steps(config: &Config, previous: &Body, body: &Body) -> Result<(), DropReason> {
-    for (was, is) in previous.lengths.iter().zip(body.lengths) {
-        if let (Some(was), Some(is)) = (was, is)
-            && (is - was).abs() > config.length_step_max * was
-        {
-            return Err(DropReason::LengthStep);
-        }
-    }
-    Ok(())
-}
-
-/// FNV-1a over the bits of the used positions and rotations.
-fn payload_hash(person: &Person) -> u64 {
-    let positions = person.positions.iter().flatten();
+/// FNV-1a over the bits of the used positions and rotations of some joints.
+fn hash(person: &Person, joints: impl Iterator<Item = usize> + Clone) -> u64 {
+    let positions = joints.clone().flat_map(|joint| person.positions[joint]);
     positions
-        .chain(person.rotations.iter().flatten())
+        .chain(joints.flat_map(|joint| person.rotations[joint]))
         .fold(0xcbf2_9ce4_8422_2325, |hash, value| (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// What of a frame repeats if the tracker is stuck.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Payload {
+    /// Elbow and wrist of each arm.
+    arms: [u64; 2],
+    /// All other joints.
+    rest: u64,
+}
+
+fn payload(person: &Person) -> Payload {
+    let of_arm = |joint: usize| ARMS.iter().any(|arm| arm[1..].contains(&joint));
+    Payload {
+        arms: ARMS.map(|[_, elbow, wrist]| hash(person, [elbow, wrist].into_iter())),
+        rest: hash(person, (0..SMPL_JOINTS).filter(move |&joint| !of_arm(joint))),
+    }
 }
 
 #[cfg(test)]

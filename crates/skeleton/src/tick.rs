@@ -37,9 +37,9 @@ const PERSON_MIX: u32 = 0x9E37_79B1;
 struct Trust {
     /// Counts whoever may be somebody else than the one before.
     persons: u32,
-    /// When a frame was accepted last.
+    /// When a frame was accepted last with nothing wrong in it.
     accepted: Stamp,
-    /// Frames since then were refused for what they say of the person.
+    /// Frames since then were refused, or an arm in them, for what they say of the person.
     contradicted: bool,
 }
 
@@ -86,7 +86,7 @@ impl State {
         Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
-    /// Frames dropped so far for this reason.
+    /// Frames dropped so far for this reason; one of which an arm alone was not used counts for each such arm.
     pub const fn dropped(&self, reason: DropReason) -> u64 {
         self.dropped[reason as usize]
     }
@@ -132,7 +132,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Result<Skeleton, DropReason> {
     let raw = input.raw;
     check_envelope(raw)?;
-    let State { session, newest, clock, trust, .. } = state;
+    let State { session, newest, clock, trust, dropped, .. } = state;
     let known = session.is_some_and(|session| session.nonce == raw.session_nonce);
     let mut placed = if known { *clock } else { ClientClock::new() };
     let origin = placed.place(config, now, raw.header.origin)?;
@@ -153,8 +153,9 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     if origin <= *newest {
         return Err(DropReason::Backwards);
     }
-    let person = Person::read(config, raw)?;
-    current.check(config, now, raw, &person)?;
+    let mut person = Person::read(config, raw)?;
+    let doubts = current.check(config, now, raw, &person)?;
+    person.leave_out(doubts.map(|doubt| doubt.is_some()));
     let lengths_m = current.lengths_m();
     let reference = current.learnt_hinges.next(origin, &person, lengths_m, input.stored);
     let limbs = limbs_against(
@@ -164,7 +165,13 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
         person.usable,
         &mut current.hold,
     );
-    trust.accept(config, now);
+    match doubts.into_iter().flatten().next() {
+        None => trust.accept(config, now),
+        Some(reason) => trust.refuse(reason),
+    }
+    for reason in doubts.into_iter().flatten() {
+        dropped[reason as usize] = dropped[reason as usize].saturating_add(1);
+    }
     let mut skeleton = Skeleton::ZERO;
     skeleton.header.origin = origin;
     skeleton.received = now;

@@ -2,15 +2,17 @@
 
 use crate::person;
 
-use messages::{HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag};
+use messages::{HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag, skeleton_flag};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use person::{feed, person, raw, read, running, standing, store};
 use proptest::prelude::*;
 use skeleton::{Config, DropReason, Input, State, tick};
 
-/// The person of a frame, if it was accepted.
+/// The person of a frame, if it was accepted with both arms.
 fn take(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
-    tick(&Config::default(), state, raw.header.origin.plus_ns(1_000_000), Input { raw, stored: None }).skeleton
+    let now = raw.header.origin.plus_ns(1_000_000);
+    let person = tick(&Config::default(), state, now, Input { raw, stored: None }).skeleton;
+    person.filter(|person| person.flags & skeleton_flag::ALL == skeleton_flag::ALL)
 }
 
 /// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations count.
@@ -69,7 +71,7 @@ fn f006_f007_f012_f013_who_was_contradicted_for_longer_than_a_robot_follows_is_a
             assert!(reason == DropReason::Frozen && !stranger || state.dropped(reason) > 0, "{reason:?}");
             let again = (61 + frames..200).find_map(|i| take(&mut state, &raw(&standing(i as f64 / 60.0), i)));
             let again = again.expect("is seen again").operator_id;
-            // A teleport takes five coherent frames, 100 ms at 60 Hz, however short it was.
+            // Five coherent frames after a second jump are 100 ms at 60 Hz.
             assert_eq!(again != known, stranger || reason == DropReason::Teleport, "{reason:?}, {frames} frames");
         }
     }
@@ -315,7 +317,8 @@ proptest! {
         let jumped = person([0.3, left - 1.0, twist, 1.0, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
         let was = standing(19.0 / 60.0);
         let apart = |joint: usize| (Vector3::from(was.0[joint]) - Vector3::from(jumped.0[joint])).norm();
-        prop_assume!(apart(20).max(apart(18)) > 0.16);
+        // Faster than 12 or 10 m/s at 60 Hz.
+        prop_assume!(apart(20) > 0.21 || apart(18) > 0.18);
         for i in 20..25 {
             prop_assert_eq!(feed(&mut state, &raw(&jumped, i)), Some(DropReason::Teleport), "frame {}", i);
         }

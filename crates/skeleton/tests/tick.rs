@@ -135,6 +135,61 @@ fn f007_after_a_teleport_five_coherent_frames_are_needed() {
     assert_eq!(feed(&mut state, &away), None);
 }
 
+/// A hand raised from the hip to above the head and lowered again within `s` seconds, seen so many times a second.
+fn raise(s: f64, rate_hz: f64) -> impl Iterator<Item = RawSkeleton> {
+    (0..(3.0 * rate_hz) as u64).map(move |i| {
+        let t = i as f64 / rate_hz;
+        // Half a period up, at rest for a second, and down again.
+        let phase = ((t - 0.5) / s).clamp(0.0, 1.0) - ((t - 1.5 - s) / s).clamp(0.0, 1.0);
+        let up = -1.3 + 2.6 * (0.5 - 0.5 * (std::f64::consts::PI * phase).cos());
+        let mut frame = raw(&person([0.2, up, 0.2, 0.3, 0.0], [0.3 + 0.1 * t, -1.2, 0.2, 0.6, 0.1]), i);
+        frame.header.origin = Stamp(1_000_000_000 + (t * 1e9) as u64);
+        frame
+    })
+}
+
+#[test]
+fn a_hand_that_is_raised_quickly_is_a_persons_at_every_rate() {
+    for rate_hz in [20.0, 30.0, 60.0, 120.0] {
+        let fastest = |s: f64| {
+            let wrists: Vec<_> = raise(s, rate_hz).map(|frame| nalgebra::Vector3::from(frame.positions[20])).collect();
+            wrists.windows(2).map(|pair| f64::from((pair[1] - pair[0]).norm()) * rate_hz).fold(0.0, f64::max)
+        };
+        // A quarter of a second is a quick "me!"; a tenth is nobody's.
+        for (s, refused) in [(0.25, false), (0.08, true)] {
+            let mut state = State::new();
+            let counted = raise(s, rate_hz).filter(|frame| feed(&mut state, frame).is_some()).count();
+            assert_eq!(counted > 0, refused, "{rate_hz} Hz, {s} s, up to {} m/s: {counted} frames", fastest(s));
+        }
+        assert!((7.0..9.5).contains(&fastest(0.25)), "{} m/s", fastest(0.25));
+    }
+}
+
+#[test]
+fn f007_one_arm_that_jumps_is_not_used_and_the_other_one_is() {
+    let mut state = running(20);
+    let known = |frame: &RawSkeleton, state: &mut State| {
+        let now = frame.header.origin;
+        tick(&Config::default(), state, now, Input { raw: frame, stored: None }).skeleton.expect("a person")
+    };
+    let operator = known(&raw(&standing(20.0 / 60.0), 20), &mut state).operator_id;
+    for i in 21..40 {
+        let mut frame = raw(&standing(i as f64 / 60.0), i);
+        let wild = i == 25 || i == 26;
+        if wild {
+            // As long as before, and elsewhere: the forearm's other end.
+            let jumped = person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
+            (18..22).step_by(2).for_each(|joint| frame.positions[joint] = jumped.0[joint]);
+        }
+        let person = known(&frame, &mut state);
+        let arms = [skeleton_flag::LIMB[0] | skeleton_flag::LIMB[1], skeleton_flag::LIMB[2] | skeleton_flag::LIMB[3]];
+        assert_eq!(person.flags & arms[0] == arms[0], !wild, "frame {i}");
+        assert_eq!(person.flags & arms[1], arms[1], "frame {i}");
+        assert_eq!(person.operator_id, operator, "frame {i}: two wild frames make nobody a stranger");
+    }
+    assert_eq!(state.dropped(DropReason::Teleport), 2);
+}
+
 #[test]
 fn f006_limbs_keep_their_length() {
     let mut state = running(100);
@@ -186,7 +241,7 @@ fn f013_a_refused_frame_is_no_sign_of_life() {
         match feed(&mut state, &frame) {
             None => accepted_last = i,
             Some(DropReason::LengthStep) => assert!(i % 5 >= 3, "frame {i}"),
-            Some(reason) => assert_eq!((reason, i % 5 < 3), (DropReason::Frozen, true), "frame {i}"),
+            Some(reason) => assert_eq!(reason, DropReason::Frozen, "frame {i}"),
         }
     }
     assert!(accepted_last <= 8, "{accepted_last}: 100 ms after the tracker got stuck nothing of it is used");

@@ -1,6 +1,7 @@
 //! The bounds from frame to frame, to the frame, the nanosecond and the millimetre.
 
 use super::*;
+use crate::steps::{NOISE_M, jumped, lengths_stepped};
 use messages::{HingeCalibration, Layout, SMPL_JOINTS};
 
 /// Somebody in a T-pose who looks along x, in the order of SMPL-22.
@@ -29,6 +30,8 @@ const T_POSE: [[f32; 3]; SMPL_JOINTS] = [
     [0.0, -0.72, 1.42],
 ];
 const MS: u64 = 1_000_000;
+/// 30 periods of half a second in all.
+const PERIOD_NS: u64 = 500 * MS / 30;
 
 fn person(change: impl Fn(&mut [[f32; 3]; SMPL_JOINTS])) -> Person {
     let mut positions = T_POSE;
@@ -61,12 +64,12 @@ fn frame(ns: u64, sequence: u64) -> RawSkeleton {
 /// Frames of this person, from a session that has seen `before` good ones, until one is refused; its number from 1.
 fn refused_after(before: u32, bad: &Person) -> u32 {
     let mut session = Session::new(&frame(0, 0));
-    (0..before).for_each(|_| assert_eq!(session.check_posture(&good()), Ok(())));
-    (1..1000).find(|_| session.check_posture(bad).is_err()).unwrap_or(u32::MAX)
+    (0..before).for_each(|_| assert_eq!(session.check_posture(&good(), PERIOD_NS), Ok(())));
+    (1..1000).find(|_| session.check_posture(bad, PERIOD_NS).is_err()).unwrap_or(u32::MAX)
 }
 
 #[test]
-fn evidence_on_sides_is_a_mean_of_thirty_frames() {
+fn evidence_on_sides_is_a_mean_of_half_a_second() {
     let of = |person: &Person| chirality(&person.positions).expect("a trunk");
     let hips = person(|p| p.swap(Smpl::LeftHip as usize, Smpl::RightHip as usize));
     let (was, feet, sides) = (of(&good()), of(&turned_feet()), of(&hips));
@@ -87,10 +90,11 @@ fn legs_that_are_not_seen_say_nothing() {
     for hidden in [Smpl::LeftKnee, Smpl::RightAnkle, Smpl::LeftFoot] {
         let mut bad = turned_feet();
         bad.usable &= !(1 << hidden as u32);
-        (0..100).for_each(|n| assert_eq!(session.check_posture(&bad), Ok(()), "frame {n} without {hidden:?}"));
+        (0..100)
+            .for_each(|n| assert_eq!(session.check_posture(&bad, PERIOD_NS), Ok(()), "frame {n} without {hidden:?}"));
     }
     // Nothing was known of them: the mean begins at 0, and is -2 + 2 (29/30)^n.
-    let refused = (1..1000).find(|_| session.check_posture(&turned_feet()).is_err());
+    let refused = (1..1000).find(|_| session.check_posture(&turned_feet(), PERIOD_NS).is_err());
     assert_eq!(refused, (1..1000).find(|&n| -2.0 + 2.0 * (29.0_f64 / 30.0).powi(n) < -1.0));
 }
 
@@ -113,9 +117,9 @@ fn knees_that_bend_backwards_are_a_mirror_image_too() {
 }
 
 #[test]
-fn evidence_lasts_for_fifty_milliseconds_without_a_frame() {
+fn evidence_lasts_for_75_milliseconds_without_a_frame() {
     let config = Config { frozen_after_ns: 0, ..Config::default() };
-    for (gap_ns, refused) in [(50 * MS, false), (50 * MS + 1, true)] {
+    for (gap_ns, refused) in [(75 * MS, false), (75 * MS + 1, true)] {
         let mut session = Session::new(&frame(0, 0));
         for (n, person) in [good(), good(), turned_feet()].iter().enumerate() {
             let at = 1 + n as u64 * gap_ns;
@@ -150,11 +154,17 @@ fn limbs(length: f64, ns: u64) -> Body {
     Body { origin: Stamp(ns), arms: Default::default(), lengths: [Some(length); LIMBS] }
 }
 
+/// What is said of both arms alike.
+fn both(doubts: Doubts) -> Result<(), DropReason> {
+    assert_eq!(doubts[0], doubts[1]);
+    doubts[0].map_or(Ok(()), Err)
+}
+
 #[test]
 fn lengths_are_learnt_in_the_first_second_and_no_longer() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
-    let mut see = |ms: u64, length: f64| session.check_lengths(&config, &limbs(length, 1 + ms * MS));
+    let mut see = |ms: u64, length: f64| both(session.check_lengths(&config, &limbs(length, 1 + ms * MS)));
     // 50 frames of 1 and 50 of 1.04: the mean is 1.02.
     for n in 0..100 {
         assert_eq!(see(n * 10, if n < 50 { 1.0 } else { 1.04 }), Ok(()), "frame {n}");
@@ -174,7 +184,7 @@ fn a_length_at_its_bound_is_within_it() {
     for (ns, length, within) in
         [(1, 20.0, true), (learnt, 21.0, true), (learnt, 21.000_001, false), (learnt, 19.0, true)]
     {
-        assert_eq!(session.check_lengths(&config, &limbs(length, ns)).is_ok(), within, "{length}");
+        assert_eq!(both(session.check_lengths(&config, &limbs(length, ns))).is_ok(), within, "{length}");
     }
 }
 
@@ -184,40 +194,110 @@ fn a_limb_that_is_not_seen_is_neither_judged_nor_learnt() {
     let mut session = Session::new(&frame(0, 0));
     let mut partly = limbs(2.0, 1);
     partly.lengths[3] = None;
-    assert_eq!(session.check_lengths(&config, &partly), Ok(()));
+    assert_eq!(session.check_lengths(&config, &partly), [None; 2]);
     assert_eq!(session.learnt, 0, "not every limb was there");
-    assert_eq!(session.check_lengths(&config, &limbs(1.0, 2)), Ok(()));
+    assert_eq!(session.check_lengths(&config, &limbs(1.0, 2)), [None; 2]);
     let mut one = limbs(1.0, 3);
     one.lengths = [None, None, Some(1.06), None];
-    assert_eq!(session.check_lengths(&config, &one), Err(DropReason::LengthChange));
+    assert_eq!(session.check_lengths(&config, &one), [None, Some(DropReason::LengthChange)]);
     one.lengths[2] = Some(1.04);
-    assert_eq!(session.check_lengths(&config, &one), Ok(()));
+    assert_eq!(session.check_lengths(&config, &one), [None; 2]);
 }
 
 #[test]
-fn a_step_is_bounded_by_speed_by_length_and_by_noise() {
+fn a_step_is_bounded_by_the_speed_of_the_joint_by_length_and_by_noise() {
     let config = Config::default();
-    // 10 m/s, at most 0.15 m for each thirtieth of a second, at least 30 mm.
-    for (ns, most) in [(16_666_667, 0.15), (100 * MS, 0.45), (5 * MS, 0.05), (MS, 0.03), (12 * MS, 0.12)] {
-        for (step, jumps) in [(most - 1e-3, false), (most + 1e-3, true)] {
-            let (mut was, mut is) = (limbs(1.0, 1), limbs(1.0, 1 + ns));
-            (was.arms[1][2].x, is.arms[1][2].x) = (0.5, 0.5 + step);
-            assert_eq!(teleported(&config, &good(), &was, &is), jumps, "{step} m in {ns} ns");
+    let parts = [Which::Trunk, Which::Arm(1), Which::Arm(1)];
+    for (place, speed) in [7.0, 10.0, 12.0].into_iter().enumerate() {
+        // At 20, 30, 60 and 120 Hz, after a gap, and never below 30 mm.
+        for ms in [50.0, 33.3, 16.7, 8.3, 250.0, 1.0] {
+            let most = (speed * ms * 1e-3_f64).max(NOISE_M);
+            for (step, jumps) in [(most - 1e-3, false), (most + 1e-3, true)] {
+                let (mut was, mut is) = (limbs(1.0, 1), limbs(1.0, 1 + (ms * 1e6) as u64));
+                (was.arms[1][place].x, is.arms[1][place].x) = (0.5, 0.5 + step);
+                assert_eq!(jumped(&config, parts[place], &good(), &was, &is), jumps, "{place}: {step} m in {ms} ms");
+                assert!(!jumped(&config, Which::Arm(0), &good(), &was, &is), "the other arm did nothing");
+            }
         }
     }
+    let left = Which::Arm(0);
     let (mut was, mut is) = (limbs(1.0, 1), limbs(1.0, 1 + MS));
     (was.arms[0][1].y, is.arms[0][1].y) = (-NOISE_M, 0.0);
-    assert!(!teleported(&config, &good(), &was, &is), "noise, to the bit");
+    assert!(!jumped(&config, left, &good(), &was, &is), "noise, to the bit");
     is.arms[0][1].y = 2.0;
-    assert!(teleported(&config, &good(), &was, &is));
+    assert!(jumped(&config, left, &good(), &was, &is));
     let mut unseen = good();
     unseen.usable &= !(1 << Smpl::LeftElbow as u32);
-    assert!(!teleported(&config, &unseen, &was, &is), "nobody vouches for it");
+    assert!(!jumped(&config, left, &unseen, &was, &is), "nobody vouches for it");
     was.arms[0][1].y = 0.0;
-    assert!(!teleported(&config, &good(), &was, &is), "it was not seen before");
+    assert!(!jumped(&config, left, &good(), &was, &is), "it was not seen before");
     for (length, refused) in [(51.0, false), (51.000_001, true), (49.0, false), (48.999_999, true)] {
-        let stepped = check_length_steps(&config, &limbs(50.0, 1), &limbs(length, 2));
-        assert_eq!(stepped.is_err(), refused, "from 50 to {length}");
+        for side in 0..2 {
+            let stepped = lengths_stepped(&config, side, &limbs(50.0, 1), &limbs(length, 2));
+            assert_eq!(stepped, refused, "from 50 to {length}");
+        }
+    }
+}
+
+/// What is said of a left arm whose wrist is so far off in each of these frames, 30 a second.
+fn wrists_off(off_m: &[f64]) -> Vec<Option<DropReason>> {
+    let config = Config::default();
+    let mut part = Part::default();
+    let body = |n: usize, off_m: f64| {
+        let mut body = limbs(1.0, 1 + n as u64 * 33 * MS);
+        body.arms[0][2].x = 0.5 + off_m;
+        body
+    };
+    part.used(&body(0, 0.0), true);
+    let mut previous = body(0, 0.0);
+    let judged = off_m.iter().zip(1..).map(|(&off_m, n)| {
+        let body = body(n, off_m);
+        let found = part.judge(&config, Which::Arm(0), &good(), &previous, &body);
+        part.used(&body, found.is_none());
+        previous = body;
+        found
+    });
+    judged.collect()
+}
+
+#[test]
+fn a_wrist_that_is_wild_for_a_frame_or_two_is_taken_again_at_once_and_one_that_stays_away_is_not() {
+    let refused = |off_m: &[f64]| wrists_off(off_m).iter().map(Option::is_some).collect::<Vec<_>>();
+    assert_eq!(refused(&[0.0, 0.6, 0.0, 0.0]), [false, true, false, false]);
+    assert_eq!(refused(&[0.0, 0.6, -0.6, 0.0, 0.0]), [false, true, true, false, false]);
+    // Three are no accident: five frames have to agree.
+    assert_eq!(refused(&[0.6, -0.6, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0]), [true, true, true, true, true, true, true, true]);
+    assert_eq!(refused(&[0.6, -0.6, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])[8..], [false]);
+    // It stays where it jumped to.
+    assert_eq!(refused(&[0.6; 6]), [true, true, true, true, true, false]);
+    // Nor is it forgiven again within half a second: the way back is a jump, too.
+    assert_eq!(
+        refused(&[0.6, 0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])[2..],
+        [true, true, true, true, true, true, false]
+    );
+    let mut late = vec![0.6, 0.0];
+    late.extend([0.0; 15]);
+    late.extend([0.6, 0.0]);
+    assert_eq!(refused(&late)[17..], [true, false]);
+    assert!(wrists_off(&[0.6]).contains(&Some(DropReason::Teleport)));
+}
+
+/// The payload of frame `n`.
+fn repeated(n: u64) -> Payload {
+    Payload { arms: [n; 2], rest: n }
+}
+
+#[test]
+fn an_arm_that_is_not_used_is_no_sign_of_life() {
+    let config = Config::default();
+    for (used, frozen) in [([true, true], false), ([false, true], true)] {
+        let mut session = Session::new(&frame(0, 0));
+        let mut see = |ms: u64, left: u64, rest: u64| {
+            session.check_frozen(&config, Stamp(1 + ms * MS), &Payload { arms: [left, 0], rest }, used)
+        };
+        assert_eq!((see(0, 0, 0), see(1, 1, 1)), (Ok(()), Ok(())), "it moves");
+        let last = (2..200).map(|ms| see(ms, ms, 1)).last();
+        assert_eq!(last == Some(Err(DropReason::Frozen)), frozen, "{used:?}: only the left arm differs");
     }
 }
 
@@ -225,20 +305,20 @@ fn a_step_is_bounded_by_speed_by_length_and_by_noise() {
 fn a_payload_is_frozen_from_its_hundred_milliseconds_to_its_second() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
-    let mut see = |ns: u64, payload: u64| session.check_frozen(&config, Stamp(1 + ns), payload);
+    let mut see = |ns: u64, n: u64| session.check_frozen(&config, Stamp(1 + ns), &repeated(n), [true; 2]);
     assert_eq!((see(0, 1), see(1, 2), see(2, 2)), (Ok(()), Ok(()), Ok(())), "it moved, and stands from now");
     assert_eq!((see(100 * MS + 1, 2), see(100 * MS + 2, 2)), (Ok(()), Err(DropReason::Frozen)));
     assert_eq!((see(1000 * MS + 2, 2), see(1000 * MS + 3, 2)), (Err(DropReason::Frozen), Ok(())));
     let off = Config { frozen_after_ns: 0, ..config };
     let mut session = Session::new(&frame(0, 0));
-    let mut see = |ns: u64, payload: u64| session.check_frozen(&off, Stamp(1 + ns), payload);
+    let mut see = |ns: u64, n: u64| session.check_frozen(&off, Stamp(1 + ns), &repeated(n), [true; 2]);
     assert_eq!((see(0, 1), see(1, 2)), (Ok(()), Ok(())));
     (2..50).for_each(|n| assert_eq!(see(n * 10 * MS, 2), Ok(()), "it is turned off"));
 }
 
 #[test]
 fn every_bit_of_a_posture_counts() {
-    let still = payload_hash(&good());
+    let still = payload(&good());
     for bit in 0..32 {
         // The hash begins with bits that are set: none may hide one of the payload.
         let flip = |x: &mut f32| *x = f32::from_bits(x.to_bits() ^ 1 << bit);
@@ -246,7 +326,7 @@ fn every_bit_of_a_posture_counts() {
         let last = person(|p| flip(&mut p[21][2]));
         let mut turned = good();
         flip(&mut turned.rotations[7][2]);
-        let all = [still, payload_hash(&first), payload_hash(&last), payload_hash(&turned)];
+        let all = [still, payload(&first), payload(&last), payload(&turned)];
         assert!((0..4).all(|i| (0..i).all(|j| all[i] != all[j])), "bit {bit}: {all:x?}");
     }
 }

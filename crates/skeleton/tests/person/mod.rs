@@ -98,13 +98,15 @@ pub(crate) fn standing(t: f64) -> Body {
     person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
 }
 
-/// Feeds a frame on arrival and gives the reason, if it was dropped.
+/// Feeds a frame on arrival and gives the reason, if it was dropped or an arm in it was not used.
 #[allow(dead_code)]
 pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
     let now = raw.header.origin.plus_ns(1_000_000);
+    let before = DropReason::ALL.map(|reason| state.dropped(reason));
     let out = tick(&Config::default(), state, now, Input { raw, stored: None });
     assert_ne!(out.skeleton.is_some(), out.drop.is_some());
-    out.drop
+    let refused = DropReason::ALL.into_iter().zip(before).find(|(reason, before)| state.dropped(*reason) > *before);
+    refused.map(|(reason, _)| reason)
 }
 
 /// A state that has accepted `frames` frames of a moving person.

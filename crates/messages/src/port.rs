@@ -1,0 +1,61 @@
+//! The port between the driver and a robot that is a process of its own: setpoints one way, measurements the other, as on
+//! a field bus.
+
+use crate::command::StopPlan;
+use crate::joints::JOINTS;
+use crate::layout::message;
+use crate::time::{Header, Stamp};
+
+/// Bits of `RobotMeasured::flags`.
+pub mod measured_flag {
+    /// The robot's own emergency stop is pressed.
+    pub const EMERGENCY_STOP: u32 = 1;
+    /// A drive reports a fault.
+    pub const DRIVE_FAULT: u32 = 2;
+    /// The motors have power.
+    pub const POWERED: u32 = 4;
+    /// The robot's watchdog fired, and it took no setpoint since.
+    pub const REACTING: u32 = 8;
+    /// The robot did not take the newest setpoint.
+    pub const REFUSED: u32 = 16;
+}
+
+message! {
+    /// What the drives are to do at tick `k`.
+    pub struct RobotSetpoint v 1 size 1272 {
+        /// Its stamp is the time at which the driver sent it.
+        pub header: Header,
+        /// Tick index.
+        pub k: u64,
+        /// Joint positions, rad or m.
+        pub q: [f64; JOINTS],
+        /// Joint velocities, rad/s or m/s.
+        pub v: [f64; JOINTS],
+        /// Joint accelerations, rad/s^2 or m/s^2.
+        pub a: [f64; JOINTS],
+        /// The stop from (q, v, a), for a robot that plays it by itself.
+        pub plan: StopPlan,
+    }
+}
+
+message! {
+    /// What the robot measures.
+    pub struct RobotMeasured v 1 size 472 {
+        /// Its stamp is the time at which the robot sent it.
+        pub header: Header,
+        /// When it was measured.
+        pub measured: Stamp,
+        /// Tick index of the newest setpoint that the robot has seen; zero before the first.
+        pub seen_k: u64,
+        /// Joint positions, rad or m.
+        pub q: [f64; JOINTS],
+        /// Joint velocities, rad/s or m/s.
+        pub dq: [f64; JOINTS],
+        /// Motor torques or forces, N m or N.
+        pub tau: [f64; JOINTS],
+        /// Bits of `measured_flag`.
+        pub flags: u32,
+        /// Zero.
+        pub reserved: u32,
+    }
+}

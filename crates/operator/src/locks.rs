@@ -1,0 +1,101 @@
+//! Who pressed the emergency stop and has not reset it. Does no IO and reads no clock.
+//!
+//! Each user who presses puts a lock on the reset, and only its owner or root takes it away, as with the padlocks on a switch
+//! (29 CFR 1910.147, lockout by each worker). The user counts and not the connection: `teleopctl estop` ends with its
+//! press, and a page may be closed. The kernel vouches for the user (SO_PEERCRED).
+
+/// Users whose locks are told apart; of more, root alone takes the locks away. As many as there are connections.
+const LOCKS_MAX: usize = crate::merge::CLIENTS_MAX;
+
+/// User number of root.
+const ROOT: u32 = 0;
+
+/// Who may reset an emergency stop that an operator pressed. The robot's own emergency stop is not meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ResetRule {
+    /// Every operator.
+    #[default]
+    Anyone,
+    /// The user who pressed it, and root. If several pressed, each of them.
+    Presser,
+}
+
+/// The locks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Locks {
+    owners: [Option<u32>; LOCKS_MAX],
+    /// More users pressed than are told apart.
+    overflowed: bool,
+}
+
+impl Locks {
+    /// `uid` pressed the stop.
+    pub(crate) fn add(&mut self, uid: u32) {
+        if self.owners.contains(&Some(uid)) {
+            return;
+        }
+        match self.owners.iter_mut().find(|owner| owner.is_none()) {
+            Some(free) => *free = Some(uid),
+            None => self.overflowed = true,
+        }
+    }
+
+    /// `uid` resets: its own lock is gone, and of root all are.
+    pub(crate) fn remove(&mut self, uid: u32) {
+        if uid == ROOT {
+            *self = Self::default();
+        }
+        self.owners.iter_mut().filter(|owner| **owner == Some(uid)).for_each(|owner| *owner = None);
+    }
+
+    /// Whether a reset is admitted.
+    pub(crate) fn are_gone(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// One more than the number of a user whose lock is there; zero if none is. Of too many users, root.
+    pub(crate) fn first_by(&self) -> u32 {
+        let first = self.owners.iter().flatten().next().copied().or(self.overflowed.then_some(ROOT));
+        first.map_or(0, |uid| uid.saturating_add(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANNA: u32 = 1001;
+    const BERT: u32 = 1002;
+
+    #[test]
+    fn each_user_takes_away_their_own_lock_alone() {
+        let mut locks = Locks::default();
+        assert!(locks.are_gone() && locks.first_by() == 0);
+        [ANNA, BERT, ANNA].into_iter().for_each(|uid| locks.add(uid));
+        locks.remove(1003);
+        assert_eq!((locks.are_gone(), locks.first_by()), (false, ANNA + 1));
+        locks.remove(ANNA);
+        assert_eq!((locks.are_gone(), locks.first_by()), (false, BERT + 1), "two presses are one lock");
+        locks.remove(BERT);
+        assert!(locks.are_gone());
+    }
+
+    #[test]
+    fn root_takes_all_locks_away() {
+        let mut locks = Locks::default();
+        [ANNA, BERT].into_iter().for_each(|uid| locks.add(uid));
+        locks.remove(ROOT);
+        assert!(locks.are_gone() && locks.first_by() == 0);
+    }
+
+    #[test]
+    fn of_more_users_than_locks_root_alone_resets() {
+        let mut locks = Locks::default();
+        let users = || 1000..=1000 + LOCKS_MAX as u32;
+        users().for_each(|uid| locks.add(uid));
+        users().for_each(|uid| locks.remove(uid));
+        assert_eq!((locks.are_gone(), locks.first_by()), (false, ROOT + 1));
+        locks.remove(ROOT);
+        assert!(locks.are_gone());
+    }
+}
