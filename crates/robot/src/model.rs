@@ -5,6 +5,7 @@ use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::environment::Obstacle;
 use crate::error::RobotError;
 use crate::file::{Limb, RobotFile};
+use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
 use crate::pose::Pose;
@@ -14,14 +15,30 @@ use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 use urdf_rs::JointType;
 
 /// Largest weight of a task, and the inverse of a joint's smallest: the program stays far from its rounding.
 const WEIGHT_MAX: f64 = 1e3;
 
+/// The two texts that a model was made of, for another reader of them.
+#[derive(Debug)]
+pub struct Texts {
+    /// Name of the robot file, for error messages.
+    pub toml_name: String,
+    /// The robot file.
+    pub toml: String,
+    /// Name of the URDF, for error messages.
+    pub urdf_name: String,
+    /// The URDF.
+    pub urdf: String,
+}
+
 /// Everything about one robot that does not change while it moves.
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// What it was made of.
+    pub texts: Arc<Texts>,
     /// Name, the same in both files.
     pub name: String,
     /// The first 8 bytes of the SHA-256 of both texts: equal hashes, equal robots.
@@ -52,6 +69,8 @@ pub struct Model {
     pub joint_weight: [f64; JOINTS],
     /// What a deviation of a limb's angular velocity by 1 rad/s costs there; 0 leaves the limbs' rotations out.
     pub limb_weight: f64,
+    /// No stop takes longer, s.
+    pub stop_time_max_s: f64,
     /// Commands keep every checked pair at least this far apart, m.
     pub d_min_m: f64,
     /// Measured postures below this clearance are a fault, m.
@@ -68,6 +87,8 @@ pub(crate) struct Link {
     pub(crate) body_from_link: Pose,
     /// In the link's own frame.
     pub(crate) visuals: Vec<Visual>,
+    /// In the link's own frame.
+    pub(crate) inertia: Inertia,
 }
 
 impl Model {
@@ -79,7 +100,13 @@ impl Model {
         let file = RobotFile::parse(toml_name, toml_text)?;
         let tree = Tree::parse(urdf_name, urdf_text)?;
         let source = Source { toml: toml_name, urdf: urdf_name };
-        source.build(file, &tree, hash(toml_text, urdf_text))
+        let texts = Texts {
+            toml_name: toml_name.to_owned(),
+            toml: toml_text.to_owned(),
+            urdf_name: urdf_name.to_owned(),
+            urdf: urdf_text.to_owned(),
+        };
+        source.build(file, &tree, texts)
     }
 }
 
@@ -100,7 +127,7 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    fn build(&self, file: RobotFile, tree: &Tree, hash: u64) -> Result<Model, RobotError> {
+    fn build(&self, file: RobotFile, tree: &Tree, texts: Texts) -> Result<Model, RobotError> {
         let joint_names = file.joints.ordered();
         let at = self.find_joints(&joint_names, tree)?;
         let prismatic = std::array::from_fn(|j| tree.joints[at[j]].kind == JointType::Prismatic);
@@ -129,7 +156,8 @@ impl Source<'_> {
 
         let mut model = Model {
             name: file.name,
-            hash,
+            hash: hash(&texts.toml, &texts.urdf),
+            texts: Arc::new(texts),
             joint_names,
             prismatic,
             limits,
@@ -147,6 +175,7 @@ impl Source<'_> {
                 0.0..=WEIGHT_MAX,
             )?,
             joint_weight,
+            stop_time_max_s: file.limits.stop_time_max_ms * 1e-3,
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
             d_measured_min_m: self
                 .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,
@@ -329,7 +358,8 @@ impl Source<'_> {
         }
         let links = (0..tree.links.len()).map(|link| {
             let (body, body_from_link) = locate(link);
-            Link { name: tree.links[link].clone(), body, body_from_link, visuals: tree.visuals[link].clone() }
+            let (visuals, inertia) = (tree.visuals[link].clone(), tree.inertias[link]);
+            Link { name: tree.links[link].clone(), body, body_from_link, visuals, inertia }
         });
         Ok((frames, links.collect()))
     }

@@ -1,6 +1,7 @@
 //! URDF text to a checked tree of links and joints.
 
 use crate::error::RobotError;
+use crate::inertia::Inertia;
 use crate::pose::Pose;
 use crate::visual::Visual;
 use nalgebra::Vector3;
@@ -38,6 +39,8 @@ pub(crate) struct Tree {
     pub(crate) links: Vec<String>,
     /// What is drawn of each link, in its own frame.
     pub(crate) visuals: Vec<Vec<Visual>>,
+    /// Mass properties of each link, in its own frame.
+    pub(crate) inertias: Vec<Inertia>,
     pub(crate) joints: Vec<UrdfJoint>,
     /// The joint above each link; none above the root.
     pub(crate) joint_above: Vec<Option<usize>>,
@@ -74,7 +77,8 @@ impl Tree {
         }
         let (joint_above, root) = check_tree(file, &links, &joints)?;
         let visuals = robot.links.iter().map(|link| crate::visual::read(&link.visual)).collect();
-        Ok(Self { links, visuals, joints, joint_above, root })
+        let inertias = robot.links.iter().map(|link| crate::inertia::read(file, link)).collect::<Result<_, _>>()?;
+        Ok(Self { links, visuals, inertias, joints, joint_above, root })
     }
 
     /// The joint of that name.

@@ -155,12 +155,15 @@ fn f098_an_override_may_only_tighten() {
     let model = load(&with("velocity_max_m_per_s = 0.05\nposition_max_m = 0.345"), URDF).unwrap();
     assert_eq!((model.limits[0].v_max, model.limits[0].q_max), (0.05, 0.345));
     assert_eq!(model.urdf_limits[0].v_max, 0.07);
-    let joint = |old: &str, new: &str| edit(TOML, "[tighten.arm_left_3_joint]", old, new);
-    let slow = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_rad_per_s2 = 1.0 #");
-    // 0.82 / 1 + 1 / 320 = 0.8 s for joint 3.
-    refused(&slow, URDF, &["arm_left_3_joint", "stop time", "823", "500"]);
-    let strong = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_rad_per_s2 = 8.5 #");
-    refused(&strong, URDF, &["arm_left_3_joint", "acceleration_max_rad_per_s2", "8.5", "at most 8"]);
-    let metres = joint("acceleration_max_rad_per_s2 = ", "acceleration_max_m_per_s2 = 1.0 #");
-    refused(&metres, URDF, &["arm_left_3_joint", "wrong unit"]);
+    let head =
+        |line: &str| edit(TOML, "[tighten.head_2_joint]", "position_min_rad", &format!("{line}\nposition_min_rad"));
+    // 3 / 1 + 1 / 400 = 3.0 s for the head.
+    let slow = head("acceleration_max_rad_per_s2 = 1.0");
+    refused(&slow, URDF, &["head_2_joint", "stop time", "3002", "500"]);
+    let strong = head("acceleration_max_rad_per_s2 = 10.5");
+    refused(&strong, URDF, &["head_2_joint", "acceleration_max_rad_per_s2", "10.5", "at most 10"]);
+    refused(&head("acceleration_max_m_per_s2 = 1.0"), URDF, &["head_2_joint", "wrong unit"]);
+    let one_arm =
+        edit(TOML, "[home_m]", "[home_m]", "[tighten.arm_left_3_joint]\nvelocity_max_rad_per_s = 2.0\n[home_m]");
+    refused(&one_arm, URDF, &["arm_right_3_joint", "velocity max", "left arm"]);
 }

@@ -3,7 +3,8 @@
 use crate::support;
 
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
-use robot::{AllowedReason, Form, Frames};
+use nalgebra::Vector3;
+use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
 use support::{TOML, URDF, load, shipped};
 
@@ -96,10 +97,34 @@ fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
         assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
         assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());
     }
-    // The group's ceiling, tightened for the joint by what its motor can give.
-    assert_eq!((model.limits[1].a_max, model.limits[3].a_max), (10.0, 2.63));
-    assert_eq!((model.limits[3].v_max, model.limits[3].j_max, model.limits[9].j_max), (0.68, 320.0, 400.0));
+    // The arms have the URDF's speeds, and stop within 0.3 s where their motors can give it: v / A + 2 A / J.
+    for (limits, urdf) in model.limits[3..].iter().zip(&model.urdf_limits[3..]) {
+        assert_eq!(limits.v_max, urdf.v_max);
+        let longest_s = limits.v_max / limits.a_max + 2.0 * limits.a_max / limits.j_max;
+        assert!(longest_s <= 0.3, "{longest_s}");
+    }
+    assert_eq!((model.limits[3].v_max, model.limits[5].v_max, model.limits[9].v_max), (1.95, 2.35, 1.76));
     assert!((model.limits[3].q_max - (FRAC_PI_2 - 0.02)).abs() < 1e-15);
+}
+
+/// All links are on some body, and the whole weighs what the URDF's links weigh together.
+#[test]
+fn masses_are_those_of_the_urdf() {
+    let inertias = shipped().inertias();
+    let urdf = urdf_rs::read_from_string(URDF).unwrap();
+    let links: f64 = urdf.links.iter().map(|link| link.inertial.mass.value).sum();
+    let bodies: f64 = inertias.iter().map(|body| body.mass_kg).sum();
+    assert!(links > 70.0 && (bodies - links).abs() < 1e-9, "{bodies} {links}");
+    // The right hand is nearly the mirror image of the left one.
+    let [left, right] = [inertias[10], inertias[17]];
+    assert_eq!(left.mass_kg, right.mass_kg);
+    assert!((left.center.norm() - right.center.norm()).abs() < 3e-3 && left.center.norm() > 0.1, "{left:?} {right:?}");
+    // Two points on one body: a dumb-bell.
+    let half = |x: f64| Inertia::point(1.5, Vector3::new(x, 0.0, 0.0));
+    let both = half(-0.2).join(&half(0.4));
+    assert!(both.mass_kg == 3.0 && (both.center.x - 0.1).abs() < 1e-15);
+    assert!((both.about_center[(1, 1)] - 3.0 * 0.09).abs() < 1e-15 && both.about_center[(0, 0)] == 0.0);
+    assert!((both.about(&Vector3::zeros())[(2, 2)] - 1.5 * (0.04 + 0.16)).abs() < 1e-15);
 }
 
 #[test]

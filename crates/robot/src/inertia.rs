@@ -1,0 +1,97 @@
+//! Masses of the 18 bodies: the inertials of the URDF's links, merged where joints are fixed or held.
+
+use crate::error::RobotError;
+use crate::model::{Link, Model};
+use crate::pose::Pose;
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+
+/// No link of a robot that carries people's arms' motions is heavier, kg.
+const MASS_MAX_KG: f64 = 500.0;
+/// Nor does any turn harder, kg m^2: that mass at 2 m.
+const INERTIA_MAX_KG_M2: f64 = 2_000.0;
+/// 100 m: nothing that is one robot reaches farther.
+const CENTER_MAX_M: f64 = 100.0;
+
+/// Mass properties of a rigid body, in its own frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inertia {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass, m.
+    pub center: Vector3<f64>,
+    /// Inertia about the centre of mass, kg m^2.
+    pub about_center: Matrix3<f64>,
+}
+
+impl Inertia {
+    /// A mass at a point, kg and m.
+    pub fn point(mass_kg: f64, center: Vector3<f64>) -> Self {
+        Self { mass_kg, center, about_center: Matrix3::zeros() }
+    }
+
+    /// Both as one rigid body: centres by mass, inertias by the parallel axis theorem.
+    pub fn join(&self, other: &Self) -> Self {
+        let mass_kg = self.mass_kg + other.mass_kg;
+        let center = if mass_kg > 0.0 {
+            (self.center * self.mass_kg + other.center * other.mass_kg) / mass_kg
+        } else {
+            Vector3::zeros()
+        };
+        Self { mass_kg, center, about_center: self.about(&center) + other.about(&center) }
+    }
+
+    /// Inertia about a point, kg m^2: I + m (r.r 1 - r r^T), r from the point to the centre.
+    pub fn about(&self, point: &Vector3<f64>) -> Matrix3<f64> {
+        let r = self.center - point;
+        self.about_center + (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * self.mass_kg
+    }
+
+    /// The same body seen from a frame in which its own frame is at `pose`.
+    fn seen_from(&self, pose: &Pose) -> Self {
+        let about_center = pose.r * self.about_center * pose.r.transpose();
+        Self { mass_kg: self.mass_kg, center: pose.transform_point(&self.center), about_center }
+    }
+}
+
+/// The inertial of a link in the link's frame; zero where the URDF states none.
+pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotError> {
+    let (inertial, i) = (&link.inertial, &link.inertial.inertia);
+    let refuse = |key: &str, value: f64, bound: String| {
+        let key = format!("link `{}`: {key}", link.name);
+        Err(RobotError::Value { file: file.into(), key, value: value.to_string(), bound })
+    };
+    let mass_kg = inertial.mass.value;
+    if !(0.0..=MASS_MAX_KG).contains(&mass_kg) {
+        return refuse("mass", mass_kg, format!("must be 0 to {MASS_MAX_KG} kg"));
+    }
+    for value in [i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz] {
+        if !(value.abs() <= INERTIA_MAX_KG_M2) {
+            return refuse("inertia", value, format!("at most {INERTIA_MAX_KG_M2} kg m^2 in magnitude"));
+        }
+    }
+    for value in inertial.origin.xyz.iter().chain(inertial.origin.rpy.iter()) {
+        if !(value.abs() <= CENTER_MAX_M) {
+            return refuse("inertial origin", *value, format!("at most {CENTER_MAX_M} in magnitude"));
+        }
+    }
+    let pose = Pose::from_xyz_rpy(*inertial.origin.xyz, *inertial.origin.rpy);
+    let own = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+    Ok(Inertia { mass_kg, center: Vector3::zeros(), about_center: own }.seen_from(&pose))
+}
+
+/// The links' masses on the bodies that carry them.
+pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS + 1] {
+    let mut bodies = [Inertia::default(); JOINTS + 1];
+    for link in links {
+        bodies[link.body] = bodies[link.body].join(&link.inertia.seen_from(&link.body_from_link));
+    }
+    bodies
+}
+
+impl Model {
+    /// Masses of the bodies, each in its own frame; body 0 is the base.
+    pub fn inertias(&self) -> [Inertia; JOINTS + 1] {
+        of_bodies(&self.links)
+    }
+}

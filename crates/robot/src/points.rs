@@ -1,0 +1,30 @@
+//! The points of the arms whose speed is bounded.
+
+use crate::model::Model;
+use messages::{ARM_JOINTS, LEFT_ARM, RIGHT_ARM};
+use nalgebra::Vector3;
+
+/// A point that is fixed to a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedPoint {
+    /// The body: 1 + j moves with joint j.
+    pub body: usize,
+    /// The point in the body's frame, m.
+    pub at: Vector3<f64>,
+}
+
+impl Model {
+    /// Elbow and hand of the left arm, then of the right one. The elbow is where the fore limb begins: the origin of the
+    /// fifth joint. The hand is the end of a capsule on the last joint's body that is farthest from that joint's origin: a
+    /// finger's end. Without such a capsule it is the origin itself.
+    pub fn speed_points(&self) -> [SpeedPoint; 4] {
+        let of_arm = |first: usize| {
+            let (fore, last) = (first + ARM_JOINTS - 2, first + ARM_JOINTS);
+            let ends = self.capsules.iter().filter(|capsule| capsule.body == last).flat_map(|c| [c.a, c.b]);
+            let hand = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
+            [SpeedPoint { body: fore, at: Vector3::zeros() }, SpeedPoint { body: last, at: hand }]
+        };
+        let [left, right] = [LEFT_ARM.start, RIGHT_ARM.start].map(of_arm);
+        [left[0], left[1], right[0], right[1]]
+    }
+}
