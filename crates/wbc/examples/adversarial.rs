@@ -47,7 +47,8 @@ fn main() {
         } else {
             attacker.next(k, state.planned(), &checker);
         }
-        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let target =
+            Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; messages::JOINTS], valid_mask: attacker.valid_mask };
         let input = Input { k, target: Some(target), permit: attacker.permit };
         let began = Instant::now();
         let out = tick(&config, &mut state, Stamp::NONE, input);

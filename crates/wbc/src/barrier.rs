@@ -302,7 +302,7 @@ impl Wish {
     #[inline]
     pub(crate) fn tick(&self, j: f64) -> (JointState, JointStop) {
         let next = self.x.after(j, TICK_S);
-        (next, JointStop::new(next.v, next.a, self.bounds.a_max, self.bounds.j_max))
+        (next, JointStop::new(next.v, next.a, self.bounds.brake, self.bounds.j_max))
     }
 
     /// Where the joint stops after a tick of jerk `j`.

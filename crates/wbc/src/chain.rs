@@ -119,19 +119,23 @@ impl Chain {
         while left != 0 {
             let j = left.trailing_zeros() as usize;
             left &= left - 1;
-            let link = &self.links[j];
-            let parent = out[link.parent];
-            let offset = &link.parent_from_body;
-            out[j + 1] = if link.prismatic {
-                let t = offset.t + offset.r * link.axis * q[j];
-                Placement { r: parent.r * offset.r, t: parent.r * t + parent.t }
-            } else {
-                let turn = &self.turns[j];
-                let (sin, cos) = q[j].sin_cos();
-                let r = turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos);
-                Placement { r: parent.r * r, t: parent.point(&offset.t) }
-            };
+            let parent = out[self.links[j].parent];
+            let (r, t) = self.joint(j, q[j]);
+            out[j + 1] = Placement { r: parent.r * r, t: parent.point(&t) };
         }
+    }
+
+    /// Rotation and origin of the body of joint `j` in its parent's frame at position `q`.
+    #[inline]
+    pub(crate) fn joint(&self, j: usize, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
+        let link = &self.links[j];
+        let offset = &link.parent_from_body;
+        if link.prismatic {
+            return (offset.r, offset.t + offset.r * link.axis * q);
+        }
+        let turn = &self.turns[j];
+        let (sin, cos) = q.sin_cos();
+        (turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos), offset.t)
     }
 
     /// The deepest body that carries both `a` and `b`.

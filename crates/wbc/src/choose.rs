@@ -1,14 +1,17 @@
 //! The decision of one tick: what each joint would like, what it may, and the first candidate that is proved.
 
 use crate::barrier::{Barrier, Program, Wish};
+use crate::brake::Bearing;
 use crate::certificate::{Purpose, Scratch, certify};
 use crate::chain::JointSet;
 use crate::clearance::Anchor;
 use crate::config::Config;
+use crate::dynamics::PerJoint;
 use crate::interval::Bounds;
 use crate::motion::{JointMotion, Motion};
 use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
+use crate::torque::{self, TorqueScratch, joints};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
 use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S, known_bug};
 
@@ -19,8 +22,8 @@ const STEPS: [f64; 2] = [1.0, 0.4];
 /// What a speed may exceed the scale's by without counting as faster: rounding, of which a tick adds 1e-15.
 const SCALE_ROUNDING: f64 = 1e-9;
 
-const LEFT: JointSet = bits(LEFT_ARM.start, LEFT_ARM.end);
-const RIGHT: JointSet = bits(RIGHT_ARM.start, RIGHT_ARM.end);
+pub(crate) const LEFT: JointSet = bits(LEFT_ARM.start, LEFT_ARM.end);
+pub(crate) const RIGHT: JointSet = bits(RIGHT_ARM.start, RIGHT_ARM.end);
 
 const fn bits(from: usize, to: usize) -> JointSet {
     ((1 << to) - 1) & !((1 << from) - 1)
@@ -38,6 +41,9 @@ pub(crate) struct Choice {
     pub(crate) fallbacks: u32,
     /// The pair for which the first motion of this decision that was wanted could not be proved.
     pub(crate) refused: Option<usize>,
+    /// The joint whose torque could not be, in the first motion where that was the reason, and how many there were.
+    pub(crate) overloaded: Option<usize>,
+    pub(crate) overloads: u32,
     pub(crate) evaluations: u32,
 }
 
@@ -50,6 +56,8 @@ impl Choice {
             program: Program::Idle,
             fallbacks: 0,
             refused: None,
+            overloaded: None,
+            overloads: 0,
             evaluations: 0,
         }
     }
@@ -68,19 +76,30 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
     };
     std::array::from_fn(|j| {
         let meant = target.valid_mask & 1 << j != 0;
-        let aim =
-            if meant { JointAim { q: target.q[j], dq: target.dq[j] } } else { JointAim { q: config.home[j], dq: 0.0 } };
+        let aim = if meant {
+            JointAim { q: target.q[j], dq: target.dq[j], ddq: target.ddq[j] }
+        } else {
+            JointAim { q: config.home[j], dq: 0.0, ddq: 0.0 }
+        };
         let degrees = known_bug!(DegreesForOneJoint) && j == LEFT_ARM.start + 1;
         let aim = if degrees { JointAim { q: aim.q.to_radians(), ..aim } } else { aim };
         aim.within(&config.bounds[j])
     })
 }
 
-/// What every joint would like at a share `scale` of its speed; none: it plays its plan.
-fn wishes(config: &Config, before: &Planned, aims: &Aims, scale: f64) -> [Option<Wish>; JOINTS] {
+/// What every joint would like at its share `scales` of its speed; none: it plays its plan.
+fn wishes(
+    config: &Config,
+    before: &Planned,
+    aims: &Aims,
+    scales: &PerJoint,
+    brakes: &PerJoint,
+) -> [Option<Wish>; JOINTS] {
     std::array::from_fn(|j| {
+        let scale = scales[j];
         let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
-        let bounds = relaxed(&config.bounds[j], config.hard_range[j], scale, x, &stop);
+        let nominal = Bounds { brake: brakes[j], ..config.bounds[j] };
+        let bounds = relaxed(&nominal, config.hard_range[j], scale, x, &stop);
         // The speed asked for is what the scale allows, not what the state makes unavoidable.
         let asked = Bounds { v_max: scale * config.bounds[j].v_max, ..config.bounds[j] };
         let fastest = x.v.abs().max(x.coasting_velocity(asked.j_max).abs());
@@ -88,8 +107,14 @@ fn wishes(config: &Config, before: &Planned, aims: &Aims, scale: f64) -> [Option
             // Too fast for a scale that fell, and still gaining: nothing brakes sooner than the plan.
             return None;
         }
-        let velocity = wanted_velocity(x, aims[j]?, &asked)?;
-        let wanted = wanted_jerk(x, velocity, &asked);
+        let aim = aims[j]?;
+        // Towards a far target no faster than it can be stopped there.
+        let approach = Bounds { a_max: brakes[j], ..asked };
+        let Some(velocity) = wanted_velocity(x, aim, &approach) else {
+            // It stays where it rests, unless it has to make room.
+            return (x.v == 0.0 && x.a == 0.0).then_some(Wish { x, bounds, wanted: 0.0, jerk: 0.0 });
+        };
+        let wanted = wanted_jerk(x, velocity, aim.ddq, &asked);
         let jerk = bounds.nearest_admissible(x, wanted)?;
         Some(Wish { x, bounds, wanted, jerk })
     })
@@ -123,53 +148,135 @@ pub(crate) struct Chooser<'a> {
     pub(crate) anchor: &'a Anchor,
     pub(crate) barrier: &'a mut Barrier,
     pub(crate) scratch: &'a mut Scratch,
+    pub(crate) torque: &'a mut TorqueScratch,
 }
 
 impl Chooser<'_> {
     /// The first candidate that is proved: all joints as they wish, changed where a pair is near; at a smaller step;
     /// then each arm alone; then the plan.
     pub(crate) fn choose(&mut self, before: &Planned, on_plan: &Planned, aims: &Aims, scale: f64) -> Choice {
-        let mut wishes = wishes(self.config, before, aims, scale);
-        let mut choice = Choice::plan(*on_plan);
         let plan = Motion::stops(before);
+        self.torque.begin_tick();
+        let load = self.config.load.as_ref();
+        let bearing = load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, before));
+        let nominal = || self.config.bounds.map(|bounds| bounds.brake);
+        let brakes = bearing.as_ref().map_or_else(nominal, |bearing| bearing.brakes(self.config, before));
+        let scales = self.scales(before, aims, bearing.as_ref(), scale);
+        let mut wishes = wishes(self.config, before, aims, &scales, &brakes);
+        let mut choice = Choice::plan(*on_plan);
         if self.config.certificate {
             choice.program = self.barrier.apply(self.config, self.anchor, &plan, &mut wishes);
             if choice.program == Program::Infeasible {
                 return choice;
             }
         }
+        for wish in &mut wishes {
+            *wish = wish.filter(|wish| wish.x.v != 0.0 || wish.x.a != 0.0 || wish.jerk != 0.0);
+        }
+        if let (Some(load), Some(bearing)) = (load, &bearing) {
+            hold_back(load, bearing, on_plan, &mut wishes);
+        }
         let mut first = None;
         for step in STEPS {
             let attempt = Attempt::new(&wishes, &plan, on_plan, ALL_JOINTS, step);
-            let Some(pair) = self.blamed(&mut choice, &attempt) else {
+            if self.too_fast(&mut choice, &attempt) {
+                continue;
+            }
+            let Some(between) = self.blamed(&mut choice, &attempt) else {
                 return choice.taken(&attempt, Candidate::All);
             };
-            first = Some(pair);
+            first = Some(between);
         }
         for (candidate, group) in [(Candidate::Left, LEFT), (Candidate::Right, RIGHT)] {
-            // A pair that failed and that only this group moves would fail again.
-            if first.is_some_and(|pair| self.config.geometry.pairs[pair].between & !group == 0) {
+            // What failed and depends on this group alone would fail again.
+            if first.is_some_and(|between| between & !group == 0) {
                 continue;
             }
             let attempt = Attempt::new(&wishes, &plan, on_plan, group, 1.0);
-            if attempt.fresh != 0 && self.blamed(&mut choice, &attempt).is_none() {
+            if attempt.fresh != 0
+                && !self.too_fast(&mut choice, &attempt)
+                && self.blamed(&mut choice, &attempt).is_none()
+            {
                 return choice.taken(&attempt, candidate);
             }
         }
         choice
     }
 
-    /// The pair for which an attempt could not be proved, if any.
-    fn blamed(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<usize> {
-        if !self.config.certificate {
-            return None;
+    /// Each joint's share of its speed: the scale, or what keeps the bound on elbows and hands if that is less.
+    fn scales(&self, before: &Planned, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
+        let bounds = &self.config.bounds;
+        let scales = bearing.map_or([1.0; JOINTS], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));
+        let Some(hand) = &self.config.hand else { return scales };
+        let wanted: PerJoint = std::array::from_fn(|j| {
+            let asked = Bounds { v_max: scales[j] * bounds[j].v_max, ..bounds[j] };
+            aims[j].and_then(|aim| wanted_velocity(before.joint(j), aim, &asked)).unwrap_or(0.0)
+        });
+        let shares = hand.shares(&self.config.geometry.chain, &self.anchor.placements, &wanted);
+        std::array::from_fn(|j| match shares[j] {
+            1.0 => scales[j],
+            share => share * wanted[j].abs() / bounds[j].v_max,
+        })
+    }
+
+    /// Whether an attempt would have an elbow or a hand too fast.
+    fn too_fast(&self, choice: &mut Choice, attempt: &Attempt) -> bool {
+        let (chain, places) = (&self.config.geometry.chain, &self.anchor.placements);
+        let too_fast = self.config.hand.as_ref().is_some_and(|hand| !hand.is_kept(chain, places, &attempt.motion));
+        choice.fallbacks += u32::from(too_fast);
+        too_fast
+    }
+
+    /// The joints on which depends what could not be proved of an attempt, if anything.
+    fn blamed(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<JointSet> {
+        let overloaded = self.overloaded(choice, attempt);
+        if overloaded.is_some() || !self.config.certificate {
+            return overloaded;
         }
         let Attempt { motion, fresh, .. } = attempt;
         let verdict = certify(&self.config.geometry, motion, Purpose::Decision, *fresh, self.anchor, self.scratch);
         choice.evaluations += verdict.evaluations;
         choice.fallbacks += u32::from(verdict.blamed.is_some());
         choice.refused = choice.refused.or(verdict.blamed);
-        verdict.blamed
+        verdict.blamed.map(|pair| self.config.geometry.pairs[pair].between)
+    }
+
+    /// The joints on which a torque depends that could not be proved, if any.
+    fn overloaded(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<JointSet> {
+        let load = self.config.load.as_ref()?;
+        let Attempt { motion, fresh, .. } = attempt;
+        // A gentle brake may not make a stop longer than was promised.
+        let late = joints(*fresh).find(|&j| motion.joints[j].end_s() > self.config.stop_time_max_s + TICK_S);
+        let verdict = late.or_else(|| {
+            let verdict = torque::prove(load, &self.config.geometry.chain, motion, *fresh, self.torque);
+            choice.evaluations += verdict.evaluations;
+            verdict.blamed
+        });
+        choice.fallbacks += u32::from(verdict.is_some());
+        choice.overloads += u32::from(verdict.is_some());
+        choice.overloaded = choice.overloaded.or(verdict);
+        verdict.map(|j| load.related(j))
+    }
+}
+
+/// Takes the accelerations of each arm's wishes back to what its motors can give.
+fn hold_back(load: &torque::Load, bearing: &Bearing, on_plan: &Planned, wishes: &mut [Option<Wish>; JOINTS]) {
+    let mut wished = on_plan.a;
+    for j in 0..JOINTS {
+        if let Some(wish) = &wishes[j] {
+            wished[j] = wish.x.a + wish.jerk * TICK_S;
+        }
+    }
+    for arm in [LEFT, RIGHT] {
+        let share = bearing.step(load, arm, &on_plan.a, &wished);
+        if share >= 1.0 {
+            continue;
+        }
+        for j in joints(arm) {
+            if let Some(wish) = &mut wishes[j] {
+                wish.jerk = stepped(wish, on_plan.a[j], share).unwrap_or(wish.jerk);
+            }
+        }
     }
 }
 

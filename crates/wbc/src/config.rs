@@ -1,9 +1,12 @@
 //! What the stage is built from: limits with the planning margin, the collision model, and the switches of the tests.
 
-use crate::chain::Chain;
+use crate::chain::{BODIES, Chain};
+use crate::dynamics::Mass;
 use crate::geometry::{BodyCapsule, Geometry};
+use crate::hand::HandSpeed;
 use crate::interface::Interface;
 use crate::interval::Bounds;
+use crate::torque::Load;
 use messages::{JOINTS, known_bug};
 use robot::Solid;
 use thiserror::Error;
@@ -81,6 +84,19 @@ pub enum WbcError {
         /// The bound.
         bound: f64,
     },
+    /// A bound on the speed of hands that leaves no motion.
+    #[error("hand speed = {0} m/s, must be finite and above zero")]
+    HandSpeed(f64),
+    /// Masses or motors that no proof can be made with.
+    #[error("body of joint {joint}: {what} = {value}, must be finite and not below zero")]
+    Mass {
+        /// Index of the joint that the body moves with.
+        joint: usize,
+        /// Which figure.
+        what: &'static str,
+        /// Its value, SI.
+        value: f64,
+    },
     /// The distance to keep is not a positive length.
     #[error("d_min_m = {0}, must be finite and above zero")]
     Clearance(f64),
@@ -90,12 +106,14 @@ pub enum WbcError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     certificate: bool,
+    torque: bool,
     interface: Interface,
+    hand_speed_m_per_s: Option<f64>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { certificate: true, interface: Interface::default() }
+        Self { certificate: true, torque: true, interface: Interface::default(), hand_speed_m_per_s: None }
     }
 }
 
@@ -105,9 +123,23 @@ impl Options {
         Self { certificate: false, ..Self::default() }
     }
 
+    /// Without the proof of torques, so that a test can show that it is what keeps motors from being overloaded.
+    pub fn without_torque_for_tests() -> Self {
+        Self { torque: false, ..Self::default() }
+    }
+
     /// For a robot that executes the commands through `interface`.
     pub fn interface(self, interface: Interface) -> Self {
         Self { interface, ..self }
+    }
+
+    /// Elbows and hands no faster than this in the base frame, m/s.
+    pub fn hand_speed_m_per_s(self, max: f64) -> Self {
+        Self { hand_speed_m_per_s: Some(max), ..self }
+    }
+
+    pub(crate) fn hand_speed(&self) -> Option<f64> {
+        self.hand_speed_m_per_s
     }
 }
 
@@ -138,6 +170,12 @@ pub struct Config {
     pub(crate) geometry: Geometry,
     pub(crate) tasks: Tasks,
     pub(crate) certificate: bool,
+    /// Masses and motors; none if nothing is to be proved of them.
+    pub(crate) load: Option<Load>,
+    /// No stop takes longer, s.
+    pub(crate) stop_time_max_s: f64,
+    /// The bound on elbows and hands; none if no motion within the limits could break it.
+    pub(crate) hand: Option<HandSpeed>,
 }
 
 /// The parts of a robot that the stage needs, SI units.
@@ -159,6 +197,12 @@ pub struct Parts {
     pub d_min_m: f64,
     /// What deviations cost.
     pub tasks: Tasks,
+    /// Masses of the bodies; the base's does not matter.
+    pub masses: [Mass; BODIES],
+    /// Largest torque or force of each motor, N m or N; infinite where it does not matter.
+    pub effort_max: [f64; JOINTS],
+    /// No stop takes longer, s.
+    pub stop_time_max_s: f64,
 }
 
 impl Config {
@@ -170,19 +214,25 @@ impl Config {
         if !(parts.d_min_m.is_finite() && parts.d_min_m > 0.0) {
             return Err(WbcError::Clearance(parts.d_min_m));
         }
+        check_masses(&parts.masses, &parts.effort_max)?;
         let bounds = parts.limits.map(|l| Bounds {
             q_min: if known_bug!(MirroredLimits) { -l.q_max } else { l.q_min } + POSITION_INSET,
             q_max: l.q_max - POSITION_INSET,
             v_max: PLANNED_SHARE * l.v_max,
             a_max: PLANNED_SHARE * l.a_max,
+            brake: PLANNED_SHARE * l.brake,
             j_max: PLANNED_SHARE * l.j_max,
         });
         let next = |j: usize| bounds[(j + usize::from(known_bug!(NeighbourVelocityLimit))) % JOINTS].v_max;
         let bounds = std::array::from_fn(|j| Bounds { v_max: next(j), ..bounds[j] });
         let unit = if known_bug!(ClearanceInMillimetres) { 1e-3 } else { 1.0 };
         let d_min_m = unit * parts.d_min_m + CLEARANCE_INSET_M;
+        let load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
+        let load = (options.torque && !known_bug!(TorqueUnchecked)).then_some(load);
         Ok(Self {
             bounds,
+            load,
+            stop_time_max_s: parts.stop_time_max_s,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
             home: parts.home,
             geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
@@ -190,6 +240,7 @@ impl Config {
                 .with_interface(&options.interface, &parts.limits)?,
             tasks: parts.tasks,
             certificate: options.certificate,
+            hand: None,
         })
     }
 
@@ -205,8 +256,25 @@ impl Config {
     }
 }
 
+fn check_masses(masses: &[Mass; BODIES], effort_max: &[f64; JOINTS]) -> Result<(), WbcError> {
+    for (joint, (mass, effort)) in masses[1..].iter().zip(effort_max).enumerate() {
+        let refuse = |what, value| Err(WbcError::Mass { joint, what, value });
+        if !(mass.mass_kg.is_finite() && mass.mass_kg >= 0.0) {
+            return refuse("mass_kg", mass.mass_kg);
+        }
+        let figures = mass.center.iter().chain(mass.about_center.iter());
+        if let Some(&value) = figures.clone().find(|value| !value.is_finite()) {
+            return refuse("centre or inertia", value);
+        }
+        if effort.is_nan() || *effort <= 0.0 {
+            return refuse("effort_max", *effort);
+        }
+    }
+    Ok(())
+}
+
 fn check_limits(joint: usize, l: &Bounds, home: f64) -> Result<(), WbcError> {
-    for (limit, value) in [("v_max", l.v_max), ("a_max", l.a_max), ("j_max", l.j_max)] {
+    for (limit, value) in [("v_max", l.v_max), ("a_max", l.a_max), ("brake", l.brake), ("j_max", l.j_max)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(WbcError::Limit { joint, limit, value });
         }

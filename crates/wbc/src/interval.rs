@@ -28,6 +28,8 @@ pub struct Bounds {
     pub v_max: f64,
     /// Largest magnitude of acceleration.
     pub a_max: f64,
+    /// Largest magnitude of acceleration with which a stop brakes, at most `a_max`.
+    pub brake: f64,
     /// Largest magnitude of jerk.
     pub j_max: f64,
 }
@@ -102,13 +104,13 @@ impl Bounds {
         if x.a > 0.0 && next.a < 0.0 && x.v - x.a * x.a / (2.0 * j) > self.v_max {
             return false;
         }
-        // No speed on the way exceeds v_max, and no stop takes longer than V / A + 3 A / J, so far from the limit
+        // No speed on the way exceeds v_max, and no stop takes longer than V / brake + 3 A / J, so far from the limit
         // the stop need not be computed.
-        let longest_s = TICK_S + self.v_max / self.a_max + 3.0 * self.a_max / self.j_max;
+        let longest_s = TICK_S + self.v_max / self.brake + 3.0 * self.a_max / self.j_max;
         if x.q + self.v_max * longest_s < self.q_max {
             return true;
         }
         let (in_tick, _) = highest_of_phase(x, j, TICK_S);
-        in_tick <= self.q_max && JointStop::new(next.v, next.a, self.a_max, self.j_max).highest(next) <= self.q_max
+        in_tick <= self.q_max && JointStop::new(next.v, next.a, self.brake, self.j_max).highest(next) <= self.q_max
     }
 }

@@ -2,10 +2,12 @@
 
 use crate::chain::{Chain, Link, Placement};
 use crate::config::{Config, Options, Parts, Tasks, WbcError};
+use crate::dynamics::Mass;
 use crate::geometry::BodyCapsule;
+use crate::hand::HandSpeed;
 use crate::interval::Bounds;
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
-use robot::{Frames, Model};
+use robot::{Frames, Inertia, Model};
 
 /// Largest disagreement of this crate's kinematics with the model's, m and entries of rotations: rounding of a chain of
 /// eight joints is below 1e-14.
@@ -16,7 +18,14 @@ impl Config {
     pub fn new(model: &Model, options: Options) -> Result<Self, WbcError> {
         let parts = Parts::of(model)?;
         check_kinematics(model, &parts.chain)?;
-        Self::from_parts(parts, options)
+        let limits = parts.limits;
+        let config = Self::from_parts(parts, options)?;
+        let Some(max) = options.hand_speed() else { return Ok(config) };
+        if !(max.is_finite() && max > 0.0) {
+            return Err(WbcError::HandSpeed(max));
+        }
+        let points = model.speed_points().into_iter().map(|point| (point.body, point.at));
+        Ok(Self { hand: HandSpeed::new(&config.geometry.chain, &limits, points, max), ..config })
     }
 }
 
@@ -28,6 +37,7 @@ impl Parts {
             q_max: l.q_max,
             v_max: l.v_max,
             a_max: l.a_max,
+            brake: l.a_max,
             j_max: l.j_max,
         });
         let links = std::array::from_fn(|j| {
@@ -41,6 +51,7 @@ impl Parts {
             }
         });
         let capsule = |c: &robot::Capsule| BodyCapsule { body: c.body, a: c.a, b: c.b, radius_m: c.radius_m };
+        let mass = |i: Inertia| Mass { mass_kg: i.mass_kg, center: i.center, about_center: i.about_center };
         Ok(Self {
             chain: Chain::new(links)?,
             limits,
@@ -50,6 +61,9 @@ impl Parts {
             obstacles: model.obstacles.iter().map(|obstacle| obstacle.solid).collect(),
             d_min_m: model.d_min_m,
             tasks: Tasks::of(model),
+            masses: model.inertias().map(mass),
+            effort_max: model.limits.each_ref().map(|l| l.effort_max),
+            stop_time_max_s: model.stop_time_max_s,
         })
     }
 }

@@ -34,6 +34,26 @@ pub struct Swing {
     pub path: f64,
 }
 
+/// Bounds of one joint over a segment of time, with what its acceleration does beside its chord there; rad or m, and
+/// seconds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arc {
+    /// Largest speed.
+    pub v: f64,
+    /// Largest magnitude of acceleration.
+    pub a: f64,
+    /// Largest magnitude of jerk.
+    pub jerk: f64,
+    /// Largest magnitude of the acceleration's chord.
+    pub chord: f64,
+    /// Magnitude of the chord's slope.
+    pub slope: f64,
+    /// How far the acceleration leaves its chord.
+    pub kink: f64,
+    /// Where it does, s.
+    pub kink_t: f64,
+}
+
 impl JointMotion {
     /// A tick of jerk `j` from `x`, then `stop`.
     pub fn tick_then_stop(x: JointState, j: f64, stop: &JointStop) -> Self {
@@ -105,6 +125,44 @@ impl JointMotion {
         let dt = t1 - t0;
         let v = x0.v.abs().max(x1.v.abs()) + (a * dt / 2.0).min(self.jerk_max * dt * dt / 8.0);
         Swing { v, a, path: v * dt }
+    }
+
+    /// Bounds over [t0, t1], with `x0` and `x1` the states at its ends: see [`swing`](Self::swing). The acceleration leaves
+    /// its chord most at a knot.
+    #[inline]
+    pub fn arc(&self, t0: f64, t1: f64, x0: JointState, x1: JointState) -> Arc {
+        let dt = t1 - t0;
+        let slope = (x1.a - x0.a) / dt;
+        let (mut a, mut jerk) = (x0.a.abs().max(x1.a.abs()), 0.0_f64);
+        let (mut kink, mut kink_t) = (0.0, t0);
+        for (i, knot) in self.knots[..self.len].iter().enumerate() {
+            if knot.t > t0 && knot.t < t1 {
+                a = a.max(knot.x.a.abs());
+                let off = (knot.x.a - x0.a - slope * (knot.t - t0)).abs();
+                if off > kink {
+                    (kink, kink_t) = (off, knot.t);
+                }
+            }
+            let until = if i + 1 < self.len { self.knots[i + 1].t } else { f64::INFINITY };
+            if knot.t < t1 && until > t0 {
+                jerk = jerk.max(knot.jerk.abs());
+            }
+        }
+        let v = x0.v.abs().max(x1.v.abs()) + (a * dt / 2.0).min(jerk * dt * dt / 8.0);
+        Arc { v, a, jerk, chord: x0.a.abs().max(x1.a.abs()), slope: slope.abs(), kink, kink_t }
+    }
+
+    /// The largest speed on the way: at the ends of the pieces, or inside one where its acceleration vanishes.
+    pub fn fastest(&self) -> f64 {
+        let mut fastest = 0.0_f64;
+        for (i, knot) in self.knots[..self.len].iter().enumerate() {
+            fastest = fastest.max(knot.x.v.abs());
+            let turn = -knot.x.a / knot.jerk;
+            if i + 1 < self.len && turn > 0.0 && turn < self.knots[i + 1].t - knot.t {
+                fastest = fastest.max(knot.x.after(knot.jerk, turn).v.abs());
+            }
+        }
+        fastest
     }
 
     /// Length of the whole path to rest. In a piece whose velocity keeps its sign it is |q1 - q0|; a piece is split

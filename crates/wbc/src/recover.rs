@@ -21,11 +21,13 @@ use crate::choose::Choice;
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M, PLANNED_SHARE};
 use crate::geometry::Geometry;
+use crate::hand::HandSpeed;
 use crate::motion::{JointMotion, Motion};
 use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
+use crate::torque::{self, TorqueScratch};
 use messages::{ALL_JOINTS, JOINTS, TICK_S, known_bug};
 use robot::Solid;
 
@@ -100,20 +102,42 @@ impl Recovery {
     pub(crate) fn choose(
         &mut self,
         config: &Config,
-        scratch: &mut Scratch,
+        (scratch, torque): (&mut Scratch, &mut TorqueScratch),
         anchor: &Anchor,
         before: &Planned,
         on_plan: &Planned,
     ) -> Choice {
         let mut choice = Choice::plan(*on_plan);
+        torque.begin_tick();
         let reach = reach(config, before);
-        let Some(wanted) = self.velocities(config, anchor, &reach) else { return choice };
+        let Some(mut wanted) = self.velocities(config, anchor, &reach) else { return choice };
+        let (chain, places) = (&config.geometry.chain, &anchor.placements);
+        if let Some(hand) = &config.hand {
+            let shares = hand.shares(chain, places, &wanted);
+            wanted = std::array::from_fn(|j| shares[j] * wanted[j]);
+        }
         for share in SHARES {
             let Some(attempt) = Attempt::new(config, &reach, before, on_plan, &wanted.map(|v| share * v)) else {
                 continue;
             };
+            let slow = |hand: &HandSpeed| hand.is_kept(chain, places, &attempt.motion);
+            if !config.hand.as_ref().is_none_or(slow) {
+                choice.fallbacks += 1;
+                continue;
+            }
             if attempt.fresh == 0 || !self.only_opens(&config.geometry, anchor, &attempt.motion) {
                 choice.fallbacks += 1;
+                continue;
+            }
+            let overloaded = config.load.as_ref().and_then(|load| {
+                let verdict = torque::prove(load, chain, &attempt.motion, attempt.fresh, torque);
+                choice.evaluations += verdict.evaluations;
+                verdict.blamed
+            });
+            if overloaded.is_some() {
+                choice.fallbacks += 1;
+                choice.overloads += 1;
+                choice.overloaded = choice.overloaded.or(overloaded);
                 continue;
             }
             let verdict = certify(&config.geometry, &attempt.motion, Purpose::Recovery, attempt.fresh, anchor, scratch);

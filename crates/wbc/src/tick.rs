@@ -6,9 +6,11 @@ use crate::certificate::{Purpose, Scratch, Verdict, certify};
 use crate::choose::{Aims, Choice, Chooser, aims};
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M};
+use crate::dynamics::PerJoint;
 use crate::motion::Motion;
-use crate::plan::Planned;
+use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
+use crate::torque::{self, TorqueScratch, TorqueVerdict};
 use messages::{ALL_JOINTS, JOINTS, Stamp, StopPlan, TICK_S, known_bug};
 
 /// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
@@ -21,6 +23,8 @@ pub struct Target<'a> {
     pub q: &'a [f64; JOINTS],
     /// Velocities, rad/s or m/s.
     pub dq: &'a [f64; JOINTS],
+    /// Accelerations of the way that is followed, rad/s^2 or m/s^2; zero where none is known.
+    pub ddq: &'a [f64; JOINTS],
     /// Bit j: joint j is meant; the others go to the home posture.
     pub valid_mask: u32,
 }
@@ -96,7 +100,11 @@ pub struct Output {
     pub fallbacks: u32,
     /// The pair for which the first of them could not be, as `nearest_pair`.
     pub refused_pair: Option<[u32; 2]>,
-    /// Evaluations of the kinematics.
+    /// Motions among them whose torques could not be proved, and the joint of the first.
+    pub overloads: u32,
+    /// See `overloads`.
+    pub overloaded_joint: Option<u32>,
+    /// Evaluations of the kinematics and of the dynamics.
     pub evaluations: u32,
 }
 
@@ -108,6 +116,7 @@ pub struct State {
     barrier: Barrier,
     recovery: Recovery,
     scratch: Scratch,
+    torque: TorqueScratch,
 }
 
 impl State {
@@ -119,6 +128,7 @@ impl State {
             barrier: Barrier::new(&config.geometry, q),
             recovery: Recovery::new(&config.geometry, q),
             scratch: Scratch::new(&config.geometry),
+            torque: TorqueScratch::new(),
         }
     }
 
@@ -143,14 +153,14 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
     let aims = aims(config, &input);
     let choice = match input.permit {
         Permit::Follow { speed_scale } if speed_scale > 0.0 => {
-            let State { planned, anchor, barrier, scratch, .. } = state;
-            let mut chooser = Chooser { config, anchor, barrier, scratch };
+            let State { planned, anchor, barrier, scratch, torque, .. } = state;
+            let mut chooser = Chooser { config, anchor, barrier, scratch, torque };
             let speed_scale = if known_bug!(ScaleIgnored) { 1.0 } else { speed_scale };
             chooser.choose(planned, &on_plan, &aims, speed_scale.min(1.0))
         }
         Permit::Recover => {
-            let State { planned, anchor, recovery, scratch, .. } = state;
-            recovery.choose(config, scratch, anchor, planned, &on_plan)
+            let State { planned, anchor, recovery, scratch, torque, .. } = state;
+            recovery.choose(config, (scratch, torque), anchor, planned, &on_plan)
         }
         Permit::Follow { .. } | Permit::Stop => Choice::plan(on_plan),
     };
@@ -172,6 +182,32 @@ pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
     certify(&config.geometry, &Motion::stops(planned), Purpose::Decision, ALL_JOINTS, &anchor, &mut scratch)
+}
+
+/// The joint that asks for more than its share of the effort limit to hold `q` at rest, if any, with its torque and the
+/// limit, N m or N.
+pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
+    let load = config.load.as_ref()?;
+    let still = Planned::at_rest(*q);
+    let torques = load.torques(&config.geometry.chain, &std::array::from_fn(|j| still.joint(j)));
+    let over = (0..JOINTS).find(|&j| {
+        let kept = torques[j].abs() <= load.limit[j];
+        !kept
+    })?;
+    Some((over, torques[over], load.limit[over]))
+}
+
+/// Torques of the links in a motion (rad, m, and seconds), N m or N; none of a configuration that proves nothing of them.
+pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Option<PerJoint> {
+    let x = std::array::from_fn(|j| JointState { q: q[j], v: v[j], a: a[j] });
+    config.load.as_ref().map(|load| load.torques(&config.geometry.chain, &x))
+}
+
+/// Whether the torques of a plan are proved to keep their limits from now to rest, whatever it was made by.
+pub fn certify_torque(config: &Config, planned: &Planned) -> TorqueVerdict {
+    let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
+    let mut scratch = TorqueScratch::new();
+    torque::prove(load, &config.geometry.chain, &Motion::stops(planned), ALL_JOINTS, &mut scratch)
 }
 
 fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {
@@ -200,6 +236,8 @@ fn output(config: &Config, state: &State, choice: &Choice, aims: &Aims) -> Outpu
         program: choice.program,
         fallbacks: choice.fallbacks,
         refused_pair: choice.refused.map(|pair| config.geometry.pair(pair).map(|capsule| capsule as u32)),
+        overloads: choice.overloads,
+        overloaded_joint: choice.overloaded.map(|j| j as u32),
         evaluations: choice.evaluations,
     }
 }

@@ -1,12 +1,12 @@
 //! The tracking law: which jerk a joint would like to take.
 //!
-//! With e = target - q, A the acceleration it may use and v_ff the target's velocity:
+//! With e = target - q, A the acceleration it may use, v_ff and a_ff the target's velocity and acceleration:
 //!
 //! ```text
 //! e0    = 0.55 A / 30^2
 //! v_fb  = 30 e                                   for |e| <= e0
 //!         sgn(e) sqrt(1.1 A (|e| - e0 / 2))      beyond: the speed from which 0.55 A stops at the target
-//! a_ref = 90 (v_ff + v_fb - v),                  jerk = (a_ref - a) / h
+//! a_ref = a_ff + 90 (v_ff + v_fb - v),           jerk = (a_ref - a) / h
 //! ```
 //!
 //! Both branches meet at e0 with the same slope. Near the target the joint is a second-order system with
@@ -37,17 +37,19 @@ pub struct JointAim {
     pub q: f64,
     /// Velocity, rad/s or m/s.
     pub dq: f64,
+    /// Acceleration, rad/s^2 or m/s^2.
+    pub ddq: f64,
 }
 
 impl JointAim {
     /// The aim within the joint's position limits: at a limit it does not point further out. None unless it is finite.
     pub fn within(self, bounds: &Bounds) -> Option<Self> {
-        if !self.q.is_finite() || !self.dq.is_finite() {
+        if !self.q.is_finite() || !self.dq.is_finite() || !self.ddq.is_finite() {
             return None;
         }
         let q = self.q.clamp(bounds.q_min, bounds.q_max);
         let outward = (self.q - q) * self.dq > 0.0;
-        Some(Self { q, dq: if outward { 0.0 } else { self.dq } })
+        Some(if outward { Self { q, dq: 0.0, ddq: 0.0 } } else { Self { q, ..self } })
     }
 }
 
@@ -69,7 +71,7 @@ pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<
 }
 
 /// The jerk towards a wanted velocity, rad/s^3 or m/s^3, not yet limited.
-pub fn wanted_jerk(x: JointState, velocity: f64, bounds: &Bounds) -> f64 {
-    let a_ref = (VELOCITY_GAIN_PER_S * (velocity - x.v)).clamp(-bounds.a_max, bounds.a_max);
+pub fn wanted_jerk(x: JointState, velocity: f64, acceleration: f64, bounds: &Bounds) -> f64 {
+    let a_ref = (acceleration + VELOCITY_GAIN_PER_S * (velocity - x.v)).clamp(-bounds.a_max, bounds.a_max);
     (a_ref - x.a) / TICK_S
 }

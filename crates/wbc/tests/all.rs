@@ -2,6 +2,7 @@
 
 mod attack;
 mod curve;
+mod hand;
 mod interface;
 mod interval;
 mod qp;
@@ -10,3 +11,4 @@ mod rollout;
 mod slide;
 mod support;
 mod swing;
+mod torque;

@@ -43,7 +43,8 @@ fn ten_thousand_ticks_allocate_nothing() {
     let mut in_ticks = 0;
     for k in 0..10_000 {
         attacker.next(k, state.planned(), &checker);
-        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let target =
+            Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; messages::JOINTS], valid_mask: attacker.valid_mask };
         let input = Input { k, target: Some(target), permit: attacker.permit };
         let before = COUNT.with(Cell::get);
         tick(&config, &mut state, Stamp::NONE, input);

@@ -17,7 +17,7 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
     let mut attacker = Attacker::new(subject, seed);
     for k in 0..ticks {
         attacker.next(k, state.planned(), &checker);
-        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let target = Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; JOINTS], valid_mask: attacker.valid_mask };
         let input = Input { k, target: Some(target), permit: attacker.permit };
         let out = tick(config, &mut state, Stamp::NONE, input);
         checker.command(k, &out, k.is_multiple_of(dense));
@@ -106,7 +106,7 @@ fn smooth_motion_in_the_open_is_tracked_and_not_altered() {
     let (mut squares, mut count) = (0.0, 0.0);
     for k in 0..9000 {
         let (q, dq) = wave(k as f64 * TICK_S);
-        let target = Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+        let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
         let input = Input { k, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
         let [with, without] = [0, 1].map(|i| tick(&configs[i], &mut states[i], Stamp::NONE, input));
         assert_eq!(with.candidate, Candidate::All);
@@ -131,7 +131,12 @@ fn a_scaled_speed_is_never_exceeded_from_rest() {
     let mut fastest = 0.0_f64;
     for k in 0..1500 {
         let q = limits().map(|l| rng.random_range(l.q_min..=l.q_max));
-        let target = Target { q: if k % 300 < 150 { &q } else { &home() }, dq: &[5.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = Target {
+            q: if k % 300 < 150 { &q } else { &home() },
+            dq: &[5.0; JOINTS],
+            ddq: &[0.0; JOINTS],
+            valid_mask: ALL_JOINTS,
+        };
         let permit = Permit::Follow { speed_scale: 0.05 };
         let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit });
         for (j, l) in limits().iter().enumerate() {
@@ -149,14 +154,14 @@ fn f033_nonsense_holds_and_a_stop_ends_in_exact_rest() {
     let (mut q, dq) = (home(), [0.0; JOINTS]);
     q[5] += 1.0;
     let follow = Permit::Follow { speed_scale: 1.0 };
-    let good = Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+    let good = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     for k in 0..300 {
         tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(good), permit: follow });
     }
     assert!(state.planned().v[5].abs() > 0.5, "moving before the nonsense");
     let expected = state.planned().rest_posture();
     let bad = [f64::NAN; JOINTS];
-    let nonsense = Target { q: &bad, dq: &bad, valid_mask: ALL_JOINTS };
+    let nonsense = Target { q: &bad, dq: &bad, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     let endings = [
         Input { k: 0, target: Some(nonsense), permit: follow },
         Input { k: 0, target: None, permit: follow },
@@ -181,7 +186,7 @@ fn a_target_that_stands_still_is_reached_to_exact_rest() {
     let mut q = home();
     q[4] += 0.3;
     q[12] -= 0.2;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS & !(1 << 8) };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS & !(1 << 8) };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..3000 {
@@ -199,7 +204,7 @@ fn a_blocked_arm_leaves_the_other_free() {
     // The left hand into the chest.
     (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
     q[13] += 0.5;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..6000 {
@@ -217,7 +222,7 @@ fn a_reseeded_state_continues_the_plan_it_is_given() {
     let mut state = State::at_rest(&config, home());
     let mut q = home();
     q[5] += 1.0;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     for _ in 0..300 {
         tick(&config, &mut state, Stamp::NONE, input);

@@ -64,7 +64,7 @@ impl Trace {
         let mut trace = vec![*state.planned()];
         for k in 0..TICKS {
             let (q, dq, valid_mask, permit) = wish(k, state.planned(), &checker);
-            let target = Target { q: &q, dq: &dq, valid_mask };
+            let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask };
             let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit });
             checker.command(k, &out, false);
             trace.push(*state.planned());
@@ -166,7 +166,7 @@ fn without_it_what_is_executed_comes_closer() {
         });
         let least = least.fold(f64::INFINITY, f64::min);
         println!("without skew in the certificate: executed {:.3} mm", least * 1e3);
-        assert!(least < D_MIN_M - 1e-3, "{least} m: the test cannot fail");
+        assert!(least < D_MIN_M - 3e-4, "{least} m: the test cannot fail");
     }
 }
 

@@ -41,7 +41,7 @@ fn plans(model: &Model, seed: u64, ticks: u64, count: usize) -> Vec<Planned> {
     let mut plans = Vec::new();
     for k in 0..ticks {
         attacker.next(k, state.planned(), &checker);
-        let target = Target { q: &attacker.q, dq: &attacker.dq, valid_mask: attacker.valid_mask };
+        let target = Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; JOINTS], valid_mask: attacker.valid_mask };
         tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit: attacker.permit });
         if rng.random_range(0..ticks) < count as u64 {
             plans.push(*state.planned());

@@ -11,7 +11,7 @@ const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
 const D_MIN_M: f64 = 0.01;
 /// Fast and hardly braked: nearly all of the acceleration is centripetal, so B is nearly attained.
-const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, j_max: 4000.0 };
+const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, brake: 20.0, j_max: 4000.0 };
 
 /// Joint 0 turns a carrier, joint 1 on it swings a ball about the same kind of axis; the post stands on body `post`.
 fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
@@ -34,6 +34,9 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
         tasks: wbc::Tasks::JOINTS_ALIKE,
+        masses: [wbc::dynamics::Mass::default(); JOINTS + 1],
+        effort_max: [f64::INFINITY; JOINTS],
+        stop_time_max_s: 0.5,
     };
     Config::from_parts(parts, Options::default()).unwrap()
 }

@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use std::path::Path;
 use std::rc::Rc;
 use wbc::chain::{Chain, Link, Placement};
+use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
 use wbc::{Config, Options, Parts, Tasks};
@@ -47,7 +48,7 @@ pub fn joint_rows() -> [JointRow; JOINTS] {
 
 /// Limits in joint order.
 pub fn limits() -> [Bounds; JOINTS] {
-    let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds { q_min, q_max, v_max, a_max, j_max };
+    let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds { q_min, q_max, v_max, a_max, brake: a_max, j_max };
     let arm = [
         bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
         bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
@@ -151,6 +152,9 @@ pub fn parts() -> Parts {
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
         tasks: Tasks::JOINTS_ALIKE,
+        masses: [Mass::default(); JOINTS + 1],
+        effort_max: [f64::INFINITY; JOINTS],
+        stop_time_max_s: 0.5,
     }
 }
 

@@ -1,0 +1,143 @@
+//! How hard an arm may brake and accelerate where its motors have little to spare: a proposal, which the proof of
+//! [`torque`](crate::torque) judges.
+//!
+//! A stop that brakes with all that the limits allow asks of joint j, beside what carries the arm, h_j, at most
+//!
+//! ```text
+//! e_j = sum_k max(0, +-M_jk p_k),    p_k = min(A_k, sqrt(J_k |c_k|)) against the coasting velocity c_k
+//! ```
+//!
+//! whichever of the joints brake at a time. So the share b = (limit_j - |h_j|) / e_j of it, the least of all joints, is what
+//! the arm can brake with. h is taken where the robot is, moving and at rest, and where its plan comes to rest. A gentler
+//! stop takes longer; none may take longer than the robot file says, so no brake is gentler than that, and no joint is asked
+//! to be faster than it could be stopped with the share.
+//!
+//! Accelerations are held back in the same way: of the step from the plan's to the wished ones the share is taken that
+//! keeps h + M a within the limits.
+
+use crate::chain::{JointSet, Placements};
+use crate::choose::{LEFT, RIGHT};
+use crate::config::Config;
+use crate::dynamics::PerJoint;
+use crate::plan::{JointState, Planned};
+use crate::torque::{Load, joints};
+use messages::{JOINTS, TICK_S};
+
+/// Share of the limits that is planned with: what M and h change on the way, and what a bound between samples adds.
+const PLANNED: f64 = 0.95;
+/// Share of the longest stop that is planned with: a tick passes until it begins.
+const PLANNED_TIME: f64 = 0.98;
+/// The gentlest brake, as a share of the acceleration limit, whatever the motors can give: a joint that stands can start.
+const GENTLEST: f64 = 0.05;
+
+/// What the motors bear in the state before a tick.
+#[derive(Clone, Debug)]
+pub(crate) struct Bearing {
+    matrix: [PerJoint; JOINTS],
+    /// h: in motion, at rest here, and where the plan ends.
+    moving: PerJoint,
+    still: PerJoint,
+    ended: PerJoint,
+    /// The share of the brake that each joint's arm can have.
+    share: PerJoint,
+    /// The deceleration that each joint's stop reaches if nothing holds it back.
+    peak: PerJoint,
+}
+
+fn resting(q: &PerJoint) -> [JointState; JOINTS] {
+    std::array::from_fn(|j| JointState { q: q[j], v: 0.0, a: 0.0 })
+}
+
+impl Bearing {
+    pub(crate) fn new(config: &Config, load: &Load, places: &Placements, before: &Planned) -> Self {
+        let chain = &config.geometry.chain;
+        let matrix = load.dynamics.mass_matrix(chain, places, LEFT | RIGHT);
+        let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
+        let still = load.torques(chain, &resting(&before.q));
+        let at_rest = before.is_at_rest();
+        let moving = if at_rest { still } else { load.torques(chain, &coasting) };
+        let ended = if at_rest { still } else { load.torques(chain, &resting(&before.rest_posture())) };
+        let mut bearing = Self { matrix, moving, still, ended, share: [1.0; JOINTS], peak: [0.0; JOINTS] };
+        for arm in [LEFT, RIGHT] {
+            for k in joints(arm) {
+                let (bounds, x) = (&config.bounds[k], before.joint(k));
+                let coasting = x.coasting_velocity(bounds.j_max);
+                // A tick later it may be faster by A h.
+                let fastest = coasting.abs() + bounds.a_max * TICK_S;
+                bearing.peak[k] = -bounds.a_max.min((bounds.j_max * fastest).sqrt()).copysign(coasting);
+            }
+            let share = bearing.share_of(load, arm);
+            joints(arm).for_each(|j| bearing.share[j] = share);
+        }
+        bearing
+    }
+
+    /// The share of its brakes that an arm can have.
+    fn share_of(&self, load: &Load, arm: JointSet) -> f64 {
+        let mut share = 1.0_f64;
+        for j in joints(arm) {
+            let (mut up, mut down) = (0.0_f64, 0.0_f64);
+            for k in joints(arm) {
+                let torque = self.matrix[j][k] * self.peak[k];
+                (up, down) = (up + torque.max(0.0), down - torque.min(0.0));
+            }
+            for h in [self.moving[j], self.still[j], self.ended[j]] {
+                for (asked, room) in [(up, PLANNED * load.limit[j] - h), (down, PLANNED * load.limit[j] + h)] {
+                    if asked > room {
+                        share = share.min(room.max(0.0) / asked);
+                    }
+                }
+            }
+        }
+        share
+    }
+
+    /// The largest brake of each joint, rad/s^2 or m/s^2.
+    pub(crate) fn brakes(&self, config: &Config, before: &Planned) -> PerJoint {
+        std::array::from_fn(|j| {
+            let bounds = &config.bounds[j];
+            if self.share[j] >= 1.0 {
+                return bounds.brake;
+            }
+            let x = before.joint(j);
+            let fastest = x.v.abs().max(x.coasting_velocity(bounds.j_max).abs()) + bounds.a_max * TICK_S;
+            let least = (fastest / braking_time_s(config, j)).max(GENTLEST * bounds.brake);
+            (self.share[j] * self.peak[j].abs()).max(least).min(bounds.brake)
+        })
+    }
+
+    /// The share of its largest speed from which each joint can be stopped.
+    pub(crate) fn speeds(&self, config: &Config) -> PerJoint {
+        std::array::from_fn(|j| {
+            let bounds = &config.bounds[j];
+            let brake = self.share[j].max(GENTLEST) * bounds.brake;
+            if self.share[j] >= 1.0 { 1.0 } else { (brake * braking_time_s(config, j) / bounds.v_max).min(1.0) }
+        })
+    }
+
+    /// The share of the step from the accelerations `plan` to `wished` that an arm can take.
+    pub(crate) fn step(&self, load: &Load, arm: JointSet, plan: &PerJoint, wished: &PerJoint) -> f64 {
+        let mut share = 1.0_f64;
+        for j in joints(arm) {
+            let (mut from, mut change) = (self.moving[j], 0.0);
+            for k in joints(arm) {
+                from += self.matrix[j][k] * plan[k];
+                change += self.matrix[j][k] * (wished[k] - plan[k]);
+            }
+            let bound = (PLANNED * load.limit[j]).max(from.abs());
+            let room = if change >= 0.0 { bound - from } else { bound + from };
+            if change.abs() > room {
+                share = share.min(room.max(0.0) / change.abs());
+            }
+        }
+        share
+    }
+}
+
+/// How long a stop may take from the moment when the brake is on to the moment when it is released, s: the longest stop,
+/// less what it takes to lose the acceleration and to release the brake.
+fn braking_time_s(config: &Config, j: usize) -> f64 {
+    let bounds = &config.bounds[j];
+    let time = PLANNED_TIME * config.stop_time_max_s - 2.0 * bounds.a_max / bounds.j_max;
+    time.max(bounds.v_max / bounds.brake)
+}

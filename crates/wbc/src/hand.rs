@@ -1,0 +1,178 @@
+//! The speed of elbows and hands in the base frame.
+//!
+//! A point p of an arm moves with p' = sum_k J_k q_k': J_k = z_k x (p - o_k) for a joint that turns about z_k through o_k, and
+//! z_k for one that slides. A tick with its stop is taken only if one of two bounds keeps every point slow enough.
+//!
+//! *By levers.* The length of J_k is the distance l_k of the point from the joint's axis, and 1 for a joint that slides. While
+//! the joints after k move by L_i, that distance grows by at most the sum of R_i L_i, with the reaches R_i of
+//! [`Chain::reach`]; joints before k carry point and axis alike, and k itself turns the point about the axis. So, with V_k
+//! the largest speed of joint k on the way, |p'| <= sum_k (l_k + sum_{i after k} R_i L_i) V_k at every instant. This needs no
+//! kinematics, and counts joints that move the point in opposite directions as if they moved it in the same one.
+//!
+//! *By segments.* On a segment of dt the point's acceleration is at most B (see
+//! [`certificate`](crate::certificate)), so |p'| is at most (|p'_0| + |p'_1| + B dt) / 2 with the speeds at its ends.
+//! Segments are halved until that is enough, or too short.
+//!
+//! So that it is, joints are asked for the share of their wanted velocities w that keeps |sum_k J_k w_k| below the bound.
+
+use crate::chain::{Chain, Placements};
+use crate::interval::Bounds;
+use crate::motion::{Motion, Swing};
+use crate::plan::JointState;
+use messages::JOINTS;
+use nalgebra::Vector3;
+
+/// Share of the bound that is planned with. The velocities that are asked for are reached some 11 ms later (the velocity gain
+/// of `track`), and joints arrive at different times.
+const PLANNED: f64 = 0.9;
+/// Longest and shortest segment, s, and how often the kinematics are evaluated at most: the longest stop has 25 of the
+/// longest ones.
+const SEGMENT_S: f64 = 20e-3;
+const SHORTEST_S: f64 = 2e-3;
+const EVALUATIONS_MAX: usize = 48;
+/// Elbows and hands of both arms.
+const POINTS: usize = 4;
+
+/// A point with the joints that move it.
+#[derive(Clone, Debug)]
+struct Point {
+    body: usize,
+    at: Vector3<f64>,
+    joints: Vec<usize>,
+    /// Of each of them, m (1 for a joint that slides).
+    reach: Vec<f64>,
+}
+
+/// The bound, and the points that keep it.
+#[derive(Clone, Debug)]
+pub(crate) struct HandSpeed {
+    max_m_per_s: f64,
+    points: Vec<Point>,
+}
+
+impl HandSpeed {
+    /// None where joints within `limits` cannot move a point faster than `max_m_per_s`. A point is a body and a place in
+    /// its frame, m.
+    pub(crate) fn new(
+        chain: &Chain,
+        limits: &[Bounds; JOINTS],
+        points: impl Iterator<Item = (usize, Vector3<f64>)>,
+        max_m_per_s: f64,
+    ) -> Option<Self> {
+        let points = points.map(|(body, at)| {
+            let set = chain.ancestors(body);
+            let joints: Vec<usize> = (0..JOINTS).filter(|&j| set & 1 << j != 0).collect();
+            let reach = joints.iter().map(|&j| chain.reach(j, body, &at)).collect();
+            Point { body, at, joints, reach }
+        });
+        let fastest =
+            |point: &Point| point.joints.iter().zip(&point.reach).map(|(&j, r)| r * limits[j].v_max).sum::<f64>();
+        let points: Vec<Point> = points.filter(|point| fastest(point) > max_m_per_s).collect();
+        (!points.is_empty()).then_some(Self { max_m_per_s, points })
+    }
+
+    /// The share of the velocities `wanted` that keeps the bound at `places`, per joint: one for those that move no point that
+    /// would be too fast.
+    pub(crate) fn shares(&self, chain: &Chain, places: &Placements, wanted: &[f64; JOINTS]) -> [f64; JOINTS] {
+        let mut shares = [1.0; JOINTS];
+        for point in &self.points {
+            let speed = point.velocity(chain, places, |j| wanted[j]).norm();
+            if speed > PLANNED * self.max_m_per_s {
+                for &j in &point.joints {
+                    shares[j] = f64::min(shares[j], PLANNED * self.max_m_per_s / speed);
+                }
+            }
+        }
+        shares
+    }
+
+    /// Whether every point keeps the bound at every instant of `motion`, which begins at `places`.
+    pub(crate) fn is_kept(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
+        let paths = paths(motion);
+        let fastest: [f64; JOINTS] = std::array::from_fn(|j| motion.joints[j].fastest());
+        // Written so that NaN is refused.
+        let by_levers = |point: &Point| point.fastest(chain, places, &paths, |j| fastest[j]) <= self.max_m_per_s;
+        self.points.iter().all(by_levers) || self.is_kept_by_segments(chain, places, motion)
+    }
+
+    fn is_kept_by_segments(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
+        let needed = self.points.iter().fold(0, |set, point| set | chain.ancestors(point.body));
+        let end_s = motion.end_s();
+        let at = |t: f64| -> [JointState; JOINTS] { std::array::from_fn(|j| motion.joints[j].at(t)) };
+        let speeds = |places: &Placements, x: &[JointState; JOINTS]| -> [f64; POINTS] {
+            std::array::from_fn(|i| {
+                self.points.get(i).map_or(0.0, |point| point.velocity(chain, places, |j| x[j].v).norm())
+            })
+        };
+        let mut there = *places;
+        let (mut t0, mut x0) = (0.0, at(0.0));
+        let mut speed0 = speeds(places, &x0);
+        let mut dt = SEGMENT_S;
+        for _ in 0..EVALUATIONS_MAX {
+            let t1 = (t0 + dt).min(end_s);
+            let x1 = at(t1);
+            chain.forward(&x1.map(|x| x.q), needed, &mut there);
+            let speed1 = speeds(&there, &x1);
+            let swings: [Swing; JOINTS] = std::array::from_fn(|j| motion.joints[j].swing(t0, t1, x0[j], x1[j]));
+            let kept = self.points.iter().enumerate().all(|(i, point)| {
+                let sag = point.acceleration(chain, &swings) * (t1 - t0);
+                0.5 * (speed0[i] + speed1[i] + sag) <= self.max_m_per_s
+            });
+            if !kept {
+                dt *= 0.5;
+                if dt < SHORTEST_S {
+                    return false;
+                }
+                continue;
+            }
+            if t1 >= end_s {
+                return true;
+            }
+            (t0, x0, speed0) = (t1, x1, speed1);
+            dt = (2.0 * dt).min(SEGMENT_S);
+        }
+        false
+    }
+}
+
+fn paths(motion: &Motion) -> [f64; JOINTS] {
+    std::array::from_fn(|j| motion.joints[j].path())
+}
+
+impl Point {
+    /// The bound above, m/s, while joint j is no faster than `speed(j)` and moves by `paths`.
+    fn fastest(&self, chain: &Chain, places: &Placements, paths: &[f64; JOINTS], speed: impl Fn(usize) -> f64) -> f64 {
+        let at = places[self.body].point(&self.at);
+        let (mut sum, mut after) = (0.0, 0.0);
+        for (&j, reach) in self.joints.iter().zip(&self.reach).rev() {
+            let (link, place) = (&chain.links()[j], &places[j + 1]);
+            let lever = if link.prismatic { 1.0 } else { (place.r * link.axis).cross(&(at - place.t)).norm() + after };
+            sum += lever.min(*reach) * speed(j);
+            after += reach * paths[j];
+        }
+        sum
+    }
+
+    /// p', m/s.
+    fn velocity(&self, chain: &Chain, places: &Placements, speed: impl Fn(usize) -> f64) -> Vector3<f64> {
+        let at = places[self.body].point(&self.at);
+        self.joints.iter().fold(Vector3::zeros(), |sum, &j| {
+            let (link, place) = (&chain.links()[j], &places[j + 1]);
+            let axis = place.r * link.axis;
+            sum + if link.prismatic { axis } else { axis.cross(&(at - place.t)) } * speed(j)
+        })
+    }
+
+    /// B: the bound on |p''| while joints are no faster and accelerate no harder than `swings`, m/s^2.
+    fn acceleration(&self, chain: &Chain, swings: &[Swing; JOINTS]) -> f64 {
+        let (mut bound, mut turning) = (0.0, 0.0);
+        // From the base to the tip: turning is the sum of the speeds of the joints before.
+        for (&j, reach) in self.joints.iter().zip(&self.reach) {
+            let Swing { v, a, .. } = swings[j];
+            let own = if chain.links()[j].prismatic { 0.0 } else { v };
+            bound += reach * a + reach * v * (own + 2.0 * turning);
+            turning += own;
+        }
+        bound
+    }
+}

@@ -1,0 +1,208 @@
+//! How far a torque may leave its chord: the bounds of the parent module's text, from tables that are made once.
+
+use crate::chain::{BODIES, Chain, JointSet};
+use crate::config::WbcError;
+use crate::dynamics::{GRAVITY_M_PER_S2, Mass, PerJoint};
+use crate::motion::Arc;
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+
+/// What a body's mass means for the joints that carry it.
+#[derive(Clone, Debug, Default)]
+struct Carried {
+    /// Joints between the base and the body that turn, in their order.
+    turns: Vec<usize>,
+    /// Those that slide: before all that turn.
+    slides: Vec<usize>,
+    /// W: largest first moment about each of `turns`, kg m.
+    first: Vec<f64>,
+    /// N: largest product of inertia about each two of `turns`, row by row, kg m^2.
+    second: Vec<f64>,
+}
+
+/// The tables of a robot.
+#[derive(Clone, Debug)]
+pub(crate) struct Curves {
+    parent: [usize; JOINTS],
+    prismatic: [bool; JOINTS],
+    bodies: Vec<Carried>,
+    /// Bound of each entry of the mass matrix; kg m^2, kg m, kg.
+    matrix: [PerJoint; JOINTS],
+}
+
+/// Sums over the joints that turn from the base to a body.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    v: f64,
+    a: f64,
+    jerk: f64,
+}
+
+/// The acceleration that a joint's motion makes per reach, and its first two derivatives.
+#[derive(Clone, Copy, Debug, Default)]
+struct Term {
+    value: f64,
+    rate: f64,
+    curve: f64,
+}
+
+/// Second moments of |dm| about a body's origin: of all directions, and about the axis of its joint.
+fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> (f64, f64) {
+    let own = Matrix3::identity() * (mass.about_center.trace() / 2.0) - mass.about_center;
+    // A URDF may state an inertia that no mass has: then negative mass counts as mass.
+    let eigen = own.symmetric_eigen();
+    let spread = eigen.eigenvectors * Matrix3::from_diagonal(&eigen.eigenvalues.abs()) * eigen.eigenvectors.transpose();
+    let all = spread + mass.center * mass.center.transpose() * mass.mass_kg;
+    (all.trace(), all.trace() - axis.dot(&(all * axis)))
+}
+
+impl Carried {
+    fn new(chain: &Chain, body: usize, mass: &Mass) -> Self {
+        let set = chain.ancestors(body);
+        let of = |slides: bool| -> Vec<usize> {
+            (0..JOINTS).filter(|&j| set & 1 << j != 0 && chain.links()[j].prismatic == slides).collect()
+        };
+        let (turns, slides) = (of(false), of(true));
+        let Some(&own) = turns.last() else { return Self { turns, slides, ..Self::default() } };
+        let axis = chain.links()[own].axis;
+        let (second, second_own) = second_moments(mass, &axis);
+        let m = mass.mass_kg;
+        let spread = (m * second).sqrt();
+        let n = turns.len();
+        // D: from each joint's axis to the body's origin at most.
+        let mut away = vec![0.0; n];
+        for k in 0..n - 1 {
+            let offset = |i: usize| chain.links()[turns[i]].parent_from_body.t;
+            let rest: f64 = (k + 2..n).map(|i| offset(i).norm()).sum();
+            away[k] = chain.links()[turns[k]].axis.cross(&offset(k + 1)).norm() + rest;
+        }
+        let first = |k: usize| {
+            if k + 1 == n { m * axis.cross(&mass.center).norm() } else { m * (away[k] + mass.center.norm()) }
+        };
+        let product = |k: usize, l: usize| match (k + 1 == n, l + 1 == n) {
+            (true, true) => second_own,
+            (true, false) => away[l] * (m * second_own).sqrt() + (second * second_own).sqrt(),
+            (false, true) => away[k] * (m * second_own).sqrt() + (second * second_own).sqrt(),
+            (false, false) => m * away[k] * away[l] + (away[k] + away[l]) * spread + second,
+        };
+        let first = (0..n).map(first).collect();
+        let second = (0..n * n).map(|i| product(i / n, i % n)).collect();
+        Self { turns, slides, first, second }
+    }
+}
+
+impl Curves {
+    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES]) -> Result<Self, WbcError> {
+        for (joint, link) in chain.links().iter().enumerate() {
+            let mut above = chain.ancestors(link.parent);
+            while link.prismatic && above != 0 {
+                let k = above.trailing_zeros() as usize;
+                above &= above - 1;
+                if !chain.links()[k].prismatic {
+                    return Err(WbcError::Kinematics { joint, what: "slides on a joint that turns" });
+                }
+            }
+        }
+        let bodies: Vec<Carried> = (0..BODIES).map(|b| Carried::new(chain, b, &masses[b])).collect();
+        let mut matrix = [[0.0; JOINTS]; JOINTS];
+        for (body, mass) in bodies.iter().zip(masses) {
+            let n = body.turns.len();
+            for (i, &j) in body.turns.iter().enumerate() {
+                for (l, &k) in body.turns.iter().enumerate() {
+                    matrix[j][k] += body.second[i * n + l];
+                }
+                for &k in &body.slides {
+                    matrix[j][k] += body.first[i];
+                    matrix[k][j] += body.first[i];
+                }
+            }
+            for &j in &body.slides {
+                for &k in &body.slides {
+                    matrix[j][k] += mass.mass_kg;
+                }
+            }
+        }
+        let (parent, prismatic) = (chain.links().map(|link| link.parent), chain.links().map(|link| link.prismatic));
+        Ok(Self { parent, prismatic, bodies, matrix })
+    }
+
+    /// How far each torque of `open` may leave its chord over a segment of `dt` seconds, N m or N: by what curves, and by
+    /// what has kinks. `set` holds all joints that have to do with them; other entries mean nothing.
+    pub(crate) fn slack(&self, arcs: &[Arc; JOINTS], open: JointSet, set: JointSet, dt: f64) -> [PerJoint; 2] {
+        let mut sums = [Sums::default(); BODIES];
+        let mut terms = [Term::default(); JOINTS];
+        let mut curves = [0.0; JOINTS];
+        let mut left = set;
+        while left != 0 {
+            let j = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let above = sums[self.parent[j]];
+            if self.prismatic[j] {
+                sums[j + 1] = above;
+                continue;
+            }
+            let Arc { v, a, jerk, chord, slope, .. } = arcs[j];
+            terms[j] = Term {
+                value: chord + v * (v + 2.0 * above.v),
+                rate: slope + 2.0 * (v * a + v * above.a + a * above.v),
+                curve: 2.0 * (v * jerk + a * a + v * above.jerk + 2.0 * a * above.a + jerk * above.v),
+            };
+            let own = Sums { v: above.v + v, a: above.a + a, jerk: above.jerk + jerk };
+            sums[j + 1] = own;
+            self.add(&self.bodies[j + 1], &own, &terms, arcs, open, &mut curves);
+        }
+        let mut slack = [[0.0; JOINTS]; 2];
+        let mut left = open;
+        while left != 0 {
+            let j = left.trailing_zeros() as usize;
+            left &= left - 1;
+            slack[0][j] = curves[j] * dt * dt / 8.0;
+            slack[1][j] = self.matrix[j].iter().zip(arcs).map(|(m, arc)| m * arc.kink).sum();
+        }
+        slack
+    }
+
+    /// When the kink is that may take the torque of `joint` farthest from its chord.
+    pub(crate) fn sharpest(&self, arcs: &[Arc; JOINTS], joint: usize) -> f64 {
+        let row = self.matrix[joint].iter().zip(arcs);
+        row.fold((0.0, 0.0), |most, (m, arc)| if m * arc.kink > most.0 { (m * arc.kink, arc.kink_t) } else { most }).1
+    }
+
+    /// Adds what one body does to the curvature of each torque.
+    #[inline]
+    fn add(
+        &self,
+        body: &Carried,
+        sums: &Sums,
+        terms: &[Term; JOINTS],
+        arcs: &[Arc; JOINTS],
+        open: JointSet,
+        curves: &mut PerJoint,
+    ) {
+        let (turn, turned) = (sums.v, sums.v * sums.v + sums.a);
+        let (mut lift, mut lift_rate) = (GRAVITY_M_PER_S2, 0.0);
+        for &k in &body.slides {
+            lift += arcs[k].chord;
+            lift_rate += arcs[k].slope;
+        }
+        let gravity = lift * turned + 2.0 * turn * lift_rate;
+        let n = body.turns.len();
+        let mut felt = [0.0; JOINTS];
+        let mut carried = 0.0;
+        for (i, &k) in body.turns.iter().enumerate() {
+            let Term { value, rate, curve } = terms[k];
+            felt[i] = value * 2.0 * (turned + turn * turn) + 4.0 * turn * rate + curve;
+            carried += body.first[i] * (value * turned + 2.0 * turn * rate + curve);
+        }
+        for (i, &j) in body.turns.iter().enumerate() {
+            if open & 1 << j != 0 {
+                let row = &body.second[i * n..(i + 1) * n];
+                let inertial: f64 = row.iter().zip(&felt).map(|(m, felt)| m * felt).sum();
+                curves[j] += body.first[i] * gravity + inertial;
+            }
+        }
+        for &j in &body.slides {
+            curves[j] += carried;
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! Proof that a planned motion asks no motor for more than its share of the effort limit, at every instant.
+//!
+//! # Derivation
+//!
+//! *Torque.* By d'Alembert's principle the torque of joint j is the sum over all mass dm that it carries
+//!
+//! ```text
+//! tau_j = integral dm J_j . (x'' + g e_z),     x'' = sum_k J_k a_k + sum_i sum_k dJ_k/dq_i v_i v_k
+//! ```
+//!
+//! with J_k = dx/dq_k. At instants it is computed by Newton and Euler ([`dynamics`](crate::dynamics)); what lies between
+//! two of them, t0 and t1 = t0 + dt, is bounded.
+//!
+//! *Chord.* Let b_k be the chord of the acceleration a_k on [t0, t1], and d_k the largest |a_k - b_k|: a_k is piecewise
+//! linear, so d_k is found at its kinks. With F_j the torque for b in place of a, |tau_j - F_j| <= sum_k |M_jk| d_k. F_j
+//! equals tau_j at t0 and t1, its second derivative exists but at the kinks and F_j' is continuous, so F_j leaves its
+//! chord by at most dt^2 / 8 sup |F_j''|. Hence on the whole segment
+//!
+//! ```text
+//! |tau_j| <= max(|tau_j(t0)|, |tau_j(t1)|) + dt^2 / 8 sup |F_j''| + sum_k |M_jk| d_k
+//! ```
+//!
+//! *F''.* Take dm on body b. Seen from the axis of joint k, its place is a sum of vectors, each turned by the joints from
+//! the base to some body at or before b. If |v_m| and |a_m| bound the joints' speeds and accelerations, a product of
+//! rotations by those joints has derivatives of norm at most
+//!
+//! ```text
+//! O1 = sum_m |v_m|,     O2 = O1^2 + sum_m |a_m|            (m turns, from the base to b)
+//! ```
+//!
+//! so |J_k| <= R_k, |J_k'| <= R_k O1, |J_k''| <= R_k O2, with the reach R_k of dm: the distance of the next joint's origin
+//! from axis k, plus the lengths of the later offsets, plus the distance of dm from the origin of b (from its axis, if k is
+//! b's own joint). dJ_k/dq_i = z_i x J_k for i <= k obeys the same, so x'' is at most sum_k R_k c_k times what is turned by
+//! at most all joints to b, with
+//!
+//! ```text
+//! c_k   = |b_k| + |v_k| (|v_k| + 2 V_k)                               V_k, A_k, Y_k: sums of |v|, |a|, |jerk| of the
+//! c_k'  = |b_k'| + 2 |v_k a_k| + 2 (|v_k| A_k + |a_k| V_k)            joints that turn before k
+//! c_k'' = 2 (|v_k jerk_k| + a_k^2) + 2 (|v_k| Y_k + 2 |a_k| A_k + |jerk_k| V_k)
+//! ```
+//!
+//! A joint that slides comes before all that turn: it turns nothing, and its acceleration adds to gravity, G = g + |b_s|.
+//! With W_jb = integral dm R_j (for which the centre of mass is enough) and N_jkb = integral dm R_j R_k the product rule
+//! gives
+//!
+//! ```text
+//! |F_j''| <= sum_b [ W_jb (G O2 + 2 O1 |b_s'|) + sum_k N_jkb (c_k 2 (O2 + O1^2) + 4 O1 c_k' + c_k'') ]      j turns
+//! |F_s''| <= sum_b sum_k W_kb (c_k O2 + 2 O1 c_k' + c_k'')                                                  s slides
+//! ```
+//!
+//! and |M_jk| <= sum_b N_jkb, |M_js| <= sum_b W_jb, |M_ss| = all mass. By Cauchy and Schwarz the integrals need the
+//! body's mass, its second moment about its origin, and that about its own axis.
+//!
+//! *Limit.* A joint's limit is [`SHARE`] of its effort limit. A robot that needs more than that to stand where it is takes no
+//! decision: whatever it did, the stop after it would need still more. It is refused by name before it may start
+//! ([`overloaded_at_rest`](crate::overloaded_at_rest)).
+//!
+//! *Induction* is that of the [`certificate`](crate::certificate): at rest within the limits the constant plan is proved,
+//! an accepted motion is proved to rest and so is its remainder, and what is not accepted is not sent. A joint that no
+//! fresh joint carries, and that carries none, keeps the proof that it has.
+//!
+//! *Rounding.* Torques are sums of some hundred products below 1e4, off by less than 1e-9 N m, ten orders below the
+//! limits; what is proved is proved anew from the present state whenever a joint takes a decision.
+//!
+//! Segments are halved, or cut at the sharpest kink where kinks are what leaves most, until they are proved; the motion is
+//! rejected once they would be shorter than 1.2 ms or after a fixed number of evaluations: fewer proofs, never false ones. It is the torque of the rigid links of the URDF: motors'
+//! rotors and friction are for the rest of the effort limit.
+
+mod curve;
+#[cfg(test)]
+mod tests;
+
+use crate::chain::{BODIES, Chain, JointSet};
+use crate::config::WbcError;
+use crate::dynamics::{Dynamics, Mass, PerJoint};
+use crate::motion::{Arc, Motion};
+use crate::plan::JointState;
+use curve::Curves;
+use messages::JOINTS;
+
+/// Share of each effort limit that a motion may ask for. The rest is for rotors, friction, and the servo's corrections.
+pub const SHARE: f64 = 0.85;
+/// Shorter segments are not cut, s.
+const SHORTEST_S: f64 = 2.4e-3;
+/// Cuts on top of each other: 2.4 ms * 2^8 = 0.6 s, longer than any stop, and some at kinks.
+const DEPTH_MAX: usize = 20;
+/// Evaluations of the dynamics for one motion, after which it is rejected, and in all attempts of a tick.
+const EVALUATIONS_MAX: u32 = 64;
+const EVALUATIONS_OF_TICK: u32 = 120;
+/// A torque equal to its limit but for rounding, N m or N: see the module's text.
+const ROUNDING: f64 = 1e-9;
+
+/// The masses and motors of a robot.
+#[derive(Clone, Debug)]
+pub(crate) struct Load {
+    pub(crate) dynamics: Dynamics,
+    curves: Curves,
+    /// [`SHARE`] of the effort limits, N m or N.
+    pub(crate) limit: PerJoint,
+    /// Joints that have to do with the torque of each: those that carry it, itself, and those that it carries.
+    related: [JointSet; JOINTS],
+}
+
+impl Load {
+    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES], effort_max: &PerJoint) -> Result<Self, WbcError> {
+        let related = std::array::from_fn(|j| {
+            let below = (0..JOINTS).filter(|&k| chain.ancestors(k + 1) & 1 << j != 0);
+            below.fold(chain.ancestors(j + 1), |set, k| set | 1 << k)
+        });
+        let (dynamics, curves) = (Dynamics::new(masses), Curves::new(chain, masses)?);
+        Ok(Self { dynamics, curves, limit: effort_max.map(|effort| SHARE * effort), related })
+    }
+
+    /// Joints whose torque depends on one of `fresh`.
+    pub(crate) fn affected(&self, fresh: JointSet) -> JointSet {
+        (0..JOINTS)
+            .filter(|&j| self.related[j] & fresh != 0 && self.limit[j].is_finite())
+            .fold(0, |set, j| set | 1 << j)
+    }
+
+    /// Joints on which the torque of `joint` depends.
+    pub(crate) fn related(&self, joint: usize) -> JointSet {
+        self.related[joint]
+    }
+
+    /// Joints on which a torque of `open` depends.
+    pub(crate) fn needed(&self, open: JointSet) -> JointSet {
+        (0..JOINTS).filter(|&j| open & 1 << j != 0).fold(0, |set, j| set | self.related[j])
+    }
+
+    /// Torques of all joints, N m or N.
+    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS]) -> PerJoint {
+        let mut torques = [0.0; JOINTS];
+        self.dynamics.torques(chain, x, (1 << JOINTS) - 1, &mut torques);
+        torques
+    }
+}
+
+/// The motion at one instant.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    t: f64,
+    x: [JointState; JOINTS],
+    torque: PerJoint,
+}
+
+/// Working memory.
+#[derive(Clone, Debug)]
+pub(crate) struct TorqueScratch {
+    nodes: [Node; DEPTH_MAX + 3],
+    evaluations: u32,
+    /// Evaluations that the tick may still make.
+    left: u32,
+    blamed: usize,
+}
+
+impl TorqueScratch {
+    pub(crate) fn new() -> Self {
+        let node = Node { t: 0.0, x: [JointState::default(); JOINTS], torque: [0.0; JOINTS] };
+        Self { nodes: [node; DEPTH_MAX + 3], evaluations: 0, left: EVALUATIONS_OF_TICK, blamed: 0 }
+    }
+
+    /// A new tick: all its evaluations are still to be made.
+    pub(crate) fn begin_tick(&mut self) {
+        self.left = EVALUATIONS_OF_TICK;
+    }
+}
+
+/// What the proof found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TorqueVerdict {
+    /// The joint whose torque could not be proved, if any: none means that all keep their limits at every instant.
+    pub blamed: Option<usize>,
+    /// Evaluations of the dynamics.
+    pub evaluations: u32,
+}
+
+/// Proves `motion`, in which the joints `fresh` take new decisions; joints that these do not concern are not checked: they
+/// continue a proved plan.
+pub(crate) fn prove(
+    load: &Load,
+    chain: &Chain,
+    motion: &Motion,
+    fresh: JointSet,
+    scratch: &mut TorqueScratch,
+) -> TorqueVerdict {
+    let before = scratch.left;
+    scratch.evaluations = 0;
+    let mut proof = Proof { load, chain, motion, s: scratch };
+    let proved = proof.whole(load.affected(fresh));
+    let evaluations = scratch.evaluations;
+    scratch.left = before.saturating_sub(evaluations);
+    TorqueVerdict { blamed: (!proved).then_some(scratch.blamed), evaluations }
+}
+
+struct Proof<'a> {
+    load: &'a Load,
+    chain: &'a Chain,
+    motion: &'a Motion,
+    s: &'a mut TorqueScratch,
+}
+
+impl Proof<'_> {
+    fn whole(&mut self, open: JointSet) -> bool {
+        if open == 0 {
+            return true;
+        }
+        let needed = self.load.needed(open);
+        self.evaluate(0, 0.0, needed);
+        let end_s = self.motion.end_s();
+        if end_s <= 0.0 {
+            return self.keeps(0, open);
+        }
+        self.evaluate(1, end_s, needed);
+        self.keeps(0, open) && self.keeps(1, open) && self.between(0, 1, 0, open)
+    }
+
+    /// Proves the joints `open` between two nodes.
+    fn between(&mut self, from: usize, to: usize, depth: usize, open: JointSet) -> bool {
+        let (open, cut) = self.unproved(from, to, open);
+        if open == 0 {
+            return true;
+        }
+        let dt = self.s.nodes[to].t - self.s.nodes[from].t;
+        let spent = self.s.evaluations >= EVALUATIONS_MAX.min(self.s.left);
+        if spent || depth == DEPTH_MAX || dt < SHORTEST_S {
+            return self.blame(open.trailing_zeros() as usize);
+        }
+        let middle = depth + 2;
+        self.evaluate(middle, cut, self.load.needed(open));
+        self.keeps(middle, open)
+            && self.between(from, middle, depth + 1, open)
+            && self.between(middle, to, depth + 1, open)
+    }
+
+    /// Those of `open` that the bound does not prove between two nodes, and where to cut for the first of them.
+    fn unproved(&mut self, from: usize, to: usize, open: JointSet) -> (JointSet, f64) {
+        let set = self.load.needed(open);
+        let (from, to) = (&self.s.nodes[from], &self.s.nodes[to]);
+        let mut arcs = [Arc::default(); JOINTS];
+        for j in joints(set) {
+            arcs[j] = self.motion.joints[j].arc(from.t, to.t, from.x[j], to.x[j]);
+        }
+        let [curve, kink] = self.load.curves.slack(&arcs, open, set, to.t - from.t);
+        let unproved = joints(open).filter(|&j| {
+            let most = from.torque[j].abs().max(to.torque[j].abs()) + curve[j] + kink[j];
+            let proved = most <= self.load.limit[j] + ROUNDING;
+            !proved
+        });
+        let open: JointSet = unproved.fold(0, |set, j| set | 1 << j);
+        let first = open.trailing_zeros() as usize;
+        if open != 0 && kink[first] > curve[first] {
+            (open, self.load.curves.sharpest(&arcs, first))
+        } else {
+            (open, 0.5 * (from.t + to.t))
+        }
+    }
+
+    fn evaluate(&mut self, node: usize, t: f64, needed: JointSet) {
+        let node = &mut self.s.nodes[node];
+        node.t = t;
+        for j in joints(needed) {
+            node.x[j] = self.motion.joints[j].at(t);
+        }
+        self.load.dynamics.torques(self.chain, &node.x, needed, &mut node.torque);
+        self.s.evaluations += 1;
+    }
+
+    /// Whether the torques of `open` are within their limits at a node.
+    fn keeps(&mut self, node: usize, open: JointSet) -> bool {
+        let (s, limit) = (&*self.s, &self.load.limit);
+        let broken = joints(open).find(|&j| {
+            let kept = s.nodes[node].torque[j].abs() <= limit[j] + ROUNDING;
+            !kept
+        });
+        broken.is_none_or(|j| self.blame(j))
+    }
+
+    fn blame(&mut self, joint: usize) -> bool {
+        self.s.blamed = joint;
+        false
+    }
+}
+
+/// The joints of a set.
+pub(crate) fn joints(set: JointSet) -> impl Iterator<Item = usize> {
+    (0..JOINTS).filter(move |j| set & 1 << j != 0)
+}

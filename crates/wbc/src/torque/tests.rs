@@ -1,0 +1,98 @@
+//! The bound between samples against dense ones.
+
+use super::*;
+use crate::interval::Bounds;
+use crate::plan::{JointStop, Planned};
+use crate::{Config, Options};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
+const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
+
+fn shipped() -> Config {
+    let model = robot::Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap();
+    Config::new(&model, Options::default()).unwrap()
+}
+
+/// A state within the limits with a stop of any strength.
+fn state(bounds: &[Bounds; JOINTS], rng: &mut Pcg64) -> Planned {
+    let mut planned = Planned::at_rest([0.0; JOINTS]);
+    let still = rng.random_range(0.0..1.0);
+    for j in 0..JOINTS {
+        let b = &bounds[j];
+        let q = rng.random_range(b.q_min..b.q_max);
+        if rng.random_bool(still) {
+            planned.set_joint(j, JointState { q, v: 0.0, a: 0.0 }, JointStop::default());
+            continue;
+        }
+        let (v, a) = (rng.random_range(-1.0..1.0) * b.v_max, rng.random_range(-1.0..1.0) * b.a_max);
+        let brake = b.brake * rng.random_range(0.3..1.0);
+        planned.set_joint(j, JointState { q, v, a }, JointStop::new(v, a, brake, b.j_max));
+    }
+    planned
+}
+
+/// Between two samples no torque is farther from its chord than the bound, wherever the segment lies, and the bound is not
+/// so wide that this says nothing.
+#[test]
+fn torques_between_samples_are_within_the_bound() {
+    let config = shipped();
+    let (load, chain) = (config.load.as_ref().unwrap(), &config.geometry.chain);
+    let mut rng = Pcg64::seed_from_u64(3);
+    let all = (1 << JOINTS) - 1;
+    let mut closest = [0.0_f64; JOINTS];
+    for _ in 0..4_000 {
+        let motion = Motion::stops(&state(&config.bounds, &mut rng));
+        let t0 = rng.random_range(0.0..0.3);
+        let dt = 10.0_f64.powf(rng.random_range(-3.0..-1.0));
+        let at = |t: f64| motion.joints.each_ref().map(|joint| joint.at(t));
+        let (x0, x1) = (at(t0), at(t0 + dt));
+        let arcs = std::array::from_fn(|j| motion.joints[j].arc(t0, t0 + dt, x0[j], x1[j]));
+        let [curve, kink] = load.curves.slack(&arcs, all, all, dt);
+        let slack: [f64; JOINTS] = std::array::from_fn(|j| curve[j] + kink[j]);
+        let (from, to) = (load.torques(chain, &x0), load.torques(chain, &x1));
+        for i in 1..20 {
+            let share = f64::from(i) / 20.0;
+            let between = load.torques(chain, &at(t0 + share * dt));
+            for j in 0..JOINTS {
+                let off = (between[j] - from[j] - share * (to[j] - from[j])).abs();
+                assert!(off <= slack[j] + 1e-9, "joint {j}: {off} beyond {} in {dt} s", slack[j]);
+                if off > 1e-3 * load.limit[j] {
+                    closest[j] = closest[j].max(off / slack[j]);
+                }
+            }
+        }
+    }
+    assert!(closest[4] > 0.2 && closest[6] > 0.2, "{closest:?}");
+}
+
+/// What is proved holds at a thousand instants, and most of what is not does not hold.
+#[test]
+fn proofs_are_right_and_refusals_mostly_too() {
+    let config = shipped();
+    let (load, chain) = (config.load.as_ref().unwrap(), &config.geometry.chain);
+    let mut scratch = TorqueScratch::new();
+    let mut rng = Pcg64::seed_from_u64(4);
+    let (mut proved, mut refused, mut needlessly) = (0, 0, 0);
+    for _ in 0..2_000 {
+        let planned = state(&config.bounds, &mut rng);
+        let motion = Motion::stops(&planned);
+        scratch.begin_tick();
+        let verdict = prove(load, chain, &motion, (1 << JOINTS) - 1, &mut scratch);
+        assert!(verdict.evaluations <= EVALUATIONS_MAX + 2);
+        let now = load.torques(chain, &motion.joints.each_ref().map(|joint| joint.at(0.0)));
+        let mut kept = true;
+        for i in 0..=1_000 {
+            let t = motion.end_s() * f64::from(i) / 1_000.0;
+            let torques = load.torques(chain, &motion.joints.each_ref().map(|joint| joint.at(t)));
+            kept &= (0..JOINTS).all(|j| torques[j].abs() <= load.limit[j].max(now[j].abs()) + 1e-6);
+        }
+        assert!(kept || verdict.blamed.is_some(), "proved and not kept: {planned:?}");
+        proved += u32::from(verdict.blamed.is_none());
+        refused += u32::from(verdict.blamed.is_some());
+        needlessly += u32::from(verdict.blamed.is_some() && kept);
+    }
+    assert!(proved > 1_000 && refused > 100, "{proved} proved, {refused} refused");
+    assert!(needlessly * 2 < refused, "{needlessly} of {refused}");
+}

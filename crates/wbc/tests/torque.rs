@@ -1,0 +1,198 @@
+//! No motion asks for more than its share of the effort limits: every plan is sampled with the dynamics of `collision`,
+//! which shares no code with this crate.
+
+use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
+use messages::{ALL_JOINTS, JOINTS, Stamp};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use robot::Model;
+use wbc::torque::SHARE;
+use wbc::{Config, Input, Options, Parts, Permit, Planned, State, Target, certify_torque, overloaded_at_rest, tick};
+
+const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
+const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+/// Between two instants at which a plan is sampled, s.
+const STEP_S: f64 = 2e-3;
+
+fn shipped() -> (Model, urdf_rs::Robot) {
+    let model = Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).expect("the shipped robot");
+    (model, urdf_rs::read_from_string(URDF).expect("the shipped URDF"))
+}
+
+/// The largest torque over its effort limit, with its joint.
+fn share(model: &Model, dynamics: &Dynamics<'_>, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> (f64, usize) {
+    let torques = dynamics.at(q).torques(v, a, GRAVITY_M_PER_S2);
+    let shares = torques.iter().zip(&model.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
+    shares.enumerate().fold((0.0, 0), |most, (j, share)| if share > most.0 { (share, j) } else { most })
+}
+
+/// The largest share on the way of a plan.
+fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &Planned) -> f64 {
+    let mut most = 0.0_f64;
+    for n in 0..400 {
+        let later = planned.advanced(f64::from(n) * STEP_S);
+        most = most.max(share(model, dynamics, &later.q, &later.v, &later.a).0);
+        if later.is_at_rest() {
+            return most;
+        }
+    }
+    panic!("a plan longer than 0.8 s");
+}
+
+#[test]
+fn torques_are_those_of_another_implementation() {
+    let (model, urdf) = shipped();
+    let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
+    let config = Config::new(&model, Options::default()).unwrap();
+    let mut rng = Pcg64::seed_from_u64(1);
+    for _ in 0..1000 {
+        let q = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..model.limits[j].q_max));
+        let mut within = |most: f64| std::array::from_fn(|_| rng.random_range(-most..most));
+        let (v, a) = (within(2.0), within(10.0));
+        let ours = wbc::torques(&config, &q, &v, &a).unwrap();
+        let theirs = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2);
+        for j in 0..JOINTS {
+            assert!((ours[j] - theirs[j]).abs() < 1e-9, "{}: {} {}", model.joint_names[j], ours[j], theirs[j]);
+        }
+    }
+}
+
+/// What came of following postures that jump.
+#[derive(Debug, Default)]
+struct Run {
+    executed: f64,
+    planned: f64,
+    ticks: u32,
+    refused: u32,
+    fresh: u32,
+    reached: u32,
+    longest_s: f64,
+}
+
+/// Postures anywhere within the limits, or stretched out, each for as long as it takes or for a moment.
+fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) -> Run {
+    let dynamics = Dynamics::new(model, urdf, &[]).unwrap();
+    let config = Config::new(model, options).unwrap();
+    let mut state = State::at_rest(&config, model.home);
+    let mut rng = Pcg64::seed_from_u64(62);
+    let mut run = Run::default();
+    for goal in 0..goals {
+        let stretched = goal % 3 == 0;
+        let q: PerJoint = std::array::from_fn(|j| {
+            let l = &model.limits[j];
+            let any = rng.random_range(l.q_min..l.q_max);
+            if stretched && j >= 3 && (j - 3) % 7 > 2 { 0.0 } else { any }
+        });
+        let mut on_target = false;
+        for _ in 0..rng.random_range(150..900) {
+            run.ticks += 1;
+            let target = Some(Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+            let input = Input { k: u64::from(run.ticks), target, permit: Permit::Follow { speed_scale: 1.0 } };
+            let out = tick(&config, &mut state, Stamp(0), input);
+            run.refused += u32::from(out.overloads > 0);
+            run.fresh += u32::from(out.on_plan != ALL_JOINTS);
+            run.executed = run.executed.max(share(model, &dynamics, &out.q, &out.v, &out.a).0);
+            on_target |= out.on_target;
+            let lengths = out.plan.duration_s.iter().map(|phases| phases.iter().sum());
+            run.longest_s = lengths.fold(run.longest_s, f64::max);
+            if run.ticks % 40 == 0 {
+                run.planned = run.planned.max(share_of_plan(model, &dynamics, state.planned()));
+            }
+        }
+        run.reached += u32::from(on_target);
+    }
+    println!("{run:?}");
+    run
+}
+
+#[test]
+fn no_plan_asks_for_more_than_its_share() {
+    let (model, urdf) = shipped();
+    let run = follow(&model, &urdf, Options::default(), 60);
+    assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
+    assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
+    assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
+    // A motion that is refused costs a tick of braking; few are.
+    assert!(run.refused * 100 < run.ticks, "{run:?}");
+}
+
+#[test]
+fn without_the_proof_motors_are_overloaded() {
+    let (model, urdf) = shipped();
+    let run = follow(&model, &urdf, Options::without_torque_for_tests(), 20);
+    assert!(run.planned > 1.0, "{run:?}");
+}
+
+/// The shipped robot with so much more in its hands that holding them out is too much.
+fn laden(model: &Model, mass_kg: f64) -> Config {
+    let mut parts = Parts::of(model).unwrap();
+    for body in [10, 17] {
+        parts.masses[body].mass_kg += mass_kg;
+    }
+    Config::from_parts(parts, Options::default()).unwrap()
+}
+
+/// Arms out to the sides, level.
+fn stretched(model: &Model) -> PerJoint {
+    let mut q = model.home;
+    for arm in [3, 10] {
+        q[arm..arm + 7].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
+    }
+    q
+}
+
+/// With empty hands every posture can be held; a posture that cannot is named.
+#[test]
+fn postures_that_cannot_be_held_are_named() {
+    let (model, _) = shipped();
+    let config = Config::new(&model, Options::default()).unwrap();
+    let mut rng = Pcg64::seed_from_u64(5);
+    let mut most = 0.0_f64;
+    for _ in 0..20_000 {
+        let q: PerJoint = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..model.limits[j].q_max));
+        assert_eq!(overloaded_at_rest(&config, &q), None, "{q:?}");
+        let torques = wbc::torques(&config, &q, &[0.0; JOINTS], &[0.0; JOINTS]).unwrap();
+        let shares = torques.iter().zip(&model.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
+        most = shares.fold(most, f64::max);
+    }
+    println!("largest share of gravity alone: {most}");
+    let (joint, torque, limit) = overloaded_at_rest(&laden(&model, 3.0), &stretched(&model)).expect("too heavy");
+    assert_eq!(joint, 4, "the second joint of an arm lifts it");
+    assert!(torque.abs() > limit && (limit - SHARE * 43.0).abs() < 1e-12, "{torque} {limit}");
+}
+
+/// A robot that cannot be held takes no decision, not even to recover.
+#[test]
+fn an_overloaded_robot_is_not_moved() {
+    let (model, _) = shipped();
+    let config = laden(&model, 3.0);
+    let start = stretched(&model);
+    for permit in [Permit::Follow { speed_scale: 1.0 }, Permit::Recover] {
+        let mut state = State::at_rest(&config, start);
+        for k in 0..300 {
+            let target =
+                Some(Target { q: &model.home, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+            let out = tick(&config, &mut state, Stamp(0), Input { k, target, permit });
+            assert_eq!(out.q[3..], start[3..], "{permit:?}");
+        }
+    }
+}
+
+#[test]
+fn a_plan_that_asks_for_too_much_is_not_certified() {
+    let (model, _) = shipped();
+    let config = Config::new(&model, Options::default()).unwrap();
+    let bounds = &config.bounds()[4];
+    let mut planned = Planned::at_rest(stretched(&model));
+    assert_eq!(certify_torque(&config, &planned).blamed, None);
+    // Down at half the speed, and then as sharp a stop as the limits allow.
+    let x = wbc::JointState { q: planned.q[4], v: 1.0, a: 0.0 };
+    planned.set_joint(4, x, wbc::JointStop::new(x.v, x.a, bounds.a_max, bounds.j_max));
+    let down = certify_torque(&config, &planned).blamed;
+    planned.set_joint(4, x, wbc::JointStop::new(x.v, x.a, 0.3 * bounds.a_max, bounds.j_max));
+    let gently = certify_torque(&config, &planned).blamed;
+    let x = wbc::JointState { v: -1.0, ..x };
+    planned.set_joint(4, x, wbc::JointStop::new(x.v, x.a, bounds.a_max, bounds.j_max));
+    let up = certify_torque(&config, &planned).blamed;
+    assert_eq!((down, gently, up), (Some(4), None, None));
+}
