@@ -2,7 +2,7 @@
 
 use messages::JOINTS;
 use nalgebra::Vector3;
-use robot::{CAPSULES_MAX, Frames, Model, Pair, Pose, Solid};
+use robot::{CAPSULES_MAX, Frames, Model, Pair, Solid};
 
 /// The least distance of the checked pairs, and of the capsules that move from the obstacles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,41 +20,28 @@ impl Clearance {
     }
 }
 
-/// Capsules and pairs of one robot.
-#[derive(Clone, Debug)]
-pub(crate) struct Geometry {
-    model: Model,
-}
-
-impl Geometry {
-    pub(crate) fn new(model: &Model) -> Self {
-        Self { model: model.clone() }
-    }
-
-    /// Least distance at posture `q` (rad, m). No allocation.
-    pub(crate) fn clearance(&self, q: &[f64; JOINTS]) -> Clearance {
-        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
-        clearance(&self.model, &mut frames, q)
-    }
-}
-
 /// A capsule in the base frame.
 #[derive(Clone, Copy, Debug, Default)]
-struct Axis {
-    ends: [Vector3<f64>; 2],
+pub(crate) struct Axis {
+    pub(crate) ends: [Vector3<f64>; 2],
     middle: Vector3<f64>,
     half_m: f64,
-    radius_m: f64,
+    pub(crate) radius_m: f64,
 }
 
 impl Axis {
-    fn new(a: Vector3<f64>, b: Vector3<f64>, radius_m: f64) -> Self {
+    pub(crate) fn new(a: Vector3<f64>, b: Vector3<f64>, radius_m: f64) -> Self {
         Self { ends: [a, b], middle: (a + b) / 2.0, half_m: (b - a).norm() / 2.0, radius_m }
     }
 
     /// Distance of the balls around two capsules, m: never more than that of the capsules.
-    fn around(&self, other: &Self) -> f64 {
+    pub(crate) fn around(&self, other: &Self) -> f64 {
         (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
+    }
+
+    /// Distance of the ball around the capsule from a ball of `radius_m` about `center`, m.
+    pub(crate) fn around_point(&self, center: &Vector3<f64>, radius_m: f64) -> f64 {
+        (self.middle - center).norm() - self.half_m - radius_m - self.radius_m
     }
 }
 
@@ -108,8 +95,7 @@ fn from_obstacles(model: &Model, axes: &[Axis; CAPSULES_MAX], mut least: Clearan
             let distance_m = match &obstacle.solid {
                 Solid::HalfSpace { normal, offset_m } => above_plane(&axis.ends, normal, *offset_m),
                 Solid::Box { center, r, half_m } => {
-                    let around = (axis.middle - center).norm() - axis.half_m - half_m.norm() - axis.radius_m;
-                    if around >= least.distance_m {
+                    if axis.around_point(center, half_m.norm()) >= least.distance_m {
                         continue;
                     }
                     from_box(&axis.ends.map(|end| r.tr_mul(&(end - center))), half_m)
@@ -124,14 +110,14 @@ fn from_obstacles(model: &Model, axes: &[Axis; CAPSULES_MAX], mut least: Clearan
 }
 
 /// Height of a segment's lower end above the plane normal . x = offset, m.
-fn above_plane(ends: &[Vector3<f64>; 2], normal: &Vector3<f64>, offset_m: f64) -> f64 {
+pub(crate) fn above_plane(ends: &[Vector3<f64>; 2], normal: &Vector3<f64>, offset_m: f64) -> f64 {
     f64::min(normal.dot(&ends[0]), normal.dot(&ends[1])) - offset_m
 }
 
 /// Distance of a segment from the box |x_i| <= half_i, m: 0 if they meet; else the least of those of its ends from the
 /// box and of the segment from the twelve edges. (If a point inside the segment is closest to a point inside a face, the
 /// segment is parallel to that face, and an end of it, or where it passes above an edge, is as close.)
-fn from_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> f64 {
+pub(crate) fn from_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> f64 {
     if meets_box(ends, half) {
         return 0.0;
     }
@@ -176,7 +162,7 @@ fn meets_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> bool {
 /// Distance of two segments, m: where the infinite lines are closest inside both segments, that; else the least of the
 /// four distances from an end of one to the other segment. (The distance is convex, so its least value over the square
 /// of parameters is inside or on an edge, and an edge is an end against a segment.)
-fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> f64 {
+pub(crate) fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> f64 {
     let (u, w) = (first[1] - first[0], second[1] - second[0]);
     let mut squared = from_point(&first[0], second);
     for (point, segment) in [(&first[1], second), (&second[0], first), (&second[1], first)] {
@@ -205,9 +191,10 @@ fn from_point(point: &Vector3<f64>, segment: &[Vector3<f64>; 2]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
+    use robot::Pose;
 
     fn point(rng: &mut rand_pcg::Pcg64, size: f64) -> Vector3<f64> {
         Vector3::from_fn(|_, _| rng.random_range(-size..size))
@@ -262,7 +249,7 @@ mod tests {
     }
 
     /// Boxes and a plane about the robot, of which some are nearer than the robot to itself.
-    fn solids(rng: &mut rand_pcg::Pcg64) -> Vec<robot::Obstacle> {
+    pub(crate) fn solids(rng: &mut rand_pcg::Pcg64) -> Vec<robot::Obstacle> {
         let floor = Solid::HalfSpace { normal: Vector3::z(), offset_m: rng.random_range(-0.3..0.3) };
         let turned = nalgebra::Rotation3::from_scaled_axis(point(rng, 2.0)).into_inner();
         let half_m = point(rng, 0.3).abs() + Vector3::repeat(0.01);
@@ -277,7 +264,7 @@ mod tests {
     }
 
     /// Every pair and every obstacle, each by the arithmetic of the other implementation: the two least.
-    fn all_distances(model: &Model, frames: &Frames) -> [(f64, [u32; 2]); 2] {
+    pub(crate) fn all_distances(model: &Model, frames: &Frames) -> [(f64, [u32; 2]); 2] {
         let ends: Vec<_> = (model.capsules.iter())
             .map(|capsule| {
                 let pose = &frames.base_from_body[capsule.body];
@@ -301,15 +288,19 @@ mod tests {
         [all[0], all[1]]
     }
 
-    #[test]
-    fn nothing_that_is_passed_over_is_nearer() {
-        let mut model = Model::from_text(
+    pub(crate) fn shipped() -> Model {
+        Model::from_text(
             "tiago_dual.toml",
             include_str!("../../../config/robots/tiago_dual.toml"),
             "tiago_dual.urdf",
             include_str!("../../../config/robots/tiago_dual.urdf"),
         )
-        .expect("the robot of the repository loads");
+        .expect("the robot of the repository loads")
+    }
+
+    #[test]
+    fn nothing_that_is_passed_over_is_nearer() {
+        let mut model = shipped();
         let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
         let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
         let (mut of_obstacles, mut overlapping) = (0, 0);

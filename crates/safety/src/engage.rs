@@ -188,6 +188,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         latched: state.latched,
         transition,
         refused,
+        at_rest: input.at_rest(),
         reset_count: state.reset_count.unwrap_or(0),
         fault_counts: state.watch.counts,
     }
@@ -226,11 +227,11 @@ fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<
         return Some(0);
     }
     let left = pending_ns.map(|ns| ns.saturating_add(charged_ns(input.own_gap_ns)));
-    left.filter(|&ns| ns <= RESET_PENDING_NS && input.motion.at_rest && !held(input))
+    left.filter(|&ns| ns <= RESET_PENDING_NS && input.at_rest() && !held(input))
 }
 
 fn may_reset(input: &Input) -> bool {
-    let at_rest = input.motion.at_rest || known_bug!(ResetWhileMoving);
+    let at_rest = input.at_rest() || known_bug!(ResetWhileMoving);
     input.operator.reset_edge && at_rest && (!held(input) || known_bug!(ResetWithEnableHeld))
 }
 
@@ -267,7 +268,7 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     let pressed = operator.enable_edge || known_bug!(LevelEngages);
     let asked = pressed && operator.enable_level && !operator.release_edge;
     let armed = state.watch.armed() || known_bug!(StuckEnableAccepted);
-    let ready = armed && state.watch.operator_alive && input.motion.at_rest;
+    let ready = armed && state.watch.operator_alive && input.at_rest();
     if ready && asked && (active.is_empty() || known_bug!(EngagesDespiteFaults)) {
         (Phase::engaging(), Transition::ENABLED)
     } else if ready && recovery::begins(input, active) {
@@ -315,7 +316,7 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>) -
     let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
     let ended = ended.or(if released { Some(Transition::RELEASED) } else { fault() });
     match ended {
-        _ if !input.motion.at_rest => (Phase::Holding { elapsed_ns, ended }, 0),
+        _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended }, 0),
         Some(_) if active.has(Fault::HoldTimeout) => (Phase::Disengaged, Fault::HoldTimeout as u32),
         Some(why) => (Phase::Disengaged, why),
         None if active.is_empty() => {
@@ -327,10 +328,10 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>) -
 }
 
 fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u64>) -> (Phase, u32) {
-    let driver_cleared = pending_ns.is_some() && input.motion.at_rest && !held(input);
+    let driver_cleared = pending_ns.is_some() && input.at_rest() && !held(input);
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
-    } else if !(driver_cleared || known_bug!(LatchClearsItself) && input.motion.at_rest) {
+    } else if !(driver_cleared || known_bug!(LatchClearsItself) && input.at_rest()) {
         return (Phase::Faulted { cause, reset_pending_ns: None }, 0);
     }
     state.latched = Faults::NONE;

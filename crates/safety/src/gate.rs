@@ -3,12 +3,14 @@
 //! The gate proposes nothing and has no stop profile of its own. It judges in integers (see `fixed`): per joint that the
 //! command is finite, within position, velocity and acceleration limits also inside its tick, one tick of admissible
 //! jerk after the last one (or the next point of the stored plan), and that its plan comes to rest inside the limits. It
-//! judges by plain distances that the command and the plan's rest posture are clear of self-collision. What lies between
-//! the two is the certificate of whole-body control.
+//! judges by kinematics and distances of its own that the command, ten instants of the plan, and its rest posture are
+//! clear of self-collision and of the surroundings (see `way`). What lies between these is the certificate of whole-body
+//! control, which therefore may be wrong by no more than a robot can come closer and go apart between two instants.
 //!
 //! Of a recovery it admits more in place and less in speed: a joint outside its limits may be anywhere between where it
 //! was and the limit, and the least clearance may be what it was at the last command, at the recovery's speed at most.
 
+mod body;
 #[cfg(test)]
 mod boundaries;
 #[cfg(test)]
@@ -16,21 +18,27 @@ mod ceilings;
 mod check;
 mod denial;
 mod fixed;
+mod hand;
+mod interface;
 #[cfg(test)]
 mod lattice;
+mod stop;
 mod stored;
+mod way;
 
 use messages::{JOINTS, Stamp, StopPlan};
 use robot::Model;
 
 pub use check::{Check, ConfigError};
 pub use denial::Denial;
+pub use interface::Interface;
 
-use crate::clearance::Geometry;
 use crate::engage::Permit;
 use check::{Limits, all_limits, comes_to_rest, same_stop};
 use fixed::{Point, UNITS};
+use stop::Stop;
 use stored::{Phases, Stored, quantised_phases, write_phases};
+use way::{Asked, Ways};
 
 /// Granted to the distance routine, m: it errs by less than 1e-12 m at the size of a robot (`clearance` tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
@@ -46,27 +54,47 @@ const RECOVERY_M_PER_S: f64 = 0.01;
 #[derive(Clone, Debug)]
 pub struct Config {
     limits: [Limits; JOINTS],
-    geometry: Geometry,
+    ways: Ways,
     d_min_m: f64,
     /// Largest speed of each joint in a recovery, in units.
     recovery_v: [i64; JOINTS],
+    /// Largest speed of an elbow or a hand, m/s; none if no joint within its limits could break it.
+    hand_speed_m_per_s: Option<f64>,
 }
 
 impl Config {
-    /// The effective limits of `model`, its collision pairs and its least clearance.
+    /// The effective limits of `model`, its collision pairs and its least clearance. It executes every command at its time.
     pub fn new(model: &Model) -> Result<Self, ConfigError> {
+        Self::with_interface(model, &Interface::default())
+    }
+
+    /// The same for a robot that executes the commands through `interface`.
+    pub fn with_interface(model: &Model, interface: &Interface) -> Result<Self, ConfigError> {
         if !(model.d_min_m > 0.0 && model.d_min_m.is_finite()) {
             return Err(ConfigError::Clearance(model.d_min_m));
         }
         Ok(Self {
-            limits: all_limits(&model.joint_names, &model.limits)?,
-            geometry: Geometry::new(model),
+            limits: all_limits(&model.joint_names, &model.limits, model.stop_time_max_s)?,
+            ways: Ways::new(model, interface, &model.limits)?,
             d_min_m: model.d_min_m,
             recovery_v: model.prismatic.map(|slides| {
                 let speed = if slides { RECOVERY_M_PER_S } else { RECOVERY_RAD_PER_S };
                 (speed * UNITS) as i64
             }),
+            hand_speed_m_per_s: None,
         })
+    }
+
+    /// The same with elbows and hands no faster than `max` in the base frame, m/s.
+    pub fn with_hand_speed(self, max: f64) -> Result<Self, ConfigError> {
+        // Written so that NaN is refused too.
+        if !(max > 0.0 && max.is_finite()) {
+            return Err(ConfigError::HandSpeed(max));
+        }
+        let fastest = self.limits.map(|limits| limits.v as f64 / UNITS);
+        let body = &self.ways.body;
+        let could = (0..body.point_count()).any(|i| body.fastest(i, &fastest) > max);
+        Ok(Self { hand_speed_m_per_s: could.then_some(max), ..self })
     }
 }
 
@@ -80,6 +108,8 @@ pub struct State {
     seed_refused: bool,
     /// Commands denied since start.
     denials: u64,
+    /// The pair that was nearest at the last new motion: measured first.
+    nearest: usize,
 }
 
 impl State {
@@ -88,7 +118,7 @@ impl State {
         let points = q.map(|q| Point::quantised(q, 0.0, 0.0));
         let origin = points.map(Option::unwrap_or_default);
         let seed_refused = points.contains(&None);
-        Self { stored: Stored::new(origin, [Phases::default(); JOINTS]), k: None, seed_refused, denials: 0 }
+        Self { stored: Stored::new(origin, [Phases::default(); JOINTS]), k: None, seed_refused, denials: 0, nearest: 0 }
     }
 
     /// Continues from the state that the driver says it executes, and the stop it would play from there: the state of
@@ -223,7 +253,7 @@ struct Passed {
 
 fn judge(
     config: &Config,
-    state: &State,
+    state: &mut State,
     last: &[Point; JOINTS],
     on_plan: &Stored,
     ticks: u64,
@@ -256,7 +286,7 @@ fn judge(
         Permit::Stop => return Err(Denial::Permit),
     };
     let recovers = proposed.permit == Permit::Recover;
-    let mut rest = [0.0; JOINTS];
+    let mut stops = [Stop::new(Point::default(), &Phases::default()); JOINTS];
     for j in 0..JOINTS {
         let limits = &config.limits[j];
         let limits = if recovers { &limits.recovering(last[j], config.recovery_v[j]) } else { limits };
@@ -265,23 +295,19 @@ fn judge(
             .step(last[j], next[j], plan_point)
             .and_then(|()| limits.slow(last[j], next[j], plan_point, speed_scale))
             .and_then(|()| limits.stop(next[j], &phases[j]));
-        rest[j] = judged.map_err(|check| Denial::Joint { joint: j, check })? as f64 / UNITS;
+        stops[j] = judged.map_err(|check| Denial::Joint { joint: j, check })?;
     }
-    let mut least = config.d_min_m - CLEARANCE_SLACK_M;
+    if let Some(max) = config.hand_speed_m_per_s {
+        hand::judge(&config.ways.body, max, &next, &stops)?;
+    }
+    let mut asked = Asked { least_m: config.d_min_m - CLEARANCE_SLACK_M, interface: !recovers };
     if recovers {
-        let at_last = config.geometry.clearance(&last.map(|point| point.q as f64 / UNITS));
+        let at_last = config.ways.clearance_m(&last.map(|point| point.q as f64 / UNITS));
         // NaN leaves d_min.
-        least = least.min(at_last.distance_m - RECOVERY_SLACK_M);
+        asked.least_m = asked.least_m.min(at_last - RECOVERY_SLACK_M);
     }
-    let at_command = config.geometry.clearance(&proposed.q);
-    if !at_command.is_at_least(least) {
-        return Err(Denial::ClearanceAtCommand { pair: at_command.pair });
-    }
-    let at_rest = config.geometry.clearance(&rest);
-    if !at_rest.is_at_least(least) {
-        return Err(Denial::ClearanceAtRest { pair: at_rest.pair });
-    }
-    Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m: at_command.distance_m })
+    let clearance_m = config.ways.judge(&next, &stops, asked, &mut state.nearest)?;
+    Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m })
 }
 
 /// The command that plays `stored`.

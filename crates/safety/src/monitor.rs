@@ -1,6 +1,7 @@
 //! Monitors of the measured robot: they turn measurements into what `engage` judges.
 
 mod feedback;
+mod movement;
 mod target;
 
 use messages::{JOINTS, known_bug};
@@ -8,6 +9,7 @@ use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
 pub use feedback::{Feedback, Judged, Sample};
+pub use movement::{Moved, Movement};
 pub use target::{TargetSteps, far_behind};
 
 /// How far outside its limits a joint may be measured before it counts, rad or m: a command may rest at its limit, and

@@ -8,6 +8,8 @@ mod feedback;
 mod gate;
 mod gate_plan;
 mod gate_state;
+mod gate_way;
+mod movement;
 mod recovery;
 mod reduced;
 mod support;

@@ -155,6 +155,7 @@ fn every_writer_is_known_by_itself() {
 /// A millisecond, told as the own gap.
 fn step_of_1_ms(bench: &mut Bench) -> Output {
     bench.input.own_gap_ns = 1_000_000;
+    bench.input.robot.sample_ns = 1_000_000;
     bench.step()
 }
 

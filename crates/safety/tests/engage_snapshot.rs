@@ -92,7 +92,7 @@ const STATES: [State; 20] = [
     ("Recovering, stuck", recovering_stuck),
 ];
 
-const EVENTS: [Event; 28] = [
+const EVENTS: [Event; 32] = [
     ("nothing", |_| {}),
     ("enable pressed", Bench::press),
     ("enable edge without level", |b| {
@@ -152,6 +152,20 @@ const EVENTS: [Event; 28] = [
     ("another session", |b| b.input.target.session_nonce += 1),
     ("session ended", |b| b.input.target.session_nonce = 0),
     ("driver restarted", |b| b.input.robot.incarnation += 1),
+    ("command at rest, robot not", |b| (b.input.motion.at_rest, b.input.robot.at_rest) = (true, false)),
+    ("reset, let go, command at rest, robot not", |b| {
+        b.input.operator.reset_edge = true;
+        b.input.operator.enable_level = false;
+        (b.input.motion.at_rest, b.input.robot.at_rest) = (true, false);
+    }),
+    ("enable pressed, robot not at rest", |b| {
+        b.press();
+        b.input.robot.at_rest = false;
+    }),
+    ("recovery pressed, robot not at rest", |b| {
+        b.press_recovery();
+        b.input.robot.at_rest = false;
+    }),
     ("driver's fault gone", |b| b.input.robot.driver_fault = false),
     ("tracking error is NaN", |b| b.input.robot.tracking_error_rad = f64::NAN),
     ("overslept 1 s", |b| {
@@ -184,6 +198,8 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::EmergencyStop => input.operator.estop_edge = true,
         Fault::FeedbackInvalid => input.robot.feedback_invalid = true,
         Fault::TrackingError => input.robot.tracking_error_rad = 0.16,
+        Fault::VelocityError => input.robot.velocity_error = true,
+        Fault::StandstillLost => input.robot.standstill_lost = true,
         Fault::DeadlinesLate => {
             for _ in 0..9 {
                 bench.input.deadlines_missed = 1;

@@ -36,7 +36,9 @@ impl Bench {
         }
         let mut q_measured = self.q;
         encoders(&mut q_measured);
-        let sample = Sample { k: self.k, q: &self.q, v, q_measured: &q_measured, begins: self.begins };
+        let a = &[0.0; JOINTS];
+        let (q_measured, begins) = (&q_measured, self.begins);
+        let sample = Sample { k: self.k, q: &self.q, v, a, q_measured, dq_measured: v, begins };
         self.monitor.judge(&MODEL, &sample, 0.0)
     }
 }
@@ -191,7 +193,9 @@ fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> V
     let mut monitor = Feedback::default();
     let judge = |&(k, q, v, measured): &(u64, f64, f64, f64)| {
         let (q, v, q_measured) = (one(ELBOW, q), one(ELBOW, v), one(ELBOW, measured));
-        monitor.judge(&MODEL, &Sample { k, q: &q, v: &v, q_measured: &q_measured, begins }, servo_lag_s).invalid
+        let (q_measured, a) = (&q_measured, &[0.0; JOINTS]);
+        let sample = Sample { k, q: &q, v: &v, a, q_measured, dq_measured: &v, begins };
+        monitor.judge(&MODEL, &sample, servo_lag_s).invalid
     };
     samples.iter().map(judge).collect()
 }

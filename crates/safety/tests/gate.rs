@@ -188,7 +188,8 @@ fn a_plan_ends_at_rest_and_in_time() {
     assert_eq!(check_of(&with(&shorter(1e-5 / l.j_max))), Some(Check::Braking));
     assert_eq!(check_of(&with(&|plan| *plan = NO_PLAN)), Some(Check::Braking), "no plan at speed");
     // A stop so gentle that it takes longer than any stop has to; it would rest, but late.
-    let latest = 1.05 * (l.v_max / l.a_max + 2.0 * l.a_max / l.j_max) + T;
+    let longest = (l.v_max / l.a_max + 2.0 * l.a_max / l.j_max).max(model.stop_time_max_s);
+    let latest = 1.05 * longest + T;
     for (time, check) in [(latest * 0.999, None), (latest * 1.001, Some(Check::Braking))] {
         let a = x.v / (time / 2.0);
         let jerk = 2.0 * a / time;

@@ -188,7 +188,11 @@ fn a_recovery_leaves_the_least_clearance_as_it_is_or_opens_it() {
             } else if after < least - 1e-9 {
                 let denied = matches!(
                     verdict,
-                    Verdict::Deny(Denial::ClearanceAtCommand { .. } | Denial::ClearanceAtRest { .. })
+                    Verdict::Deny(
+                        Denial::ClearanceAtCommand { .. }
+                            | Denial::ClearanceAtRest { .. }
+                            | Denial::ClearanceOnTheWay { .. }
+                    )
                 );
                 assert!(denied, "{verdict:?}: {after} m after {least} m");
                 closed += 1;

@@ -1,10 +1,11 @@
-//! Targets that jump are told from people who are fast, joint by joint.
+//! Targets that jump are told from people who are fast, joint by joint or limb by limb.
 
 use crate::support;
 
-use messages::{JOINTS, LEFT_ARM, TICK_S, TORSO};
+use messages::{JOINTS, LEFT_ARM, LIMBS, TICK_S, TORSO};
 use robot::Model;
 use safety::monitor::{TargetSteps, far_behind};
+use std::f64::consts::PI;
 use std::sync::LazyLock;
 use support::model;
 
@@ -25,8 +26,8 @@ fn posture(joint: usize, above: f64) -> [f64; JOINTS] {
 /// Whether the second of two targets jumped.
 fn jumped([k, then]: [u64; 2], joint: usize, [from, to]: [f64; 2], [mask, then_mask]: [u32; 2]) -> bool {
     let mut steps = TargetSteps::default();
-    assert!(!steps.jumped(&MODEL, k, &posture(joint, from), mask), "the first is compared with nothing");
-    steps.jumped(&MODEL, then, &posture(joint, to), then_mask)
+    assert!(!steps.jumped(&MODEL, k, &posture(joint, from), mask, None), "the first is compared with nothing");
+    steps.jumped(&MODEL, then, &posture(joint, to), then_mask, None)
 }
 
 #[test]
@@ -43,7 +44,7 @@ fn f034_a_target_jumps_beyond_the_speed_of_people_for_the_time_that_passed() {
         assert!(jumped([90, 10], joint, [0.0, 1.01 * fastest * TICK_S], [ALL; 2]));
         // Each is compared with the one before it, not with the first.
         let (mut steps, step) = (TargetSteps::default(), 0.9 * fastest * TICK_S);
-        assert!((0..4).all(|n| !steps.jumped(&MODEL, 90 + n, &posture(joint, n as f64 * step), ALL)));
+        assert!((0..4).all(|n| !steps.jumped(&MODEL, 90 + n, &posture(joint, n as f64 * step), ALL, None)));
     }
 }
 
@@ -57,8 +58,8 @@ fn f034_the_speed_of_people_is_met_to_the_bit() {
     };
     for (to, is) in [(40.0 * TICK_S, false), (40.0 * TICK_S + 1e-12, true)] {
         let mut steps = TargetSteps::default();
-        steps.jumped(&MODEL, 1, &q(0.0), ALL);
-        assert_eq!(steps.jumped(&MODEL, 2, &q(to), ALL), is);
+        steps.jumped(&MODEL, 1, &q(0.0), ALL, None);
+        assert_eq!(steps.jumped(&MODEL, 2, &q(to), ALL, None), is);
     }
     for (to, is) in [(0.26, false), (0.26 + 1e-12, true)] {
         assert_eq!(far_behind(&MODEL, &q(to), ALL, &q(0.0)), is);
@@ -92,4 +93,76 @@ fn f034_far_behind_is_farther_than_any_tracking_is_off() {
         // Where no limit lets it be reached, the limit is where it can be.
         assert!(!far_behind(&MODEL, &at(-9.0), ALL, &at(0.0)));
     }
+}
+
+type LimbsOf = [[f64; 4]; LIMBS];
+const NONE: [f64; 4] = [0.0; 4];
+
+/// A limb (x y z w) turned by an angle about some line.
+fn limb(angle: f64) -> [f64; 4] {
+    let (sin, cos) = (0.5 * angle).sin_cos();
+    [0.6 * sin, 0.0, -0.8 * sin, cos]
+}
+
+/// All limbs still, but one.
+fn limbs(which: usize, is: [f64; 4]) -> LimbsOf {
+    let mut limbs = [limb(0.3); LIMBS];
+    limbs[which] = is;
+    limbs
+}
+
+/// Whether the second of two targets jumped, whose joints jump by `by` at the elbow.
+fn limbs_jumped([k, then]: [u64; 2], by: f64, before: &LimbsOf, now: Option<&LimbsOf>) -> bool {
+    let mut steps = TargetSteps::default();
+    assert!(!steps.jumped(&MODEL, k, &posture(ELBOW, 0.0), ALL, Some(before)), "the first is compared with nothing");
+    steps.jumped(&MODEL, then, &posture(ELBOW, by), ALL, now)
+}
+
+#[test]
+fn f034_a_limb_jumps_beyond_the_turn_of_people_for_the_time_that_passed() {
+    for which in 0..LIMBS {
+        for (ticks, counted) in [(1, 1.0), (7, 7.0), (0, 1.0)] {
+            for from in [-0.7, 0.0, 3.0] {
+                for (share, is) in [(0.99, false), (-0.99, false), (1.01, true), (-1.01, true)] {
+                    let to = from + share * 40.0 * counted * TICK_S;
+                    let (from, to) = (limb(from), limb(to));
+                    let jumped =
+                        |from, to| limbs_jumped([90, 90 + ticks], 0.0, &limbs(which, from), Some(&limbs(which, to)));
+                    assert_eq!(jumped(from, to), is, "limb {which} by {share} in {ticks} ticks");
+                    // Both signs are the same rotation.
+                    assert_eq!(jumped(from, to.map(|x| -x)), is, "limb {which} by {share}, the other sign");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn f034_joints_that_spin_about_a_limb_that_stands_are_no_jump() {
+    let still = limbs(0, limb(0.3));
+    assert!(!limbs_jumped([1, 2], 2.0, &still, Some(&still)), "the limbs stand");
+    // What of the limbs is not known is judged by its joints.
+    assert!(limbs_jumped([1, 2], 2.0, &still, None), "only joints are followed now");
+    let mut steps = TargetSteps::default();
+    steps.jumped(&MODEL, 1, &posture(ELBOW, 0.0), ALL, None);
+    assert!(steps.jumped(&MODEL, 2, &posture(ELBOW, 2.0), ALL, Some(&still)), "only joints were followed before");
+    // And the joints of one that is followed by its limbs count again once it is not.
+    assert!(!steps.jumped(&MODEL, 3, &posture(ELBOW, 0.0), ALL, Some(&still)));
+    assert!(steps.jumped(&MODEL, 4, &posture(ELBOW, 2.0), ALL, None));
+}
+
+#[test]
+fn f034_half_a_turn_of_a_limb_takes_people_their_time_and_no_limb_is_none() {
+    let (from, to) = (limbs(1, limb(0.0)), limbs(1, limb(PI)));
+    // Half a turn at 40 rad/s lasts 118 ticks; nothing is farther away than half a turn.
+    for (ticks, is) in [(1, true), (117, true), (118, false), (1000, false), (u64::MAX - 1, false)] {
+        assert_eq!(limbs_jumped([1, 1 + ticks], 0.0, &from, Some(&to)), is, "{ticks} ticks");
+    }
+    for (from, to) in [(NONE, limb(2.0)), (limb(2.0), NONE), (NONE, NONE), (limb(2.0), [f64::NAN; 4])] {
+        assert!(!limbs_jumped([1, 2], 2.0, &limbs(2, from), Some(&limbs(2, to))), "{from:?} to {to:?}");
+    }
+    // Another limb is judged all the same.
+    let (mut from, mut to) = (limbs(2, NONE), limbs(2, limb(1.0)));
+    (from[3], to[3]) = (limb(0.0), limb(1.0));
+    assert!(limbs_jumped([1, 2], 0.0, &from, Some(&to)));
 }

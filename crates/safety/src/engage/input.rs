@@ -74,10 +74,18 @@ pub struct RobotView {
     pub clear_to_start: bool,
     /// The measured posture is closer to self-collision than allowed in motion (see `monitor::Near`).
     pub collision_near: bool,
+    /// By how much the newest state is newer than the one that was judged before, ns; zero if it is that one.
+    pub sample_ns: u64,
     /// Largest |command - measured| of the revolute joints, rad.
     pub tracking_error_rad: f64,
     /// Largest |command - measured| of the prismatic joints, m.
     pub tracking_error_m: f64,
+    /// A joint is measured too fast, or moving otherwise than it is sent (see `monitor::Movement`).
+    pub velocity_error: bool,
+    /// The robot left the place where it came to rest, or does not come to rest (see `monitor::Movement`).
+    pub standstill_lost: bool,
+    /// The measured robot is at rest, and near where its command rests.
+    pub at_rest: bool,
 }
 
 /// What whole-body control and the gate reported at the tick before.
@@ -93,6 +101,13 @@ pub struct MotionView {
     pub settled: bool,
     /// The gate denied the command.
     pub gate_denied: bool,
+}
+
+impl Input {
+    /// Whether the robot is at rest: the command is, and what is measured is too.
+    pub(super) const fn at_rest(&self) -> bool {
+        self.motion.at_rest && self.robot.at_rest
+    }
 }
 
 /// All that the state machine judges at tick `k`.
@@ -157,6 +172,8 @@ pub struct Output {
     pub transition: Option<Transition>,
     /// An enable or recovery edge was refused at this tick; `active` says why, or nothing was ever seen released.
     pub refused: bool,
+    /// The command and the measured robot are at rest.
+    pub at_rest: bool,
     /// Counts accepted resets, from what the driver last saw; goes into every command.
     pub reset_count: u32,
     /// How often each fault was raised since start, indexed by `Fault`.

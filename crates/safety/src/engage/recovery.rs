@@ -46,7 +46,10 @@ pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u3
         return (Phase::Recovering { blocked_ns: 0 }, 0);
     }
     let blocked_ns = blocked_ns.saturating_add(charged_ns(input.own_gap_ns));
-    if input.robot.clear_to_start {
+    if !input.robot.at_rest {
+        // The command rests already, the robot not yet.
+        (Phase::Recovering { blocked_ns }, 0)
+    } else if input.robot.clear_to_start {
         (Phase::Disengaged, Transition::RECOVERED)
     } else if blocked_ns > BLOCKED_NS {
         (Phase::Disengaged, Transition::BLOCKED)

@@ -5,9 +5,9 @@ use messages::{TICK_HZ, reduced_flag};
 use super::watch::charged_ns;
 use super::{Config, Input};
 
-/// Share of each velocity limit that is left of a doubtful motion: shoulder (0.68 rad/s, 0.9 m from the hand) and elbow
-/// (0.82 rad/s, 0.45 m) together then move a hand at 0.25 m/s, which ISO 10218-1 calls reduced speed.
-pub const SLOW: f64 = 0.25;
+/// Share of each velocity limit that is left of a doubtful motion: shoulder (1.95 rad/s, 0.9 m from the hand) and elbow
+/// (2.35 rad/s, 0.45 m) together then move a hand at 0.25 m/s, which ISO 10218-1 calls reduced speed.
+pub const SLOW: f64 = 0.09;
 
 /// How long the speed takes to come back from zero to full, ns: the time in which the wish to move on is felt as one.
 const RISE_NS: f64 = 500e6;
@@ -84,7 +84,7 @@ impl Reduced {
 
     /// Notes what the target did; true once it has jumped on and on for too long.
     pub(super) fn jumps_on(&mut self, config: &Config, input: &Input) -> bool {
-        self.jumps.note(input, charged_ns(input.own_gap_ns));
+        self.jumps.note(config, input, charged_ns(input.own_gap_ns));
         self.jumps.jumping_ns > config.target_jump_hold_ns
     }
 }
@@ -101,10 +101,12 @@ struct Jumps {
 }
 
 impl Jumps {
-    fn note(&mut self, input: &Input, charged_ns: u64) {
+    fn note(&mut self, config: &Config, input: &Input, charged_ns: u64) {
         let jumps = input.target.jumped;
         // What is known of being behind is of the tick before, so it says nothing of a jump that comes now.
-        let behind = jumps || self.jumped && input.motion.behind;
+        // A person who goes on without a jump is the person, and may be one whom the robot never catches up with.
+        let doubtful = self.since_last_ns <= config.target_jump_hold_ns;
+        let behind = jumps || self.jumped && doubtful && input.motion.behind;
         self.behind_ns = if behind { self.behind_ns.saturating_add(charged_ns) } else { 0 };
         self.since_last_ns = if jumps { 0 } else { self.since_last_ns.saturating_add(charged_ns) };
         let goes_on = jumps || self.jumping_ns > 0 && self.since_last_ns <= JUMPS_APART_NS;

@@ -13,6 +13,10 @@ const FUTURE_TOLERANCE_NS: u64 = 2_000_000;
 /// whole length still counts in full.
 const CHARGE_MAX_NS: u64 = 2 * 1_000_000_000 / TICK_HZ;
 
+/// Longest time that one sample of the robot's state counts for, ns: as long as its silence may last. Nobody knows what was
+/// while it was missing.
+const SAMPLE_MAX_NS: u64 = 20_000_000;
+
 /// Age of a stream, counted only while the own process was awake.
 #[derive(Clone, Copy, Debug, Default)]
 struct StreamAge {
@@ -163,7 +167,9 @@ impl Watch {
         seen.set(Fault::EmergencyStop, input.operator.estop_edge && !deaf || has_state && input.robot.emergency_stop);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
         seen.set(Fault::FeedbackInvalid, has_state && input.robot.feedback_invalid);
-        seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input, charged));
+        seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input));
+        seen.set(Fault::VelocityError, has_state && input.robot.velocity_error && !known_bug!(SwingIgnored));
+        seen.set(Fault::StandstillLost, has_state && input.robot.standstill_lost && !known_bug!(StandstillIgnored));
         seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);
         seen.set(Fault::GateDenied, input.motion.gate_denied);
@@ -180,12 +186,20 @@ impl Watch {
         target || driver || session && !known_bug!(SessionChangeIgnored)
     }
 
-    /// Written so that NaN counts as lost.
-    fn tracking_lost(&mut self, config: &Config, input: &Input, charged_ns: u64) -> bool {
+    /// Counts the time of a large error, by the samples' own distance, and takes half the time of a small one off again. So a
+    /// joint that swings through where it is sent is not well again each time it comes by: with amplitude A and bound b the
+    /// error is large for the share s = (2 / pi) acos(b / A) of the time, and the count grows if s > (1 - s) / 2, which is
+    /// from A = b / cos(pi / 6) = 1.15 b on. Written so that NaN counts as lost.
+    fn tracking_lost(&mut self, config: &Config, input: &Input) -> bool {
         let (angle, length) = (input.robot.tracking_error_rad, input.robot.tracking_error_m);
         let small = angle <= config.tracking_error_rad && length <= config.tracking_error_m;
         let bearable = angle <= config.tracking_error_now_rad && length <= config.tracking_error_now_m;
-        self.tracking_ns = if small { 0 } else { self.tracking_ns.saturating_add(charged_ns) };
+        let counted_ns = input.robot.sample_ns.min(SAMPLE_MAX_NS);
+        self.tracking_ns = if small {
+            self.tracking_ns.saturating_sub(counted_ns / 2)
+        } else {
+            self.tracking_ns.saturating_add(counted_ns).min(config.tracking_error_ns + SAMPLE_MAX_NS)
+        };
         !bearable || self.tracking_ns > config.tracking_error_ns
     }
 }

@@ -1,6 +1,8 @@
 //! Every comparison at its boundary and one unit beyond, on both sides. The constants are written out a second time.
 
 use messages::{JOINTS, StopPlan};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use robot::JointLimits;
 
 use super::check::{Check, ConfigError, Limits, comes_to_rest, same_stop};
@@ -9,8 +11,8 @@ use super::stored::{Phases, Stored, quantised_phases, write_phases};
 
 /// Granted to every comparison, units.
 const SLACK: i64 = 64;
-/// Velocity and acceleration that count as rest, units.
-const REST_SLACK: i64 = 1_048_576;
+/// Velocity and acceleration that count as rest, units: 1e-7 of 2^40, less the slack.
+const REST_SLACK: i64 = 109_887;
 /// What durations (units of time) and jerks (units) of the same plan may differ by.
 const SAME_DURATION: i64 = 32_768;
 const SAME_JERK: i64 = 1_048_576;
@@ -24,25 +26,59 @@ const NONE: Phases = [Phase { jerk: 0, duration: 0 }; 3];
 #[test]
 fn what_a_stop_is_granted_is_exact() {
     let limits = LIMITS;
+    let rest = |from: Point, phases: &Phases| limits.stop(from, phases).map(|stop| stop.end().q);
     for sign in [-1, 1] {
         for (left, rests) in [(0, true), (REST_SLACK, true), (REST_SLACK + 1, false)] {
             for point in [Point { q: 5, v: sign * left, a: 0 }, Point { q: 5, v: 0, a: sign * left }] {
-                assert_eq!(limits.stop(point, &NONE), rests.then_some(5).ok_or(Check::Braking), "{point:?}");
+                assert_eq!(rest(point, &NONE), rests.then_some(5).ok_or(Check::Braking), "{point:?}");
             }
         }
         let still = Point { q: limits.q[1] * sign + sign * SLACK, v: 0, a: 0 };
         let waiting = |duration: i64, jerk: i64| [Phase { jerk, duration }, Phase::default(), Phase::default()];
-        assert_eq!(limits.stop(still, &waiting(limits.stop, 0)), Ok(still.q));
-        assert_eq!(limits.stop(still, &waiting(limits.stop + 1, 0)), Err(Check::Braking));
+        assert_eq!(rest(still, &waiting(limits.stop, 0)), Ok(still.q));
+        assert_eq!(rest(still, &waiting(limits.stop + 1, 0)), Err(Check::Braking));
         let beyond = Point { q: still.q + sign, ..still };
-        assert_eq!(limits.stop(beyond, &waiting(limits.stop, 0)), Err(Check::PlanLimits));
+        assert_eq!(rest(beyond, &waiting(limits.stop, 0)), Err(Check::PlanLimits));
         // A nanosecond of it leaves too little to see; the jerk is judged all the same.
         let centre = Point::default();
         let most = sign * (limits.jerk + SLACK);
-        assert_eq!(limits.stop(centre, &waiting(1, most)), Ok(0));
-        assert_eq!(limits.stop(centre, &waiting(1, most + sign)), Err(Check::PlanLimits));
-        assert_eq!(limits.stop(centre, &waiting(0, most + sign)), Ok(0), "no time, no jerk");
+        assert_eq!(rest(centre, &waiting(1, most)), Ok(0));
+        assert_eq!(rest(centre, &waiting(1, most + sign)), Err(Check::PlanLimits));
+        assert_eq!(rest(centre, &waiting(0, most + sign)), Ok(0), "no time, no jerk");
     }
+}
+
+/// The time-optimal stop in closed form, in `f64` as a sender has it: jerk and duration of its phases.
+fn sent_stop(v: f64, a: f64, a_max: f64, j_max: f64) -> [(f64, f64); 3] {
+    let side = if v + a * a.abs() / (2.0 * j_max) < 0.0 { -1.0 } else { 1.0 };
+    let (v, a) = (side * v, side * a);
+    let free = (j_max * v + a * a / 2.0).max(0.0).sqrt();
+    let peak = free.min(a_max);
+    let first_s = (a + peak).abs() / j_max;
+    let left = v + first_s * (a - peak) / 2.0 - peak * peak / (2.0 * j_max);
+    let cruise_s = if free > a_max { (left / peak).max(0.0) } else { 0.0 };
+    let first = if a + peak < 0.0 { j_max } else { -j_max };
+    [(side * first, first_s), (0.0, cruise_s), (side * j_max, peak / j_max)]
+}
+
+/// What is left at the end of an honest stop is rounding: each number to its unit.
+#[test]
+fn an_honest_stop_leaves_far_less_than_is_granted() {
+    let mut rng = Pcg64::seed_from_u64(36);
+    let mut most = 0;
+    for n in 0..1_000_000 {
+        // The lift, an arm's first joint, and the steepest one.
+        let (v_max, a_max, j_max) = [(0.07, 0.15, 12.0), (0.68, 2.45, 320.0), (3.0, 10.0, 400.0)][n % 3];
+        let (v, a) = (v_max * rng.random_range(-1.0..=1.0), a_max * rng.random_range(-1.0..=1.0));
+        let start = Point::quantised(1.0, v, a).expect("finite");
+        let phases = sent_stop(v, a, a_max, j_max).map(|(jerk, duration_s)| Phase {
+            jerk: (jerk * UNITS).round() as i64,
+            duration: (duration_s * TIME_UNITS).round() as i64,
+        });
+        let end = phases.iter().fold(start, |point, phase| point.after(phase.jerk, phase.duration));
+        most = most.max(end.v.abs()).max(end.a.abs());
+    }
+    assert!(1000 * most < REST_SLACK, "{most} units");
 }
 
 /// Share of the velocity limit, every pair of velocities, both signs, to the unit.
@@ -192,14 +228,14 @@ fn a_stored_plan_is_played_to_its_end() {
 #[test]
 fn limits_are_taken_to_the_unit_or_refused() {
     let sound = JointLimits { q_min: -1.0, q_max: 2.0, v_max: 1.5, a_max: 8.0, j_max: 320.0, effort_max: 40.0 };
-    let limits = Limits::new("joint", &sound).expect("sound");
+    let limits = Limits::new("joint", &sound, 0.0).expect("sound");
     assert_eq!((limits.q, limits.v, limits.a, limits.jerk), ([-(1 << 40), 2 << 40], 3 << 39, 8 << 40, 320 << 40));
     // 1.05 (V / A + 2 A / J) and a tick.
     let stop_s = 1.05 * (1.5 / 8.0 + 16.0 / 320.0);
     assert!((limits.stop as f64 - stop_s * TIME_UNITS - TICK as f64).abs() < 2.0, "{}", limits.stop);
     let ceilings =
         JointLimits { q_min: -63.9, q_max: 64.0, v_max: 64.0, a_max: 4096.0, j_max: 1_048_576.0, effort_max: 40.0 };
-    assert!(Limits::new("joint", &ceilings).is_ok());
+    assert!(Limits::new("joint", &ceilings, 0.0).is_ok());
     type Damage = fn(&mut JointLimits);
     let cases: [(&str, Damage); 9] = [
         ("q_min", |l| l.q_min = -64.0),
@@ -215,7 +251,7 @@ fn limits_are_taken_to_the_unit_or_refused() {
     for (name, damage) in cases {
         let mut limits = sound;
         damage(&mut limits);
-        let refused = Limits::new("joint", &limits);
+        let refused = Limits::new("joint", &limits, 0.0);
         assert!(matches!(refused, Err(ConfigError::Limit { limit, .. }) if limit == name), "{name}: {refused:?}");
     }
 }

@@ -29,10 +29,23 @@ pub enum Denial {
         /// Indices of the capsules in the robot file.
         pair: [u32; 2],
     },
+    /// Two capsules are too close at an instant of the stop, before it ends.
+    ClearanceOnTheWay {
+        /// Indices of the capsules in the robot file.
+        pair: [u32; 2],
+    },
+    /// An elbow or a hand is too fast at the command or at an instant of the stop.
+    HandSpeed {
+        /// The joint that carries it: an arm's fifth or seventh.
+        joint: usize,
+    },
 }
 
 /// Code of the first check; each has one, in their order.
 const FIRST_CHECK: u32 = 6;
+/// Code of the first denial that came after the checks; a code keeps its meaning in recordings.
+const ON_THE_WAY: u32 = 15;
+const HAND_SPEED: u32 = 16;
 
 impl Denial {
     /// Its code in `Status::denied_why`, never zero.
@@ -43,6 +56,8 @@ impl Denial {
             Self::Permit => 3,
             Self::ClearanceAtCommand { .. } => 4,
             Self::ClearanceAtRest { .. } => 5,
+            Self::ClearanceOnTheWay { .. } => ON_THE_WAY,
+            Self::HandSpeed { .. } => HAND_SPEED,
             Self::Joint { check, .. } => FIRST_CHECK + check as u32,
         }
     }
@@ -51,8 +66,10 @@ impl Denial {
     pub const fn subject(self) -> Option<Subject> {
         match self {
             Self::Seed | Self::Index | Self::Permit => None,
-            Self::Joint { joint, .. } => Some(Subject::Joint(joint)),
-            Self::ClearanceAtCommand { pair } | Self::ClearanceAtRest { pair } => Some(Subject::Pair(pair)),
+            Self::Joint { joint, .. } | Self::HandSpeed { joint } => Some(Subject::Joint(joint)),
+            Self::ClearanceAtCommand { pair } | Self::ClearanceAtRest { pair } | Self::ClearanceOnTheWay { pair } => {
+                Some(Subject::Pair(pair))
+            }
         }
     }
 
@@ -64,6 +81,8 @@ impl Denial {
             3 => "a new motion came without permission to move",
             4 => "parts were too close at the command",
             5 => "parts were too close where the stop ends",
+            ON_THE_WAY => "parts came too close on the way of the stop",
+            HAND_SPEED => "an elbow or a hand was faster than hand_speed_max_m_per_s",
             code => match code.wrapping_sub(FIRST_CHECK) {
                 check if check == Check::Finite as u32 => "a number was not finite, or beyond every robot's",
                 check if check == Check::Position as u32 => "a position left its limits",
@@ -100,6 +119,7 @@ mod tests {
         let pair = [3, 9];
         let mut all = vec![Denial::Seed, Denial::Index, Denial::Permit];
         all.extend([Denial::ClearanceAtCommand { pair }, Denial::ClearanceAtRest { pair }]);
+        all.extend([Denial::ClearanceOnTheWay { pair }, Denial::HandSpeed { joint: 9 }]);
         all.extend(checks.map(|check| Denial::Joint { joint: 4, check }));
         let mut codes: Vec<_> = all.iter().map(|denial| denial.code()).collect();
         let meanings: std::collections::BTreeSet<_> = codes.iter().map(|&code| Denial::meaning(code)).collect();
@@ -109,7 +129,8 @@ mod tests {
         assert_eq!(codes.len(), all.len());
         assert_eq!((Denial::meaning(0), Denial::meaning(99)), (None, None));
         assert_eq!(all[3].subject(), Some(Subject::Pair(pair)));
-        assert_eq!(all[5].subject(), Some(Subject::Joint(4)));
+        assert_eq!((all[5].subject(), all[6].subject()), (all[3].subject(), Some(Subject::Joint(9))));
+        assert_eq!(all[7].subject(), Some(Subject::Joint(4)));
         assert_eq!(all[0].subject(), None);
     }
 }

@@ -29,6 +29,7 @@
 //! | (2 a + a') t / 2^48, as `i64` | `reaching` | 3 * 2^56 + 13 < 2^58 | `i128` |
 //! | slope = 6 v + (2 a + a') t / 2^48 | `reaching` | 2^58 | `i64` |
 //! | slope t | `reaching` | 2^110 | `i128` |
+//! | slope t / 2^48 + 3, as `i64` (which divides faster) | `reaching` | 2^62 + 4 | `i128` |
 //! | x - y of two points | `is_near` | 2^53 + 2 | `i64` |
 //! | a 2^48 | `turn` | 2^100 + 2^48; the quotient is clamped to the duration | `i128` |
 //! | low + (high - low) / 2 | `note_turn` | T | `i64` |
@@ -69,6 +70,13 @@ const ACCELERATION_CLAMP: i64 = (1 << 52) + 1;
 pub(super) fn ticks_long(ticks: u64) -> i64 {
     let ticks = i128::from(ticks.min(1 << 20));
     (((ticks << TIME_BITS) + i128::from(TICK_HZ) / 2) / i128::from(TICK_HZ)) as i64
+}
+
+/// The least number of ticks that are as long as `duration`, which is not negative and at most three longest phases.
+pub(super) fn ticks_of(duration: i64) -> u64 {
+    // n ticks are 2^48 n / 1500 to the nearest, so at least `duration` from 2^48 n / 1500 >= duration - 1/2 on.
+    let ticks = (2 * i128::from(duration) - 1) * i128::from(TICK_HZ) + ((1 << (TIME_BITS + 1)) - 1);
+    (ticks >> (TIME_BITS + 1)) as u64
 }
 
 /// `value` in units, or None where it is not finite or beyond the ceiling.
@@ -127,8 +135,8 @@ impl Point {
     pub(super) fn reaching(self, a: i64, t: i64) -> Self {
         let v = i128::from(self.v) + scaled(self.a + a, t, TIME_BITS + 1);
         let slope = 6 * self.v + scaled(2 * self.a + a, t, TIME_BITS) as i64;
-        let six = scaled(slope, t, TIME_BITS);
-        let q = i128::from(self.q) + (six + 3).div_euclid(6);
+        let six = scaled(slope, t, TIME_BITS) as i64;
+        let q = i128::from(self.q) + i128::from((six + 3).div_euclid(6));
         Self { q: clamped(q, MOTION_CLAMP), v: clamped(v, MOTION_CLAMP), a }
     }
 
@@ -217,6 +225,16 @@ mod tests {
         assert_eq!(ticks_long(1), TICK);
         assert_eq!(ticks_long(1500), 1 << TIME_BITS);
         assert_eq!(ticks_long(u64::MAX), ticks_long(1 << 20));
+    }
+
+    #[test]
+    fn ticks_of_a_duration_are_as_long_and_no_fewer_are() {
+        for ticks in (1..3000).chain([73_499, 73_500]) {
+            let long = ticks_long(ticks);
+            assert_eq!((ticks_of(long), ticks_of(long + 1)), (ticks, ticks + 1));
+            assert!(ticks_long(ticks_of(long - 1)) >= long - 1 && ticks_of(long - 1) == ticks, "{ticks}");
+        }
+        assert_eq!((ticks_of(0), ticks_of(1)), (0, 1));
     }
 
     #[test]

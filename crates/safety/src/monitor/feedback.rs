@@ -23,7 +23,7 @@ const SENSE_RAD: f64 = 0.015;
 const SENSE_SHARE: f64 = 0.2;
 
 /// Of a prismatic joint, m for each rad above: its limits of tracking error are a fifth as large.
-const PRISMATIC_SHARE: f64 = 0.2;
+pub(super) const PRISMATIC_SHARE: f64 = 0.2;
 
 /// A new sample of a robot's state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +34,12 @@ pub struct Sample<'a> {
     pub q: &'a [f64; JOINTS],
     /// Executed velocities, rad/s or m/s.
     pub v: &'a [f64; JOINTS],
+    /// Executed accelerations, rad/s^2 or m/s^2.
+    pub a: &'a [f64; JOINTS],
     /// Measured positions, rad or m.
     pub q_measured: &'a [f64; JOINTS],
+    /// Measured velocities as the driver reports them, rad/s or m/s.
+    pub dq_measured: &'a [f64; JOINTS],
     /// Engaging begins: the joints must show that they move the way they are sent.
     pub begins: bool,
 }

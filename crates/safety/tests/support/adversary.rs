@@ -145,7 +145,12 @@ impl Adversary {
             Verdict::OnPlan => self.report.on_plan += 1,
             Verdict::Deny(denial) => {
                 self.report.denied += 1;
-                let of_clearance = matches!(denial, Denial::ClearanceAtCommand { .. } | Denial::ClearanceAtRest { .. });
+                let of_clearance = matches!(
+                    denial,
+                    Denial::ClearanceAtCommand { .. }
+                        | Denial::ClearanceAtRest { .. }
+                        | Denial::ClearanceOnTheWay { .. }
+                );
                 self.report.clearance += u64::from(of_clearance);
                 self.report.honest_denied += u64::from(!damaged && !of_clearance);
                 self.report.damaged += u64::from(!index_ok || self.is_wrong(&last, &proposed));

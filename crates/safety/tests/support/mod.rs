@@ -79,6 +79,8 @@ impl Bench {
         input.robot.commanded = true;
         input.robot.incarnation = 9;
         input.robot.reset_count = 41;
+        input.robot.at_rest = true;
+        input.robot.sample_ns = 666_667;
         input.motion.at_rest = true;
         let config = Config::new(&settings()).expect("the shipped figures are allowed");
         let alive = Alive { target: true, input: true, state: true, heartbeat: true };
@@ -103,6 +105,9 @@ impl Bench {
                 *stamp = now;
             }
         }
+        if !self.alive.state {
+            self.input.robot.sample_ns = 0;
+        }
         let out = engage::tick(&self.config, &mut self.state, now, self.input);
         let operator = &mut self.input.operator;
         operator.enable_edge = false;
@@ -111,6 +116,7 @@ impl Bench {
         operator.reset_edge = false;
         operator.estop_edge = false;
         self.input.own_gap_ns = 666_667;
+        self.input.robot.sample_ns = 666_667;
         self.last = Some(out);
         out
     }

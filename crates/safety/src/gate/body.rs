@@ -1,0 +1,324 @@
+//! The robot's body by the gate's own kinematics. It takes origins, axes and parents from the model, and no arithmetic.
+//!
+//! Every body's frame is turned beforehand so that its joint moves about or along z. With A_j the pose of joint j's frame
+//! in its parent's at position zero,
+//!
+//! ```text
+//! base_from_j(q) = base_from_parent(q) A_j Rz(q_j)     for a joint that turns
+//! base_from_j(q) = base_from_parent(q) A_j Tz(q_j)     for a joint that slides
+//! ```
+//!
+//! and Rz changes two columns only.
+//!
+//! # Levers
+//!
+//! The *lever* R_k of joint k on a capsule is the largest distance of a point of the capsule's axis from the joint's axis
+//! over all postures. It is at most the next joint's distance from the axis, and the lengths of all later offsets; it is 1
+//! for a joint that slides. A posture that differs from another one by d_k in joint k, and in no other, has the capsule's
+//! points moved by at most R_k |d_k|: the straight way between the two is a turn by d_k about one axis. Taken joint by
+//! joint, the distance of two capsules changes by at most sum_k R_k |d_k|. Only joints between their bodies count: a joint
+//! that carries both moves them as one.
+
+use messages::JOINTS;
+use nalgebra::{Matrix3, Vector3};
+use robot::{CAPSULES_MAX, Model, Solid};
+
+use crate::clearance::{Axis, above_plane, between_segments, from_box};
+
+/// Set of joints: bit j is joint j.
+pub(super) type JointSet = u32;
+
+/// A joint with its frame turned so that it moves about or along z.
+#[derive(Clone, Copy, Debug)]
+struct Joint {
+    /// Body that it hangs on: 0 is the base, 1 + j moves with joint j. Always a smaller index.
+    parent: usize,
+    /// A_j: rotation and translation (m).
+    r: Matrix3<f64>,
+    t: Vector3<f64>,
+    slides: bool,
+    /// Largest magnitude of the position, for a joint that slides, m.
+    stroke_m: f64,
+}
+
+/// Pose of a body in the base frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed {
+    pub(super) r: Matrix3<f64>,
+    pub(super) t: Vector3<f64>,
+}
+
+/// Poses of all bodies.
+pub(super) type Places = [Placed; JOINTS + 1];
+
+/// All bodies at the base.
+pub(super) fn unplaced() -> Places {
+    [Placed { r: Matrix3::identity(), t: Vector3::zeros() }; JOINTS + 1]
+}
+
+/// A capsule in the turned frame of its body.
+#[derive(Clone, Debug)]
+struct Capsule {
+    body: usize,
+    ends: [Vector3<f64>; 2],
+    radius_m: f64,
+    /// The joints that carry it, from the base on, each with its lever (m, or 1).
+    carried: Vec<(usize, f64)>,
+}
+
+/// What a capsule is kept away from.
+#[derive(Clone, Copy, Debug)]
+enum Other {
+    /// Another capsule, moved against the common body by the joints from this place of its list on.
+    Capsule(usize, usize),
+    /// A solid on the base.
+    Obstacle(usize),
+}
+
+/// Two that must stay apart.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    a: usize,
+    /// Joints of `a` from this place of its list on move it against the common body.
+    from: usize,
+    other: Other,
+    /// All joints, and the capsules (bit i is capsule i), that its distance is computed from.
+    needed: (JointSet, u64),
+}
+
+/// How far each capsule may be moved, m: by the joints from a place of its list on.
+pub(super) type Moved = [[f64; JOINTS + 1]; CAPSULES_MAX];
+
+/// Bodies, capsules, obstacles and checked pairs of one robot.
+#[derive(Clone, Debug)]
+pub(super) struct Body {
+    joints: [Joint; JOINTS],
+    capsules: Vec<Capsule>,
+    obstacles: Vec<Solid>,
+    pairs: Vec<Pair>,
+    /// Elbows and hands, whose speed is bounded: capsules that are points.
+    points: Vec<Capsule>,
+}
+
+/// A rotation whose third column is `axis`.
+fn with_third(axis: &Vector3<f64>) -> Matrix3<f64> {
+    let along = axis.normalize();
+    // The coordinate axis that is least along it, so that the product below is far from zero.
+    let least = along.iamin();
+    let first = along.cross(&Vector3::ith(least, 1.0)).normalize();
+    Matrix3::from_columns(&[first, along.cross(&first), along])
+}
+
+impl Body {
+    pub(super) fn new(model: &Model) -> Self {
+        let mut turned = [Matrix3::identity(); JOINTS + 1];
+        let joints = std::array::from_fn(|j| {
+            let (at_zero, axis) = model.joint_at_zero(j);
+            let parent = model.parent_body(j + 1).unwrap_or(0);
+            turned[j + 1] = with_third(&axis);
+            let (limits, stops) = (&model.limits[j], &model.urdf_limits[j]);
+            let stroke_m = [limits.q_min, limits.q_max, stops.q_min, stops.q_max].map(f64::abs);
+            Joint {
+                parent,
+                r: turned[parent].transpose() * at_zero.r * turned[j + 1],
+                t: turned[parent].transpose() * at_zero.t,
+                slides: model.prismatic[j],
+                stroke_m: stroke_m.into_iter().fold(0.0, f64::max),
+            }
+        });
+        let empty = Vec::new;
+        let mut body = Self { joints, capsules: empty(), obstacles: Vec::new(), pairs: Vec::new(), points: empty() };
+        let on = |at: usize, ends: [Vector3<f64>; 2]| ends.map(|end| turned[at].transpose() * end);
+        let capsules = model.capsules.iter().map(|c| body.carried(c.body, on(c.body, [c.a, c.b]), c.radius_m));
+        let points = model.speed_points().map(|point| body.carried(point.body, on(point.body, [point.at; 2]), 0.0));
+        (body.capsules, body.points) = (capsules.collect(), points.to_vec());
+        body.obstacles = model.obstacles.iter().map(|obstacle| obstacle.solid).collect();
+        body.pairs = model.pairs.iter().map(|pair| body.pair(pair.a, pair.b)).collect();
+        for a in (0..body.capsules.len()).filter(|&a| body.capsules[a].body != 0) {
+            let needed = (body.ancestors(body.capsules[a].body), 1 << a);
+            let pair = |k| Pair { a, from: 0, other: Other::Obstacle(k), needed };
+            body.pairs.extend((0..body.obstacles.len()).map(pair));
+        }
+        body
+    }
+
+    fn carried(&self, body: usize, ends: [Vector3<f64>; 2], radius_m: f64) -> Capsule {
+        let lever = |j: usize| self.lever(j, body, &ends[0]).max(self.lever(j, body, &ends[1]));
+        let carried = self.carriers(body).map(|j| (j, lever(j))).collect();
+        Capsule { body, ends, radius_m, carried }
+    }
+
+    fn pair(&self, a: usize, b: usize) -> Pair {
+        let sets = [a, b].map(|i| self.ancestors(self.capsules[i].body));
+        // A parent has a smaller index than its child, so the joints that both have stand first in both lists.
+        let from = (sets[0] & sets[1]).count_ones() as usize;
+        Pair { a, from, other: Other::Capsule(b, from), needed: (sets[0] | sets[1], 1 << a | 1 << b) }
+    }
+
+    /// The joints between the base and `body`.
+    fn ancestors(&self, body: usize) -> JointSet {
+        let (mut set, mut at) = (0, body);
+        while at != 0 {
+            set |= 1 << (at - 1);
+            at = self.joints[at - 1].parent;
+        }
+        set
+    }
+
+    /// The same, from the base on.
+    fn carriers(&self, body: usize) -> impl Iterator<Item = usize> {
+        let set = self.ancestors(body);
+        (0..JOINTS).filter(move |j| set & 1 << j != 0)
+    }
+
+    /// The lever of joint `j` on a point of `body`, which it carries.
+    fn lever(&self, j: usize, body: usize, point: &Vector3<f64>) -> f64 {
+        if self.joints[j].slides {
+            return 1.0;
+        }
+        let (mut beyond, mut first, mut at) = (0.0, *point, body);
+        while at != j + 1 {
+            let joint = &self.joints[at - 1];
+            beyond += first.norm() + if joint.slides { joint.stroke_m } else { 0.0 };
+            (first, at) = (joint.t, joint.parent);
+        }
+        first.x.hypot(first.y) + beyond
+    }
+
+    /// Poses of the bodies that the joints of `set` move, at the positions `q` (rad, m). `set` holds the ancestors of each
+    /// of its joints. The other entries stay as they are.
+    pub(super) fn place(&self, q: &[f64; JOINTS], set: JointSet, places: &mut Places) {
+        for (j, joint) in self.joints.iter().enumerate().filter(|(j, _)| set & 1 << j != 0) {
+            let parent = places[joint.parent];
+            let mut r = parent.r * joint.r;
+            let mut t = parent.r * joint.t + parent.t;
+            if joint.slides {
+                t += r.column(2) * q[j];
+            } else {
+                let (sin, cos) = q[j].sin_cos();
+                let [x, y] = [r.column(0).into_owned(), r.column(1).into_owned()];
+                r.set_column(0, &(x * cos + y * sin));
+                r.set_column(1, &(y * cos - x * sin));
+            }
+            places[j + 1] = Placed { r, t };
+        }
+    }
+
+    pub(super) fn capsule_count(&self) -> usize {
+        self.capsules.len()
+    }
+
+    pub(super) fn pair_count(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// The joints and the capsules that a pair's distance is computed from.
+    pub(super) fn needed(&self, pair: usize) -> (JointSet, u64) {
+        self.pairs[pair].needed
+    }
+
+    /// Indices of a pair's capsules in the robot file; for an obstacle the number of capsules and its index.
+    pub(super) fn named(&self, pair: usize) -> [u32; 2] {
+        let Pair { a, other, .. } = self.pairs[pair];
+        let b = match other {
+            Other::Capsule(b, _) => b,
+            Other::Obstacle(k) => self.capsules.len() + k,
+        };
+        [a as u32, b as u32]
+    }
+
+    /// The capsule in the base frame.
+    pub(super) fn axis(&self, capsule: usize, places: &Places) -> Axis {
+        let Capsule { body, ends, radius_m, .. } = &self.capsules[capsule];
+        let [a, b] = ends.map(|end| places[*body].r * end + places[*body].t);
+        Axis::new(a, b, *radius_m)
+    }
+
+    pub(super) fn point_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// The body of an elbow or a hand.
+    pub(super) fn point_body(&self, i: usize) -> usize {
+        self.points[i].body
+    }
+
+    /// The joints that move it.
+    pub(super) fn point_joints(&self, i: usize) -> JointSet {
+        self.points[i].carried.iter().fold(0, |set, (j, _)| set | 1 << j)
+    }
+
+    /// At most its speed while the joints are no faster than `v` (rad/s, m/s), m/s.
+    pub(super) fn fastest(&self, i: usize, v: &[f64; JOINTS]) -> f64 {
+        self.points[i].carried.iter().map(|&(j, lever)| lever * v[j].abs()).sum()
+    }
+
+    /// Its velocity in the base frame, m/s.
+    pub(super) fn point_velocity(&self, i: usize, v: &[f64; JOINTS], places: &Places) -> Vector3<f64> {
+        let Capsule { body, ends, carried, .. } = &self.points[i];
+        let at = places[*body].r * ends[0] + places[*body].t;
+        let mut velocity = Vector3::zeros();
+        for &(j, _) in carried {
+            let axis = places[j + 1].r.column(2).into_owned();
+            velocity += if self.joints[j].slides { axis } else { axis.cross(&(at - places[j + 1].t)) } * v[j];
+        }
+        velocity
+    }
+
+    /// At most the distance of a pair, m, and cheap.
+    pub(super) fn at_most(&self, pair: usize, axes: &[Axis; CAPSULES_MAX]) -> f64 {
+        let Pair { a, other, .. } = &self.pairs[pair];
+        match *other {
+            Other::Capsule(b, _) => axes[*a].around(&axes[b]),
+            Other::Obstacle(k) => match &self.obstacles[k] {
+                Solid::HalfSpace { normal, offset_m } => {
+                    above_plane(&axes[*a].ends, normal, *offset_m) - axes[*a].radius_m
+                }
+                Solid::Box { center, half_m, .. } => axes[*a].around_point(center, half_m.norm()),
+            },
+        }
+    }
+
+    /// The distance of a pair, m.
+    pub(super) fn distance(&self, pair: usize, axes: &[Axis; CAPSULES_MAX]) -> f64 {
+        let Pair { a, other, .. } = &self.pairs[pair];
+        let a = &axes[*a];
+        let of_axis = match *other {
+            Other::Capsule(b, _) => between_segments(&a.ends, &axes[b].ends) - axes[b].radius_m,
+            Other::Obstacle(k) => match &self.obstacles[k] {
+                Solid::HalfSpace { normal, offset_m } => above_plane(&a.ends, normal, *offset_m),
+                Solid::Box { center, r, half_m } => from_box(&a.ends.map(|end| r.tr_mul(&(end - center))), half_m),
+            },
+        };
+        of_axis - a.radius_m
+    }
+
+    /// How far each capsule may be moved by joints that move by `travel` (rad, m), from every place of its list on.
+    pub(super) fn moved(&self, travel: &[f64; JOINTS]) -> Moved {
+        let mut moved = [[0.0; JOINTS + 1]; CAPSULES_MAX];
+        for (capsule, moved) in self.capsules.iter().zip(&mut moved) {
+            let mut sum = 0.0;
+            for (place, &(j, lever)) in capsule.carried.iter().enumerate().rev() {
+                sum += lever * travel[j];
+                moved[place] = sum;
+            }
+        }
+        moved
+    }
+
+    /// By how much the distance of a pair may change, m.
+    pub(super) fn change(&self, pair: usize, moved: &Moved) -> f64 {
+        let Pair { a, from, other, .. } = self.pairs[pair];
+        moved[a][from] + if let Other::Capsule(b, from) = other { moved[b][from] } else { 0.0 }
+    }
+
+    /// The joints between a pair's bodies, each with its lever, those of both sides.
+    pub(super) fn between(&self, pair: usize) -> impl Iterator<Item = (usize, f64)> {
+        let Pair { a, from, other, .. } = self.pairs[pair];
+        let second = match other {
+            Other::Capsule(b, from) => &self.capsules[b].carried[from..],
+            Other::Obstacle(_) => &[],
+        };
+        self.capsules[a].carried[from..].iter().chain(second).copied()
+    }
+}

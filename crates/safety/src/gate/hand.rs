@@ -1,0 +1,137 @@
+//! The speed of elbows and hands in the base frame, at the command and at the samples of its stop.
+//!
+//! A point p of an arm moves with p' = sum_k J_k q_k': J_k is z_k x (p - o_k) for a joint that turns about z_k through o_k,
+//! and z_k for one that slides. Its length is at most the lever R_k (see `body`), so with V_k the largest speed of joint k
+//! on the whole way, sum_k R_k V_k <= bound needs no kinematics. Else the velocity is taken at the command and at the same
+//! instants as the clearance. Between two of them that are dt apart a point may be faster by at most B dt / 2, with B the
+//! bound on its acceleration; that it is not is what whole-body control shows.
+
+use messages::JOINTS;
+
+use super::body::{Body, unplaced};
+use super::denial::Denial;
+use super::fixed::{Point, UNITS};
+use super::stop::Stop;
+use super::way::{positions, sample_times};
+
+/// Rounding of a speed, m/s: that of positions and speeds is below 1e-10 rad and rad/s, of levers below 1e-14 m.
+const SPEED_SLACK_M_PER_S: f64 = 1e-9;
+
+/// Whether elbows and hands are no faster than `max_m_per_s` at the command `next` and at the samples of `stops`.
+pub(super) fn judge(
+    body: &Body,
+    max_m_per_s: f64,
+    next: &[Point; JOINTS],
+    stops: &[Stop; JOINTS],
+) -> Result<(), Denial> {
+    let fastest: [f64; JOINTS] = std::array::from_fn(|j| stops[j].v as f64 / UNITS);
+    if (0..body.point_count()).all(|i| body.fastest(i, &fastest) <= max_m_per_s) {
+        return Ok(());
+    }
+    at(body, max_m_per_s, next)?;
+    sample_times(stops).into_iter().try_for_each(|time| {
+        let x = std::array::from_fn(|j| stops[j].at(time));
+        at(body, max_m_per_s, &x)
+    })
+}
+
+fn at(body: &Body, max_m_per_s: f64, x: &[Point; JOINTS]) -> Result<(), Denial> {
+    let mut places = unplaced();
+    let needed = (0..body.point_count()).fold(0, |set, i| set | body.point_joints(i));
+    body.place(&positions(x), needed, &mut places);
+    let v = x.map(|x| x.v as f64 / UNITS);
+    for i in 0..body.point_count() {
+        // Written so that NaN is refused.
+        let slow = body.point_velocity(i, &v, &places).norm() <= max_m_per_s + SPEED_SLACK_M_PER_S;
+        if !slow {
+            return Err(Denial::HandSpeed { joint: body.point_body(i) - 1 });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clearance::tests::shipped;
+    use crate::gate::fixed::Phase;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+    use robot::{Frames, Model};
+
+    /// The fastest point at `q` and `v`, by the model's Jacobian.
+    fn fastest(model: &Model, q: &[f64; JOINTS], v: &[f64; JOINTS]) -> f64 {
+        let mut frames = Frames::default();
+        model.forward(q, &mut frames);
+        let speed = |point: robot::SpeedPoint| {
+            let place = frames.base_from_body[point.body].transform_point(&point.at);
+            let columns = model.jacobian(&frames, point.body, &place);
+            let along = |i: usize| (0..JOINTS).map(|j| columns[j][i] * v[j]).sum::<f64>();
+            nalgebra::Vector3::new(along(0), along(1), along(2)).norm()
+        };
+        model.speed_points().map(speed).into_iter().fold(0.0, f64::max)
+    }
+
+    /// By the sum of levers hands reach 7 m/s at the shipped limits, so the gate looks at the bound of 3 m/s; a robot that
+    /// could not reach it would cost nothing.
+    #[test]
+    fn the_bound_is_looked_at_where_a_hand_may_reach_it() {
+        let model = shipped();
+        let body = Body::new(&model);
+        let v = model.limits.map(|limits| limits.v_max);
+        let most: [f64; 4] = std::array::from_fn(|i| body.fastest(i, &v));
+        assert!(most.into_iter().fold(0.0, f64::max) > 3.0, "{most:?}");
+        let gate = super::super::Config::new(&model).and_then(|gate| gate.with_hand_speed(3.0));
+        assert!(gate.is_ok_and(|gate| gate.hand_speed_m_per_s == Some(3.0)));
+        let mut slow = model;
+        slow.limits.iter_mut().for_each(|limits| limits.v_max *= 0.3);
+        let gate = super::super::Config::new(&slow).and_then(|gate| gate.with_hand_speed(3.0));
+        assert!(gate.is_ok_and(|gate| gate.hand_speed_m_per_s.is_none()));
+    }
+
+    #[test]
+    fn a_hand_is_denied_where_a_sample_is_too_fast() {
+        let model = shipped();
+        let body = Body::new(&model);
+        let mut rng = Pcg64::seed_from_u64(51);
+        let (mut at_command, mut later, mut slow) = (0, 0, 0);
+        for n in 0..3000 {
+            let next: [Point; JOINTS] = std::array::from_fn(|j| {
+                let l = &model.limits[j];
+                let v = l.v_max * rng.random_range(-1.0..=1.0);
+                Point::quantised(rng.random_range(l.q_min..=l.q_max), v, 0.0).expect("finite")
+            });
+            let stops: [Stop; JOINTS] = std::array::from_fn(|j| {
+                let mut phases = [Phase::default(); 3];
+                for phase in &mut phases {
+                    // Some of it gets faster.
+                    phase.jerk = (model.limits[j].j_max * 0.2 * rng.random_range(-1.0..=1.0) * UNITS) as i64;
+                    phase.duration = rng.random_range(0..1 << 44);
+                }
+                let mut stop = Stop::new(next[j], &phases);
+                for (i, phase) in phases.iter().enumerate() {
+                    let (end, extremes) = phase.play(stop.end());
+                    stop.note(i, end, &extremes);
+                }
+                stop
+            });
+            let speed = |x: &[Point; JOINTS]| fastest(&model, &positions(x), &x.map(|x| x.v as f64 / UNITS));
+            let first = speed(&next);
+            let of_samples = sample_times(&stops).map(|time| speed(&std::array::from_fn(|j| stops[j].at(time))));
+            let most = of_samples.into_iter().fold(first, f64::max);
+            // At the boundary and beyond it, on both sides of the slack.
+            assert_eq!(judge(&body, most, &next, &stops), Ok(()), "{n}");
+            let denied = judge(&body, most - 2e-9, &next, &stops);
+            assert!(
+                matches!(denied, Err(Denial::HandSpeed { joint }) if [7, 9, 14, 16].contains(&joint)),
+                "{n}: {denied:?}"
+            );
+            (at_command, later) = (at_command + u32::from(most == first), later + u32::from(most > first));
+            let levers = (0..4).map(|i| body.fastest(i, &std::array::from_fn(|j| stops[j].v as f64 / UNITS)));
+            let bound = levers.fold(0.0, f64::max);
+            assert!(bound >= most - 1e-12, "{n}: {most} beyond {bound}");
+            slow += u32::from(judge(&body, bound, &next, &stops).is_ok());
+        }
+        assert!(at_command > 300 && later > 300 && slow == 3000, "{at_command} {later} {slow}");
+    }
+}

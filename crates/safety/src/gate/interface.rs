@@ -1,0 +1,99 @@
+//! What the robot's interface may make of the commands, as far as the gate must know it.
+//!
+//! Joints of one controller follow together, controllers may lag each other by the *skew* s. Seen from the least delayed
+//! controller, a joint k of another one is where the command was up to s earlier, at most
+//!
+//! ```text
+//! lag_k = s (|v_k| + s |a_k| / 2) + J_k s^3 / 6
+//! ```
+//!
+//! away (Taylor's formula, with the jerk limit J_k). Beside that each joint may be `off_k` from where its controller should
+//! have it. With the levers R_k of the joints between a pair's bodies (see `body`), the pair may lose
+//!
+//! ```text
+//! sum over all joints of R_k off_k + sum over all controllers but the one with the least sum of R_k lag_k
+//! ```
+//!
+//! because which controller is least delayed is not known. A pair between whose bodies one controller moves all joints
+//! loses nothing by lag. Positions, speeds and accelerations are the command's at that instant.
+
+use messages::JOINTS;
+use robot::JointLimits;
+
+use super::body::Body;
+use super::check::ConfigError;
+use super::fixed::{Point, UNITS};
+
+/// Largest deviation of a joint, rad or m. Assumption: ten times the worst of 100 Hz controllers that interpolate linearly.
+const OFF_MAX: f64 = 1e-3;
+/// Longest skew, s. Assumption: more than one period of the slowest interface.
+const SKEW_MAX_S: f64 = 0.05;
+
+/// The interface between the commands and the robot. The default executes every command at its time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Interface {
+    /// How far a joint may be from where its controller should have it, rad or m.
+    pub off: [f64; JOINTS],
+    /// By how much controllers may lag each other, s.
+    pub skew_s: f64,
+    /// Which controller moves each joint.
+    pub controller: [usize; JOINTS],
+}
+
+/// The same, checked, with the jerk limits.
+#[derive(Clone, Debug)]
+pub(super) struct Deviation {
+    off: [f64; JOINTS],
+    skew_s: f64,
+    /// J s^3 / 6.
+    still: [f64; JOINTS],
+    controller: [usize; JOINTS],
+}
+
+impl Deviation {
+    /// None where every command is executed at its time.
+    pub(super) fn new(interface: &Interface, limits: &[JointLimits; JOINTS]) -> Result<Option<Self>, ConfigError> {
+        let Interface { off, skew_s, controller } = *interface;
+        let within = |key, value: f64, bound: f64| {
+            // Written so that NaN is refused too.
+            let inside = value >= 0.0 && value <= bound;
+            if inside { Ok(()) } else { Err(ConfigError::Interface { key, value, bound }) }
+        };
+        within("skew in s", skew_s, SKEW_MAX_S)?;
+        for j in 0..JOINTS {
+            within("deviation of a joint in rad or m", off[j], OFF_MAX)?;
+            within("index of a controller", controller[j] as f64, (JOINTS - 1) as f64)?;
+        }
+        if skew_s == 0.0 && off == [0.0; JOINTS] {
+            return Ok(None);
+        }
+        let still = limits.each_ref().map(|limits| limits.j_max * skew_s * skew_s * skew_s / 6.0);
+        Ok(Some(Self { off, skew_s, still, controller }))
+    }
+
+    fn lag(&self, j: usize, v: f64, a: f64) -> f64 {
+        self.skew_s * (v.abs() + self.skew_s * a.abs() / 2.0) + self.still[j]
+    }
+
+    /// How far a joint may be from its command at most, rad or m, as fast as `v` and as steep as `a`.
+    pub(super) fn most(&self, j: usize, v: f64, a: f64) -> f64 {
+        self.off[j] + self.lag(j, v, a)
+    }
+
+    /// What a pair may lose at an instant at which the joints are at `x`, m.
+    pub(super) fn of(&self, body: &Body, pair: usize, x: &[Point; JOINTS]) -> f64 {
+        let mut lags = [None; JOINTS];
+        let mut lost = 0.0;
+        for (j, lever) in body.between(pair) {
+            let lag = lever * self.lag(j, x[j].v as f64 / UNITS, x[j].a as f64 / UNITS);
+            lost += lever * self.off[j];
+            *lags[self.controller[j]].get_or_insert(0.0) += lag;
+        }
+        let (mut total, mut least) = (0.0, f64::INFINITY);
+        for lag in lags.into_iter().flatten() {
+            total += lag;
+            least = f64::min(least, lag);
+        }
+        lost + if total > 0.0 { total - least } else { 0.0 }
+    }
+}
