@@ -2,6 +2,7 @@
 
 use crate::acceptance::{self, Refusal, Rule};
 use crate::chain::Chain;
+use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
 use messages::{
@@ -20,6 +21,17 @@ pub const UNDRIVEN_TICKS: u64 = 3;
 /// still would be overshot. 500 ms, the longest stop of the robots; then what is held stands, whatever is measured.
 pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
 
+/// A reset needs joints that have stood for so many ticks: 50 ms, half of what `control` asks for before it passes a reset
+/// on, so that a reset which `control` grants is not refused here.
+pub const STILL_TICKS: u64 = TICK_HZ / 20;
+
+/// A standing joint is measured near its setpoint. Near is the way of so many seconds at the joint's largest speed: 0.05 rad
+/// of an arm's joint, the tracking error that `control` bears. Assumption.
+const NEAR_S: f64 = 0.06;
+
+/// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
+const ENCODER_NOISE: f64 = 4e-4;
+
 /// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
 /// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
 /// Assumption.
@@ -29,21 +41,21 @@ const STANDING: f64 = 0.15;
 /// As `safety` judges measurements.
 const FALL_FACTOR: f64 = 3.0;
 /// Noise of a measurement, rad or m; as `safety` judges it.
-const NOISE: f64 = 0.005;
+pub(crate) const NOISE: f64 = 0.005;
 
 /// What the follower must know beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Indices without an acceptable command after which the fault latches.
     pub silence_ticks: u64,
-    /// Largest joint speeds, rad/s or m/s: a command farther away than they allow does not continue anything.
-    pub v_max: [f64; JOINTS],
+    /// The limits of every joint: a command beyond them does not continue anything.
+    pub limits: [JointLimits; JOINTS],
 }
 
 impl Config {
-    /// The follower of a robot with these largest joint speeds.
-    pub const fn new(v_max: [f64; JOINTS]) -> Self {
-        Self { silence_ticks: SILENCE_TICKS, v_max }
+    /// The follower of a robot with these limits.
+    pub const fn new(limits: [JointLimits; JOINTS]) -> Self {
+        Self { silence_ticks: SILENCE_TICKS, limits }
     }
 }
 
@@ -71,9 +83,13 @@ pub struct State {
     /// Ticks in a row in which the drives did not follow.
     undriven: u64,
     /// What is measured is held: since the drives complained, and until the joints stand.
-    holds_measured: bool,
+    pub(crate) holds_measured: bool,
     /// Ticks for which that may still last once they do not complain any more.
     settle_ticks: u64,
+    /// Ticks for which every joint has been measured standing near its setpoint.
+    still_ticks: u64,
+    /// Where they were measured when that count began.
+    still_at: [f64; JOINTS],
     /// The last measured posture that could be, and its index.
     believed: ([f64; JOINTS], u64),
     /// `origin` of the last accepted command.
@@ -85,8 +101,9 @@ pub struct State {
 }
 
 impl State {
-    /// Holds the measured posture `q` from index `k` on; `None` if a number of it is not finite. A driver that starts
-    /// must do so at least 3 indices after another one ended, so that no identity is given twice.
+    /// Holds the measured posture `q` from index `k` on, and what is measured until the joints stand. Returns `None` if a
+    /// number of `q` is not finite. A driver that starts must do so at least 3 indices after another one ended, so that no
+    /// identity is given twice.
     pub fn hold(k: u64, q: &[f64; JOINTS]) -> Option<Self> {
         q.iter().all(|q| q.is_finite()).then_some(Self {
             motion: Motion::rest(*q),
@@ -99,8 +116,11 @@ impl State {
             mode: 0,
             silent: None,
             undriven: 0,
-            holds_measured: false,
-            settle_ticks: 0,
+            // A robot whose last driver died may still move.
+            holds_measured: true,
+            settle_ticks: SETTLE_TICKS,
+            still_ticks: 0,
+            still_at: *q,
             believed: (*q, k),
             origin: Stamp::NONE,
             reset: None,
@@ -163,7 +183,7 @@ pub struct Input<'a> {
     pub command: Option<&'a JointCommand>,
     /// The robot did not take a setpoint: latches at once.
     pub port_fault: bool,
-    /// The newest measurement, if there is one. Drives that are not sound latch at once.
+    /// The newest measurement, if there is one, taken after the driver woke up. Drives that are not sound latch at once.
     pub measured: Option<&'a Measured>,
 }
 
@@ -189,8 +209,15 @@ pub struct Output {
     pub accepted: Option<Accepted>,
     /// Why the command of this tick was refused.
     pub refused: Option<Refusal>,
+    /// The driver was suspended for so many ticks while the robot moved: it began again where the robot is measured.
+    pub suspended_ticks: Option<u64>,
     /// `DriverFault` while latched.
     pub faults: Faults,
+}
+
+/// Whether every joint is measured slower than a standing one may be.
+fn is_slow(config: &Config, measured: &Measured) -> bool {
+    (0..JOINTS).all(|j| measured.dq[j].abs() <= STANDING * config.limits[j].v_max)
 }
 
 /// How a step came about.
@@ -202,7 +229,8 @@ pub enum StepKind {
     Command,
     /// So many indices at rest, as one step.
     Rest,
-    /// The drives do not follow: what is measured is held.
+    /// The robot was on its own, because its drives did not follow or the driver was suspended: what is executed begins where
+    /// it is measured.
     Measured,
 }
 
@@ -220,8 +248,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     tick_each(config, state, now, input, |_| {})
 }
 
-/// As [`tick`], and shows every single step of the execution, of which there are several when the driver overslept or a
-/// new chain begins further on the plan.
+/// As [`tick`], and shows every single step of the execution, of which there are several when the driver was late or a new
+/// chain begins further on the plan.
 pub fn tick_each(
     config: &Config,
     state: &mut State,
@@ -232,6 +260,12 @@ pub fn tick_each(
     let index_before = state.index();
     let driven = !input.port_fault && input.measured.is_none_or(|measured| measured.drives.are_sound());
     state.latched |= !driven;
+    // A command is heard in the tick in which the joints are seen to stand.
+    state.holds_measured &= !(driven && input.measured.is_none_or(|measured| is_slow(config, measured)));
+    let suspended_ticks = state.suspension(input.due_k);
+    if let Some(ticks) = suspended_ticks {
+        state.begin_again(config, now, &input, ticks, &mut each);
+    }
     let mut accepted = None;
     let mut refused = None;
     if let Some(command) = state.look_at(input.command) {
@@ -249,12 +283,13 @@ pub fn tick_each(
         state.motion = Motion::rest(measured.q);
     }
     if advanced > 0 {
+        state.watch_standing(config, input.measured);
         let standing = input.measured.and_then(|measured| state.believe(config, measured));
         state.hold_undriven(config, &input, standing, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
-    Output { executed: state.setpoint(), advanced, accepted, refused, faults }
+    Output { executed: state.setpoint(), advanced, accepted, refused, suspended_ticks, faults }
 }
 
 impl State {
@@ -270,14 +305,15 @@ impl State {
     }
 
     /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow, nor
-    /// before the joints stand.
+    /// before the joints have stood for [`STILL_TICKS`].
     fn listen(&mut self, config: &Config, now: Stamp, command: &JointCommand, driven: bool) -> Result<Rule, Refusal> {
         acceptance::plausible(now, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
-        if edge && self.latched && self.motion.at_rest() && driven && !self.holds_measured {
+        let stands = self.still_ticks >= STILL_TICKS || known_bug!(ResetWhileSwinging);
+        if edge && self.latched && self.motion.at_rest() && driven && !self.holds_measured && stands {
             self.latched = false;
             self.silent = None;
         }
@@ -324,12 +360,33 @@ impl State {
         }
     }
 
+    /// Counts the ticks for which every joint is measured near where it is told to be, and within the way of
+    /// [`STILL_TICKS`] at the speed of a standing joint from where the count began. Positions alone are looked at: a swing
+    /// comes back to where it was, but not in between.
+    fn watch_standing(&mut self, config: &Config, measured: Option<&Measured>) {
+        let still_s = STILL_TICKS as f64 * TICK_S;
+        let stands = |measured: &Measured, j: usize| {
+            let v_max = config.limits[j].v_max;
+            (measured.q[j] - self.motion.q[j]).abs() <= NEAR_S * v_max
+                && (measured.q[j] - self.still_at[j]).abs() <= STANDING * v_max * still_s + ENCODER_NOISE
+        };
+        let Some(measured) = measured else {
+            self.still_ticks = self.still_ticks.saturating_add(1);
+            return;
+        };
+        if (0..JOINTS).all(|j| stands(measured, j)) {
+            self.still_ticks = self.still_ticks.saturating_add(1);
+        } else {
+            (self.still_ticks, self.still_at) = (0, measured.q);
+        }
+    }
+
     /// Where the joints stand: what is measured, if every joint can have come there since the last posture that was
     /// believed. An encoder that lies while there is no power must not become the setpoint that power finds.
-    fn believe(&mut self, config: &Config, measured: &Measured) -> Option<[f64; JOINTS]> {
+    pub(crate) fn believe(&mut self, config: &Config, measured: &Measured) -> Option<[f64; JOINTS]> {
         let (last, k) = self.believed;
         let dt_s = self.index().saturating_sub(k).max(1) as f64 * TICK_S;
-        let reach = |j: usize| FALL_FACTOR * config.v_max[j] * dt_s + NOISE;
+        let reach = |j: usize| FALL_FACTOR * config.limits[j].v_max * dt_s + NOISE;
         // What is no number is within no reach.
         let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
         can_be.then(|| {
@@ -353,15 +410,15 @@ impl State {
         let undriven = (input.port_fault || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         let complained = undriven || drives.fault;
-        let slow = |measured: &Measured| (0..JOINTS).all(|j| measured.dq[j].abs() <= STANDING * config.v_max[j]);
-        let stands = input.measured.is_none_or(slow);
+        let stands = input.measured.is_none_or(|measured| is_slow(config, measured));
         self.settle_ticks = match complained {
             true => SETTLE_TICKS,
             false if stands => 0,
             false => self.settle_ticks.saturating_sub(1),
         };
         self.holds_measured &= self.settle_ticks > 0;
-        let settles = self.holds_measured && !complained;
+        // Setpoints that are refused meanwhile change nothing: the joints are followed until they stand.
+        let settles = self.holds_measured && (undriven || !complained);
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
         let held = stopped || settles || self.undriven >= UNDRIVEN_TICKS;
         let Some(standing) = standing.filter(|_| held) else { return };
@@ -371,8 +428,8 @@ impl State {
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: the
-    /// driver's own oversleep is not charged to `control`.
+    /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: what the
+    /// driver was late by is not charged to `control`.
     fn mind_silence(&mut self, config: &Config, accepted: bool, advanced: u64) {
         if accepted {
             self.silent = Some(0);

@@ -19,9 +19,15 @@
 //! (b) it belongs to a new chain whose seed is the executed identity or lies ahead on the plan being played: the plan is
 //!     played up to the seed, then the command is taken.
 //!
-//! A command ahead by more than one index is taken under both rules: the chain is contiguous, the driver merely overslept,
-//! and `(k - k') T` defines the time between. When an index is due and no command for it is there, one tick of the plan is
-//! played instead. So what is executed is continuous whatever the two processes' timing, which `tests/model.rs` shows.
+//! A command that is [`GAP_MAX_TICKS`] ahead at most is taken under both rules: the driver was late, and `(k - k') T` defines
+//! the time between. It must continue the executed state within the limits of position, velocity, acceleration and jerk.
+//! When an index is due and no command for it is there, one tick of the plan is played instead. So what is executed is
+//! continuous whatever the two processes' timing, which `tests/model.rs` shows.
+//!
+//! A driver that was suspended for longer while the robot moved does not know where the robot is. It neither takes a command
+//! of its old chain nor plays the missed ticks of its plan in one step: it begins where the robot is measured, and stops
+//! from there within the limits. It latches if the pause was as long as the silence that latches. So no setpoint is farther
+//! from the one before than the limits allow in the time between the two writes.
 //!
 //! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
 //!
@@ -36,14 +42,17 @@
 mod acceptance;
 mod chain;
 mod follower;
+mod limits;
 mod plan;
 mod port;
+mod suspension;
 
-pub use acceptance::{PLAN_MAX_S, REST_TOLERANCE, Refusal};
+pub use acceptance::{GAP_MAX_TICKS, PLAN_MAX_S, REST_TOLERANCE, Refusal};
 pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
 pub use follower::{
-    Accepted, Config, Input, Output, SETTLE_TICKS, SILENCE_TICKS, State, Step, StepKind, UNDRIVEN_TICKS, tick,
-    tick_each,
+    Accepted, Config, Input, Output, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, Step, StepKind, UNDRIVEN_TICKS,
+    tick, tick_each,
 };
+pub use limits::JointLimits;
 pub use plan::Motion;
 pub use port::{Driver, Drives, Measured, Setpoint};

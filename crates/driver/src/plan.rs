@@ -1,6 +1,7 @@
 //! A state of motion and the stop plan from it, with arithmetic of the driver's own: what the robot does when `control` is
 //! dead must not rest on the code of `control`.
 
+use crate::limits::JointLimits;
 use messages::{JOINTS, LEFT_ARM, Layout, StopPlan, TICK_S, known_bug};
 
 /// The motion of all joints at one instant, and the stop that follows if nothing else does.
@@ -20,6 +21,17 @@ impl Motion {
     /// At rest at `q`, with nothing left to play.
     pub const fn rest(q: [f64; JOINTS]) -> Self {
         Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: StopPlan::ZERO }
+    }
+
+    /// At `q`, with a stop within the limits from the speeds `v` (rad/s, m/s), or from less where the stop would leave the
+    /// position limits. No certificate covers it: it is for a robot that moved on without its driver.
+    pub(crate) fn stopping(limits: &[JointLimits; JOINTS], q: [f64; JOINTS], v: &[f64; JOINTS]) -> Self {
+        let mut motion = Self::rest(q);
+        for (j, limits) in limits.iter().enumerate() {
+            motion.v[j] = limits.speed_inside(q[j], v[j]);
+            (motion.plan.jerk[j], motion.plan.duration_s[j]) = limits.stop_from(motion.v[j]);
+        }
+        motion
     }
 
     /// Whether every joint stands still and nothing is left to play: exact, because the end of a plan sets exact zeros.

@@ -1,6 +1,6 @@
 //! The port: what a robot must offer to be driven.
 
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS, Stamp, StopPlan};
 
 /// What the robot measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,10 +54,10 @@ pub trait Driver {
     /// The newest measurement at `now`; its stamp says how old it is.
     fn read(&mut self, now: Stamp) -> Measured;
 
-    /// Hands `setpoint` to the robot; `false` if the robot did not take it, which the caller passes on as
+    /// Hands `setpoint` to the robot, and the stop from there for a robot that plays it by itself; `false` if the robot did not take it, which the caller passes on as
     /// `Input::port_fault` of the next tick.
     ///
     /// A robot that was without power, or stopped by its own emergency stop, follows again only what begins where it
     /// stands: the follower sees to that, by holding what is measured as long as the drives are not sound.
-    fn write(&mut self, now: Stamp, setpoint: &Setpoint) -> bool;
+    fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool;
 }

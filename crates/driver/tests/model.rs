@@ -78,6 +78,9 @@ impl Weather {
             self.driver_sleeps = rng.random_range(0..8);
         }
         if rng.random_bool(0.003 * trouble) {
+            self.driver_sleeps = rng.random_range(8..40);
+        }
+        if rng.random_bool(0.003 * trouble) {
             self.control_sleeps = rng.random_range(10..40);
         }
         let mut moment = Moment { control: Some(rng.random_range(0..2)), ..Moment::CALM };
@@ -105,7 +108,7 @@ impl Weather {
 #[test]
 fn f059_random_weather_is_continuous_and_follows_again() {
     let runs = if cfg!(debug_assertions) { 60 } else { 2000 };
-    let (mut commands, mut plan_ticks, mut refused, mut latched, mut restarts) = (0, 0, 0, 0, 0);
+    let (mut commands, mut plan_ticks, mut refused, mut latched, mut restarts, mut suspensions) = (0, 0, 0, 0, 0, 0);
     for seed in 0..runs {
         let mut world = World::new(seed);
         let rng = Pcg64::seed_from_u64(seed);
@@ -119,6 +122,7 @@ fn f059_random_weather_is_continuous_and_follows_again() {
                 commands += tally.commands;
                 plan_ticks += tally.plan_ticks;
                 refused += tally.refused;
+                suspensions += tally.suspensions;
                 if weather.rng.random_bool(0.003 * weather.trouble) {
                     world.restart_control();
                     (from_rest, restarts) = (true, restarts + 1);
@@ -134,7 +138,7 @@ fn f059_random_weather_is_continuous_and_follows_again() {
             (weather.control_sleeps, weather.driver_sleeps) = (0, 0);
             // What is still under way arrives within three ticks.
             for _ in 0..3 {
-                world.run(&Moment::CALM);
+                suspensions += world.run(&Moment::CALM).suspensions;
             }
             latched += u64::from(world.follower.latched);
             let at_once = !from_rest && !world.follower.latched;
@@ -143,13 +147,13 @@ fn f059_random_weather_is_continuous_and_follows_again() {
         }
     }
     println!(
-        "{runs} runs: {commands} commands, {plan_ticks} plan ticks, {refused} refused, {latched} latched, {restarts} restarts"
+        "{runs} runs: {commands} commands, {plan_ticks} plan ticks, {refused} refused, {latched} latched, {restarts} restarts, {suspensions} suspensions"
     );
     assert!(
         commands > 100 * runs && plan_ticks > 10 * runs && refused > 10 * runs,
         "the weather is neither calm nor dead"
     );
-    assert!(latched > 0 && restarts > runs / 10, "silence and restarts occur");
+    assert!(latched > 0 && restarts > runs / 10 && suspensions > runs / 10, "silence, restarts and suspensions occur");
 }
 
 #[test]

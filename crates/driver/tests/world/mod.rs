@@ -4,7 +4,7 @@ mod control;
 mod oracle;
 
 pub(crate) use control::Control;
-use driver::{Config, Input, State, tick_each};
+use driver::{Config, Drives, Input, JointLimits, Measured, State, tick_each};
 use messages::{Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, deadline};
 use oracle::Oracle;
 
@@ -14,6 +14,9 @@ const GRACE_QUARTERS: u64 = 2;
 pub(crate) const FIRST_K: u64 = 1000;
 /// Largest joint speed, rad/s; the motions of `Control` stay below it.
 pub(crate) const V_MAX: f64 = 3.0;
+
+/// Limits that every motion and every plan of `Control` keeps: its commands have up to 1e4 rad/s^3, its plans up to v / d^2.
+const LIMITS: JointLimits = JointLimits { q_min: -100.0, q_max: 100.0, v_max: V_MAX, a_max: 1e3, j_max: 2e5 };
 
 /// What happens in one tick.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +42,7 @@ pub(crate) struct Tally {
     pub(crate) commands: u64,
     pub(crate) plan_ticks: u64,
     pub(crate) refused: u64,
+    pub(crate) suspensions: u64,
 }
 
 #[derive(Clone)]
@@ -82,7 +86,7 @@ impl World {
     pub(crate) fn new(seed: u64) -> Self {
         let follower = State::hold(FIRST_K, &[0.1; JOINTS]).expect("finite");
         Self {
-            config: Config::new([V_MAX; JOINTS]),
+            config: Config::new([LIMITS; JOINTS]),
             control: Control::new(seed, 1),
             oracle: Oracle::new(&follower),
             follower,
@@ -114,21 +118,28 @@ impl World {
     fn drive(&mut self, echo_delay: u64) {
         let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
         let command = self.commands.read(self.quarter);
+        // The robot stands where it was told to be when its driver was heard of last.
+        let told = self.follower.setpoint();
+        let robot = Measured { stamp: now, q: told.q, dq: [0.0; JOINTS], drives: Drives::SOUND };
         let input = Input {
             due_k: (self.quarter - GRACE_QUARTERS) / 4,
             command: command.as_ref(),
             port_fault: false,
-            measured: None,
+            measured: Some(&robot),
         };
         let (oracle, control, tally) = (&mut self.oracle, &self.control, &mut self.tally);
         let out = tick_each(&self.config, &mut self.follower, now, input, |step| {
             oracle.step(control, step, command.as_ref(), tally);
         });
         tally.refused += u64::from(out.refused.is_some());
+        if out.suspended_ticks.is_some() {
+            tally.suspensions += 1;
+            assert_eq!(out.executed.q, robot.q, "it begins where it is measured");
+            self.oracle = Oracle::new(&self.follower);
+        }
         assert_eq!(out.executed, self.follower.setpoint());
         assert!(self.follower.index() >= input.due_k, "what is due is executed");
-        let measured =
-            driver::Measured { stamp: now, q: out.executed.q, dq: out.executed.v, drives: driver::Drives::SOUND };
+        let measured = Measured { stamp: now, q: out.executed.q, dq: out.executed.v, drives: Drives::SOUND };
         self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
     }
 
