@@ -263,6 +263,9 @@ fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, Oper
             for fault in Faults(last.faults | last.latched).iter() {
                 out!("{}: {}", fault.row().name, meaning(fault, &last, names));
             }
+            if let Some(why) = pipeline::not_at_rest(&last, names) {
+                out!("{why}");
+            }
             return Ok(false);
         }
         beat += HEARTBEAT;
@@ -295,7 +298,7 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         out!("nothing to reset: {}", mode(&first).name());
         return Ok(true);
     }
-    let (begun, mut presses) = (Instant::now(), 0);
+    let (begun, mut presses, mut beats) = (Instant::now(), 0, 0);
     loop {
         if begun.elapsed() >= RESET_EVERY * presses {
             client.reset();
@@ -310,6 +313,14 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
             out!("reset: {}", mode(&status).name());
             return Ok(true);
         }
+        // The answer to a press was made before the press was read: the one after it tells.
+        if beats > 0
+            && let Some(why) = operator::reset_refusal(&status)
+        {
+            out!("reset refused: {why}");
+            return Ok(false);
+        }
+        beats += 1;
         if begun.elapsed() > EFFECT_WITHIN {
             out!("{}", not_reset(&status, &Names::read(run_dir)));
             return Ok(false);
@@ -334,6 +345,7 @@ fn not_reset(status: &Status, names: &Names) -> String {
     }
     if persists.is_empty() {
         text += "\nno cause persists: the robot still moves, or somebody holds the enable (teleopctl release)";
+        text.extend(pipeline::not_at_rest(status, names).map(|why| format!("\n{why}")));
     }
     text
 }

@@ -27,6 +27,20 @@ pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {
     Err(Failure::new(Exit::TempFail, text))
 }
 
+/// Removes the sockets for READY of starters that were killed: nobody answers on them any more.
+fn remove_dead_sockets(run_dir: &Path) {
+    let is_for_ready =
+        |name: &str| name.ends_with(".sock") && (name.starts_with("ready-") || name.starts_with("record-"));
+    for entry in std::fs::read_dir(run_dir).into_iter().flatten().flatten() {
+        if entry.file_name().to_str().is_some_and(is_for_ready) {
+            let answer = UnixDatagram::unbound().and_then(|socket| socket.connect(entry.path()));
+            if answer.is_err_and(|error| error.kind() == std::io::ErrorKind::ConnectionRefused) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
 /// The running processes of one instance.
 pub struct Children {
     running: Vec<(&'static str, Child)>,
@@ -38,6 +52,7 @@ impl Children {
     /// Starts every process and waits until each is READY. `quiet` sends what they print to `<run dir>/<name>.log`.
     pub fn start(instance: &Instance, place: &Place, quiet: bool) -> Result<Self, Failure> {
         // Of its own, so that a second start in the same folder disturbs nothing before it is refused.
+        remove_dead_sockets(instance.run_dir());
         let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
         let socket = UnixDatagram::bind(&socket_path)

@@ -52,9 +52,11 @@ pub enum Command {
     Retarget(Place),
     /// Whole-body control and the safety gate; owns the operator socket.
     Control(Place),
-    /// A simulated robot behind the driver's port.
+    /// The driver of the simulated robot.
     Sim(Place),
-    /// Starts the four processes in order, and stops them with the robot at rest.
+    /// The simulated robot's body: joints, motors, encoders and a watchdog of its own.
+    Robot(Place),
+    /// Starts the processes in order, and stops them with the robot at rest.
     Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints what was measured.
     Demo(Demo),
@@ -90,6 +92,9 @@ pub struct View {
     /// FILE.bvh@TIME_S, with commas between (default: t-pose, hands-up and box).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',', conflicts_with = "recording")]
     pub key_poses: Option<Vec<String>>,
+    /// End, as at a signal, once this process is not its parent any more.
+    #[arg(long, value_name = "PID", conflicts_with = "recording")]
+    pub child_of: Option<u32>,
 }
 
 #[derive(Args, Clone, Debug)]

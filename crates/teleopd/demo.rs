@@ -170,7 +170,8 @@ impl Run<'_> {
     /// Engages, follows the motion to its end (or for `seconds` of it), and returns what went wrong.
     fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut Show) -> Result<(), String> {
         // An enable that was never seen released engages nothing: wait for that, and for every inhibit to clear.
-        let clear = self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.ticks > 600);
+        let clear =
+            self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
         if !clear {
             let faults = self.operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
             let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();

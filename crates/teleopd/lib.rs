@@ -40,6 +40,7 @@ pub fn main() -> ExitCode {
         Command::Ingest(place) => process::ingest::run(&place).map(|()| Exit::Ok),
         Command::Retarget(place) => process::retarget::run(&place).map(|()| Exit::Ok),
         Command::Control(place) => process::control::run(&place).map(|()| Exit::Ok),
+        Command::Robot(place) => process::robot::run(&place).map(|()| Exit::Ok),
         Command::Sim(place) => process::sim::run(&place).map(|()| Exit::Ok),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),

@@ -15,18 +15,19 @@ pub struct Row {
     pub restarts: bool,
 }
 
-/// The processes in starting order: whoever comes later finds its peers there. `control` needs the driver's state,
+/// The processes in starting order: whoever comes later finds its peers there. The driver `sim` needs a robot, `control` needs the driver's state,
 /// `retarget` needs nobody, `ingest` opens the door to clients last.
-pub const TABLE: [Row; 4] = [
-    Row { name: "sim", after: None, realtime: true, restarts: false },
+pub const TABLE: [Row; 5] = [
+    Row { name: "robot", after: None, realtime: true, restarts: false },
+    Row { name: "sim", after: Some("robot"), realtime: true, restarts: false },
     Row { name: "control", after: Some("sim"), realtime: true, restarts: false },
     Row { name: "retarget", after: Some("control"), realtime: true, restarts: true },
     Row { name: "ingest", after: Some("retarget"), realtime: false, restarts: true },
 ];
 
 /// Their names, in starting order; they end in the opposite one: no new input, then no new targets, then control at rest,
-/// the driver last.
-pub const PROCESSES: [&str; 4] = [TABLE[0].name, TABLE[1].name, TABLE[2].name, TABLE[3].name];
+/// the driver and its robot last.
+pub const PROCESSES: [&str; 5] = [TABLE[0].name, TABLE[1].name, TABLE[2].name, TABLE[3].name, TABLE[4].name];
 
 /// The port of the metrics of process `name`, where the first of all is `first`: in the order in which they stand on the
 /// path from the person, the opposite of that in which they start. 0 is none.

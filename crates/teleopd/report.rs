@@ -7,8 +7,10 @@ use pipeline::Instance;
 use rt::out;
 use serde_json::{Map, Value, json};
 
-/// The kinds of violation that the simulated robot counts by itself.
-const VIOLATIONS: [&str; 5] = ["position", "velocity", "acceleration", "jerk", "clearance"];
+/// The kinds of violation that the checker of the commands counts.
+const VIOLATIONS: [&str; 7] = ["position", "velocity", "acceleration", "jerk", "clearance", "hand speed", "torque"];
+/// The kinds of violation that the judge of the joints' true motion counts.
+const TRUE_VIOLATIONS: [plant::ViolationKind; 7] = plant::ViolationKind::ALL;
 /// The percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
@@ -18,7 +20,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Reads what the four processes left in the instance's folder.
+    /// Reads what the processes left in the instance's folder.
     pub fn collect(instance: &Instance) -> Result<Self, Failure> {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
@@ -29,6 +31,7 @@ impl Report {
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
         };
         let (retarget, control, sim) = (read("retarget")?, read("control")?, read("sim")?);
+        let robot = read("robot")?;
         let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
             return Err(Failure::new(Exit::Failed, "a process left no timeline"));
@@ -61,6 +64,12 @@ impl Report {
             },
             "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), sim["violations"][kind].clone())).collect::<Map<_, _>>(),
             "min_clearance_mm": sim["min_clearance_mm"],
+            "torque_share_max": sim["torque_share_max"],
+            "robot": {
+                "violations": robot["violations"], "first_violation": robot["first_violation"],
+                "min_clearance_mm": robot["min_clearance_mm"], "speed_ratio_max": robot["speed_ratio_max"],
+                "effort_ratio_max": robot["effort_ratio_max"],
+            },
             "limb_error_deg": { "target": limb("target"), "measured": limb("measured") },
             "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
             "engage": sim["engage"],
@@ -84,6 +93,13 @@ impl Report {
                 Some(0) => {}
                 Some(count) => complaints.push(format!("{count} {kind} violations")),
                 None => complaints.push(format!("{kind} violations were not counted")),
+            }
+        }
+        for kind in TRUE_VIOLATIONS.map(plant::ViolationKind::name) {
+            match self.value["robot"]["violations"][kind].as_u64() {
+                Some(0) => {}
+                Some(count) => complaints.push(format!("{count} {kind} violations of the joints' true motion")),
+                None => complaints.push(format!("{kind} violations of the joints' true motion were not counted")),
             }
         }
         for row in FAULTS.iter().filter(|row| row.response == Response::Stop) {
@@ -144,6 +160,11 @@ impl Report {
             "{:<34} {:>10.1} mm between two parts of the robot, or one and an obstacle",
             "smallest clearance",
             number(&v["min_clearance_mm"])
+        );
+        out!(
+            "{:<34} {:>10.2} of the effort limit, by the links' dynamics in what was commanded",
+            "largest torque",
+            number(&v["torque_share_max"])
         );
         let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
         out!("{:<16} {}", "violations", counts.join(", "));

@@ -1,4 +1,4 @@
-//! Starts the four processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
+//! Starts the processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
 
 use crate::children::{Children, instance_in, refuse_second};
 use crate::cli;
@@ -12,7 +12,8 @@ use std::time::Duration;
 
 /// How often the children are looked after.
 const LOOK: Duration = Duration::from_millis(20);
-/// Longest time for a released robot to come to rest: four times the longest stop (0.5 s).
+/// Longest time for a released robot to come to rest: the longest stop (0.5 s), a slow servo's settling (0.64 s) and the 0.1 s
+/// for which rest is measured, with a margin.
 const REST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Runs until a signal, or until one process ends.
@@ -38,8 +39,14 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
         }
         std::thread::sleep(LOOK);
     };
-    release(&instance);
+    let rested = release(&instance);
     let mut trouble = children.stop();
+    if !rested {
+        let within = REST_WITHIN.as_secs();
+        trouble.push(format!(
+            "the robot was not measured at rest within {within} s, and the driver was ended all the same"
+        ));
+    }
     trouble.extend(recorder.and_then(|mut recorder| recorder.stop()));
     if let Some((name, status)) = ended {
         return Err(Failure::new(Exit::Failed, format!("{name} ended by itself ({status}); everything was stopped")));
@@ -51,11 +58,12 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     Ok(Exit::after(&shutdown))
 }
 
-/// Withdraws whatever authority there is, and waits for rest; control does the same again when it is told to end.
-fn release(instance: &Instance) {
-    if let Ok(mut operator) = Operator::connect(&instance.operator_socket()) {
-        operator.release();
-        operator
-            .wait(REST_WITHIN, |status| status.mode == Mode::Disengaged as u32 || status.mode == Mode::Faulted as u32);
-    }
+/// Withdraws whatever authority there is, and waits for rest: that of the command and that of the measured robot. Control does
+/// the same again when it is told to end. Whether the robot was at rest; true too where no control is left to say so.
+fn release(instance: &Instance) -> bool {
+    let Ok(mut operator) = Operator::connect(&instance.operator_socket()) else { return true };
+    operator.release();
+    let without_authority = |mode| mode == Mode::Disengaged as u32 || mode == Mode::Faulted as u32;
+    let rested = operator.wait(REST_WITHIN, |status| without_authority(status.mode) && status.moving == 0);
+    rested || operator.is_cut_off()
 }

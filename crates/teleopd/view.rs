@@ -35,7 +35,8 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         instance.run_dir().display(),
         server.address()
     );
-    while !shutdown.requested() {
+    let orphaned = || options.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id);
+    while !shutdown.requested() && !orphaned() {
         if server.has_ended() {
             return Err(Failure::new(Exit::Software, "the server of the page ended by itself"));
         }

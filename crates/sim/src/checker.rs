@@ -16,6 +16,12 @@
 //! from piece to piece: of them position, velocity and clearance are checked at every index, the first two with what a
 //! spline may add to a motion within the jerk limit, and of what the driver hands to them acceleration and jerk.
 //!
+//! Elbows and hands of the driver's steps are checked by the way that they make from index to index, whatever the interface.
+//!
+//! The torque of every executed point is computed by the body's own dynamics ([`plant`]) from its position, velocity and
+//! acceleration, links alone, and held against the whole effort limit; not while the driver stops by itself from where it
+//! found the robot after a pause.
+//!
 //! A robot that may start outside its limits or too close to itself (`Options::initial_outside`) violates nothing by
 //! being there; to go further out, or closer, is a violation.
 
@@ -25,6 +31,7 @@ use crate::interface::{Interface, spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
+use robot::Frames;
 
 // The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in doubles
 // (2.2e-16); a plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last place, so
@@ -40,6 +47,9 @@ pub const TOLERANCE_A: f64 = 1e-9;
 pub const TOLERANCE_J: f64 = 1e-6;
 /// Rounding of a clearance, m: positions of rounding 1e-15 over a chain of 2 m, squared and rooted near zero.
 pub const TOLERANCE_CLEARANCE_M: f64 = 1e-9;
+
+/// Rounding of the way of a point in a step, m: positions of rounding 1e-11 rad over a chain of 2 m.
+pub const TOLERANCE_HAND_M: f64 = 1e-10;
 
 /// Below this speed (rad/s, m/s) and acceleration a robot stands: rounding alone.
 const STANDING: f64 = 1e-9;
@@ -57,20 +67,37 @@ pub struct Checker {
     room: Workspace,
     /// Clearance of the last posture, m.
     clearance_m: f64,
+    frames: Frames,
+    /// The driver stops by itself, from where it found the robot: nobody proved that.
+    own_stop: bool,
+    /// Elbows and hands at what the driver executed last, in the base frame, m.
+    points: Points,
 }
+
+type Points = [[f64; 3]; 4];
 
 impl Checker {
     /// Begins with what is held at the start.
     pub fn new(config: &Config, held: Setpoint) -> Self {
         let mut room = config.body.workspace();
         let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut room);
-        Self { last: held, splined: held, mode: Mode::Disengaged as u32, engaged_k: None, room, clearance_m }
+        let mut frames = Frames::default();
+        let points = points(config, &mut frames, &held.q);
+        let mode = Mode::Disengaged as u32;
+        Self { last: held, splined: held, mode, engaged_k: None, room, clearance_m, frames, own_stop: false, points }
     }
 
     /// Begins anew at `held`: where a robot without drives was found is no motion that anybody commanded.
-    pub(crate) fn hold(&mut self, config: &Config, held: &Setpoint) {
+    pub fn hold(&mut self, config: &Config, held: &Setpoint) {
         let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut self.room);
         (self.last, self.splined, self.engaged_k, self.clearance_m) = (*held, *held, None, clearance_m);
+        self.points = points(config, &mut self.frames, &held.q);
+        self.own_stop = true;
+    }
+
+    /// The next step is a command's.
+    pub(crate) fn obey(&mut self) {
+        self.own_stop = false;
     }
 
     /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
@@ -87,6 +114,10 @@ impl Checker {
         }
         if config.interface == Interface::Direct {
             self.keep_clear(config, report, to);
+        }
+        self.check_hands(config, report, to);
+        if !self.own_stop {
+            check_torques(config, report, to);
         }
         self.engage(config, report, to, mode);
         (self.last, self.mode) = (*to, mode);
@@ -114,6 +145,20 @@ impl Checker {
         self.clearance_m = clearance_m;
     }
 
+    /// The mean speed of elbows and hands over the step: no more than the largest on the way.
+    fn check_hands(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
+        let dt = to.k.saturating_sub(self.last.k) as f64 * TICK_S;
+        let now = points(config, &mut self.frames, &to.q);
+        for (i, (from, to_point)) in self.points.iter().zip(&now).enumerate() {
+            let moved_m = (0..3).map(|i| (to_point[i] - from[i]).powi(2)).sum::<f64>().sqrt();
+            let slow = moved_m <= config.hand_speed_max_m_per_s * dt + TOLERANCE_HAND_M;
+            if !slow {
+                note(report, ViolationKind::HandSpeed, to.k, i, moved_m / dt, config.hand_speed_max_m_per_s);
+            }
+        }
+        self.points = now;
+    }
+
     /// Watches the first second of every engagement that began at rest.
     fn engage(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = &self.last;
@@ -136,6 +181,14 @@ impl Checker {
             report.engage_velocity_ratio = (0..JOINTS).map(ratio).fold(report.engage_velocity_ratio, f64::max);
         }
     }
+}
+
+fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS]) -> Points {
+    config.model.forward(q, frames);
+    config.speed_points.map(|point| {
+        let at = frames.base_from_body[point.body].transform_point(&point.at);
+        [at[0], at[1], at[2]]
+    })
 }
 
 fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
@@ -164,6 +217,19 @@ fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpo
     let slow = peak <= limits.v_max + slack_v;
     if !slow {
         note(report, ViolationKind::Velocity, to.k, j, peak, limits.v_max);
+    }
+}
+
+/// What the links' motion asks of the motors.
+fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
+    let torques = config.plant.torques(&to.q, &to.v, &to.a);
+    for (j, torque) in torques.into_iter().enumerate() {
+        let effort = config.limits[j].effort_max;
+        report.torque_share_max[j] = report.torque_share_max[j].max(torque.abs() / effort);
+        let within = torque.abs() <= effort;
+        if !within {
+            note(report, ViolationKind::Torque, to.k, j, torque, effort);
+        }
     }
 }
 

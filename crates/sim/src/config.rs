@@ -2,18 +2,15 @@
 
 use crate::clearance::Body;
 use crate::interface::Interface;
-use messages::{JOINTS, TICK_HZ};
-use robot::{JointLimits, Model};
+use messages::{JOINTS, TICK_HZ, TICK_S};
+use plant::Reaction;
+use robot::{JointLimits, Model, Solid};
 
-/// The longest transport delay that fits, ticks: 20 ms, the cycle of the slowest interface that the robot offers, and some.
-pub const DELAY_MAX_TICKS: u32 = 31;
+/// The longest transport delay that fits, ticks: 20 ms, the cycle of the slowest interface that the robot offers.
+pub const DELAY_MAX_TICKS: u32 = 30;
 
 /// How often the noise of an encoder may exceed its standard deviation before a posture counts as outside its limits.
 const NOISE_SIGMAS: f64 = 8.0;
-
-/// The servo's acceleration over that of the commands: a drive needs a reserve to correct an error while it executes the
-/// steepest command. Assumption; TIAGo's drives are not published.
-const ACCELERATION_RESERVE: f64 = 1.5;
 
 /// What can be chosen. The manufacturer publishes none of the figures of the joint servos; the defaults are assumptions.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,8 +27,16 @@ pub struct Options {
     pub encoder_noise_rad: f64,
     /// Step of a measured position, rad or m. Assumption: 17 bits per turn.
     pub encoder_step_rad: f64,
+    /// Silence of the driver after which the robot reacts by itself, ms. Assumption: 10.
+    pub watchdog_ms: f64,
+    /// What the robot does then.
+    pub reaction: Reaction,
+    /// Age of a measurement beyond which the driver does not hear the robot any more, ms.
+    pub measured_age_max_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
+    /// Elbows and hands are commanded no faster than this in the base frame, m/s: beyond it is a violation.
+    pub hand_speed_max_m_per_s: f64,
     /// Posture at the start, rad or m; the robot's home if none is given.
     pub initial: Option<[f64; JOINTS]>,
     /// The posture at the start may lie anywhere between the mechanical stops (the URDF's limits), and too close to
@@ -49,7 +54,11 @@ impl Default for Options {
             delay_ticks: 2,
             encoder_noise_rad: step_rad,
             encoder_step_rad: step_rad,
+            watchdog_ms: 10.0,
+            reaction: Reaction::Hold,
+            measured_age_max_ms: 10.0,
             silence_ticks: driver::SILENCE_TICKS,
+            hand_speed_max_m_per_s: 3.0,
             initial: None,
             initial_outside: false,
         }
@@ -59,6 +68,9 @@ impl Default for Options {
 /// Why there is no simulated robot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimError {
+    /// The second reader of the robot's files, or an option of the body, refuses.
+    #[error("sim: {0}")]
+    Body(#[from] plant::PlantError),
     /// A figure out of its bounds.
     #[error("sim: {key} = {value}: must be between {min} and {max}")]
     OutOfBounds {
@@ -89,6 +101,12 @@ pub enum SimError {
     },
 }
 
+/// The limits of a joint as the driver checks them.
+fn last_hop(limits: JointLimits) -> driver::JointLimits {
+    let JointLimits { q_min, q_max, v_max, a_max, j_max, .. } = limits;
+    driver::JointLimits { q_min, q_max, v_max, a_max, j_max }
+}
+
 /// A simulated robot, checked.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -98,17 +116,13 @@ pub struct Config {
     /// The stricter of URDF and robot file, joint by joint and limit by limit.
     pub(crate) limits: [JointLimits; JOINTS],
     pub(crate) body: Body,
+    pub(crate) plant: plant::Config,
+    /// Age of a measurement beyond which the robot is not heard any more, ns.
+    pub(crate) measured_age_max_ns: u64,
+    pub(crate) hand_speed_max_m_per_s: f64,
+    pub(crate) speed_points: [robot::SpeedPoint; 4],
     pub(crate) initial: [f64; JOINTS],
     pub(crate) initial_outside: bool,
-    /// Natural frequency, rad/s.
-    pub(crate) omega: f64,
-    pub(crate) damping_ratio: f64,
-    pub(crate) delay_ticks: usize,
-    pub(crate) noise: f64,
-    pub(crate) step: f64,
-    /// Speeds and accelerations that the servos cannot exceed.
-    pub(crate) v_servo: [f64; JOINTS],
-    pub(crate) a_servo: [f64; JOINTS],
 }
 
 impl Config {
@@ -118,13 +132,11 @@ impl Config {
             let inside = value >= min && value <= max;
             if inside { Ok(value) } else { Err(SimError::OutOfBounds { key, value, min, max }) }
         };
-        // Above a tenth of the tick rate the plant's integration would be the plant.
-        let frequency_max = TICK_HZ as f64 / 10.0;
-        let natural_hz = within("natural_frequency_hz", options.natural_frequency_hz, 1.0, frequency_max)?;
-        let damping_ratio = within("damping_ratio", options.damping_ratio, 0.1, 5.0)?;
         let delay = within("delay_ticks", f64::from(options.delay_ticks), 0.0, f64::from(DELAY_MAX_TICKS))?;
         let noise = within("encoder_noise_rad", options.encoder_noise_rad, 0.0, 0.01)?;
         let step = within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
+        within("watchdog_ms", options.watchdog_ms, 1.0, 1000.0)?;
+        let age_ms = within("measured_age_max_ms", options.measured_age_max_ms, 1.0, 1000.0)?;
         within("silence_ticks", options.silence_ticks as f64, 1.0, 10.0 * TICK_HZ as f64)?;
         let limits = std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
         let initial = options.initial.unwrap_or(model.home);
@@ -142,26 +154,55 @@ impl Config {
             interface: options.interface,
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
-                ..driver::Config::new(limits.map(|limits| limits.v_max))
+                ..driver::Config::new(limits.map(last_hop))
             },
             limits,
             body: Body::new(model),
+            hand_speed_max_m_per_s: within("hand_speed_max_m_per_s", options.hand_speed_max_m_per_s, 0.01, 100.0)?,
+            speed_points: model.speed_points(),
             initial,
             initial_outside: options.initial_outside,
-            omega: std::f64::consts::TAU * natural_hz,
-            damping_ratio,
-            delay_ticks: delay as usize,
-            noise,
-            step,
-            v_servo: model.urdf_limits.map(|limits| limits.v_max),
-            a_servo: limits.map(|limits| ACCELERATION_RESERVE * limits.a_max),
+            plant: body_of(model, options, (delay * TICK_S * 1e9).round() as u64)?,
+            measured_age_max_ns: (age_ms * 1e6) as u64,
         })
+    }
+
+    /// Names of the joints.
+    pub fn joint_names(&self) -> &[String; JOINTS] {
+        &self.model.joint_names
+    }
+
+    /// Torques of the links in a motion (rad, m, and seconds) by the body's own dynamics, N m or N.
+    pub fn torques(&self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
+        self.plant.torques(q, v, a)
     }
 
     /// The posture at the start, rad or m.
     pub fn initial(&self) -> &[f64; JOINTS] {
         &self.initial
     }
+}
+
+/// The body, by the second reader of the same texts; what stands about it is that of the model.
+fn body_of(model: &Model, options: &Options, delay_ns: u64) -> Result<plant::Config, plant::PlantError> {
+    let obstacles = model.obstacles.iter().map(|obstacle| match obstacle.solid {
+        Solid::HalfSpace { normal, offset_m } => plant::Obstacle::Plane { normal, offset_m },
+        Solid::Box { center, r, half_m } => plant::Obstacle::Box { center, r, half_m },
+    });
+    let options = plant::Options {
+        natural_frequency_hz: options.natural_frequency_hz,
+        damping_ratio: options.damping_ratio,
+        delay_ns,
+        watchdog_ns: (options.watchdog_ms * 1e6) as u64,
+        reaction: options.reaction,
+        encoder_noise_rad: options.encoder_noise_rad,
+        encoder_step_rad: options.encoder_step_rad,
+        obstacles: obstacles.collect(),
+        initial_outside: options.initial_outside,
+        ..plant::Options::default()
+    };
+    let texts = &model.texts;
+    plant::Config::from_text(&texts.toml_name, &texts.toml, &texts.urdf_name, &texts.urdf, &options)
 }
 
 fn strictest(a: &JointLimits, b: &JointLimits) -> JointLimits {

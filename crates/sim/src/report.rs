@@ -17,11 +17,23 @@ pub enum ViolationKind {
     Jerk = 3,
     /// Clearance of a checked pair, or from an obstacle.
     Clearance = 4,
+    /// Speed of an elbow or a hand in the base frame.
+    HandSpeed = 5,
+    /// Effort limit, by the torque that the links need in the executed motion.
+    Torque = 6,
 }
 
 impl ViolationKind {
     /// Every kind.
-    pub const ALL: [Self; 5] = [Self::Position, Self::Velocity, Self::Acceleration, Self::Jerk, Self::Clearance];
+    pub const ALL: [Self; 7] = [
+        Self::Position,
+        Self::Velocity,
+        Self::Acceleration,
+        Self::Jerk,
+        Self::Clearance,
+        Self::HandSpeed,
+        Self::Torque,
+    ];
 
     /// Name in reports.
     pub const fn name(self) -> &'static str {
@@ -31,6 +43,8 @@ impl ViolationKind {
             Self::Acceleration => "acceleration",
             Self::Jerk => "jerk",
             Self::Clearance => "clearance",
+            Self::HandSpeed => "hand speed",
+            Self::Torque => "torque",
         }
     }
 }
@@ -42,7 +56,7 @@ pub struct Violation {
     pub kind: ViolationKind,
     /// Index of the executed step.
     pub k: u64,
-    /// The joint, or the index of the pair; with m obstacles capsule i and obstacle k are m i + k behind the model's pairs.
+    /// The joint; of a speed 0 to 3 for left elbow, left hand, right elbow and right hand; or the index of the pair; with m obstacles capsule i and obstacle k are m i + k behind the model's pairs.
     pub which: usize,
     /// The value, SI.
     pub value: f64,
@@ -57,6 +71,7 @@ pub struct Report {
     pub(crate) first: Option<Violation>,
     pub(crate) steps: u64,
     pub(crate) min_clearance_m: f64,
+    pub(crate) torque_share_max: [f64; JOINTS],
     pub(crate) tracking_max: [f64; JOINTS],
     pub(crate) tracking_squares: [f64; JOINTS],
     pub(crate) tracking_samples: u64,
@@ -74,6 +89,7 @@ impl Report {
             first: None,
             steps: 0,
             min_clearance_m: f64::INFINITY,
+            torque_share_max: [0.0; JOINTS],
             tracking_max: [0.0; JOINTS],
             tracking_squares: [0.0; JOINTS],
             tracking_samples: 0,
@@ -112,6 +128,17 @@ impl Report {
     /// Least clearance of the checked pairs over all executed postures, m; infinite before the first.
     pub fn min_clearance_m(&self) -> f64 {
         self.min_clearance_m
+    }
+
+    /// Largest torque of each joint over its effort limit, by the dynamics of the links in every executed motion.
+    pub fn torque_share_max(&self) -> &[f64; JOINTS] {
+        &self.torque_share_max
+    }
+
+    /// The largest of [`torque_share_max`](Self::torque_share_max), and its joint.
+    pub fn largest_torque_share(&self) -> (f64, usize) {
+        let larger = |most: (f64, usize), (j, &share): (usize, &f64)| if share > most.0 { (share, j) } else { most };
+        self.torque_share_max.iter().enumerate().fold((0.0, 0), larger)
     }
 
     /// Largest |executed - measured| of each joint, rad or m.

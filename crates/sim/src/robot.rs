@@ -1,26 +1,68 @@
 //! The simulated robot as a process sees it: a command in, the robot's state out.
 
+use crate::body::{Body, Port};
 use crate::checker::Checker;
 use crate::config::Config;
-use crate::injection::Injection;
 use crate::interface::{CONTROLLERS, Controllers, Interface};
-use crate::plant::{Plant, Port};
 use crate::report::Report;
 use driver::{Accepted, Driver, Measured, Refusal, Setpoint, StepKind};
-use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp};
+use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, StopPlan, deadline};
+use plant::Injection;
 
-/// Everything remembered.
+/// The driver and everything between it and the robot's body.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct DriverState {
     follower: driver::State,
     /// Absent where the robot takes every setpoint.
     controllers: Option<Controllers>,
-    plant: Plant,
     checker: Checker,
     report: Report,
     sequence: u64,
     port_fault: bool,
     measured: Measured,
+    /// What the joints were told last.
+    told: Setpoint,
+}
+
+impl DriverState {
+    /// A driver that starts at index `k` on a robot that measures this; `None` if a number of it is not finite. `seed` is
+    /// that of the controllers' delays.
+    pub fn new(config: &Config, k: u64, measured: &Measured, seed: u64) -> Option<Self> {
+        let follower = driver::State::begin(&config.follower, k, measured)?;
+        let held = follower.setpoint();
+        let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
+        let checker = Checker::new(config, held);
+        let report = Report::new(config.model.prismatic);
+        let measured = *measured;
+        Some(Self { follower, controllers, checker, report, sequence: 0, port_fault: false, measured, told: held })
+    }
+
+    /// What the commands of the run amount to so far.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// The follower.
+    pub fn follower(&self) -> &driver::State {
+        &self.follower
+    }
+
+    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
+        self.controllers.as_ref().map(Controllers::delays_s)
+    }
+
+    /// Whether the driver and all controllers are at rest.
+    pub fn at_rest(&self) -> bool {
+        self.follower.motion.at_rest() && self.controllers.as_ref().is_none_or(Controllers::at_rest)
+    }
+}
+
+/// The driver and the body in one thread.
+#[derive(Clone, Debug)]
+pub struct State {
+    driver: DriverState,
+    body: Body,
 }
 
 impl State {
@@ -33,54 +75,80 @@ impl State {
     /// A driver that starts at index `k` on a robot that stands at `q`, wherever that is; `None` if a number of it is not
     /// finite.
     pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS], seed: u64) -> Option<Self> {
-        let mut plant = Plant::standing(k, q, seed);
-        let measured = Port { config, plant: &mut plant }.read(Stamp::NONE);
-        let follower = driver::State::hold(k, &measured.q)?;
-        let held = follower.setpoint();
-        let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
-        let checker = Checker::new(config, held);
-        let report = Report::new(config.model.prismatic);
-        Some(Self { follower, controllers, plant, checker, report, sequence: 0, port_fault: false, measured })
+        if q.iter().any(|q| !q.is_finite()) {
+            return None;
+        }
+        let mut body = Body::new(config, deadline(k), q, seed);
+        let measured = Port { config, body: &mut body }.read(deadline(k));
+        Some(Self { driver: DriverState::new(config, k, &measured, seed)?, body })
     }
 
-    /// What the run amounts to so far.
+    /// Replaces the driver by one that starts at index `k` on the robot as it is; false, and nothing happens, if what it
+    /// measures is no posture.
+    pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
+        let measured = Port { config, body: &mut self.body }.read(now);
+        let restarted = DriverState::new(config, k, &measured, seed);
+        let found = restarted.is_some();
+        if let Some(mut restarted) = restarted {
+            restarted.report = self.driver.report.clone();
+            self.driver = restarted;
+        }
+        found
+    }
+
+    /// What the commands of the run amount to so far.
     pub fn report(&self) -> &Report {
-        &self.report
+        self.driver.report()
+    }
+
+    /// What the joints truly did so far.
+    pub fn judged(&self) -> &plant::Report {
+        self.body.judged()
     }
 
     /// The driver's side.
     pub fn follower(&self) -> &driver::State {
-        &self.follower
+        self.driver.follower()
     }
 
     /// Where the joints are in truth, rad or m.
     pub fn q(&self) -> &[f64; JOINTS] {
-        self.plant.q()
+        &self.body.truth().q
+    }
+
+    /// What the joints truly do.
+    pub fn truth(&self) -> &plant::Truth {
+        self.body.truth()
     }
 
     /// What the joints were told last: the driver's setpoint, or what controllers made of it.
     pub fn told(&self) -> &Setpoint {
-        self.plant.told()
+        &self.driver.told
     }
 
     /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
-        self.controllers.as_ref().map(Controllers::delays_s)
+        self.driver.delays_s()
     }
 
     /// Whether the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
-        self.follower.motion.at_rest() && self.controllers.as_ref().is_none_or(Controllers::at_rest)
+        self.driver.at_rest()
+    }
+
+    /// The robot goes on by itself until `now`, while its driver does not run.
+    pub fn advance(&mut self, config: &Config, now: Stamp) {
+        self.body.advance(config, now);
     }
 
     /// Switches a fault of the robot on.
     pub fn inject(&mut self, fault: Injection) {
-        self.plant.inject(fault);
+        self.body.inject(fault);
     }
 
     /// Switches all injected faults off.
     pub fn repair(&mut self) {
-        self.plant.repair();
+        self.body.repair();
     }
 }
 
@@ -104,25 +172,35 @@ pub struct Output {
     pub accepted: Option<Accepted>,
     /// Why the command of this tick was refused.
     pub refused: Option<Refusal>,
+    /// The driver was suspended for so many ticks while the robot moved.
+    pub suspended_ticks: Option<u64>,
     /// `DriverFault` while latched.
     pub faults: Faults,
 }
 
-/// Executes up to the index that is due, moves the joints, measures, and checks every step.
+/// Moves the body on to `now`, executes up to the index that is due, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
-    let State { follower, controllers, plant, checker, report, port_fault, measured, .. } = state;
-    let mut port = Port { config, plant };
+    let State { driver, body } = state;
+    drive(config, driver, now, input, &mut Port { config, body })
+}
+
+/// The driver's side of [`tick`], before any robot.
+pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
+    let DriverState { follower, controllers, checker, report, port_fault, measured, told, .. } = state;
+    *measured = port.read(now);
+    let unheard = now.since(measured.stamp) > config.measured_age_max_ns;
     let mut mode = follower.mode;
-    let (mut rejected, mut told) = (false, follower.setpoint());
     let follow = driver::Input {
         due_k: input.due_k,
         command: input.command,
-        port_fault: *port_fault,
+        port_fault: *port_fault || unheard,
         measured: Some(&*measured),
     };
+    let mut moved = false;
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
+            checker.obey();
         }
         if step.kind == StepKind::Measured {
             // Nobody commanded that.
@@ -133,21 +211,21 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         } else {
             checker.step(config, report, &step.setpoint, mode);
         }
-        let mut write = |executed: &Setpoint| {
-            rejected |= !port.write(now, executed);
-            told = *executed;
-        };
         match controllers.as_mut() {
-            None => write(&step.setpoint),
+            None => *told = step.setpoint,
             Some(controllers) => controllers.advance(&step.setpoint, |executed| {
                 checker.spline(config, report, executed);
-                write(executed);
+                *told = *executed;
             }),
         }
+        moved = true;
     });
-    *measured = port.read(now);
+    if moved {
+        // Trajectory controllers know their points and no stop.
+        let plan = if controllers.is_none() { &follower.motion.plan } else { &StopPlan::ZERO };
+        *port_fault = !port.write(now, told, plan);
+    }
     if out.advanced > 0 {
-        *port_fault = rejected;
         report.tracking_samples += 1;
         for j in 0..JOINTS {
             let error = (told.q[j] - measured.q[j]).abs();
@@ -162,6 +240,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,
+        suspended_ticks: out.suspended_ticks,
         faults: out.faults,
     }
 }

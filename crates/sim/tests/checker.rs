@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
 use sim::{Options, SimError, ViolationKind};
-use support::{Bench, ELBOW, K, MODEL};
+use support::{Bench, ELBOW, Judge, K, MODEL};
 
 /// Jerk up, hold the acceleration, jerk down: a ramp to a speed and back, at `share` of the limits.
 fn ramp(bench: &mut Bench, share: f64) {
@@ -34,25 +34,78 @@ fn an_honest_motion_at_the_limits_violates_nothing() {
 #[test]
 fn jerk_beyond_its_limit_is_counted() {
     let j_max = MODEL.limits[ELBOW].j_max;
-    let mut bench = Bench::ideal();
-    bench.drive(ELBOW, j_max, 3);
-    assert_eq!(bench.violated(), [""; 0]);
-    bench.drive(ELBOW, j_max * (1.0 + 1e-6), 1);
-    assert_eq!(bench.violated(), ["jerk"]);
-    let violation = *bench.state.report().first_violation().unwrap();
+    let mut judge = Judge::ideal();
+    judge.drive(ELBOW, j_max, 3);
+    assert_eq!(judge.violated(), [""; 0]);
+    judge.drive(ELBOW, j_max * (1.0 + 1e-6), 1);
+    assert_eq!(judge.violated(), ["jerk"]);
+    let violation = *judge.report.first_violation().unwrap();
     assert_eq!((violation.kind, violation.k, violation.which), (ViolationKind::Jerk, K + 4, ELBOW));
 }
 
 #[test]
 fn acceleration_beyond_its_limit_is_counted() {
     let limits = MODEL.limits[ELBOW];
-    let mut bench = Bench::ideal();
+    let mut judge = Judge::ideal();
     let ticks = (limits.a_max / limits.j_max / TICK_S).ceil() as u64;
     let jerk = limits.a_max / (ticks as f64 * TICK_S);
-    bench.drive(ELBOW, jerk, ticks);
-    assert_eq!(bench.violated(), [""; 0]);
-    bench.drive(ELBOW, 1e-3, 1);
-    assert_eq!(bench.violated(), ["acceleration"]);
+    judge.drive(ELBOW, jerk, ticks);
+    assert_eq!(judge.violated(), [""; 0]);
+    judge.drive(ELBOW, 1e-3, 1);
+    assert_eq!(judge.violated(), ["acceleration"]);
+}
+
+/// On both sides of the effort limit of the shoulder that lifts the arm, by the acceleration that reaches it.
+#[test]
+fn a_torque_beyond_the_effort_limit_is_counted() {
+    const LIFTS: usize = 4;
+    let mut initial = MODEL.home;
+    initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
+    let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
+    let effort = MODEL.limits[LIFTS].effort_max;
+    let torque = |judge: &Judge, up: f64| {
+        let mut a = [0.0; JOINTS];
+        a[LIFTS] = -up;
+        judge.bench.config.torques(&judge.bench.command.q, &[0.0; JOINTS], &a)[LIFTS].abs()
+    };
+    let judge = Judge::new(&exact);
+    let (still, one) = (torque(&judge, 0.0), torque(&judge, 1.0));
+    assert!(one > still && still > 0.5 * effort, "{still} {one}");
+    let up = (effort - still) / (one - still);
+    for (share, counted) in [(1.0 - 1e-9, 0), (1.0 + 1e-9, 1)] {
+        let mut judge = Judge::new(&exact);
+        judge.bench.command.k += 1;
+        judge.bench.command.a[LIFTS] = -share * up;
+        judge.show();
+        assert_eq!(judge.report.violations_of(ViolationKind::Torque), counted, "{share}");
+        let (largest, joint) = judge.report.largest_torque_share();
+        assert!((largest - 1.0).abs() < 1e-8 && joint == LIFTS, "{largest} of joint {joint}");
+    }
+}
+
+/// The way of the hand from posture to posture, on both sides of the bound.
+#[test]
+fn a_hand_faster_than_its_bound_is_counted() {
+    let hand = |q: &[f64; JOINTS]| {
+        let mut frames = Frames::default();
+        MODEL.forward(q, &mut frames);
+        let point = MODEL.speed_points()[usize::from(ELBOW >= messages::RIGHT_ARM.start) * 2 + 1];
+        frames.base_from_body[point.body].transform_point(&point.at)
+    };
+    // It gets faster and faster: the last step is the fastest.
+    let ticks = 60;
+    let mut bench = Bench::ideal();
+    bench.drive(ELBOW, 40.0, ticks - 1);
+    let from = hand(&bench.command.q);
+    bench.drive(ELBOW, 40.0, 1);
+    let fastest = (hand(&bench.command.q) - from).norm() / TICK_S;
+    assert!(fastest > 0.01 && bench.violated() == [""; 0], "{fastest} {:?}", bench.violated());
+    for (bound, expected) in [(fastest + 1e-6, vec![]), (fastest - 1e-6, vec!["hand speed"])] {
+        let exact = Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() };
+        let mut bench = Bench::new(&Options { hand_speed_max_m_per_s: bound, ..exact }, 1);
+        bench.drive(ELBOW, 40.0, ticks);
+        assert_eq!(bench.violated(), expected, "{bound}");
+    }
 }
 
 #[test]
@@ -62,17 +115,18 @@ fn a_peak_of_velocity_inside_a_tick_is_counted() {
     let a = limits.j_max * TICK_S / 2.0;
     let rise = a * a / (2.0 * limits.j_max);
     for (below, expected) in [(1.01 * rise, vec![]), (0.99 * rise, vec!["velocity"])] {
-        let mut bench = Bench::ideal();
-        let k = bench.command.k;
-        // Brought there in steps that the follower takes; only the last one is looked at.
-        (bench.command.v[ELBOW], bench.command.a[ELBOW]) = (limits.v_max - below, a);
-        bench.command.q[ELBOW] += bench.command.v[ELBOW] * TICK_S * 0.5;
-        bench.stop(ELBOW);
-        assert_eq!(bench.send().refused, None);
-        let before = bench.state.report().violations_of(ViolationKind::Velocity);
-        assert_eq!((before, bench.command.k), (0, k + 1));
-        bench.drive(ELBOW, -limits.j_max, 1);
-        let count = bench.state.report().violations_of(ViolationKind::Velocity);
+        let mut judge = Judge::ideal();
+        let k = judge.bench.command.k;
+        // Only the last step is looked at.
+        (judge.bench.command.v[ELBOW], judge.bench.command.a[ELBOW]) = (limits.v_max - below, a);
+        judge.bench.command.q[ELBOW] += judge.bench.command.v[ELBOW] * TICK_S * 0.5;
+        judge.bench.stop(ELBOW);
+        judge.bench.command.k += 1;
+        judge.show();
+        let before = judge.report.violations_of(ViolationKind::Velocity);
+        assert_eq!((before, judge.bench.command.k), (0, k + 1));
+        judge.drive(ELBOW, -limits.j_max, 1);
+        let count = judge.report.violations_of(ViolationKind::Velocity);
         assert_eq!(count > before, !expected.is_empty(), "{below}");
     }
 }
@@ -80,15 +134,14 @@ fn a_peak_of_velocity_inside_a_tick_is_counted() {
 #[test]
 fn a_velocity_that_is_not_the_change_of_position_is_counted() {
     for change in [|c: &mut JointCommand| c.q[ELBOW] += 1e-6, |c: &mut JointCommand| c.v[ELBOW] += 1e-4] {
-        let mut bench = Bench::ideal();
-        bench.drive(ELBOW, 100.0, 20);
-        assert_eq!(bench.violated(), [""; 0]);
-        bench.next(ELBOW, 0.0);
-        change(&mut bench.command);
-        bench.stop(ELBOW);
-        let command = bench.command;
-        assert!(bench.tick(command.k, Some(&command)).accepted.is_some(), "the follower does not see it");
-        assert_eq!(bench.violated(), ["jerk"]);
+        let mut judge = Judge::ideal();
+        judge.drive(ELBOW, 100.0, 20);
+        assert_eq!(judge.violated(), [""; 0]);
+        judge.bench.next(ELBOW, 0.0);
+        change(&mut judge.bench.command);
+        judge.bench.stop(ELBOW);
+        judge.show();
+        assert_eq!(judge.violated(), ["jerk"]);
     }
 }
 
@@ -98,13 +151,13 @@ fn a_position_outside_is_counted() {
     let q_max = MODEL.limits[ELBOW].q_max;
     initial[ELBOW] = q_max - 2e-4;
     let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
-    let mut bench = Bench::new(&exact, 1);
-    bench.drive(ELBOW, 100.0, 20);
-    assert!(bench.command.q[ELBOW] < q_max);
-    assert!(!bench.violated().contains(&"position"));
-    bench.drive(ELBOW, 100.0, 30);
-    assert!(bench.command.q[ELBOW] > q_max);
-    assert!(bench.violated().contains(&"position"), "{:?}", bench.violated());
+    let mut judge = Judge::new(&exact);
+    judge.drive(ELBOW, 100.0, 20);
+    assert!(judge.bench.command.q[ELBOW] < q_max);
+    assert!(!judge.violated().contains(&"position"));
+    judge.drive(ELBOW, 100.0, 30);
+    assert!(judge.bench.command.q[ELBOW] > q_max);
+    assert!(judge.violated().contains(&"position"), "{:?}", judge.violated());
 }
 
 #[test]
@@ -164,7 +217,7 @@ fn options_out_of_bounds_are_named() {
     let delay = error(Options { delay_ticks: 32, ..Options::default() });
     assert!(matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }), "{delay}");
     let nan = error(Options { damping_ratio: f64::NAN, ..Options::default() });
-    assert!(matches!(nan, SimError::OutOfBounds { key: "damping_ratio", .. }), "{nan}");
+    assert!(matches!(nan, SimError::Body(_)), "{nan}");
     let mut initial = MODEL.home;
     initial[ELBOW] = MODEL.limits[ELBOW].q_max;
     let outside = error(Options { initial: Some(initial), ..Options::default() });

@@ -76,6 +76,16 @@ struct Run {
     seen: Vec<Seen>,
 }
 
+/// What the gate is told of the four controllers: a skew of 10 ms, and splines.
+fn controllers() -> gate::Interface {
+    let controller = |j: usize| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 };
+    gate::Interface {
+        off: std::array::from_fn(|j| MODEL.limits[j].j_max * 1e-6 / 96.0),
+        skew_s: 0.01,
+        controller: std::array::from_fn(controller),
+    }
+}
+
 /// A robot whose arms have delays that are at least 9 ms apart: about one in a hundred.
 fn far_apart(config: &Config) -> State {
     let apart = |robot: &State| robot.delays_s().is_some_and(|delays| (delays[2] - delays[3]).abs() > 9e-3);
@@ -84,10 +94,11 @@ fn far_apart(config: &Config) -> State {
 
 /// Whole-body control and the gate follow arms that swing side by side, and now and then no command arrives for some ticks:
 /// the driver plays the plan.
-fn attack(certified_for: wbc::Interface, seed: u64) -> Run {
-    let wbc_options = wbc::Options::default().interface(certified_for);
+fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> Run {
+    let hand_speed = Options::default().hand_speed_max_m_per_s;
+    let wbc_options = wbc::Options::default().interface(certified_for).hand_speed_m_per_s(hand_speed);
     let wbc_config = wbc::Config::new(&MODEL, wbc_options).expect("whole-body control");
-    let gate_config = gate::Config::new(&MODEL).expect("the gate");
+    let gate_config = gate::Config::with_interface(&MODEL, &gated).expect("the gate");
     let sim_config = Config::new(&MODEL, &exact()).expect("the simulated robot");
     let mut robot = far_apart(&sim_config);
     let start = robot.follower().motion.q;
@@ -106,7 +117,7 @@ fn attack(certified_for: wbc::Interface, seed: u64) -> Run {
             silent = rng.random_range(1..10);
         }
         let command = (silent == 0).then(|| {
-            let target = wbc::Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+            let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
             let permit = wbc::Permit::Follow { speed_scale: 1.0 };
             let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
             let wbc::Output { q, v, a, plan, .. } = proposed;
@@ -147,10 +158,11 @@ fn attack(certified_for: wbc::Interface, seed: u64) -> Run {
 #[test]
 fn certified_for_it_nothing_comes_too_close() {
     for seed in [2, 4] {
-        let Run { report, denials, delays_s, .. } = attack(wbc::Interface::JTC_100_HZ, seed);
+        let Run { report, denials, delays_s, .. } = attack(wbc::Interface::JTC_100_HZ, controllers(), seed);
         let least_mm = report.min_clearance_m() * 1e3;
         println!("seed {seed}: least {least_mm:.2} mm, {denials} denials, delays {delays_s:?} s");
         assert_eq!(report.violations_total(), 0, "{:?}", report.first_violation());
+        assert_eq!(denials, 0, "the gate asks for no more than the certificate");
         assert!(report.min_clearance_m() < MODEL.d_min_m + 4e-3, "never close: {least_mm} mm");
     }
 }
@@ -158,7 +170,7 @@ fn certified_for_it_nothing_comes_too_close() {
 #[test]
 fn certified_for_direct_commands_it_comes_closer() {
     for seed in [2, 4] {
-        let report = attack(wbc::Interface::default(), seed).report;
+        let report = attack(wbc::Interface::default(), gate::Interface::default(), seed).report;
         let below = report.violations_of(ViolationKind::Clearance);
         println!("seed {seed}: least {:.2} mm, {below} ticks below", report.min_clearance_m() * 1e3);
         assert!(below > 0, "the test cannot fail");
@@ -166,8 +178,21 @@ fn certified_for_direct_commands_it_comes_closer() {
 }
 
 #[test]
+fn the_gate_alone_minds_what_controllers_may_do() {
+    for seed in [2, 4] {
+        let count = |gated| {
+            let Run { report, denials, .. } = attack(wbc::Interface::default(), gated, seed);
+            (report.violations_of(ViolationKind::Clearance), denials)
+        };
+        let ((blind, none), (minded, denials)) = (count(gate::Interface::default()), count(controllers()));
+        println!("seed {seed}: {blind} ticks below, {minded} with a gate that minds them, {denials} denials");
+        assert!(blind > 0 && none == 0 && denials > 0 && minded == 0, "{blind} {none} {minded} {denials}");
+    }
+}
+
+#[test]
 fn the_splines_stay_within_their_bound_of_the_delayed_command() {
-    let run = attack(wbc::Interface::JTC_100_HZ, 2);
+    let run = attack(wbc::Interface::JTC_100_HZ, controllers(), 2);
     let skewed = run.delays_s.iter().fold(0.0, |most: f64, delay| most.max((delay - run.delays_s[0]).abs()));
     assert!(skewed > 1e-3 && run.delays_s.iter().all(|delay| (0.01..=0.02).contains(delay)), "{:?}", run.delays_s);
     let (mut off, mut off_speed) = (0.0_f64, 0.0_f64);

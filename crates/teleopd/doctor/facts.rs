@@ -80,6 +80,8 @@ pub struct PlaceFacts {
     pub refused: Option<String>,
     /// Of this instance, in /dev/shm.
     pub segments: Vec<Segment>,
+    /// Of other instances of this user that are dead.
+    pub strangers: Vec<Segment>,
     /// The process that holds the operator's socket.
     pub holder: Option<u32>,
 }

@@ -2,7 +2,8 @@
 
 use super::Finding;
 use super::facts::{Facts, PlaceFacts};
-use super::places::Folder;
+use super::places::{Folder, Segment};
+use std::collections::BTreeSet;
 
 /// Domains of one instance: `core` and `input`.
 const DOMAINS: u64 = 2;
@@ -31,6 +32,7 @@ pub fn place(facts: &Facts) -> Vec<Finding> {
     all.push(instance(place));
     all.push(room(facts));
     all.push(segments(place));
+    all.extend(strangers(place));
     all
 }
 
@@ -119,16 +121,34 @@ fn segments(place: &PlaceFacts) -> Finding {
     let advice = if living {
         String::from("nothing: the processes that run take them away when the next one starts")
     } else {
-        // The prefix ends with the third underscore: teleop_core_<tag>_.
-        let globs: std::collections::BTreeSet<String> = stale
-            .iter()
-            .map(|segment| {
-                let prefix: Vec<_> = segment.name.splitn(4, '_').take(3).collect();
-                format!("/dev/shm/{}_*", prefix.join("_"))
-            })
-            .collect();
-        let globs: Vec<_> = globs.into_iter().collect();
-        format!("the next start cleans up; by hand, while nothing of this instance runs: rm {}", globs.join(" "))
+        let globs = globs(stale.iter().copied());
+        format!("the next start cleans up; by hand, while nothing of this instance runs: rm {globs}")
     };
     Finding::note("shared memory", format!("/dev/shm/{}{others} ({kib} KiB) left by {whose}", first.name), advice)
+}
+
+/// What other instances left that nobody may ever start again: a start collects what is of its own run folder.
+fn strangers(place: &PlaceFacts) -> Option<Finding> {
+    let tags: BTreeSet<_> = place.strangers.iter().filter_map(|segment| segment.name.split('_').nth(2)).collect();
+    let (count, kib) = (tags.len(), place.strangers.iter().map(|segment| segment.bytes).sum::<u64>() >> 10);
+    let plural = if count == 1 { "" } else { "s" };
+    (count > 0).then(|| {
+        let found = format!("{count} dead instance{plural} of other run folders left {kib} KiB in /dev/shm");
+        let globs = globs(place.strangers.iter());
+        Finding::note(
+            "other instances",
+            found,
+            format!("a start in the same run folder removes it; by hand: rm {globs}"),
+        )
+    })
+}
+
+/// Patterns for all names of the domains to which these segments belong.
+fn globs<'a>(segments: impl Iterator<Item = &'a Segment>) -> String {
+    let pattern = |segment: &Segment| {
+        // The prefix ends with the third underscore: teleop_core_<tag>_.
+        let prefix: Vec<_> = segment.name.splitn(4, '_').take(3).collect();
+        format!("/dev/shm/{}_*", prefix.join("_"))
+    };
+    segments.map(pattern).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>().join(" ")
 }

@@ -54,6 +54,7 @@ fn good() -> Facts {
             folders: vec![("/run/teleop".into(), folder.clone()), ("/run/teleop/core".into(), folder)],
             refused: None,
             segments: vec![],
+            strangers: vec![],
             holder: None,
         },
     }
@@ -211,6 +212,9 @@ fn what_lives_and_what_is_left() {
             facts.place.segments = vec![segment("teleop_core_ab_1", false), segment("teleop_input_ab_2", false)];
         },
     );
+    one("other instances", Level::Note, &["1 dead instance", "8 KiB", "rm /dev/shm/teleop_core_cd_* /dev"], |facts| {
+        facts.place.strangers = vec![segment("teleop_core_cd_1", false), segment("teleop_input_cd_2", false)];
+    });
     one("shared memory", Level::Note, &["teleop_core_ab_2", "that died", "next one starts"], |facts| {
         facts.place.segments = vec![segment("teleop_core_ab_1", true), segment("teleop_core_ab_2", false)];
     });

@@ -4,15 +4,18 @@ use super::facts::PlaceFacts;
 use crate::cli::Place;
 use pipeline::Instance;
 use rustix::fs::{Access, AtFlags, CWD, accessat};
-use std::collections::BTreeSet;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// Ending of the one page that each domain of iceoryx2 has: made by its first node, kept by none, there for the next.
 const BOOKKEEPING: &str = ".global_mgmt";
 
-/// Unit of `st_blocks` (stat(2)).
-const BLOCK_BYTES: u64 = 512;
+/// What the names of all instances begin with.
+const INSTANCES: &str = "teleop_";
+
+/// How long a look through all processes may take. Assumption: a thousand processes took 0.1 s.
+const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
 /// What is at a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,12 +41,14 @@ pub fn read(place: &Place) -> PlaceFacts {
     let instance = Instance::unmade(&place.run_dir);
     let domains = [instance.core_domain(), instance.input_domain()];
     let roots = domains.iter().map(|domain| domain.root.clone());
+    let (segments, strangers) = segments(&domains.each_ref().map(|domain| domain.prefix.as_str()));
     let paths = std::iter::once(instance.run_dir().to_path_buf()).chain(roots);
     PlaceFacts {
         run_dir: instance.run_dir().to_path_buf(),
         folders: paths.map(|path| (path.clone(), folder(&path))).collect(),
         refused: domains.iter().find_map(|domain| domain.check().err()).map(|error| error.to_string()),
-        segments: segments(&domains.each_ref().map(|domain| domain.prefix.as_str())),
+        segments,
+        strangers,
         holder: holder(&instance.operator_lock()),
     }
 }
@@ -66,37 +71,25 @@ fn folder(path: &Path) -> Folder {
     }
 }
 
-fn segments(prefixes: &[&str]) -> Vec<Segment> {
-    let (mapped, own_uid) = (mapped(prefixes), rustix::process::geteuid().as_raw());
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if prefixes.iter().any(|prefix| name.starts_with(prefix)) && !name.ends_with(BOOKKEEPING) {
-            let Ok(metadata) = entry.metadata() else { continue };
-            // What another user has mapped is hidden from all but root.
-            let hidden = own_uid != 0 && metadata.uid() != own_uid;
-            let (in_use, bytes) = (hidden || mapped.contains(&name), metadata.blocks() * BLOCK_BYTES);
-            found.push(Segment { in_use, name, bytes });
-        }
-    }
-    found.sort_by(|a, b| a.name.cmp(&b.name));
-    found
-}
-
-/// Names in /dev/shm with one of these prefixes that some process has mapped.
-fn mapped(prefixes: &[&str]) -> BTreeSet<String> {
-    let mut names = BTreeSet::new();
-    for process in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
-        let is_process = process.file_name().to_string_lossy().bytes().all(|byte| byte.is_ascii_digit());
-        let maps = if is_process { std::fs::read_to_string(process.path().join("maps")).ok() } else { None };
-        for line in maps.iter().flat_map(|maps| maps.lines()) {
-            let name = line.split_once("/dev/shm/").map(|(_, name)| name);
-            if let Some(name) = name.filter(|name| prefixes.iter().any(|prefix| name.starts_with(prefix))) {
-                names.insert(name.to_owned());
+/// Segments of this instance, and those of other instances of this user of which no process has any mapped.
+fn segments(prefixes: &[&str]) -> (Vec<Segment>, Vec<Segment>) {
+    let own_uid = rustix::process::geteuid().as_raw();
+    let mapped = bus::Mapped::read(INSTANCES, Instant::now() + LOOK_WITHIN);
+    let (mut own, mut dead) = (Vec::new(), Vec::new());
+    for bus::Segment { name, bytes, uid } in bus::segments_beginning(INSTANCES) {
+        let Some(prefix) = bus::prefix_of(&name).map(str::to_owned) else { continue };
+        // What another user has mapped is hidden from all but root.
+        let hidden = own_uid != 0 && uid != own_uid;
+        if !prefixes.contains(&prefix.as_str()) {
+            if uid == own_uid && mapped.as_ref().is_some_and(|mapped| !mapped.any_of(&prefix)) {
+                dead.push(Segment { name, bytes, in_use: false });
             }
+        } else if !name.ends_with(BOOKKEEPING) {
+            let in_use = hidden || mapped.as_ref().is_none_or(|mapped| mapped.has(&name));
+            own.push(Segment { name, bytes, in_use });
         }
     }
-    names
+    (own, dead)
 }
 
 /// The process that holds the lock file, from /proc/locks: taking the lock to try would disturb who starts now.

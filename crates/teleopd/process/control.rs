@@ -8,7 +8,8 @@ use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{
-    InputStatus, JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline, tick_at,
+    Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline,
+    tick_at,
 };
 use operator::{Deed, OperatorError, Order, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
@@ -37,6 +38,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     })?;
     // One threshold for a silent operator, wherever it is noticed.
     let server = server.with_lease_ns((process.loaded.settings.safety.operator_silent_ms * 1e6) as u64);
+    let server = server.with_reset_rule(process.loaded.settings.control.emergency_stop_reset.rule());
     let core = Domain::open(process.instance.core_domain(), "control").map_err(bus_failure)?;
     let mut control = Control {
         grace_ns: (process.loaded.settings.control.grace_us * 1e3) as u64,
@@ -118,10 +120,12 @@ impl Control {
             if self.process.shutdown.requested() {
                 let since = *ending.get_or_insert(woke);
                 self.edges.withdraw();
-                let moving = self.state.commanded().v.iter().any(|v| *v != 0.0);
                 let modes = [Mode::Engaging, Mode::Engaged, Mode::Recovering];
                 let authority = modes.iter().any(|&mode| self.status.mode == mode as u32);
-                if (!moving && !authority) || woke.since(since) > END_WITHIN_NS {
+                // A driver that says nothing (any more) has no rest to wait for.
+                let seen = self.status.state_stamp != Stamp::NONE && !Faults(self.status.faults).has(Fault::StateStale);
+                let rests = self.status.moving == 0 || !seen;
+                if (rests && !authority) || woke.since(since) > END_WITHIN_NS {
                     return;
                 }
             }
@@ -200,7 +204,8 @@ impl Control {
     /// What can wait until the command is out.
     fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
         self.process.missed(out.status.missed_deadlines - self.status.missed_deadlines);
-        self.status = out.status;
+        let Status { reset_first_by, resets_refused, .. } = self.status;
+        self.status = Status { reset_first_by, resets_refused, ..out.status };
         self.timeline.note(k);
         self.following.note(out, robot);
         let counters = self.process.probe.counters();
@@ -211,11 +216,13 @@ impl Control {
             self.process.probe.event(Event::Transition(transition));
         }
         if k.is_multiple_of(STATUS_EVERY) || out.transition.is_some() {
-            self.process.publish(&mut self.statuses, &out.status);
+            self.process.publish(&mut self.statuses, &self.status);
         }
         if k.is_multiple_of(SERVE_EVERY) {
             let view = self.server.poll(rt::now(), &self.status);
             self.edges.note(&view);
+            self.status.reset_first_by = view.reset_first_by;
+            self.status.resets_refused = u32::try_from(view.resets_refused).unwrap_or(u32::MAX);
             self.look_for_sleep(k);
             let probe = &mut self.process.probe;
             probe.counters().set(Counter::Refused, view.connections_refused + view.requests_refused);
@@ -250,5 +257,8 @@ fn deed_name(deed: Deed) -> &'static str {
         Deed::Recovers => "pressed the recovery",
         Deed::EmergencyStop => "pressed the emergency stop",
         Deed::Reset => "pressed reset",
+        Deed::ResetRefused => {
+            "pressed reset, refused: another user pressed the emergency stop and has to reset it first"
+        }
     }
 }

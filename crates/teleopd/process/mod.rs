@@ -5,6 +5,7 @@ pub mod control;
 pub mod ingest;
 pub mod realtime;
 pub mod retarget;
+pub mod robot;
 pub mod sim;
 
 mod housekeeping;

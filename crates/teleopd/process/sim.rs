@@ -1,11 +1,16 @@
-//! The simulated robot, behind the driver's port: executes a command when it arrives, or its plan when none does.
+//! The driver of the simulated robot: executes a command when it arrives, or its plan when none does, and sends every
+//! setpoint to the process `teleopd robot`.
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
-use bus::Domain;
-use messages::{JointCommand, Mode, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
+use bus::{Domain, Reader, Writer};
+use driver::{Driver, Drives, Measured, Setpoint};
+use messages::{
+    Header, JointCommand, Mode, RobotMeasured, RobotSetpoint, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline,
+    measured_flag, tick_at,
+};
 use pipeline::HandOff;
 use serde_json::{Map, Value, json};
 use std::time::Duration;
@@ -13,6 +18,84 @@ use telemetry::{Metric, Probe};
 
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
+
+/// A driver waits so long for a robot, ns.
+const ROBOT_WITHIN_NS: u64 = 2_000_000_000;
+
+/// A driver that was suspended waits so long for what the robot measures now, ns: 20 cycles of the robot's port.
+const NEWS_WITHIN_NS: u64 = 20_000_000;
+
+/// The robot's process, behind the driver's port.
+struct RemoteRobot {
+    setpoints: Writer<RobotSetpoint>,
+    measurements: Reader<RobotMeasured>,
+    newest: RobotMeasured,
+    /// Of the driver's messages; sequence and stamp are filled in.
+    header: Header,
+}
+
+impl RemoteRobot {
+    /// Waits for the robot's first measurement.
+    fn find(core: &Domain, header: Header) -> Result<Self, Failure> {
+        let setpoints = core.writer::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;
+        let mut measurements = core.reader::<RobotMeasured>(Service::RobotMeasured).map_err(bus_failure)?;
+        let give_up = rt::now().plus_ns(ROBOT_WITHIN_NS);
+        while rt::now() < give_up {
+            if let Some(newest) = measurements.latest() {
+                return Ok(Self { setpoints, measurements, newest, header });
+            }
+            rt::sleep_until(rt::now().plus_ns(1_000_000));
+        }
+        let text = format!(
+            "no robot answered within {} s: start `teleopd robot` before this one (`up` and `demo` do)",
+            ROBOT_WITHIN_NS / 1_000_000_000
+        );
+        Err(Failure::new(Exit::Unavailable, text))
+    }
+}
+
+impl RemoteRobot {
+    /// A driver that was suspended while the robot moved waits until a measurement is there that was made after now, but no
+    /// longer than [`NEWS_WITHIN_NS`]. The robot may have been kept from its core too.
+    fn wait_if_suspended(&mut self, state: &sim::DriverState, due_k: u64) {
+        if due_k.saturating_sub(state.follower().index()) <= driver::GAP_MAX_TICKS || state.at_rest() {
+            return;
+        }
+        let asked = rt::now();
+        while self.newest.measured < asked && rt::now().since(asked) < NEWS_WITHIN_NS {
+            rt::sleep_until(rt::now().plus_ns(200_000));
+            if let Some(newest) = rt::allocating_aside(|| self.measurements.latest()) {
+                self.newest = newest;
+            }
+        }
+    }
+}
+
+impl Driver for RemoteRobot {
+    fn read(&mut self, _now: Stamp) -> Measured {
+        if let Some(newest) = rt::allocating_aside(|| self.measurements.latest()) {
+            self.newest = newest;
+        }
+        let RobotMeasured { measured, q, dq, flags, .. } = self.newest;
+        let has = |bit: u32| flags & bit != 0;
+        let drives = Drives {
+            emergency_stop: has(measured_flag::EMERGENCY_STOP),
+            fault: has(measured_flag::DRIVE_FAULT),
+            powered: has(measured_flag::POWERED),
+        };
+        Measured { stamp: measured, q, dq, drives }
+    }
+
+    /// The robot's answer is that to an earlier setpoint: it comes with the next measurement.
+    fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
+        self.header.sequence += 1;
+        self.header.stamp = now;
+        let &Setpoint { k, q, v, a } = setpoint;
+        let message = RobotSetpoint { header: self.header, k, q, v, a, plan: *plan };
+        let sent = rt::allocating_aside(|| self.setpoints.publish(&message)).is_ok();
+        sent && self.newest.flags & measured_flag::REFUSED == 0
+    }
+}
 
 /// Runs until shutdown, and then until the robot is at rest.
 pub fn run(place: &Place) -> Result<(), Failure> {
@@ -24,10 +107,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let mut commands = core.waking_reader::<JointCommand>(Service::JointCommand).map_err(bus_failure)?;
     let mut states = core.writer::<RobotState>(Service::RobotState).map_err(bus_failure)?;
 
-    let mut warm = sim::State::new(&config, 0, seed);
-    for k in 1..=WARM_TICKS {
-        std::hint::black_box(sim::tick(&config, &mut warm, deadline(k), sim::Input { due_k: k, command: None }));
-    }
+    warm_up(&config, seed);
     let grace_ns = (process.loaded.settings.driver.grace_us * 1e3) as u64;
     let due = |now: Stamp| tick_at(Stamp(now.0.saturating_sub(grace_ns)));
     // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
@@ -35,7 +115,10 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
-    let mut state = sim::State::new(&config, due(rt::now()) + 3, seed);
+    let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
+    let now = rt::now();
+    let mut state = sim::DriverState::new(&config, due(now) + 3, &robot.read(now), seed)
+        .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
     process.ready()?;
     let mut ending: Option<Stamp> = None;
     loop {
@@ -54,11 +137,16 @@ pub fn run(place: &Place) -> Result<(), Failure> {
         } else if now < give_up {
             rt::allocating_aside(|| commands.wait(Duration::from_nanos(give_up.since(now))));
         }
+        robot.wait_if_suspended(&state, due(rt::now()));
         let command = rt::allocating_aside(|| commands.latest()).filter(|_| ending.is_none());
         let now = rt::now();
-        let out = sim::tick(&config, &mut state, now, sim::Input { due_k: due(now), command: command.as_ref() });
+        let input = sim::Input { due_k: due(now), command: command.as_ref() };
+        let out = sim::drive(&config, &mut state, now, input, &mut robot);
         if out.advanced == 0 {
             continue;
+        }
+        if let Some(ticks) = out.suspended_ticks {
+            process.stood_still(waited_for, ticks * 1_000_000_000 / TICK_HZ);
         }
         process.probe.record(Metric::WakeUp, deadline(waited_for), now);
         let mut message = out.state;
@@ -80,6 +168,14 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     process.leave(report)
 }
 
+/// Ticks of a driver and a robot of their own.
+fn warm_up(config: &sim::Config, seed: u64) {
+    let mut state = sim::State::new(config, 0, seed);
+    for k in 1..=WARM_TICKS {
+        std::hint::black_box(sim::tick(config, &mut state, deadline(k), sim::Input { due_k: k, command: None }));
+    }
+}
+
 /// How long the command that was executed at `now` took to come here.
 fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
     let Some(accepted) = out.accepted else { return };
@@ -94,7 +190,7 @@ fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output
     }
 }
 
-fn figures(process: &Process, state: &sim::State, timeline: &Timeline, oldest_command_ns: u64) -> Value {
+fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, oldest_command_ns: u64) -> Value {
     let report = state.report();
     let violations: Map<_, _> =
         report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
@@ -102,6 +198,7 @@ fn figures(process: &Process, state: &sim::State, timeline: &Timeline, oldest_co
         "timeline": timeline.to_json(),
         "violations": violations,
         "min_clearance_mm": report.min_clearance_m() * 1e3,
+        "torque_share_max": report.largest_torque_share().0,
         "engage": {
             "max_step_rad": report.engage_max_step_rad(),
             "first_second_velocity_ratio": report.engage_first_second_velocity_ratio(),

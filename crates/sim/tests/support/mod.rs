@@ -1,10 +1,10 @@
 //! A simulated robot on a bench, and honest commands to it.
 #![allow(dead_code)]
 
-use driver::Chain;
+use driver::{Chain, Setpoint};
 use messages::{Header, JOINTS, JointCommand, Layout, Mode, TICK_S, deadline};
 use robot::Model;
-use sim::{Config, Input, Options, Output, State, tick};
+use sim::{Checker, Config, Input, Options, Output, Report, State, tick};
 use std::sync::LazyLock;
 
 const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
@@ -95,6 +95,44 @@ impl Bench {
 
     pub(crate) fn chain(&self) -> Chain {
         Chain::of(&self.command)
+    }
+}
+
+/// The checker alone, which sees setpoints that no driver would take.
+pub(crate) struct Judge {
+    pub(crate) bench: Bench,
+    pub(crate) report: Report,
+    checker: Checker,
+}
+
+impl Judge {
+    pub(crate) fn new(options: &Options) -> Self {
+        let bench = Bench::new(options, 1);
+        let checker = Checker::new(&bench.config, bench.state.follower().setpoint());
+        Self { report: Report::new(MODEL.prismatic), checker, bench }
+    }
+
+    pub(crate) fn ideal() -> Self {
+        Self::new(&Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() })
+    }
+
+    /// Shows the checker a motion of this jerk for each of `ticks` ticks.
+    pub(crate) fn drive(&mut self, joint: usize, jerk: f64, ticks: u64) {
+        for _ in 0..ticks {
+            self.bench.next(joint, jerk);
+            self.show();
+        }
+    }
+
+    /// Shows the checker the command as it stands.
+    pub(crate) fn show(&mut self) {
+        let JointCommand { k, q, v, a, mode, .. } = self.bench.command;
+        self.checker.step(&self.bench.config, &mut self.report, &Setpoint { k, q, v, a }, mode);
+    }
+
+    /// Names of the kinds of violation that occurred.
+    pub(crate) fn violated(&self) -> Vec<&'static str> {
+        self.report.violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
     }
 }
 

@@ -1,0 +1,408 @@
+//! One robot: the tree of its moving bodies with masses, limits, friction and collision capsules.
+//!
+//! The second reader of the URDF and of the robot file. Joints that nothing commands stand at position zero, and a link
+//! behind them belongs to the body that carries it: its mass is lumped there. Body 0 is the base, body `1 + j` moves
+//! with joint `j`, and its frame is the frame of that joint's child link.
+
+use crate::error::PlantError;
+use crate::pose::{Pose, turn};
+use crate::robot_file::{RobotFile, Stricter};
+use crate::urdf::{RawJoint, RawLimit, Urdf};
+use messages::{JOINTS, TORSO};
+use nalgebra::{Matrix3, Vector3};
+
+/// Whether a joint turns or slides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// About its axis, rad.
+    Revolute,
+    /// Along its axis, m.
+    Prismatic,
+}
+
+/// Limits of one joint, rad or m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Least position.
+    pub q_min: f64,
+    /// Greatest position.
+    pub q_max: f64,
+    /// Greatest speed.
+    pub v_max: f64,
+    /// Greatest acceleration. Infinite in a URDF that names none.
+    pub a_max: f64,
+    /// Greatest jerk. Infinite in a URDF that names none.
+    pub j_max: f64,
+    /// Greatest torque or force, N m or N.
+    pub effort_max: f64,
+}
+
+/// One commanded joint and how its body hangs on another.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Name in the URDF.
+    pub name: String,
+    /// Whether it turns or slides.
+    pub kind: JointKind,
+    /// The body that carries it.
+    pub parent: usize,
+    /// Its body's frame in the parent body's frame at position zero.
+    pub parent_from_body: Pose,
+    /// Unit axis in its body's frame.
+    pub axis: Vector3<f64>,
+    /// Limits of the URDF: where the mechanical stops are, and what the motor can do.
+    pub urdf: Limits,
+    /// Limits in force: the stricter of the URDF and the robot file.
+    pub limits: Limits,
+    /// Viscous friction as the URDF states it, N m s/rad or N s/m.
+    pub damping: Option<f64>,
+    /// Coulomb friction as the URDF states it, N m or N.
+    pub friction: Option<f64>,
+}
+
+/// Mass, centre and inertia of one body, in the body's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// First moment: mass times centre of mass, kg m.
+    pub moment: Vector3<f64>,
+    /// Inertia about the origin of the body's frame, kg m^2.
+    pub about_origin: Matrix3<f64>,
+}
+
+/// All points within `radius_m` of a segment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capsule {
+    /// Unique name.
+    pub name: String,
+    /// The body that it is fixed to.
+    pub body: usize,
+    /// Ends of the segment in the body's frame, m.
+    pub ends: [Vector3<f64>; 2],
+    /// Radius, m.
+    pub radius_m: f64,
+}
+
+/// Where a link of the URDF is.
+#[derive(Clone, Debug)]
+struct Link {
+    name: String,
+    body: usize,
+    body_from_link: Pose,
+}
+
+/// One robot.
+#[derive(Clone, Debug)]
+pub struct Body {
+    /// The commanded joints in the fixed joint order. A parent body never has a greater index than its child.
+    pub joints: Vec<Joint>,
+    /// Inertia of each body.
+    pub inertias: [Inertia; JOINTS + 1],
+    /// Collision capsules in the robot file's order.
+    pub capsules: Vec<Capsule>,
+    /// Indices of the capsules that must keep clear of each other, ascending.
+    pub pairs: Vec<[usize; 2]>,
+    /// Least clearance of every pair, m.
+    pub d_min_m: f64,
+    /// Home posture, rad or m.
+    pub home: [f64; JOINTS],
+    links: Vec<Link>,
+}
+
+impl Inertia {
+    /// Nothing.
+    pub fn zero() -> Self {
+        Self { mass_kg: 0.0, moment: Vector3::zeros(), about_origin: Matrix3::zeros() }
+    }
+
+    /// A mass at a place, with its own inertia about that place.
+    fn at(mass_kg: f64, place: Vector3<f64>, own: Matrix3<f64>) -> Self {
+        // Parallel axes: I_o = I_c + m (c.c 1 - c c^T).
+        let shift = Matrix3::identity() * place.norm_squared() - place * place.transpose();
+        Self { mass_kg, moment: place * mass_kg, about_origin: own + shift * mass_kg }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.mass_kg += other.mass_kg;
+        self.moment += other.moment;
+        self.about_origin += other.about_origin;
+    }
+}
+
+impl Body {
+    /// Reads a robot. The names of the files stand in errors.
+    pub fn from_text(toml_name: &str, toml: &str, urdf_name: &str, urdf: &str) -> Result<Self, PlantError> {
+        let file = RobotFile::read(toml_name, toml)?;
+        let urdf = Urdf::read(urdf_name, urdf)?;
+        let names = file.joint_names(toml_name)?;
+        let tree = Tree { file: urdf_name, urdf: &urdf, at: find(urdf_name, &names, &urdf)? };
+        let links = tree.links(toml_name, &file)?;
+        let mut joints = Vec::with_capacity(JOINTS);
+        let mut home = [0.0; JOINTS];
+        for (j, name) in names.iter().enumerate() {
+            joints.push(tree.joint(j, &links, &file.stricter(toml_name, j, name)?)?);
+            home[j] = file.home(toml_name, name)?;
+        }
+        let mut body = Self {
+            joints,
+            inertias: [Inertia::zero(); JOINTS + 1],
+            capsules: Vec::new(),
+            pairs: Vec::new(),
+            d_min_m: file.d_min_m(toml_name)?,
+            home,
+            links,
+        };
+        body.lump(&urdf);
+        body.read_capsules(toml_name, &file)?;
+        body.read_pairs(toml_name, &file)?;
+        Ok(body)
+    }
+
+    /// The body that carries a link, and the link's pose in that body's frame.
+    pub fn link(&self, name: &str) -> Option<(usize, Pose)> {
+        self.links.iter().find(|known| known.name == name).map(|known| (known.body, known.body_from_link))
+    }
+
+    /// Adds a point mass at the origin of a link. `false` if there is no such link.
+    pub fn add_payload(&mut self, link: &str, mass_kg: f64) -> bool {
+        let Some((body, body_from_link)) = self.link(link) else { return false };
+        self.inertias[body].add(&Inertia::at(mass_kg, body_from_link.t, Matrix3::zeros()));
+        true
+    }
+
+    fn lump(&mut self, urdf: &Urdf) {
+        for (raw, link) in urdf.links.iter().zip(&self.links) {
+            let Some(inertial) = &raw.inertial else { continue };
+            let frame = link.body_from_link.then(&Pose::from_origin(inertial.xyz, inertial.rpy));
+            let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
+            let own = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+            let turned = frame.r * own * frame.r.transpose();
+            self.inertias[link.body].add(&Inertia::at(inertial.mass, frame.t, turned));
+        }
+    }
+
+    fn read_capsules(&mut self, toml: &str, file: &RobotFile) -> Result<(), PlantError> {
+        for row in &file.collision.capsules {
+            let key = format!("collision.capsules `{}`", row.name);
+            let known = self.links.iter().find(|link| link.name == row.link);
+            let link = known.ok_or_else(|| PlantError::unknown(toml, key.as_str(), &row.link, "a link of the URDF"))?;
+            if self.capsules.iter().any(|capsule| capsule.name == row.name) {
+                return Err(PlantError::value(toml, &key, "twice", "names of capsules must be unique"));
+            }
+            let finite = row.a_m.iter().chain(&row.b_m).all(|x| x.is_finite());
+            if !(row.radius_m > 0.0 && row.radius_m.is_finite() && finite) {
+                return Err(PlantError::value(
+                    toml,
+                    &key,
+                    row.radius_m,
+                    "radius_m must be above 0, all numbers finite",
+                ));
+            }
+            let ends = [row.a_m, row.b_m].map(|end| link.body_from_link.point(&end.into()));
+            let (name, body, radius_m) = (row.name.clone(), link.body, row.radius_m);
+            self.capsules.push(Capsule { name, body, ends, radius_m });
+        }
+        Ok(())
+    }
+
+    /// Every pair of capsules on two bodies is checked, unless the file allows it.
+    fn read_pairs(&mut self, toml: &str, file: &RobotFile) -> Result<(), PlantError> {
+        let count = self.capsules.len();
+        let mut allowed = vec![false; count * count];
+        let tables =
+            [("adjacent", &file.collision.allowed.adjacent), ("proved_clear", &file.collision.allowed.proved_clear)];
+        for (table, rows) in tables {
+            let index = |name: &str| {
+                let known = self.capsules.iter().position(|capsule| capsule.name == name);
+                known.ok_or_else(|| PlantError::unknown(toml, format!("collision.allowed.{table}"), name, "a capsule"))
+            };
+            for (first, others) in rows {
+                for second in others {
+                    let (a, b) = (index(first)?, index(second)?);
+                    allowed[a.min(b) * count + a.max(b)] = true;
+                }
+            }
+        }
+        for a in 0..count {
+            for b in a + 1..count {
+                if self.capsules[a].body != self.capsules[b].body && !allowed[a * count + b] {
+                    self.pairs.push([a, b]);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Places of the commanded joints in the URDF.
+fn find(file: &str, names: &[String; JOINTS], urdf: &Urdf) -> Result<[usize; JOINTS], PlantError> {
+    let mut at = [0; JOINTS];
+    for (j, name) in names.iter().enumerate() {
+        let known = urdf.joints.iter().position(|joint| joint.name == *name);
+        at[j] = known.ok_or_else(|| PlantError::missing(file, format!("joint `{name}`")))?;
+        if at[..j].contains(&at[j]) {
+            return Err(PlantError::value(file, "joint", name, "is commanded twice; each joint may be named once"));
+        }
+    }
+    Ok(at)
+}
+
+/// The URDF, and which of its joints are commanded.
+struct Tree<'a> {
+    file: &'a str,
+    urdf: &'a Urdf,
+    at: [usize; JOINTS],
+}
+
+impl Tree<'_> {
+    /// The body of every link and the link's pose in it.
+    fn links(&self, toml: &str, file: &RobotFile) -> Result<Vec<Link>, PlantError> {
+        let index = |name: &str, joint: &RawJoint| {
+            let known = self.urdf.links.iter().position(|link| link.name == name);
+            known.ok_or_else(|| {
+                PlantError::unknown(self.file, format!("joint `{}`", joint.name), name, "a link of this file")
+            })
+        };
+        // For each link the joint above it and the link above that.
+        let mut above: Vec<Option<(usize, usize)>> = vec![None; self.urdf.links.len()];
+        for (place, joint) in self.urdf.joints.iter().enumerate() {
+            let (parent, child) = (index(&joint.parent, joint)?, index(&joint.child, joint)?);
+            if above[child].replace((place, parent)).is_some() {
+                return Err(PlantError::value(
+                    self.file,
+                    "child",
+                    &joint.child,
+                    "has two parents; the links must form a tree",
+                ));
+            }
+            let moves = joint.kind != "fixed" && !self.at.contains(&place);
+            if moves && !file.held_joints.contains(&joint.name) {
+                return Err(PlantError::missing(toml, format!("held_joints: movable joint `{}`", joint.name)));
+            }
+        }
+        let roots: Vec<&str> = (0..above.len())
+            .filter(|&link| above[link].is_none())
+            .map(|link| self.urdf.links[link].name.as_str())
+            .collect();
+        if roots != [file.base_link.as_str()] {
+            return Err(PlantError::value(
+                toml,
+                "base_link",
+                &file.base_link,
+                format!("must be the only root; roots: {roots:?}"),
+            ));
+        }
+        (0..above.len()).map(|link| self.locate(link, &above)).collect()
+    }
+
+    /// Climbs from a link to the commanded joint above it.
+    fn locate(&self, start: usize, above: &[Option<(usize, usize)>]) -> Result<Link, PlantError> {
+        let name = self.urdf.links[start].name.clone();
+        let (mut link, mut pose) = (start, Pose::identity());
+        for _ in 0..=above.len() {
+            let Some((place, parent)) = above[link] else {
+                return Ok(Link { name, body: 0, body_from_link: pose });
+            };
+            if let Some(j) = self.at.iter().position(|commanded| *commanded == place) {
+                return Ok(Link { name, body: j + 1, body_from_link: pose });
+            }
+            pose = self.held(&self.urdf.joints[place])?.then(&pose);
+            link = parent;
+        }
+        Err(PlantError::value(self.file, "link", name, "is part of a loop; the links must form a tree"))
+    }
+
+    /// The pose of a joint that nothing commands: at zero, or where a mimic joint stands that follows one at zero.
+    fn held(&self, joint: &RawJoint) -> Result<Pose, PlantError> {
+        let pose = Pose::from_origin(joint.xyz, joint.rpy);
+        let Some(mimic) = &joint.mimic else { return Ok(pose) };
+        if self.at.iter().any(|&place| self.urdf.joints[place].name == mimic.joint) {
+            let key = format!("joint `{}`: mimic", joint.name);
+            return Err(PlantError::value(self.file, &key, &mimic.joint, "must not follow a commanded joint"));
+        }
+        let axis = self.unit_axis(joint)?;
+        Ok(match joint.kind.as_str() {
+            "prismatic" => pose.then(&Pose { r: Matrix3::identity(), t: axis * mimic.offset }),
+            "fixed" => pose,
+            _ => pose.then(&Pose { r: turn(&axis, mimic.offset), t: Vector3::zeros() }),
+        })
+    }
+
+    fn unit_axis(&self, joint: &RawJoint) -> Result<Vector3<f64>, PlantError> {
+        let axis = Vector3::from(joint.axis);
+        // A few digits in a file.
+        if (axis.norm() - 1.0).abs() <= 1e-3 {
+            return Ok(axis.normalize());
+        }
+        let key = format!("joint `{}`: axis", joint.name);
+        Err(PlantError::value(self.file, &key, format!("{:?}", joint.axis), "must have length 1"))
+    }
+
+    fn joint(&self, j: usize, links: &[Link], stricter: &Stricter) -> Result<Joint, PlantError> {
+        let raw = &self.urdf.joints[self.at[j]];
+        let key = |what: &str| format!("joint `{}`: {what}", raw.name);
+        let (wanted, kind) = match j {
+            TORSO => ("prismatic", JointKind::Prismatic),
+            _ => ("revolute", JointKind::Revolute),
+        };
+        if raw.kind != wanted || raw.mimic.is_some() {
+            let bound = format!("a commanded joint here must be {wanted}, with limits and without mimic");
+            return Err(PlantError::value(self.file, &key("type"), &raw.kind, bound));
+        }
+        let limit = raw.limit.ok_or_else(|| PlantError::missing(self.file, key("limit")))?;
+        let carrier = links.iter().find(|link| link.name == raw.parent);
+        let Some(carrier) = carrier.filter(|carrier| carrier.body <= j) else {
+            let bound = "a joint must not hang on a later one of the order torso, head, left arm, right arm";
+            return Err(PlantError::value(self.file, &key("parent"), &raw.parent, bound));
+        };
+        for (what, value) in [("damping", raw.damping), ("friction", raw.friction)] {
+            if let Some(value) = value.filter(|value| *value < 0.0) {
+                return Err(PlantError::value(self.file, &key(what), value, "must not be negative"));
+            }
+        }
+        let (urdf, limits) = self.limits(&key("limit"), &limit, stricter)?;
+        Ok(Joint {
+            name: raw.name.clone(),
+            kind,
+            parent: carrier.body,
+            parent_from_body: carrier.body_from_link.then(&Pose::from_origin(raw.xyz, raw.rpy)),
+            axis: self.unit_axis(raw)?,
+            urdf,
+            limits,
+            damping: raw.damping,
+            friction: raw.friction,
+        })
+    }
+
+    /// The URDF's limits, and the stricter of them and the robot file.
+    fn limits(&self, key: &str, raw: &RawLimit, file: &Stricter) -> Result<(Limits, Limits), PlantError> {
+        let urdf = Limits {
+            q_min: raw.lower,
+            q_max: raw.upper,
+            v_max: raw.velocity,
+            a_max: raw.acceleration,
+            j_max: raw.jerk,
+            effort_max: raw.effort,
+        };
+        let limits = Limits {
+            q_min: (urdf.q_min + file.soft_margin).max(file.q_min),
+            q_max: (urdf.q_max - file.soft_margin).min(file.q_max),
+            v_max: urdf.v_max.min(file.v_max),
+            a_max: urdf.a_max.min(file.a_max),
+            j_max: urdf.j_max.min(file.j_max),
+            effort_max: urdf.effort_max.min(file.effort_max),
+        };
+        let positive = [limits.v_max, limits.a_max, limits.j_max, limits.effort_max].iter().all(|x| *x > 0.0);
+        if limits.q_min < limits.q_max && positive {
+            return Ok((urdf, limits));
+        }
+        let value = format!("{limits:?}");
+        Err(PlantError::value(
+            self.file,
+            key,
+            value,
+            "q_min must be below q_max, the others above 0; correct either file",
+        ))
+    }
+}

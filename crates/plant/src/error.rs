@@ -1,0 +1,60 @@
+//! Why there is no plant.
+
+/// Why the texts or the options were refused. Every message names the file, the key, the value and what is allowed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlantError {
+    /// The text cannot be parsed.
+    #[error("{file}: {cause}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// What the parser reports.
+        cause: String,
+    },
+    /// A required entry is not there.
+    #[error("{file}: {key}: missing, it is required; add it")]
+    Missing {
+        /// The file.
+        file: String,
+        /// The entry.
+        key: String,
+    },
+    /// A name refers to nothing.
+    #[error("{file}: {key}: `{name}` is not {expected}; correct the name")]
+    Unknown {
+        /// The file.
+        file: String,
+        /// Where the name stands.
+        key: String,
+        /// The name.
+        name: String,
+        /// What it must be.
+        expected: String,
+    },
+    /// A value is out of its bounds.
+    #[error("{file}: {key} = {value}: {bound}")]
+    Value {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        bound: String,
+    },
+}
+
+impl PlantError {
+    pub(crate) fn value(file: &str, key: &str, value: impl ToString, bound: impl Into<String>) -> Self {
+        Self::Value { file: file.into(), key: key.into(), value: value.to_string(), bound: bound.into() }
+    }
+
+    pub(crate) fn missing(file: &str, key: impl Into<String>) -> Self {
+        Self::Missing { file: file.into(), key: key.into() }
+    }
+
+    pub(crate) fn unknown(file: &str, key: impl Into<String>, name: &str, expected: &str) -> Self {
+        Self::Unknown { file: file.into(), key: key.into(), name: name.into(), expected: expected.into() }
+    }
+}

@@ -1,0 +1,201 @@
+//! Faults of the robot that tests and simulations switch on.
+
+use messages::JOINTS;
+
+/// A fault, switched on from now on. [`crate::Plant::repair`] switches all of them off. Faults of feedback distort the
+/// measurement and leave the motion alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Injection {
+    /// The encoder of a joint reads so much more, rad or m.
+    EncoderJump {
+        /// The joint.
+        joint: usize,
+        /// By how much.
+        by: f64,
+    },
+    /// One sample of the encoder of a joint reads so much more, rad or m.
+    EncoderSpike {
+        /// The joint.
+        joint: usize,
+        /// By how much.
+        by: f64,
+    },
+    /// All measurements keep their present values.
+    FrozenFeedback,
+    /// The measurement of a joint keeps its present value.
+    FrozenEncoder {
+        /// The joint.
+        joint: usize,
+    },
+    /// The measurement of a joint is NaN.
+    NanFeedback {
+        /// The joint.
+        joint: usize,
+    },
+    /// The measurement of a joint is mirrored about the joint's present position.
+    FeedbackInverted {
+        /// The joint.
+        joint: usize,
+    },
+    /// The measurements of two joints are exchanged.
+    FeedbackSwapped {
+        /// One joint.
+        joint: usize,
+        /// The other.
+        with: usize,
+    },
+    /// A joint brakes and ignores its setpoints. Its drive reports nothing.
+    NotFollowed {
+        /// The joint.
+        joint: usize,
+    },
+    /// The setpoints of a joint are mirrored about the joint's present position.
+    SignSwapped {
+        /// The joint.
+        joint: usize,
+    },
+    /// The robot refuses setpoints, so its watchdog fires.
+    SetpointsRejected,
+    /// The drive of a joint reports a fault. The joint brakes, the others follow setpoints.
+    DriveFault {
+        /// The joint.
+        joint: usize,
+    },
+    /// The robot's own emergency stop is pressed: every joint brakes, setpoints are refused.
+    EmergencyStopPressed,
+    /// The robot's own emergency stop is released.
+    EmergencyStopReleased,
+    /// The motors lose power: setpoints are refused, every joint brakes and then gives way at the speed `sag`.
+    PowerLost {
+        /// The speed, rad/s or m/s. Zero stands for brakes that hold.
+        sag: f64,
+    },
+    /// The power returns.
+    PowerReturned,
+    /// The servo loop of a joint is unstable: the joint truly swings about its setpoint.
+    Swing {
+        /// The joint.
+        joint: usize,
+        /// Largest deviation from the setpoint, rad or m.
+        amplitude: f64,
+        /// Frequency, Hz.
+        frequency: f64,
+    },
+}
+
+/// A swing of a joint about its setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Swing {
+    pub(crate) amplitude: f64,
+    /// Angular frequency, rad/s.
+    pub(crate) omega: f64,
+    /// Number of the step at which it began.
+    pub(crate) since_step: u64,
+}
+
+/// Which faults are on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Injected {
+    offset: [f64; JOINTS],
+    spike: Option<(usize, f64)>,
+    frozen: [bool; JOINTS],
+    nan: [bool; JOINTS],
+    /// Where the measurement of a joint is mirrored.
+    feedback_mirror: [Option<f64>; JOINTS],
+    swapped: Option<(usize, usize)>,
+    not_followed: [bool; JOINTS],
+    drive_fault: [bool; JOINTS],
+    /// Where the setpoints of a joint are mirrored.
+    pub(crate) setpoint_mirror: [Option<f64>; JOINTS],
+    pub(crate) swing: [Option<Swing>; JOINTS],
+    pub(crate) rejecting: bool,
+    pub(crate) emergency_stop: bool,
+    /// The speed at which joints give way while the motors have no power.
+    pub(crate) sag: Option<f64>,
+}
+
+impl Injected {
+    /// Switches a fault on, with the joints at `q` after `step` steps. An index beyond the joints changes nothing.
+    pub(crate) fn switch_on(&mut self, fault: Injection, q: &[f64; JOINTS], step: u64) {
+        let known = |joint: usize| joint < JOINTS;
+        match fault {
+            Injection::EncoderJump { joint, by } if known(joint) => self.offset[joint] += by,
+            Injection::EncoderSpike { joint, by } if known(joint) => self.spike = Some((joint, by)),
+            Injection::FrozenFeedback => self.frozen = [true; JOINTS],
+            Injection::FrozenEncoder { joint } if known(joint) => self.frozen[joint] = true,
+            Injection::NanFeedback { joint } if known(joint) => self.nan[joint] = true,
+            Injection::FeedbackInverted { joint } if known(joint) => self.feedback_mirror[joint] = Some(q[joint]),
+            Injection::FeedbackSwapped { joint, with } if known(joint) && known(with) => {
+                self.swapped = Some((joint, with));
+            }
+            Injection::NotFollowed { joint } if known(joint) => self.not_followed[joint] = true,
+            Injection::SignSwapped { joint } if known(joint) => self.setpoint_mirror[joint] = Some(q[joint]),
+            Injection::SetpointsRejected => self.rejecting = true,
+            Injection::DriveFault { joint } if known(joint) => self.drive_fault[joint] = true,
+            Injection::EmergencyStopPressed => self.emergency_stop = true,
+            Injection::EmergencyStopReleased => self.emergency_stop = false,
+            Injection::PowerLost { sag } => self.sag = Some(sag),
+            Injection::PowerReturned => self.sag = None,
+            Injection::Swing { joint, amplitude, frequency } if known(joint) => {
+                let omega = std::f64::consts::TAU * frequency;
+                self.swing[joint] = Some(Swing { amplitude, omega, since_step: step });
+            }
+            Injection::EncoderJump { .. }
+            | Injection::EncoderSpike { .. }
+            | Injection::FrozenEncoder { .. }
+            | Injection::NanFeedback { .. }
+            | Injection::FeedbackInverted { .. }
+            | Injection::FeedbackSwapped { .. }
+            | Injection::NotFollowed { .. }
+            | Injection::SignSwapped { .. }
+            | Injection::DriveFault { .. }
+            | Injection::Swing { .. } => {}
+        }
+    }
+
+    /// Whether the robot refuses every setpoint.
+    pub(crate) fn refuses(&self) -> bool {
+        self.rejecting || !self.all_driven()
+    }
+
+    /// Whether the motors have power and no emergency stop is pressed.
+    pub(crate) fn all_driven(&self) -> bool {
+        self.sag.is_none() && !self.emergency_stop
+    }
+
+    /// The speed that the brake of a joint forces on it, or `None` where the motor drives it.
+    pub(crate) fn braked_to(&self, joint: usize) -> Option<f64> {
+        let braked = self.emergency_stop || self.not_followed[joint] || self.drive_fault[joint];
+        self.sag.or(braked.then_some(0.0))
+    }
+
+    /// Whether the drive of any joint reports a fault.
+    pub(crate) fn drive_fault(&self) -> bool {
+        self.drive_fault.contains(&true)
+    }
+
+    /// Whether the measurement of a joint keeps its value.
+    pub(crate) fn is_frozen(&self, joint: usize) -> bool {
+        self.frozen[joint]
+    }
+
+    /// Distorts a new sample. A frozen joint was distorted when its value was taken.
+    pub(crate) fn distort(&mut self, q: &mut [f64; JOINTS], dq: &mut [f64; JOINTS]) {
+        for j in (0..JOINTS).filter(|&j| !self.frozen[j]) {
+            if let Some(about) = self.feedback_mirror[j] {
+                (q[j], dq[j]) = (2.0 * about - q[j], -dq[j]);
+            }
+            q[j] += self.offset[j];
+            if self.nan[j] {
+                (q[j], dq[j]) = (f64::NAN, f64::NAN);
+            }
+        }
+        if let Some((joint, by)) = self.spike.take() {
+            q[joint] += by;
+        }
+        if let Some((joint, with)) = self.swapped {
+            q.swap(joint, with);
+            dq.swap(joint, with);
+        }
+    }
+}

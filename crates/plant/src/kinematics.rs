@@ -1,0 +1,65 @@
+//! Where the bodies are and how fast their points move.
+
+use crate::description::{Body, Joint, JointKind};
+use crate::pose::{Pose, turn};
+use messages::JOINTS;
+use nalgebra::Vector3;
+
+/// Poses of all bodies in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frames {
+    /// Body 0 is the base, body `1 + j` moves with joint `j`.
+    pub base_from_body: [Pose; JOINTS + 1],
+}
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self { base_from_body: [Pose::identity(); JOINTS + 1] }
+    }
+}
+
+impl Joint {
+    /// The body's frame in the parent body's frame at position `q`, rad or m.
+    pub(crate) fn parent_from_moved(&self, q: f64) -> Pose {
+        let motion = match self.kind {
+            JointKind::Revolute => Pose { r: turn(&self.axis, q), t: Vector3::zeros() },
+            JointKind::Prismatic => Pose { t: self.axis * q, ..Pose::identity() },
+        };
+        self.parent_from_body.then(&motion)
+    }
+}
+
+impl Body {
+    /// Poses of all bodies at the posture `q` (rad, m).
+    pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
+        out.base_from_body[0] = Pose::identity();
+        for (j, joint) in self.joints.iter().enumerate() {
+            out.base_from_body[j + 1] = out.base_from_body[joint.parent].then(&joint.parent_from_moved(q[j]));
+        }
+    }
+
+    /// Velocity in the base frame (m/s) of a point of `body`, given in that body's frame (m), at the joint speeds `v`:
+    /// the sum over the joints that carry the body of v_j w_j x (p - o_j), or v_j w_j where the joint slides.
+    pub fn point_velocity(
+        &self,
+        frames: &Frames,
+        v: &[f64; JOINTS],
+        body: usize,
+        point: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let p = frames.base_from_body[body].point(point);
+        let (mut sum, mut carried) = (Vector3::zeros(), body);
+        // Every parent has a smaller index, so this ends at the base.
+        while carried > 0 {
+            let (j, joint) = (carried - 1, &self.joints[carried - 1]);
+            let pose = &frames.base_from_body[carried];
+            let axis = pose.r * joint.axis;
+            sum += match joint.kind {
+                JointKind::Revolute => axis.cross(&(p - pose.t)) * v[j],
+                JointKind::Prismatic => axis * v[j],
+            };
+            carried = joint.parent;
+        }
+        sum
+    }
+}

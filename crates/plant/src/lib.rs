@@ -1,0 +1,52 @@
+//! The body of a simulated robot, as another vendor would build it. Never does IO, never reads a clock, and never
+//! allocates after construction. The same seed and the same calls give the same run.
+//!
+//! This crate is the second, independent reader of the URDF and of the robot file. It shares no code with `robot`,
+//! `driver`, `safety` or `wbc`, so it can contradict them.
+//!
+//! # Words
+//!
+//! - **Step**: the plant integrates in fixed steps of its own, [`STEP_NS`]. It knows no tick of the driver.
+//! - **Setpoint**: what the drives are to do. It acts after the transport delay, and it stays in force until the next.
+//! - **Extrapolation**: between two setpoints the drives continue the last one with its velocity and acceleration.
+//! - **Reaction**: what the drives do by themselves when setpoints stay away for longer than the watchdog allows.
+//! - **Truth**: where the joints are. **Measured**: what the encoders say about it.
+//! - **Judge**: compares the truth with the limits, in wall time. It only counts, it never corrects.
+//!
+//! # Use
+//!
+//! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and then
+//! [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge, so it comes
+//! last. [`Plant`] and [`Judge`] are plain states: a clone is another world.
+
+mod config;
+mod description;
+mod distance;
+mod dynamics;
+mod error;
+mod injection;
+mod judge;
+mod kinematics;
+mod motor;
+mod noise;
+mod plant;
+mod pose;
+mod report;
+mod robot_file;
+mod urdf;
+
+pub use config::{Config, Obstacle, Options, Payload, Reaction};
+pub use description::{Body, Capsule, Inertia, Joint, JointKind, Limits};
+pub use distance::{segment_box, segment_plane, segment_segment};
+pub use dynamics::{Drive, Dynamics, GRAVITY_M_PER_S2, Posture};
+pub use error::PlantError;
+pub use injection::Injection;
+pub use judge::{
+    CLEARANCE_MARGIN_M, JITTER_ALLOWANCE_NS, JUDGE_STEPS, Judge, SERVO_MARGIN_M, SERVO_MARGIN_RAD, SPEED_OVERSHOOT,
+};
+pub use kinematics::Frames;
+pub use plant::{
+    CATCH_UP_NS, Drives, Measured, NEAR_M, NEAR_M_PER_S, NEAR_RAD, NEAR_RAD_PER_S, Plant, STEP_NS, Setpoint, Truth,
+};
+pub use pose::Pose;
+pub use report::{Report, Violation, ViolationKind};

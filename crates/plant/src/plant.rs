@@ -1,0 +1,467 @@
+//! The joints under their drives, in steps of their own.
+
+use crate::config::{Config, Reaction};
+use crate::description::JointKind;
+use crate::dynamics::{Drive, GRAVITY_M_PER_S2};
+use crate::injection::{Injected, Injection};
+use crate::judge::{JUDGE_STEPS, Judge};
+use crate::kinematics::Frames;
+use crate::noise::Noise;
+use messages::{JOINTS, Stamp, StopPlan};
+use nalgebra::Vector3;
+
+/// Length of a step, ns: 2 kHz. Assumption: the rate of a joint's position loop.
+pub const STEP_NS: u64 = 500_000;
+/// The same in seconds.
+const STEP_S: f64 = STEP_NS as f64 * 1e-9;
+/// The most that one call integrates, ns. What is left follows in the next call, so no time is lost.
+pub const CATCH_UP_NS: u64 = 1_000_000_000;
+/// The longest transport delay, ns. With it and 1500 setpoints per second 30 are under way.
+pub(crate) const DELAY_MAX_NS: u64 = 20_000_000;
+/// Setpoints that can be under way. A further one replaces the oldest.
+const UNDER_WAY_MAX: usize = 32;
+
+/// After a reaction a setpoint must begin this near to the joint's position, rad. Assumption: 0.02, a little more than
+/// the tracking error and the noise.
+pub const NEAR_RAD: f64 = 0.02;
+/// The same of a joint that slides, m. Assumption: 5 mm.
+pub const NEAR_M: f64 = 0.005;
+/// After a reaction a setpoint's speed must be this near to the joint's, rad/s. Assumption: 0.1, what a joint brakes by in
+/// the age of a measurement, and the noise of its speed.
+pub const NEAR_RAD_PER_S: f64 = 0.1;
+/// The same of a joint that slides, m/s. Assumption: four standard deviations of the noise.
+pub const NEAR_M_PER_S: f64 = 0.02;
+
+/// What the drives are to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setpoint {
+    /// Index. While setpoints are followed, one that is not newer than the last is ignored.
+    pub k: u64,
+    /// Joint positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Joint velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Joint accelerations, rad/s^2 or m/s^2.
+    pub a: [f64; JOINTS],
+    /// The stop from (q, v, a). Only [`Reaction::Play`] uses it.
+    pub plan: StopPlan,
+}
+
+/// What the drives report about themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Drives {
+    /// The robot's own emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Any drive reports a fault.
+    pub fault: bool,
+    /// The motors have power.
+    pub powered: bool,
+}
+
+/// What the robot measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// Time of the step at which the sample was taken.
+    pub stamp: Stamp,
+    /// Joint positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Joint velocities, rad/s or m/s.
+    pub dq: [f64; JOINTS],
+    /// Motor torques, N m or N.
+    pub tau: [f64; JOINTS],
+    /// What the drives report.
+    pub drives: Drives,
+    /// The watchdog fired, and no setpoint was taken since.
+    pub reacting: bool,
+}
+
+/// What the joints truly do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    /// Time of the step.
+    pub stamp: Stamp,
+    /// Joint positions, rad or m.
+    pub q: [f64; JOINTS],
+    /// Joint velocities, rad/s or m/s.
+    pub v: [f64; JOINTS],
+    /// Motor torques or forces in the step before, N m or N. Zero where a brake holds.
+    pub tau: [f64; JOINTS],
+}
+
+/// What the drives do at present.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    /// The reference brakes, then holds its place.
+    Holding {
+        /// The watchdog fired.
+        reacting: bool,
+    },
+    /// Setpoints come.
+    Following,
+    /// The watchdog fired: the motors damp.
+    Damping,
+    /// The watchdog fired: the drives play the plan of the last setpoint.
+    Playing,
+}
+
+/// Position, velocity and acceleration of the reference of one joint.
+type Reference = [f64; 3];
+
+/// State of the joints and drives.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    truth: Truth,
+    steps: u64,
+    mode: Mode,
+    /// The setpoint in force, and when it came into force.
+    last: Setpoint,
+    last_at: Stamp,
+    /// The reference of [`Mode::Holding`]: positions and velocities.
+    held: ([f64; JOINTS], [f64; JOINTS]),
+    /// Setpoints under way with the time of their arrival, oldest first from `first`.
+    under_way: [(Stamp, Setpoint); UNDER_WAY_MAX],
+    first: usize,
+    waiting: usize,
+    injected: Injected,
+    noise: Noise,
+    measured: Measured,
+    /// The step of `measured`: reading twice in one step draws no new noise.
+    measured_step: Option<u64>,
+}
+
+impl Plant {
+    /// At rest at `q` at the time `now`. `seed` is that of the noise.
+    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
+        let zero = [0.0; JOINTS];
+        let rest = Setpoint {
+            k: 0,
+            q: *q,
+            v: zero,
+            a: zero,
+            plan: StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
+        };
+        let drives = Drives { emergency_stop: false, fault: false, powered: true };
+        let mut plant = Self {
+            truth: Truth { stamp: now, q: *q, v: zero, tau: zero },
+            steps: 0,
+            mode: Mode::Holding { reacting: false },
+            last: rest,
+            last_at: now,
+            held: (*q, zero),
+            under_way: [(now, rest); UNDER_WAY_MAX],
+            first: 0,
+            waiting: 0,
+            injected: Injected::default(),
+            noise: Noise::new(seed),
+            measured: Measured { stamp: now, q: *q, dq: zero, tau: zero, drives, reacting: false },
+            measured_step: None,
+        };
+        plant.stay_inside(config);
+        plant
+    }
+
+    /// What the joints truly do.
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// The setpoint in force, with its time of arrival at the drives.
+    pub fn followed(&self) -> (&Setpoint, Stamp) {
+        (&self.last, self.last_at)
+    }
+
+    /// Whether the watchdog fired and no setpoint was taken since.
+    pub fn reacting(&self) -> bool {
+        match self.mode {
+            Mode::Holding { reacting } => reacting,
+            Mode::Following => false,
+            Mode::Damping | Mode::Playing => true,
+        }
+    }
+
+    /// How far the plant is behind `now`, ns: less than a step, unless a call was longer than [`CATCH_UP_NS`].
+    pub fn behind_ns(&self, now: Stamp) -> u64 {
+        now.since(self.truth.stamp)
+    }
+
+    /// Switches a fault on.
+    pub fn inject(&mut self, fault: Injection) {
+        self.injected.switch_on(fault, &self.truth.q, self.steps);
+    }
+
+    /// Switches every fault off. A joint that was braked while others followed then catches up as fast as it can.
+    pub fn repair(&mut self) {
+        self.injected = Injected::default();
+    }
+
+    /// Integrates whole steps until `now`, at most [`CATCH_UP_NS`] of them in one call.
+    pub fn advance(&mut self, config: &Config, now: Stamp) {
+        self.advance_each(config, now, |_, _| {});
+    }
+
+    /// The same, and `judge` looks every [`JUDGE_STEPS`] steps.
+    pub fn advance_judged(&mut self, config: &Config, now: Stamp, judge: &mut Judge) {
+        self.advance_each(config, now, |steps, truth| {
+            if steps % JUDGE_STEPS == 0 {
+                judge.look(config, truth);
+            }
+        });
+    }
+
+    fn advance_each(&mut self, config: &Config, now: Stamp, mut each: impl FnMut(u64, &Truth)) {
+        let due = self.behind_ns(now).min(CATCH_UP_NS) / STEP_NS;
+        for _ in 0..due {
+            self.step(config);
+            each(self.steps, &self.truth);
+        }
+    }
+
+    /// A setpoint arrives at the robot. `false` if it was not taken:
+    ///
+    /// - a fault refuses it, the emergency stop is pressed, or the motors have no power;
+    /// - a number is not finite, or a duration is negative;
+    /// - no setpoints are followed at present, at the start or after a reaction, and the setpoint does not begin near the
+    ///   robot's position ([`NEAR_RAD`], [`NEAR_M`]) and speed ([`NEAR_RAD_PER_S`], [`NEAR_M_PER_S`]).
+    ///
+    /// Integrates until `now` first, so a judge must have been advanced before.
+    pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint) -> bool {
+        self.advance(config, now);
+        if self.injected.refuses() || !is_sound(setpoint) || (self.begins() && !self.is_near(config, setpoint)) {
+            return false;
+        }
+        if self.mode == Mode::Following && setpoint.k <= self.newest_k() {
+            return true;
+        }
+        if self.waiting == UNDER_WAY_MAX {
+            self.first = (self.first + 1) % UNDER_WAY_MAX;
+            self.waiting -= 1;
+        }
+        self.under_way[(self.first + self.waiting) % UNDER_WAY_MAX] = (now.plus_ns(config.delay_ns), *setpoint);
+        self.waiting += 1;
+        true
+    }
+
+    /// The same with the judge, which is advanced and sees every setpoint that was taken.
+    pub fn receive_judged(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint, judge: &mut Judge) -> bool {
+        self.advance_judged(config, now, judge);
+        let begins = self.begins();
+        let taken = self.receive(config, now, setpoint);
+        if taken {
+            judge.received(config, now, setpoint, begins);
+        }
+        taken
+    }
+
+    /// The newest sample at `now`. Integrates until `now` first.
+    pub fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
+        self.advance(config, now);
+        if self.measured_step != Some(self.steps) {
+            self.measured_step = Some(self.steps);
+            self.sample(config);
+        }
+        self.measured.drives = Drives {
+            emergency_stop: self.injected.emergency_stop,
+            fault: self.injected.drive_fault(),
+            powered: self.injected.sag.is_none(),
+        };
+        self.measured.reacting = self.reacting();
+        self.measured
+    }
+
+    fn sample(&mut self, config: &Config) {
+        let measured = &mut self.measured;
+        measured.stamp = self.truth.stamp;
+        for j in 0..JOINTS {
+            let (noise_q, noise_v) = self.noise.pair();
+            if self.injected.is_frozen(j) {
+                continue;
+            }
+            let (q, step) = (self.truth.q[j] + config.noise * noise_q, config.encoder_step);
+            measured.q[j] = if step > 0.0 { (q / step).round() * step } else { q };
+            // The drive differentiates its encoder through a filter as fast as its own loop.
+            measured.dq[j] = self.truth.v[j] + config.noise * config.omega * noise_v;
+            measured.tau[j] = self.truth.tau[j];
+        }
+        self.injected.distort(&mut measured.q, &mut measured.dq);
+    }
+
+    /// Whether the next setpoint would be the first after a start or a reaction.
+    fn begins(&self) -> bool {
+        self.mode != Mode::Following && self.waiting == 0
+    }
+
+    fn is_near(&self, config: &Config, setpoint: &Setpoint) -> bool {
+        (0..JOINTS).all(|j| {
+            let near = config.by_kind(j, NEAR_RAD, NEAR_M);
+            let near_speed = config.by_kind(j, NEAR_RAD_PER_S, NEAR_M_PER_S);
+            (setpoint.q[j] - self.truth.q[j]).abs() <= near && (setpoint.v[j] - self.truth.v[j]).abs() <= near_speed
+        })
+    }
+
+    fn newest_k(&self) -> u64 {
+        match self.waiting {
+            0 => self.last.k,
+            waiting => self.under_way[(self.first + waiting - 1) % UNDER_WAY_MAX].1.k,
+        }
+    }
+
+    /// One step: semi-implicit Euler, so that the joints' energy does not grow by itself.
+    fn step(&mut self, config: &Config) {
+        self.switch(config);
+        let (posture, pushes) = self.drives(config);
+        let a = config.dynamics.accelerations(&posture, &self.truth.v, &pushes);
+        for ((q, v), a) in self.truth.q.iter_mut().zip(&mut self.truth.v).zip(a) {
+            *v += a * STEP_S;
+            *q += *v * STEP_S;
+        }
+        self.stay_inside(config);
+        self.truth.stamp = self.truth.stamp.plus_ns(STEP_NS);
+        self.steps += 1;
+    }
+
+    /// Takes what has arrived, and lets the watchdog fire.
+    fn switch(&mut self, config: &Config) {
+        let now = self.truth.stamp;
+        if !self.injected.all_driven() {
+            // The reference stands where the joints are, so the return of the drives moves nothing.
+            self.waiting = 0;
+            self.mode = Mode::Holding { reacting: false };
+            self.held = (self.truth.q, self.truth.v);
+            return;
+        }
+        while self.waiting > 0 && self.under_way[self.first].0 <= now {
+            (self.last_at, self.last) = self.under_way[self.first];
+            self.first = (self.first + 1) % UNDER_WAY_MAX;
+            self.waiting -= 1;
+            self.mode = Mode::Following;
+        }
+        let silent = self.waiting == 0 && now.since(self.last_at) > config.watchdog_ns;
+        if self.mode == Mode::Following && silent {
+            self.held =
+                (std::array::from_fn(|j| self.extrapolated(j)[0]), std::array::from_fn(|j| self.extrapolated(j)[1]));
+            self.mode = match config.reaction {
+                Reaction::Hold => Mode::Holding { reacting: true },
+                Reaction::Damp => Mode::Damping,
+                Reaction::Play => Mode::Playing,
+            };
+        }
+        if let Mode::Holding { .. } = self.mode {
+            for j in 0..JOINTS {
+                let (v, change) = (self.held.1[j], config.motors[j].stopping * STEP_S);
+                let slower = v - v.clamp(-change, change);
+                self.held.0[j] += (v + slower) / 2.0 * STEP_S;
+                self.held.1[j] = slower;
+            }
+        }
+    }
+
+    /// What drives each joint in this step, and the posture in which it does.
+    fn drives(&mut self, config: &Config) -> (crate::dynamics::Posture, [Drive; JOINTS]) {
+        let mut frames = Frames::default();
+        config.body.forward(&self.truth.q, &mut frames);
+        let posture = config.dynamics.at(&frames);
+        let (mut gravity, diagonal) = config.dynamics.gravity_and_diagonal(&posture);
+        forget_loads(config, &frames, &mut gravity);
+        let pushes = std::array::from_fn(|j| {
+            let (motor, q, v) = (&config.motors[j], self.truth.q[j], self.truth.v[j]);
+            if let Some(speed) = self.injected.braked_to(j) {
+                self.truth.tau[j] = 0.0;
+                return Drive::Acceleration(((speed - v) / STEP_S).clamp(-motor.braking, motor.braking));
+            }
+            let (wish, help) = match self.reference(j) {
+                None => (-motor.damping_rate * v, 0.0),
+                Some(reference) => (
+                    motor.follow(config.omega, config.damping_ratio, reference, q, v),
+                    config.friction_compensated * motor.friction(reference[1]),
+                ),
+            };
+            let torque = diagonal[j] * wish + gravity[j] + help;
+            self.truth.tau[j] = torque.clamp(-motor.effort_max, motor.effort_max);
+            Drive::Torque(self.truth.tau[j] - motor.friction(v))
+        });
+        (posture, pushes)
+    }
+
+    /// The reference of a joint, with the faults that change it; `None` while the motors only damp.
+    fn reference(&self, j: usize) -> Option<Reference> {
+        let [mut q, mut v, mut a] = match self.mode {
+            Mode::Holding { .. } => [self.held.0[j], self.held.1[j], 0.0],
+            Mode::Following => self.extrapolated(j),
+            Mode::Damping => return None,
+            Mode::Playing => self.played(j),
+        };
+        if let Some(about) = self.injected.setpoint_mirror[j] {
+            (q, v, a) = (2.0 * about - q, -v, -a);
+        }
+        if let Some(swing) = self.injected.swing[j] {
+            let (sin, cos) = (swing.omega * (self.steps - swing.since_step) as f64 * STEP_S).sin_cos();
+            q += swing.amplitude * sin;
+            v += swing.amplitude * swing.omega * cos;
+            a -= swing.amplitude * swing.omega * swing.omega * sin;
+        }
+        Some([q, v, a])
+    }
+
+    /// Seconds since the setpoint in force came into force.
+    fn since_last_s(&self) -> f64 {
+        self.truth.stamp.since(self.last_at) as f64 * 1e-9
+    }
+
+    /// q + v t + a t^2 / 2 of the setpoint in force.
+    fn extrapolated(&self, j: usize) -> Reference {
+        let (t, v, a) = (self.since_last_s(), self.last.v[j], self.last.a[j]);
+        [self.last.q[j] + t * (v + t * a / 2.0), v + t * a, a]
+    }
+
+    /// The plan of the setpoint in force: phases of constant jerk, then rest.
+    fn played(&self, j: usize) -> Reference {
+        let (mut q, mut v, mut a) = (self.last.q[j], self.last.v[j], self.last.a[j]);
+        let mut left = self.since_last_s();
+        for (jerk, duration_s) in self.last.plan.jerk[j].iter().zip(&self.last.plan.duration_s[j]) {
+            let t = left.min(*duration_s);
+            q += t * (v + t * (a / 2.0 + t * jerk / 6.0));
+            v += t * (a + t * jerk / 2.0);
+            a += t * jerk;
+            left -= t;
+        }
+        // A plan ends at rest; what is left is rounding.
+        if left > 0.0 { [q, 0.0, 0.0] } else { [q, v, a] }
+    }
+
+    /// The mechanical stops: a joint that reaches one loses its speed there.
+    fn stay_inside(&mut self, config: &Config) {
+        for (j, joint) in config.body.joints.iter().enumerate() {
+            let (q, v) = (&mut self.truth.q[j], &mut self.truth.v[j]);
+            if *q < joint.urdf.q_min || *q > joint.urdf.q_max {
+                *q = q.clamp(joint.urdf.q_min, joint.urdf.q_max);
+                *v = 0.0;
+            }
+        }
+    }
+}
+
+/// Takes from the drives' gravity model what it cannot know: the loads.
+fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS]) {
+    for load in &config.loads {
+        let p = frames.base_from_body[load.body].point(&load.place);
+        let weight = Vector3::new(0.0, 0.0, load.mass_kg * GRAVITY_M_PER_S2);
+        let mut body = load.body;
+        while body > 0 {
+            let (joint, pose) = (&config.body.joints[body - 1], &frames.base_from_body[body]);
+            let axis = pose.r * joint.axis;
+            gravity[body - 1] -= match joint.kind {
+                JointKind::Revolute => axis.dot(&(p - pose.t).cross(&weight)),
+                JointKind::Prismatic => axis.dot(&weight),
+            };
+            body = joint.parent;
+        }
+    }
+}
+
+/// Whether every number is finite and no phase lasts a negative time.
+fn is_sound(setpoint: &Setpoint) -> bool {
+    let states = setpoint.q.iter().chain(&setpoint.v).chain(&setpoint.a);
+    let plan = &setpoint.plan;
+    states.chain(plan.jerk.iter().flatten()).all(|x| x.is_finite())
+        && plan.duration_s.iter().flatten().all(|d| d.is_finite() && *d >= 0.0)
+}

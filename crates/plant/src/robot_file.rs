@@ -1,0 +1,193 @@
+//! The part of the robot file that a robot's body needs: joint order, limits, capsules and pairs.
+
+use crate::error::PlantError;
+use messages::{HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// The keys of `[joints]` in the fixed joint order.
+const ORDER: [&str; JOINTS] = [
+    "torso_lift",
+    "head_1",
+    "head_2",
+    "left_1",
+    "left_2",
+    "left_3",
+    "left_4",
+    "left_5",
+    "left_6",
+    "left_7",
+    "right_1",
+    "right_2",
+    "right_3",
+    "right_4",
+    "right_5",
+    "right_6",
+    "right_7",
+];
+
+#[derive(Deserialize)]
+pub(crate) struct RobotFile {
+    pub(crate) base_link: String,
+    pub(crate) held_joints: Vec<String>,
+    joints: BTreeMap<String, String>,
+    limits: Groups,
+    #[serde(default)]
+    tighten: BTreeMap<String, Tighten>,
+    home_m: BTreeMap<String, f64>,
+    home_rad: BTreeMap<String, f64>,
+    pub(crate) collision: Collision,
+}
+
+#[derive(Deserialize)]
+struct Groups {
+    torso: LiftGroup,
+    head: TurnGroup,
+    arm_1_to_4: TurnGroup,
+    arm_5_to_7: TurnGroup,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LiftGroup {
+    soft_margin_m: f64,
+    acceleration_max_m_per_s2: f64,
+    jerk_max_m_per_s3: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TurnGroup {
+    soft_margin_rad: f64,
+    acceleration_max_rad_per_s2: f64,
+    jerk_max_rad_per_s3: f64,
+}
+
+/// An unknown key here would be a limit that nobody keeps, so it is refused.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tighten {
+    #[serde(alias = "position_min_m")]
+    position_min_rad: Option<f64>,
+    #[serde(alias = "position_max_m")]
+    position_max_rad: Option<f64>,
+    #[serde(alias = "velocity_max_m_per_s")]
+    velocity_max_rad_per_s: Option<f64>,
+    #[serde(alias = "acceleration_max_m_per_s2")]
+    acceleration_max_rad_per_s2: Option<f64>,
+    #[serde(alias = "effort_max_n")]
+    effort_max_n_m: Option<f64>,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Collision {
+    clearance_min_mm: f64,
+    pub(crate) capsules: Vec<CapsuleRow>,
+    pub(crate) allowed: AllowedPairs,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct CapsuleRow {
+    pub(crate) name: String,
+    pub(crate) link: String,
+    pub(crate) a_m: [f64; 3],
+    pub(crate) b_m: [f64; 3],
+    pub(crate) radius_m: f64,
+}
+
+/// Pairs that nobody checks, by reason.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct AllowedPairs {
+    pub(crate) adjacent: BTreeMap<String, Vec<String>>,
+    pub(crate) proved_clear: BTreeMap<String, Vec<String>>,
+}
+
+/// What the file adds to the URDF's limits of one joint, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stricter {
+    pub(crate) soft_margin: f64,
+    pub(crate) q_min: f64,
+    pub(crate) q_max: f64,
+    pub(crate) v_max: f64,
+    pub(crate) a_max: f64,
+    pub(crate) j_max: f64,
+    pub(crate) effort_max: f64,
+}
+
+impl RobotFile {
+    pub(crate) fn read(file: &str, text: &str) -> Result<Self, PlantError> {
+        toml::from_str(text).map_err(|error| PlantError::Syntax { file: file.into(), cause: error.to_string() })
+    }
+
+    /// The URDF's names of the joints in the fixed order.
+    pub(crate) fn joint_names(&self, file: &str) -> Result<[String; JOINTS], PlantError> {
+        let mut names: [String; JOINTS] = Default::default();
+        for (name, key) in names.iter_mut().zip(ORDER) {
+            let found = self.joints.get(key);
+            *name = found.ok_or_else(|| PlantError::missing(file, format!("joints.{key}")))?.clone();
+        }
+        if let Some(name) = self.tighten.keys().find(|name| !names.contains(name)) {
+            return Err(PlantError::unknown(file, "tighten", name, "a joint of [joints]"));
+        }
+        Ok(names)
+    }
+
+    /// What the file says about the limits of joint `j`, named `name`.
+    pub(crate) fn stricter(&self, file: &str, j: usize, name: &str) -> Result<Stricter, PlantError> {
+        let turning =
+            |group: &TurnGroup| [group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3];
+        let lift = &self.limits.torso;
+        let [soft_margin, a_max, j_max] = match j {
+            TORSO => [lift.soft_margin_m, lift.acceleration_max_m_per_s2, lift.jerk_max_m_per_s3],
+            _ if HEAD.contains(&j) => turning(&self.limits.head),
+            _ if j < LEFT_ARM.start + 4 => turning(&self.limits.arm_1_to_4),
+            _ if (RIGHT_ARM.start..RIGHT_ARM.start + 4).contains(&j) => turning(&self.limits.arm_1_to_4),
+            _ => turning(&self.limits.arm_5_to_7),
+        };
+        let none = Tighten::default();
+        let tighten = self.tighten.get(name).unwrap_or(&none);
+        // `f64::min` passes over NaN, so each number is checked before it is compared.
+        let given = [
+            ("soft margin", Some(soft_margin), 0.0),
+            ("acceleration_max", Some(a_max), f64::MIN_POSITIVE),
+            ("jerk_max", Some(j_max), f64::MIN_POSITIVE),
+            ("position_min", tighten.position_min_rad, f64::NEG_INFINITY),
+            ("position_max", tighten.position_max_rad, f64::NEG_INFINITY),
+            ("velocity_max", tighten.velocity_max_rad_per_s, f64::MIN_POSITIVE),
+            ("acceleration_max", tighten.acceleration_max_rad_per_s2, f64::MIN_POSITIVE),
+            ("effort_max", tighten.effort_max_n_m, f64::MIN_POSITIVE),
+        ];
+        for (key, value, least) in given {
+            if let Some(value) = value.filter(|value| value.is_nan() || *value < least) {
+                let key = format!("limits of `{name}`: {key}");
+                return Err(PlantError::value(file, &key, value, "must not be negative, zero or NaN"));
+            }
+        }
+        let or_infinite = |value: Option<f64>| value.unwrap_or(f64::INFINITY);
+        Ok(Stricter {
+            soft_margin,
+            q_min: tighten.position_min_rad.unwrap_or(f64::NEG_INFINITY),
+            q_max: or_infinite(tighten.position_max_rad),
+            v_max: or_infinite(tighten.velocity_max_rad_per_s),
+            a_max: a_max.min(or_infinite(tighten.acceleration_max_rad_per_s2)),
+            j_max,
+            effort_max: or_infinite(tighten.effort_max_n_m),
+        })
+    }
+
+    /// Home position of the joint `name`, rad or m.
+    pub(crate) fn home(&self, file: &str, name: &str) -> Result<f64, PlantError> {
+        let found = self.home_m.get(name).or_else(|| self.home_rad.get(name));
+        found.copied().ok_or_else(|| PlantError::missing(file, format!("home_rad.{name} or home_m.{name}")))
+    }
+
+    /// Least clearance of every checked pair, m.
+    pub(crate) fn d_min_m(&self, file: &str) -> Result<f64, PlantError> {
+        let mm = self.collision.clearance_min_mm;
+        if mm >= 0.0 && mm.is_finite() {
+            return Ok(mm * 1e-3);
+        }
+        Err(PlantError::value(file, "collision.clearance_min_mm", mm, "must be a finite number, at least 0"))
+    }
+}

@@ -1,0 +1,103 @@
+//! Two independent readers of the same files come to the same robot.
+
+use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
+use messages::JOINTS;
+use plant::{Body, Frames, JointKind};
+use rand::SeedableRng;
+use robot::Model;
+
+fn both(texts: Texts) -> (Body, Model) {
+    let [toml_name, toml, urdf_name, urdf] = texts;
+    (body(texts), Model::from_text(toml_name, toml, urdf_name, urdf).unwrap())
+}
+
+#[test]
+fn random_postures_have_the_same_frames() {
+    for texts in [HANDS, GRIPPERS] {
+        let (body, model) = both(texts);
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+        let (mut ours, mut theirs) = (Frames::default(), robot::Frames::default());
+        for _ in 0..10_000 {
+            let q = uniform(&body, &mut rng);
+            body.forward(&q, &mut ours);
+            model.forward(&q, &mut theirs);
+            for (own, other) in ours.base_from_body.iter().zip(&theirs.base_from_body) {
+                let off = (own.r - other.r).amax().max((own.t - other.t).amax());
+                assert!(off <= 1e-12, "{}: {off}", texts[0]);
+            }
+        }
+    }
+}
+
+#[test]
+fn limits_home_and_names_are_the_same() {
+    for texts in [HANDS, GRIPPERS] {
+        let (body, model) = both(texts);
+        assert_eq!(body.home, model.home);
+        for j in 0..JOINTS {
+            let joint = &body.joints[j];
+            assert_eq!(joint.name, model.joint_names[j]);
+            assert_eq!(joint.kind == JointKind::Prismatic, model.prismatic[j]);
+            for (own, other) in [(&joint.urdf, &model.urdf_limits[j]), (&joint.limits, &model.limits[j])] {
+                let own = [own.q_min, own.q_max, own.v_max, own.a_max, own.j_max, own.effort_max];
+                let other = [other.q_min, other.q_max, other.v_max, other.a_max, other.j_max, other.effort_max];
+                assert_eq!(own, other, "{}: {}", texts[0], joint.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn capsules_pairs_and_clearance_are_the_same() {
+    for texts in [HANDS, GRIPPERS] {
+        let (body, model) = both(texts);
+        assert_eq!(body.d_min_m, model.d_min_m);
+        assert_eq!(body.capsules.len(), model.capsules.len());
+        for (own, other) in body.capsules.iter().zip(&model.capsules) {
+            assert_eq!((&own.name, own.body, own.radius_m), (&other.name, other.body, other.radius_m));
+            let off = (own.ends[0] - other.a).amax().max((own.ends[1] - other.b).amax());
+            assert!(off <= 1e-12, "{}: {off}", own.name);
+        }
+        let theirs: Vec<[usize; 2]> = model.pairs.iter().map(|pair| [pair.a, pair.b]).collect();
+        assert_eq!(body.pairs, theirs);
+        assert!(body.pairs.len() > 100, "{}", body.pairs.len());
+    }
+}
+
+#[test]
+fn random_postures_have_the_same_clearance() {
+    for texts in [HANDS, GRIPPERS] {
+        let (body, model) = both(texts);
+        let config = plant::Config::new(body, &plant::Options::default()).unwrap();
+        let mut judge = plant::Judge::new(&config, config.home());
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
+        let mut frames = robot::Frames::default();
+        for _ in 0..10_000 {
+            let q = uniform(config.body(), &mut rng);
+            model.forward(&q, &mut frames);
+            let (ours, theirs) = (judge.clearance(&config, &q), model.clearance(&frames));
+            assert!((ours.0 - theirs.0).abs() <= 1e-9, "{}: {ours:?} {theirs:?}", texts[0]);
+        }
+    }
+}
+
+/// v x t of a point equals the difference of its places over a short time.
+#[test]
+fn point_velocity_is_the_rate_of_its_place() {
+    let body = body(HANDS);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
+    for n in 0..200 {
+        let (q, v) = (uniform(&body, &mut rng), uniform(&body, &mut rng));
+        let (carrier, point, dt) = (1 + n % JOINTS, nalgebra::Vector3::new(0.1, -0.2, 0.3), 1e-6);
+        let place = |dt: f64| {
+            let mut frames = Frames::default();
+            body.forward(&std::array::from_fn(|j| q[j] + v[j] * dt), &mut frames);
+            frames.base_from_body[carrier].point(&point)
+        };
+        let mut frames = Frames::default();
+        body.forward(&q, &mut frames);
+        let rate = (place(dt) - place(-dt)) / (2.0 * dt);
+        let own = body.point_velocity(&frames, &v, carrier, &point);
+        assert!((rate - own).norm() < 1e-7, "{n}: {rate} {own}");
+    }
+}

@@ -1,0 +1,62 @@
+//! After construction nothing allocates.
+#![allow(unsafe_code, reason = "a counting allocator has to implement GlobalAlloc")]
+
+#[allow(dead_code)]
+mod support;
+
+use plant::{Injection, Judge, Obstacle, Options, Plant, Reaction};
+use rand::SeedableRng;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use support::{HANDS, START, Sines, TICK_NS, config};
+
+thread_local! {
+    static COUNT: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: forwards to the system allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn motion_silence_and_faults_allocate_nothing() {
+    for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
+        let half_m = nalgebra::Vector3::new(0.3, 0.5, 0.02);
+        let table = Obstacle::Box { center: nalgebra::Vector3::z(), r: nalgebra::Matrix3::identity(), half_m };
+        let config = config(HANDS, &Options { reaction, obstacles: vec![table], ..Options::default() });
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+        let sines = Sines::bearable(&config, &mut rng, 1.0);
+        let mut plant = Plant::new(&config, START, &sines.centre, 1);
+        let mut judge = Judge::new(&config, &sines.centre);
+        let before = COUNT.with(Cell::get);
+        let (mut taken, mut reacted) = (0, 0);
+        for k in 0..4000 {
+            let now = START.plus_ns(k * TICK_NS);
+            if k % 1000 < 900 {
+                taken += u64::from(plant.receive_judged(&config, now, &sines.at(k), &mut judge));
+            }
+            if k == 3000 {
+                plant.inject(Injection::PowerLost { sag: 0.1 });
+            }
+            plant.advance_judged(&config, now, &mut judge);
+            reacted += u64::from(plant.measure(&config, now).reacting);
+        }
+        assert_eq!(COUNT.with(Cell::get), before);
+        assert!(taken >= 900 && reacted > 80 && judge.report().looks > 1000, "{taken} {reacted}");
+    }
+}

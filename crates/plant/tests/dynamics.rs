@@ -1,0 +1,150 @@
+//! Accelerations are right: against another implementation, and against energy.
+
+use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
+use messages::JOINTS;
+use plant::{Drive, Dynamics, Frames};
+use rand::{RngExt, SeedableRng};
+
+type PerJoint = [f64; JOINTS];
+
+/// q, v, a, torque with 0.7 kg in each hand, made by Pinocchio for the `collision` tool.
+const INVERSE: &str = include_str!("../../../tools/collision/tests/data/rnea_vectors.txt");
+/// q, v, torque, a with rotors, made by Pinocchio.
+const FORWARD: [(Texts, &str); 2] =
+    [(HANDS, include_str!("data/aba_tiago_dual.txt")), (GRIPPERS, include_str!("data/aba_tiago_dual_pal_gripper.txt"))];
+
+fn rows(text: &str) -> Vec<PerJoint> {
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let rows = lines.map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect::<Vec<f64>>());
+    rows.map(|row| row.try_into().unwrap()).collect()
+}
+
+fn accelerate(body: &plant::Body, dynamics: &Dynamics, q: &PerJoint, v: &PerJoint, torque: &PerJoint) -> PerJoint {
+    let mut frames = Frames::default();
+    body.forward(q, &mut frames);
+    dynamics.accelerations(&dynamics.at(&frames), v, &torque.map(Drive::Torque))
+}
+
+fn farthest(a: &PerJoint, b: &PerJoint) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn pinocchios_torques_give_pinocchios_accelerations() {
+    let mut body = body(HANDS);
+    for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
+        assert!(body.add_payload(link, 0.7));
+    }
+    let dynamics = Dynamics::new(&body, [0.0; JOINTS]);
+    let states = rows(INVERSE);
+    assert_eq!(states.len(), 80);
+    for state in states.chunks(4) {
+        let a = accelerate(&body, &dynamics, &state[0], &state[1], &state[3]);
+        assert!(farthest(&a, &state[2]) < 1e-9, "{}", farthest(&a, &state[2]));
+    }
+}
+
+#[test]
+fn torques_are_pinocchios() {
+    let mut body = body(HANDS);
+    for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
+        assert!(body.add_payload(link, 0.7));
+    }
+    let dynamics = Dynamics::new(&body, [0.3; JOINTS]);
+    for state in rows(INVERSE).chunks(4) {
+        let mut frames = Frames::default();
+        body.forward(&state[0], &mut frames);
+        let torques = dynamics.torques(&dynamics.at(&frames), &state[1], &state[2]);
+        assert!(farthest(&torques, &state[3]) < 1e-9, "{}", farthest(&torques, &state[3]));
+    }
+}
+
+#[test]
+fn accelerations_with_rotors_are_pinocchios() {
+    for (texts, text) in FORWARD {
+        let body = body(texts);
+        let dynamics = Dynamics::new(&body, std::array::from_fn(|j| 0.01 * (j + 1) as f64));
+        let states = rows(text);
+        assert_eq!(states.len(), 40);
+        for state in states.chunks(4) {
+            let a = accelerate(&body, &dynamics, &state[0], &state[1], &state[2]);
+            let scale = state[3].iter().fold(1.0_f64, |most, a| most.max(a.abs()));
+            assert!(farthest(&a, &state[3]) < 1e-9 * scale, "{}: {}", texts[0], farthest(&a, &state[3]));
+        }
+    }
+}
+
+/// A joint whose acceleration is prescribed moves so, and the others as if its torque had been what that needs.
+#[test]
+fn prescribed_acceleration_is_that_of_its_torque() {
+    let body = body(HANDS);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
+    for n in 0..100 {
+        let (q, v) = (uniform(&body, &mut rng), std::array::from_fn(|_| rng.random_range(-2.0..2.0)));
+        let torque: PerJoint = std::array::from_fn(|_| rng.random_range(-5.0..5.0));
+        let a = accelerate(&body, &dynamics, &q, &v, &torque);
+        let mut frames = Frames::default();
+        body.forward(&q, &mut frames);
+        let mut drives = torque.map(Drive::Torque);
+        for j in [n % JOINTS, (n * 7 + 3) % JOINTS] {
+            drives[j] = Drive::Acceleration(a[j]);
+        }
+        let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
+        assert!(farthest(&a, &again) < 1e-8, "{n}: {}", farthest(&a, &again));
+    }
+}
+
+/// Without torques and friction the robot keeps its energy. Runge and Kutta's fourth order, 0.5 s of free fall.
+#[test]
+fn free_motion_keeps_its_energy() {
+    let body = body(HANDS);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let energy = |q: &PerJoint, v: &PerJoint| {
+        let mut frames = Frames::default();
+        body.forward(q, &mut frames);
+        dynamics.energy_j(&dynamics.at(&frames), v)
+    };
+    let (mut q, mut v) = (body.home, [0.1; JOINTS]);
+    let begin = energy(&q, &v);
+    let (dt, none) = (1e-4, [0.0; JOINTS]);
+    let plus = |x: &PerJoint, d: &PerJoint, h: f64| -> PerJoint { std::array::from_fn(|j| x[j] + h * d[j]) };
+    for _ in 0..5000 {
+        let a1 = accelerate(&body, &dynamics, &q, &v, &none);
+        let v2 = plus(&v, &a1, dt / 2.0);
+        let a2 = accelerate(&body, &dynamics, &plus(&q, &v, dt / 2.0), &v2, &none);
+        let v3 = plus(&v, &a2, dt / 2.0);
+        let a3 = accelerate(&body, &dynamics, &plus(&q, &v2, dt / 2.0), &v3, &none);
+        let v4 = plus(&v, &a3, dt);
+        let a4 = accelerate(&body, &dynamics, &plus(&q, &v3, dt), &v4, &none);
+        q = std::array::from_fn(|j| q[j] + dt / 6.0 * (v[j] + 2.0 * v2[j] + 2.0 * v3[j] + v4[j]));
+        v = std::array::from_fn(|j| v[j] + dt / 6.0 * (a1[j] + 2.0 * a2[j] + 2.0 * a3[j] + a4[j]));
+    }
+    let end = energy(&q, &v);
+    assert!(end.0 > begin.0 + 50.0, "it fell: {begin:?} {end:?}");
+    let gained = end.0 + end.1 - begin.0 - begin.1;
+    assert!(gained.abs() < 1e-6, "{gained} J");
+}
+
+/// The torques that hold a posture leave it at rest, and a small torque more moves its joint by torque over inertia.
+#[test]
+fn gravity_torques_hold_any_posture() {
+    let body = body(HANDS);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
+    for n in 0..100 {
+        let q = uniform(&body, &mut rng);
+        let mut frames = Frames::default();
+        body.forward(&q, &mut frames);
+        let posture = dynamics.at(&frames);
+        let (gravity, diagonal) = dynamics.gravity_and_diagonal(&posture);
+        let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS], &gravity);
+        assert!(farthest(&still, &[0.0; JOINTS]) < 1e-9, "{still:?}");
+        // All others locked: the joint feels the diagonal of the mass matrix alone.
+        let j = n % JOINTS;
+        let mut drives = [Drive::Acceleration(0.0); JOINTS];
+        drives[j] = Drive::Torque(gravity[j] + 1.0);
+        let a = dynamics.accelerations(&posture, &[0.0; JOINTS], &drives)[j];
+        assert!((a * diagonal[j] - 1.0).abs() < 1e-9, "{j}: {a} {}", diagonal[j]);
+    }
+}

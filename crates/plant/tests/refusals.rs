@@ -1,0 +1,120 @@
+//! Files that describe no robot are refused, and the error names file, key and value. What may be written is read.
+
+use crate::support::{HANDS, body};
+use messages::JOINTS;
+use plant::{Body, PlantError};
+
+/// The joint that the robot file tightens.
+const TIGHTENED: &str = "[tighten.head_2_joint]";
+
+/// It, with a speed of its own, rad/s.
+fn faster(speed: &str) -> String {
+    format!("{TIGHTENED}\nvelocity_max_rad_per_s = {speed}")
+}
+
+/// Reads the shipped robot with `from` replaced by `to` in the robot file or in the URDF, wherever it stands.
+fn changed(from: &str, to: &str) -> Result<Body, PlantError> {
+    let [toml_name, toml, urdf_name, urdf] = HANDS;
+    assert!(toml.contains(from) || urdf.contains(from), "{from} stands in no file");
+    Body::from_text(toml_name, &toml.replace(from, to), urdf_name, &urdf.replace(from, to))
+}
+
+#[test]
+fn wrong_files_are_refused_with_file_and_key() {
+    let rows = [
+        ("left_4 = \"arm_left_4_joint\"", "", "tiago_dual.toml: joints.left_4: missing"),
+        ("head_1 = \"head_1_joint\"", "head_1 = \"neck\"", "tiago_dual.urdf: joint `neck`: missing"),
+        ("head_1 = \"head_1_joint\"", "head_1 = \"head_2_joint\"", "head_2_joint: is commanded twice"),
+        ("[tighten.head_2_joint]", "[tighten.head_9_joint]", "tighten: `head_9_joint`"),
+        ("position_min_rad = -0.4", "position_least_rad = -0.4", "position_least_rad"),
+        ("position_min_rad = -0.4", "position_min_rad = 2.0", "q_min must be below q_max"),
+        ("soft_margin_rad = 0.02 ", "soft_margin_rad = -0.1 ", "soft margin = -0.1"),
+        (TIGHTENED, &faster("0.0"), "velocity_max = 0"),
+        ("acceleration_max_rad_per_s2 = 10.0", "acceleration_max_rad_per_s2 = nan", "acceleration_max = NaN"),
+        ("head_2_joint = 0.0", "", "home_rad.head_2_joint"),
+        ("clearance_min_mm = 10.0", "clearance_min_mm = -1.0", "collision.clearance_min_mm = -1"),
+        ("link = \"arm_left_6_link\"", "link = \"lost_link\"", "`lost_link`"),
+        ("radius_m = 0.08748", "radius_m = 0.0", "collision.capsules `base_0` = 0"),
+        ("    \"head_2\",", "    \"head_3\",", "collision.allowed.adjacent: `head_3`"),
+        ("base_link = \"base_footprint\"", "base_link = \"base_link\"", "tiago_dual.toml: base_link = base_link"),
+        (
+            "<joint name=\"head_1_joint\" type=\"revolute\">",
+            "<joint name=\"head_1_joint\" type=\"prismatic\">",
+            "must be revolute",
+        ),
+        (
+            "<joint name=\"head_1_joint\" type=\"revolute\">",
+            "<joint name=\"head_1_joint\" type=\"continuous\">",
+            "must be revolute",
+        ),
+        (
+            "<joint name=\"base_footprint_joint\" type=\"fixed\">",
+            "<joint name=\"wheel\" type=\"revolute\">",
+            "held_joints: movable joint `wheel`",
+        ),
+        ("velocity=\"0.07\" effort=\"2000\"", "velocity=\"0.07\"", "effort: missing"),
+        ("upper=\"0.35\"", "upper=\"-0.35\"", "q_min must be below q_max"),
+        ("<parent link=\"base_footprint\"/>", "<parent link=\"nowhere\"/>", "`nowhere`"),
+        ("<parent link=\"base_footprint\"/>", "<parent link=\"torso_fixed_link\"/>", "is part of a loop"),
+    ];
+    for (from, to, expected) in rows {
+        let error = match changed(from, to) {
+            Ok(_) => panic!("{to} was read"),
+            Err(error) => error.to_string(),
+        };
+        assert!(error.contains(expected) && error.contains("tiago_dual."), "{to}: {error}");
+    }
+}
+
+#[test]
+fn overrides_never_loosen_the_urdf() {
+    let speed = |speed| changed(TIGHTENED, &faster(speed)).unwrap().joints[2].limits.v_max;
+    assert_eq!((speed("9.0"), speed("2.5")), (3.0, 2.5));
+}
+
+#[test]
+fn friction_of_the_urdf_is_read() {
+    let text = "<limit lower=\"0\" upper=\"0.35\" velocity=\"0.07\" effort=\"2000\"/>";
+    let rough = changed(text, &format!("{text}<dynamics damping=\"7.5\" friction=\"3\"/>")).unwrap();
+    assert_eq!((rough.joints[0].damping, rough.joints[0].friction), (Some(7.5), Some(3.0)));
+    assert_eq!(body(HANDS).joints[0].damping, None);
+}
+
+/// The antenna on a hinge that nothing commands stands at zero, and one that mimics another hinge at its offset.
+#[test]
+fn held_and_mimic_joints_keep_their_places() {
+    let [_, toml, _, urdf] = HANDS;
+    let hinge = |extra: &str| {
+        let fixed = "<joint name=\"base_antenna_left_joint\" type=\"fixed\">";
+        assert!(urdf.contains(fixed));
+        let urdf = urdf.replace(
+            fixed,
+            &format!("<joint name=\"base_antenna_left_joint\" type=\"revolute\"><axis xyz=\"0 0 1\"/>{extra}"),
+        );
+        let urdf = urdf.replace(
+            "<joint name=\"base_antenna_right_joint\" type=\"fixed\">",
+            "<joint name=\"base_antenna_right_joint\" type=\"revolute\">",
+        );
+        let held = "held_joints = [\"base_antenna_left_joint\", \"base_antenna_right_joint\"]";
+        Body::from_text("r.toml", &toml.replace("held_joints = []", held), "r.urdf", &urdf)
+    };
+    let plain = body(HANDS).link("base_antenna_left_link").unwrap();
+    assert_eq!(hinge("").unwrap().link("base_antenna_left_link").unwrap(), plain);
+    let mimic = hinge("<mimic joint=\"base_antenna_right_joint\" offset=\"0.5\"/>").unwrap();
+    let turned = mimic.link("base_antenna_left_link").unwrap();
+    let angle = (plain.1.r.transpose() * turned.1.r)[(1, 0)].asin();
+    assert!((angle - 0.5).abs() < 1e-12, "{angle}");
+    let error = hinge("<mimic joint=\"head_1_joint\"/>").expect_err("it would move").to_string();
+    assert!(error.contains("must not follow a commanded joint"), "{error}");
+}
+
+#[test]
+fn no_mass_is_lost_when_links_are_lumped() {
+    let urdf = HANDS[3];
+    let masses =
+        urdf.split("<mass value=\"").skip(1).map(|rest| rest.split('"').next().unwrap().parse::<f64>().unwrap());
+    let (written, lumped) =
+        (masses.sum::<f64>(), body(HANDS).inertias.iter().map(|inertia| inertia.mass_kg).sum::<f64>());
+    assert!((written - lumped).abs() < 1e-9 && written > 50.0, "{written} {lumped}");
+    assert_eq!(body(HANDS).inertias.len(), JOINTS + 1);
+}

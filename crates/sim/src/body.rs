@@ -1,0 +1,90 @@
+//! The robot's body behind the driver's port, in the driver's own thread and with virtual time. The process `teleopd robot`
+//! moves the same body by its own clock.
+
+use crate::config::Config;
+use driver::{Driver, Drives, Measured, Setpoint};
+use messages::{JOINTS, Stamp, StopPlan};
+use plant::{Injection, Judge, Plant};
+
+/// Calls that bring a body up to the present, of a second each.
+const CATCH_UP_MAX: usize = 10;
+
+/// The joints, and the judge of what they truly do.
+#[derive(Clone, Debug)]
+pub struct Body {
+    plant: Plant,
+    judge: Judge,
+}
+
+impl Body {
+    /// At rest at `q` at the time `now`; `seed` is that of the noise.
+    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
+        let mut plant = Plant::new(&config.plant, now, q, seed);
+        let judge = Judge::new(&config.plant, q);
+        let _ = plant.measure(&config.plant, now);
+        Self { plant, judge }
+    }
+
+    /// What the joints truly do.
+    pub fn truth(&self) -> &plant::Truth {
+        self.plant.truth()
+    }
+
+    /// What the judge found.
+    pub fn judged(&self) -> &plant::Report {
+        self.judge.report()
+    }
+
+    /// Moves on to `now`, by [`CATCH_UP_MAX`] calls of the body at most. A robot that was not simulated for longer than those
+    /// cover goes on in the next call.
+    pub fn advance(&mut self, config: &Config, now: Stamp) {
+        for _ in 0..CATCH_UP_MAX {
+            self.plant.advance_judged(&config.plant, now, &mut self.judge);
+            if self.plant.behind_ns(now) < plant::STEP_NS {
+                break;
+            }
+        }
+    }
+
+    /// Takes a setpoint at `now`; see [`Plant::receive`].
+    pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &plant::Setpoint) -> bool {
+        self.plant.receive_judged(&config.plant, now, setpoint, &mut self.judge)
+    }
+
+    /// The newest sample at `now`.
+    pub fn measure(&mut self, config: &Config, now: Stamp) -> plant::Measured {
+        self.advance(config, now);
+        self.plant.measure(&config.plant, now)
+    }
+
+    /// Switches a fault of the robot on.
+    pub fn inject(&mut self, fault: Injection) {
+        self.plant.inject(fault);
+    }
+
+    /// Switches all injected faults off.
+    pub fn repair(&mut self) {
+        self.plant.repair();
+    }
+}
+
+/// The body behind the driver's port.
+pub struct Port<'a> {
+    /// What it is made of.
+    pub config: &'a Config,
+    /// Its state.
+    pub body: &'a mut Body,
+}
+
+impl Driver for Port<'_> {
+    fn read(&mut self, now: Stamp) -> Measured {
+        let plant::Measured { stamp, q, dq, drives, .. } = self.body.measure(self.config, now);
+        let plant::Drives { emergency_stop, fault, powered } = drives;
+        Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered } }
+    }
+
+    fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
+        let &Setpoint { k, q, v, a } = setpoint;
+        self.body.receive(self.config, now, &plant::Setpoint { k, q, v, a, plan: *plan })
+    }
+}

@@ -1,0 +1,152 @@
+//! Driver and body together: who is late, dies or fails, and what the joints then truly do.
+
+mod support;
+
+use driver::GAP_MAX_TICKS;
+use messages::{Fault, JOINTS, TICK_HZ, deadline};
+use sim::{Injection, Options, Reaction};
+use support::{Bench, ELBOW};
+
+/// Accelerates the elbow to 0.12 rad/s, by 2.4 rad/s^2.
+fn accelerate(bench: &mut Bench) {
+    bench.drive(ELBOW, 200.0, 18);
+    bench.drive(ELBOW, 0.0, 57);
+    bench.drive(ELBOW, -200.0, 18);
+}
+
+/// Accelerates the elbow and keeps its speed for 0.2 s.
+fn cruise(bench: &mut Bench) {
+    accelerate(bench);
+    bench.drive(ELBOW, 0.0, 300);
+}
+
+#[test]
+fn the_same_seed_is_the_same_run() {
+    let run = |seed| {
+        let mut bench = Bench::new(&Options::default(), seed);
+        cruise(&mut bench);
+        bench.drive(ELBOW, 0.0, 1).state
+    };
+    assert_eq!(run(5), run(5));
+    assert_ne!(run(5).q_measured, run(6).q_measured);
+}
+
+#[test]
+fn a_driver_that_is_late_simulates_the_same_motion() {
+    let mut steady = Bench::ideal();
+    let mut sleepy = Bench::ideal();
+    accelerate(&mut steady);
+    accelerate(&mut sleepy);
+    steady.drive(ELBOW, 0.0, 300 / GAP_MAX_TICKS * GAP_MAX_TICKS);
+    for n in 1..=300 / GAP_MAX_TICKS * GAP_MAX_TICKS {
+        let command = sleepy.next(ELBOW, 0.0);
+        if n % GAP_MAX_TICKS == 0 {
+            let out = sleepy.tick(command.k, Some(&command));
+            assert_eq!((out.advanced, out.refused), (GAP_MAX_TICKS, None));
+        }
+    }
+    let apart = (steady.state.q()[ELBOW] - sleepy.state.q()[ELBOW]).abs();
+    // The drives carry on by themselves between two setpoints.
+    assert!(apart < 1e-4, "{apart}");
+    assert_eq!(sleepy.violated(), [""; 0]);
+}
+
+#[test]
+fn f058_without_commands_the_plan_is_played_without_a_violation() {
+    let mut bench = Bench::ideal();
+    cruise(&mut bench);
+    let k = bench.command.k;
+    for n in 1..=1500 {
+        bench.tick(k + n, None);
+    }
+    let stopped = bench.tick(k + 1501, None);
+    assert!(stopped.faults.has(Fault::DriverFault) && stopped.state.v == [0.0; JOINTS]);
+    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
+    assert!((bench.state.q()[ELBOW] - stopped.state.q[ELBOW]).abs() < 1e-3);
+    assert_eq!(bench.state.judged().total(), 0, "{:?}", bench.state.judged().first);
+}
+
+#[test]
+fn injected_faults_show_where_they_should() {
+    let measured_error = |fault: Injection| {
+        let mut bench = Bench::ideal();
+        bench.drive(ELBOW, 0.0, 10);
+        bench.state.inject(fault);
+        cruise(&mut bench);
+        let out = bench.drive(ELBOW, 0.0, 1);
+        (out.state.q[ELBOW] - out.state.q_measured[ELBOW], out.state.q[ELBOW] - bench.config.initial()[ELBOW], bench)
+    };
+    let (error, travel, _) = measured_error(Injection::NotFollowed { joint: ELBOW });
+    assert!((error - travel).abs() < 2e-3 && travel > 0.02, "{error} {travel}");
+    let (error, travel, _) = measured_error(Injection::SignSwapped { joint: ELBOW });
+    assert!((error - 2.0 * travel).abs() < 2e-3, "{error} {travel}");
+    let (error, travel, bench) = measured_error(Injection::FrozenFeedback);
+    assert!((error - travel).abs() < 1e-6 && (bench.state.q()[ELBOW] - bench.command.q[ELBOW]).abs() < 2e-3);
+    let (error, _, bench) = measured_error(Injection::EncoderJump { joint: ELBOW, by: 0.3 });
+    assert!((error + 0.3).abs() < 2e-3 && (bench.state.q()[ELBOW] - bench.command.q[ELBOW]).abs() < 2e-3);
+}
+
+/// A driver is suspended for so long while the elbow moves: the next setpoint begins where the robot is, and nothing that
+/// the joints truly do breaks a limit.
+#[test]
+fn a_suspended_driver_leads_the_robot_nowhere_else() {
+    for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
+        for gap in [2, 8, 9, 14, 16, 30, 150, 600, 2250] {
+            let mut bench = Bench::new(&Options { reaction, ..Options::default() }, gap);
+            cruise(&mut bench);
+            for _ in 0..gap {
+                bench.next(ELBOW, 0.0);
+            }
+            let newest = bench.command;
+            let before = bench.state.told().q[ELBOW];
+            let out = bench.tick(newest.k, Some(&newest));
+            let step = (bench.state.told().q[ELBOW] - bench.state.q()[ELBOW]).abs();
+            assert!(step < 2e-3, "{reaction:?} {gap}: the setpoint is {step} rad from the robot, from {before}");
+            assert_eq!(out.suspended_ticks.is_some(), gap > GAP_MAX_TICKS);
+            for n in 1..TICK_HZ {
+                bench.tick(newest.k + n, None);
+            }
+            let judged = bench.state.judged();
+            assert_eq!(judged.total(), 0, "{reaction:?} {gap}: {:?}", judged.first);
+            let (told, truth) = (bench.state.told(), bench.state.truth());
+            assert!(bench.state.at_rest() && truth.v.iter().all(|v| v.abs() < 1e-3), "{reaction:?} {gap}: {truth:?}");
+            assert!((told.q[ELBOW] - truth.q[ELBOW]).abs() < 2e-3, "{reaction:?} {gap}");
+        }
+    }
+}
+
+#[test]
+fn a_robot_whose_driver_died_stops_by_itself() {
+    for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
+        let mut bench = Bench::new(&Options { reaction, ..Options::default() }, 3);
+        cruise(&mut bench);
+        let (k, from) = (bench.command.k, bench.state.q()[ELBOW]);
+        assert!(bench.state.truth().v[ELBOW] > 0.1);
+        bench.state.advance(&bench.config, deadline(k + 2 * TICK_HZ));
+        let truth = bench.state.truth();
+        assert!(truth.v.iter().all(|v| v.abs() < 1e-3), "{reaction:?}: {truth:?}");
+        assert!(truth.q[ELBOW] > from && truth.q[ELBOW] < from + 0.06, "{reaction:?}");
+        assert_eq!(bench.state.judged().total(), 0, "{reaction:?}: {:?}", bench.state.judged().first);
+        // A new driver holds what it measures, and nothing moves.
+        let now = deadline(k + 2 * TICK_HZ + 1);
+        assert!(bench.state.restart_driver(&bench.config, k + 2 * TICK_HZ, now, 4));
+        let stood = bench.state.truth().q;
+        for n in 1..TICK_HZ / 2 {
+            bench.tick(k + 2 * TICK_HZ + n, None);
+        }
+        for (j, (now, then)) in bench.state.q().iter().zip(&stood).enumerate() {
+            assert!((now - then).abs() < 1e-3, "{reaction:?}: joint {j}");
+        }
+    }
+}
+
+#[test]
+fn a_robot_that_rejects_setpoints_is_a_driver_fault() {
+    let mut bench = Bench::ideal();
+    bench.drive(ELBOW, 100.0, 10);
+    bench.state.inject(Injection::SetpointsRejected);
+    let out = bench.drive(ELBOW, 0.0, 1);
+    assert!(out.faults.is_empty(), "it shows with the next setpoint");
+    let k = bench.command.k;
+    assert!(bench.tick(k + 1, None).faults.has(Fault::DriverFault));
+}

@@ -1,0 +1,119 @@
+//! The simulated robot's body, with a clock and a watchdog of its own: takes setpoints from the driver as a field bus would
+//! bring them, moves the joints, measures, and judges what the joints truly do.
+
+use super::{Process, WARM_TICKS, bus_failure};
+use crate::cli::Place;
+use crate::exit::{Exit, Failure};
+use bus::Domain;
+use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag};
+use serde_json::{Map, Value, json};
+use sim::Body;
+use telemetry::Metric;
+
+/// The cycle of the port, ns: 1 ms, as of EtherCAT in many robots.
+const CYCLE_NS: u64 = 1_000_000;
+
+/// A robot that is told to end goes on until its joints stand, but no longer than this: twice the longest stop.
+const END_WITHIN_NS: u64 = 1_000_000_000;
+
+/// A joint slower than this stands, rad/s or m/s: a hundredth of an arm's largest speed. Assumption.
+const STANDING: f64 = 0.01;
+
+/// Runs until shutdown, and then until the joints stand.
+pub fn run(place: &Place) -> Result<(), Failure> {
+    let mut process = Process::start("robot", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
+    let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
+        .map_err(|error| Failure::new(Exit::Config, error))?;
+    let seed = process.loaded.settings.sim.seed;
+    let core = Domain::open(process.instance.core_domain(), "robot").map_err(bus_failure)?;
+    let mut setpoints = core.reader::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;
+    let mut measurements = core.writer::<RobotMeasured>(Service::RobotMeasured).map_err(bus_failure)?;
+
+    let mut warm = Body::new(&config, deadline(0), config.initial(), seed);
+    for k in 1..=WARM_TICKS {
+        std::hint::black_box(warm.measure(&config, deadline(k)));
+    }
+    let mut body = Body::new(&config, rt::now(), config.initial(), seed);
+    process.ready()?;
+    let (mut cycle, mut sequence, mut seen_k, mut refused) = (rt::now(), 0, 0, false);
+    let mut ending: Option<Stamp> = None;
+    loop {
+        cycle = cycle.plus_ns(CYCLE_NS);
+        rt::sleep_until(cycle);
+        let now = rt::now();
+        process.probe.record(Metric::WakeUp, cycle, now);
+        if now.since(cycle) > CYCLE_NS {
+            // Cycles that were missed are skipped; the body moves on through them.
+            cycle = now;
+        }
+        // Each setpoint acts at the time at which it was sent, whenever this process was woken.
+        rt::allocating_aside(|| {
+            setpoints.drain(|sample| {
+                let RobotSetpoint { header, k, q, v, a, plan } = sample.message;
+                refused = !body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                seen_k = k;
+            })
+        });
+        let measured = body.measure(&config, now);
+        sequence += 1;
+        let header = process.header(sequence, rt::now(), Stamp::NONE);
+        let message = RobotMeasured {
+            header,
+            measured: measured.stamp,
+            seen_k,
+            q: measured.q,
+            dq: measured.dq,
+            tau: measured.tau,
+            flags: flags(&measured, refused),
+            ..RobotMeasured::ZERO
+        };
+        process.publish(&mut measurements, &message);
+        process.alive();
+        if process.shutdown.requested() {
+            let since = *ending.get_or_insert(now);
+            let stands = body.truth().v.iter().all(|v| v.abs() <= STANDING);
+            if stands || now.since(since) > END_WITHIN_NS {
+                break;
+            }
+        }
+    }
+    let report = figures(&config, &body);
+    process.leave(report)
+}
+
+fn flags(measured: &plant::Measured, refused: bool) -> u32 {
+    let drives = measured.drives;
+    [
+        (drives.emergency_stop, measured_flag::EMERGENCY_STOP),
+        (drives.fault, measured_flag::DRIVE_FAULT),
+        (drives.powered, measured_flag::POWERED),
+        (measured.reacting, measured_flag::REACTING),
+        (refused, measured_flag::REFUSED),
+    ]
+    .into_iter()
+    .filter_map(|(present, bit)| present.then_some(bit))
+    .sum()
+}
+
+fn figures(config: &sim::Config, body: &Body) -> Value {
+    let judged = body.judged();
+    let violations: Map<_, _> =
+        plant::ViolationKind::ALL.map(|kind| (kind.name().to_owned(), json!(judged.count(kind)))).into_iter().collect();
+    let greatest = |ratios: &[f64]| ratios.iter().copied().fold(0.0, f64::max);
+    let first = judged.first.map(|first| {
+        let name = config.joint_names().get(first.which).filter(|_| first.kind != plant::ViolationKind::Clearance);
+        json!({
+            "kind": first.kind.name(), "which": first.which, "joint": name, "at_s": first.at.0 as f64 * 1e-9,
+            "value": first.value, "bound": first.bound,
+        })
+    });
+    json!({
+        "violations": violations,
+        "first_violation": first,
+        "looks": judged.looks,
+        "setpoints": judged.setpoints,
+        "min_clearance_mm": judged.clearance_min_m * 1e3,
+        "speed_ratio_max": greatest(&judged.speed_ratio_max),
+        "effort_ratio_max": greatest(&judged.effort_ratio_max),
+    })
+}
