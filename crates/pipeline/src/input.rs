@@ -6,6 +6,10 @@ use layouts::{Layouts, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
 use skeleton::{DropReason, Output, State};
 
+/// A joint that goes further in a 30th of a second begins anew in the filter, m: 4.5 m/s, which few movements reach and none
+/// has to be smoothed at.
+const FILTER_STEP_M: f64 = 0.15;
+
 /// Which layouts are understood, which are filtered, and which persons are plausible.
 #[derive(Clone, Debug)]
 pub struct InputConfig {
@@ -33,7 +37,7 @@ impl InputConfig {
                 rest_cutoff_hz: settings.filter_rest_cutoff_hz,
                 cutoff_per_m: settings.filter_cutoff_per_m,
                 outliers_mad: settings.filter_outliers_mad,
-                step_max_m: measured.step_max_m,
+                step_max_m: FILTER_STEP_M,
                 confidence_min: measured.confidence_min,
             },
             seen: skeleton::Config {
@@ -73,7 +77,9 @@ impl InputConfig {
                 "the trunk does not stand upright at the start (is the axis that points up the layout's?)"
             }
             DropReason::Chirality => "left and right are swapped, or the person is a mirror image",
-            DropReason::Teleport => "a joint jumped by more than 0.15 m, or faster than 10 m/s",
+            DropReason::Teleport => {
+                "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, relative to the hips"
+            }
             DropReason::LengthStep => "a limb changed its length from one frame to the next",
             DropReason::LengthChange => "a limb's length left that of the session's first second",
             DropReason::Frozen => "the same numbers again and again: a tracker that is stuck",
@@ -122,6 +128,7 @@ mod tests {
         let bounds = skeleton::Config::default();
         let [low, high] = bounds.trunk_m;
         let [arm_low, arm_high] = bounds.arm_per_trunk;
+        let [shoulder, elbow, wrist] = bounds.speed_max_m_per_s;
         for (reason, said) in [
             (DropReason::Old, format!("{} ms", bounds.age_max_ns / 1_000_000)),
             (DropReason::OutOfRange, format!("{} m", bounds.coordinate_max_m)),
@@ -129,8 +136,9 @@ mod tests {
             (DropReason::TrunkLost, format!("{}", bounds.confidence_min)),
             (DropReason::Size, format!("{low} to {high} m")),
             (DropReason::Size, format!("{arm_low} to {arm_high} of that")),
-            (DropReason::Teleport, format!("{} m", bounds.step_max_m)),
-            (DropReason::Teleport, format!("{} m/s", bounds.speed_max_m_per_s)),
+            (DropReason::Teleport, format!("a shoulder went faster than {shoulder} m/s")),
+            (DropReason::Teleport, format!("an elbow faster than {elbow} m/s")),
+            (DropReason::Teleport, format!("a wrist faster than {wrist} m/s")),
         ] {
             let meaning = InputConfig::meaning(reason);
             assert!(meaning.contains(&said), "{reason:?}: {said}: {meaning}");

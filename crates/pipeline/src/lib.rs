@@ -36,12 +36,13 @@ pub use player::{PlayOptions, Player};
 pub use publisher::{ClientError, Port, Publisher, Way};
 pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
-    MetricsSettings, Policy, RealtimeSettings, Resampling, RetargetSettings, RobotInterface, SafetySettings, Settings,
-    SimSettings,
+    MetricsSettings, Policy, RealtimeSettings, RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
-pub use words::{Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, sentences, why, why_stopped};
+pub use words::{
+    Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, not_at_rest, sentences, why, why_stopped,
+};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

@@ -54,6 +54,10 @@ pub struct OfflineReport {
     pub violations: BTreeMap<String, u64>,
     /// Smallest clearance of the checked pairs over all executed commands, mm.
     pub min_clearance_mm: f64,
+    /// Motions that were wanted but not certified.
+    pub fallbacks: u32,
+    /// Largest torque of all executed commands over its joint's effort limit.
+    pub torque_share_max: f64,
     /// Mean limb error of the target while engaged, deg.
     pub limb_error_deg_mean: f64,
     /// Mean limb error of what the robot did while engaged, deg.
@@ -121,10 +125,16 @@ impl Offline {
         let simulated = self.world.report();
         self.report.violations = simulated.violations().iter().map(|&(kind, count)| (kind.to_owned(), count)).collect();
         self.report.min_clearance_mm = simulated.min_clearance_m() * 1e3;
+        self.report.torque_share_max = simulated.largest_torque_share().0;
         let mean_deg = |sum_rad: f64| (sum_rad / self.limb_count.max(1) as f64).to_degrees();
         self.report.limb_error_deg_mean = mean_deg(self.limb_sum_rad);
         self.report.limb_error_measured_deg_mean = mean_deg(self.limb_measured_sum_rad);
         &self.report
+    }
+
+    /// What the judge says of the joints' true motion so far.
+    pub fn judged(&self) -> &plant::Report {
+        self.world.judged()
     }
 
     /// Advances by one tick.
@@ -186,6 +196,7 @@ impl Offline {
         let moment = self.world.step(&self.config, &operator, Running::ALL);
         watch(&moment, &operator);
         if let Some(control) = &moment.control {
+            self.report.fallbacks = control.status.fallbacks;
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
             if mode != self.mode {
                 self.mode = mode;

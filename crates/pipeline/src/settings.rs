@@ -2,6 +2,7 @@
 
 use crate::ConfigError;
 use crate::cores::Cores;
+use messages::{HEAD, LEFT_ARM, TORSO};
 use serde::{Deserialize, Serialize};
 
 /// All settings of one instance, as written in the file.
@@ -52,27 +53,13 @@ pub enum Method {
     ClosedForm,
 }
 
-/// What happens between two skeletons.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum Resampling {
-    /// Interpolate with a stated delay.
-    Interpolate,
-    /// Use the newest skeleton as it is.
-    Latest,
-    /// Ignore new skeletons.
-    Hold,
-}
-
 #[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetargetSettings {
     pub method: Method,
     pub refinement_steps: u32,
-    pub resampling: Resampling,
-    pub interpolation_delay_ms: f64,
-    pub smoothing_ms: f64,
+    pub following_delay_ms: f64,
 }
 
 /// Groups of the sockets; an empty name is the group of the daemon's process.
@@ -115,12 +102,33 @@ pub struct IngestSettings {
     pub camera_length_step_max: f64,
 }
 
+/// Who may reset an emergency stop that an operator pressed.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum EmergencyStopReset {
+    /// Every operator.
+    Anyone,
+    /// The user who pressed it, or root.
+    Presser,
+}
+
+impl EmergencyStopReset {
+    /// As the operator's socket calls it.
+    pub const fn rule(self) -> operator::ResetRule {
+        match self {
+            Self::Anyone => operator::ResetRule::Anyone,
+            Self::Presser => operator::ResetRule::Presser,
+        }
+    }
+}
+
 #[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControlSettings {
     pub grace_us: f64,
     pub engage_without_realtime: bool,
+    pub emergency_stop_reset: EmergencyStopReset,
 }
 
 /// Which robot the driver talks to.
@@ -164,6 +172,19 @@ pub struct SafetySettings {
     pub deadlines_missed_max: u32,
     pub deadlines_late_per_s_max: u32,
     pub stale_factor_without_realtime: f64,
+    pub hand_speed_max_m_per_s: f64,
+    pub hand_speed_reduced: bool,
+}
+
+/// Reduced speed, m/s: ISO 10218-1:2011, 5.6.2, 250 mm/s.
+const HAND_SPEED_REDUCED_M_PER_S: f64 = 0.25;
+
+impl SafetySettings {
+    /// The bound on elbows and hands, m/s.
+    pub fn hand_speed_m_per_s(&self) -> f64 {
+        let reduced = if self.hand_speed_reduced { HAND_SPEED_REDUCED_M_PER_S } else { f64::INFINITY };
+        self.hand_speed_max_m_per_s.min(reduced)
+    }
 }
 
 /// Scheduling policy asked for.
@@ -209,6 +230,29 @@ pub struct RealtimeSettings {
     pub cpu_dma_latency: bool,
 }
 
+/// What the simulated robot does by itself when setpoints end; real robots differ.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum RobotReaction {
+    /// Every joint brakes and holds its place.
+    Hold,
+    /// The motors damp.
+    Damp,
+    /// The drives play the stop that came with the last setpoint.
+    Play,
+}
+
+impl RobotReaction {
+    /// As the simulated robot calls it.
+    pub(crate) const fn simulated(self) -> sim::Reaction {
+        match self {
+            Self::Hold => sim::Reaction::Hold,
+            Self::Damp => sim::Reaction::Damp,
+            Self::Play => sim::Reaction::Play,
+        }
+    }
+}
+
 /// How the simulated robot takes what its driver executes.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
@@ -246,6 +290,29 @@ impl RobotInterface {
             Self::Jtc100 => wbc::Interface::JTC_100_HZ,
         }
     }
+
+    /// As the gate knows it: controllers of torso, head, left arm and right arm. Splines through points every h leave a
+    /// motion with the jerk limit J by at most J h^3 / 96.
+    pub fn gated(self, model: &robot::Model) -> safety::gate::Interface {
+        match self {
+            Self::Direct => safety::gate::Interface::default(),
+            Self::Jtc100 => {
+                let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
+                let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
+                let controller = |j: usize| match j {
+                    TORSO => 0,
+                    _ if HEAD.contains(&j) => 1,
+                    _ if LEFT_ARM.contains(&j) => 2,
+                    _ => 3,
+                };
+                safety::gate::Interface {
+                    off: std::array::from_fn(spline),
+                    skew_s,
+                    controller: std::array::from_fn(controller),
+                }
+            }
+        }
+    }
 }
 
 #[allow(missing_docs)]
@@ -257,6 +324,8 @@ pub struct SimSettings {
     pub natural_frequency_hz: f64,
     pub damping_ratio: f64,
     pub delay_ticks: u32,
+    pub watchdog_ms: f64,
+    pub reaction: RobotReaction,
     pub encoder_noise_rad: f64,
     pub encoder_step_rad: f64,
 }
@@ -280,8 +349,7 @@ impl Settings {
         let t = 1000.0 / messages::TICK_HZ as f64;
         let bounds = [
             ("retarget.refinement_steps", f64::from(self.retarget.refinement_steps), 0.0, 10.0),
-            ("retarget.interpolation_delay_ms", self.retarget.interpolation_delay_ms, 0.0, 100.0),
-            ("retarget.smoothing_ms", self.retarget.smoothing_ms, 0.0, 50.0),
+            ("retarget.following_delay_ms", self.retarget.following_delay_ms, 0.0, 250.0),
             ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, 100.0, 60_000.0),
             ("ingest.filter_rest_cutoff_hz", self.ingest.filter_rest_cutoff_hz, 0.5, 100.0),
             ("ingest.filter_cutoff_per_m", self.ingest.filter_cutoff_per_m, 0.0, 1000.0),
@@ -292,14 +360,16 @@ impl Settings {
             ("driver.grace_us", self.driver.grace_us, self.control.grace_us, 660.0),
             ("driver.silence_latch_ms", self.driver.silence_latch_ms, t, 10.0),
             ("safety.stale_factor_without_realtime", self.safety.stale_factor_without_realtime, 1.0, 50.0),
+            ("safety.hand_speed_max_m_per_s", self.safety.hand_speed_max_m_per_s, 0.05, 3.0),
             ("realtime.priority_retarget", f64::from(self.realtime.priority_retarget), 1.0, 98.0),
             ("realtime.priority_control", f64::from(self.realtime.priority_control), 1.0, 98.0),
             ("realtime.priority_driver", f64::from(self.realtime.priority_driver), 1.0, 98.0),
             ("realtime.spin_us", self.realtime.spin_us, 0.0, 200.0),
-            ("metrics.port", f64::from(self.metrics.port), 0.0, 65_532.0),
-            ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, messages::TICK_HZ as f64 / 10.0),
-            ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 5.0),
+            ("metrics.port", f64::from(self.metrics.port), 0.0, 65_531.0),
+            ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, 50.0),
+            ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 1.5),
             ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, f64::from(sim::DELAY_MAX_TICKS)),
+            ("sim.watchdog_ms", self.sim.watchdog_ms, 1.0, 1000.0),
             ("sim.encoder_noise_rad", self.sim.encoder_noise_rad, 0.0, 0.01),
             ("sim.encoder_step_rad", self.sim.encoder_step_rad, 0.0, 0.01),
         ];

@@ -2,7 +2,7 @@
 
 use crate::ConfigError;
 use crate::load::Loaded;
-use crate::settings::{Method, Resampling, SafetySettings};
+use crate::settings::{Method, SafetySettings};
 use safety::engage;
 
 /// Configuration of the retargeting stage.
@@ -14,20 +14,17 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
             Method::ClosedForm => retarget::Method::ClosedForm,
         }),
         refine_steps: settings.refinement_steps,
-        resample: match settings.resampling {
-            Resampling::Interpolate => retarget::Resample::Interpolate,
-            Resampling::Latest => retarget::Resample::Latest,
-            Resampling::Hold => retarget::Resample::Hold,
-        },
-        interpolation_delay_ms: settings.interpolation_delay_ms,
-        smoothing_ms: settings.smoothing_ms,
+        following_delay_ms: settings.following_delay_ms,
     };
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
         .map_err(|error| ConfigError::stage("retarget", error))
 }
 
+/// Age of a measurement beyond which the driver does not hear the robot any more, ms: ten cycles of the robot's port.
+const MEASURED_AGE_MAX_MS: f64 = 10.0;
+
 /// Configuration of the simulated robot. Without real-time scheduling (`realtime` false) the silence that latches the
-/// driver's fault is relaxed like the other stale times; the plan plays from the first missed tick in any case.
+/// driver's fault, and the age of a measurement, are relaxed like the other stale times; the plan plays from the first missed tick in any case.
 pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, ConfigError> {
     sim_config_of(loaded, realtime, false)
 }
@@ -47,7 +44,11 @@ pub(crate) fn sim_config_of(
         delay_ticks: settings.delay_ticks,
         encoder_noise_rad: settings.encoder_noise_rad,
         encoder_step_rad: settings.encoder_step_rad,
+        watchdog_ms: settings.watchdog_ms,
+        reaction: settings.reaction.simulated(),
+        measured_age_max_ms: MEASURED_AGE_MAX_MS * factor,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
+        hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
         initial_outside,
         ..sim::Options::default()
     };

@@ -91,8 +91,12 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     }
     let refused = now.fallbacks.wrapping_sub(before.fallbacks);
     if refused > 0 {
-        let why = subject(Subject::of(now.refused_about), names)
-            .map_or(String::new(), |pair| format!(": {pair} would have come too close"));
+        let about = Subject::of(now.refused_about);
+        let why = match about {
+            Some(Subject::Joint(_)) => "would have needed more than its share of the effort limit",
+            _ => "would have come too close",
+        };
+        let why = subject(about, names).map_or(String::new(), |which| format!(": {which} {why}"));
         all.push(say(Gravity::Note, format!("{refused} motions were refused, the plan went on{why}.")));
     }
     if let Some((name, meaning)) = dropped(now).filter(|_| now.input_drop != before.input_drop) {
@@ -131,6 +135,7 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
         }
         let others = Faults(status.faults | status.latched).iter().filter(|&fault| !told.has(fault));
         all.extend(others.map(|fault| named(fault, status, names)));
+        all.extend(not_at_rest(status, names));
     }
     (!all.is_empty()).then(|| all.join(" "))
 }
@@ -161,11 +166,19 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::StartOutsideLimits, Some(joint)) => {
             let joint = joint as usize;
             let (name, unit, by) = (names.joint(joint), names.unit(joint), status.outside_by);
+            if by == 0.0 {
+                return format!(
+                    "{meaning} {name} needs more than its share of the effort limit to hold what it carries."
+                );
+            }
             let side = if by < 0.0 { "below its lowest position" } else { "above its highest position" };
             format!("{meaning} {name} is {:.4} {unit} {side}; teleopctl recover brings it back.", by.abs())
         }
         (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover takes them apart.", measured_pair()),
         (Fault::CollisionNear, _) => format!("{meaning} {}.", measured_pair()),
+        (Fault::EmergencyStop, _) if status.reset_first_by > 0 => {
+            format!("{meaning} User {} has to reset it, or root.", status.reset_first_by - 1)
+        }
         (Fault::GateDenied, _) => match denied(status, names) {
             Some(why) => format!("{meaning} The last one because {why}."),
             None => meaning.into(),
@@ -175,6 +188,10 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
             let (name, unit) = (names.joint(joint), names.unit(joint));
             format!("{meaning} {name} is {:.4} {unit} from its command.", status.tracking_error)
         }
+        (Fault::VelocityError | Fault::StandstillLost, _) => match unsteady(status, names) {
+            Some(name) => format!("{meaning} It is {name}."),
+            None => meaning.into(),
+        },
         (Fault::InputStale, _) if silent_ms > TARGET_SILENT_MS => {
             format!(
                 "{meaning} Nor has `retarget` sent a target for {silent_ms:.0} ms: nothing is known of the skeletons."
@@ -183,12 +200,23 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::InputStale, _) => match dropped(status) {
             Some((name, why)) => format!("{meaning} Frames come, and are dropped: {name}: {why}."),
             None if input_age_ms(status).is_some_and(|age_ms| age_ms < INPUT_SEEN_MS) => {
-                format!("{meaning} Frames come, but more than 20 a second for half a second are needed.")
+                format!("{meaning} Frames come, but at least 20 a second for half a second are needed.")
             }
             None => meaning.into(),
         },
         _ => meaning.into(),
     }
+}
+
+/// The joint that moves otherwise than it is sent, leaves its place or does not come to rest.
+fn unsteady(status: &Status, names: &Names) -> Option<String> {
+    status.unsteady_joint.checked_sub(1).map(|joint| names.joint(joint as usize))
+}
+
+/// Why a robot whose command rests can neither be enabled nor reset: it is measured moving. None if it is at rest.
+pub fn not_at_rest(status: &Status, names: &Names) -> Option<String> {
+    let name = unsteady(status, names).filter(|_| status.moving != 0)?;
+    Some(format!("The robot is not at rest: {name} is measured moving, or was less than 0.1 s ago."))
 }
 
 /// What the person's limbs rest on.
@@ -333,9 +361,9 @@ mod tests {
         assert!(why.contains("CollisionNear") && why.contains("Disengaged after Holding: at rest."), "{why}");
         let mut seldom = Status { input_age_ns: 40_000_000, input_drop: 0, ..status };
         (seldom.header.stamp, seldom.target_stamp) = (Stamp(2_000_000_000), Stamp(1_999_000_000));
-        assert!(super::why(&seldom, &names).contains("more than 20 a second"), "they come, and are not fresh");
+        assert!(super::why(&seldom, &names).contains("at least 20 a second"), "they come, and are not fresh");
         seldom.input_age_ns = 150_000_000;
-        assert!(!super::why(&seldom, &names).contains("more than 20 a second"), "they come no more");
+        assert!(!super::why(&seldom, &names).contains("at least 20 a second"), "they come no more");
         // A reset ends the story, and not what is still there.
         status.transitions[2] = transition(20, Mode::Disengaged, Mode::Faulted, Fault::EmergencyStop as u32);
         status.transitions[3] = transition(30, Mode::Faulted, Mode::Disengaged, Transition::RESET);
@@ -344,6 +372,10 @@ mod tests {
         assert!(why.contains("InputStale") && !why.contains("EmergencyStop"), "{why}");
         status.faults = 0;
         assert_eq!(super::why(&status, &names), "The robot waits to be engaged.");
+        (status.moving, status.unsteady_joint) = (1, 7);
+        let why = why_stopped(&status, &names).expect("it swings");
+        assert!(why.contains("not at rest: joint 6 is measured moving"), "{why}");
+        (status.moving, status.unsteady_joint) = (0, 0);
         status.mode = Mode::Engaged as u32;
         assert_eq!(super::why(&status, &names), "The robot follows.");
         status.mode = Mode::Engaging as u32;
@@ -368,6 +400,13 @@ mod tests {
         let behind = Status { latched: lost, tracking_joint: 4, tracking_error: 0.06, ..Status::ZERO };
         let behind = meaning(Fault::TrackingError, &behind, &Names::default());
         assert!(behind.ends_with("joint 3 is 0.0600 rad or m from its command."), "{behind}");
+        for fault in [Fault::VelocityError, Fault::StandstillLost] {
+            let swings = Status { latched: Faults::NONE.with(fault).0, unsteady_joint: 7, ..Status::ZERO };
+            let said = meaning(fault, &swings, &Names::default());
+            assert_eq!(said, format!("{} It is joint 6.", fault.row().meaning));
+            let over = Status { unsteady_joint: 0, ..swings };
+            assert_eq!(meaning(fault, &over, &Names::default()), fault.row().meaning);
+        }
         let outside = said(Fault::StartOutsideLimits);
         assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
         let close = said(Fault::StartInCollision);

@@ -229,20 +229,30 @@ impl World {
         self.retarget_header.sequence = 0;
     }
 
-    /// The driver, dead for at least 3 ticks, is started again on a robot that its own brakes have stopped: where it
-    /// stands, or, if somebody moved it meanwhile, at `q`. False, and nothing happens, if that is no posture.
+    /// The driver, dead for at least 3 ticks, is started again: on the robot as it is, or, if somebody moved it meanwhile, at
+    /// `q`. False, and nothing happens, if that is no posture.
     pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
-        let q = q.unwrap_or(self.sim.q());
-        let Some(sim) = sim::State::standing(&config.sim, self.k - 1, q, seed) else { return false };
-        self.sim = sim;
+        let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
+        let started = match q {
+            None => self.sim.restart_driver(&config.sim, k, now, seed),
+            Some(q) => sim::State::standing(&config.sim, k, q, seed).map(|sim| self.sim = sim).is_some(),
+        };
+        if !started {
+            return false;
+        }
         self.sim_header.incarnation = self.incarnations.draw();
         self.sim_header.sequence = 0;
         true
     }
 
-    /// What the simulated robot counted by itself.
+    /// What the checker says of the commands that were executed.
     pub fn report(&self) -> &sim::Report {
         self.sim.report()
+    }
+
+    /// What the judge says of the joints' true motion.
+    pub fn judged(&self) -> &plant::Report {
+        self.sim.judged()
     }
 
     /// The robot's faults, to be injected by tests.
@@ -289,7 +299,12 @@ impl World {
         }
         let execution_at = start.plus_ns(EXECUTION_AFTER_NS);
         self.commands.advance(execution_at);
-        let robot = running.driver.then(|| self.drive(config, execution_at, tamper));
+        let robot = if running.driver {
+            Some(self.drive(config, execution_at, tamper))
+        } else {
+            self.sim.advance(&config.sim, execution_at);
+            None
+        };
         self.k += 1;
         Moment { k: k - self.first_k, skeleton, target_seen, state_seen, target, control, robot }
     }

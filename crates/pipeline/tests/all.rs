@@ -9,4 +9,5 @@ mod recovery;
 mod reduced;
 mod robot_faults;
 mod robot_interface;
+mod standstill;
 mod support;

@@ -48,6 +48,7 @@ struct Outcome {
 
 fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
     let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
+    let options = options.hand_speed_m_per_s(sim::Options::default().hand_speed_max_m_per_s);
     let wbc_config = wbc::Config::new(model, options).expect("whole-body control");
     let gate_config = gate::Config::new(model).expect("the gate");
     let exact = sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..sim::Options::default() };
@@ -64,7 +65,7 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
             q = goal(model, &mut rng);
         }
         let now = deadline(k);
-        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
         let permit = wbc::Permit::Follow { speed_scale: 1.0 };
         let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
         let named = model.shape_name(proposed.nearest_pair[1]);
@@ -139,7 +140,7 @@ fn the_gate_denies_what_leads_into_the_table() {
             q = goal(&model, &mut rng);
         }
         let (now, permit) = (deadline(k), wbc::Permit::Follow { speed_scale: 1.0 });
-        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
         let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
         let permit = engage::Permit::Follow { speed_scale: 1.0 };
         let wbc::Output { q, v, a, plan, .. } = proposed;

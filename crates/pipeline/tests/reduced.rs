@@ -111,6 +111,10 @@ fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_ove
             for j in 0..JOINTS {
                 let limits = &bench.model().limits[j];
                 let aim = far[j].clamp(limits.q_min, limits.q_max);
+                // A joint that is there already may make room for the others.
+                if (aim - from[j]).abs() < 0.01 {
+                    continue;
+                }
                 past = past.max((bench.commanded().q[j] - aim) * (aim - from[j]).signum());
             }
         }

@@ -42,6 +42,18 @@ fn trajectory_controllers_follow_the_builtin_motion_without_a_fault() {
     assert_clean(&replay(&points));
 }
 
+/// The person's hands are faster than that: the robot's are not, and it follows as fast as it may.
+#[test]
+fn hands_at_reduced_speed_follow_without_a_violation() {
+    let mut loaded = load(&shipped("teleop.toml"), None);
+    loaded.settings.safety.hand_speed_reduced = true;
+    assert_eq!(loaded.settings.safety.hand_speed_m_per_s(), 0.25);
+    let report = replay(&loaded);
+    println!("{:?}, limb error {:.2} deg", report.violations, report.limb_error_deg_mean);
+    assert_eq!(report.violations.values().sum::<u64>(), 0, "{:?}", report.violations);
+    assert!(report.violations.contains_key("hand speed"), "{:?}", report.violations);
+}
+
 #[test]
 fn the_robot_with_grippers_follows_the_builtin_motion() {
     let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");

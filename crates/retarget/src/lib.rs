@@ -13,8 +13,8 @@ mod oracle;
 mod ready;
 mod refine;
 mod resample;
-mod smooth;
 mod tick;
+mod way;
 mod weights;
 
 pub use arm::{
@@ -28,8 +28,7 @@ pub use network::{
 };
 pub use oracle::{Optimum, oracle};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
-pub use resample::{DELAY_MAX_NS, Placed, Resample, STALE_NS, Sample, SourceClock, Track};
-pub use smooth::{AVERAGE_TICKS_MAX, Average, Posture};
+pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
 pub use tick::{
     ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
 };

@@ -8,13 +8,15 @@ use crate::tick::ARMS;
 
 /// How long the input is watched, ns: half the blend that a person has to let go in, and long beside a period at 20 Hz.
 const WATCHED_NS: u64 = 500_000_000;
-/// Skeletons in that time below which the input is too slow: more than 20 Hz, whatever the phase.
-const WATCHED_COUNT: u32 = 11;
+/// Longest mean period in that time, ns: that of 20 Hz, and 15 ms more over ten of them for jitter. 19 Hz are too slow.
+const PERIOD_MAX_NS: u64 = 51_500_000;
 
 /// Judges the input at every tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Readiness {
     begun: Stamp,
+    /// The newest skeleton when the watch began, and how many came since.
+    first: Stamp,
     count: u32,
     newest: Stamp,
     meant: [bool; ARMS],
@@ -25,7 +27,7 @@ impl Readiness {
     /// A skeleton with at least one arm came, at `received`; `restart`: of somebody else, or after silence.
     pub(crate) fn arrived(&mut self, received: Stamp, restart: bool) {
         if restart || received.since(self.newest) > STALE_NS {
-            *self = Self { begun: received, meant: self.meant, ..Self::default() };
+            *self = Self { begun: received, first: received, meant: self.meant, ..Self::default() };
         } else {
             self.count = self.count.saturating_add(1);
         }
@@ -37,10 +39,11 @@ impl Readiness {
     pub(crate) fn judge(&mut self, now: Stamp, meant: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
         let seen = meant.contains(&true) && meant == fresh;
         if !seen || meant != self.meant {
-            *self = Self { begun: now, newest: self.newest, meant, ..Self::default() };
+            *self = Self { begun: now, first: self.newest, newest: self.newest, meant, ..Self::default() };
         } else if now.since(self.begun) >= WATCHED_NS {
-            self.ready |= self.count >= WATCHED_COUNT;
-            (self.begun, self.count) = (now, 0);
+            let periods = u64::from(self.count);
+            self.ready |= periods > 0 && self.newest.since(self.first) <= PERIOD_MAX_NS * periods;
+            (self.begun, self.first, self.count) = (now, self.newest, 0);
         }
         self.ready
     }

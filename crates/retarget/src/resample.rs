@@ -6,29 +6,17 @@
 //! speed. A *restart* (first skeleton, a new writer, silence) moves the playhead freely; a crossfade hides the move.
 
 use messages::{Service, Skeleton, Stamp, comes_after};
-use serde::Deserialize;
 
 use crate::arm::{Limbs, align, slerp_signed};
 use crate::network::{Latent, interpolate_latent};
-
-/// How skeletons become a target at every tick.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Resample {
-    /// The newest skeleton at once: no delay, a step at every skeleton.
-    Latest,
-    /// Interpolated in the latent space (and slerp of the limbs) at now - delay; the posture is then averaged (see `Average`).
-    Interpolate,
-    /// The last skeleton at now - delay: the delay of `Interpolate` and the steps of `Latest`, for comparison.
-    Hold,
-}
+use crate::way::{RATE_OVER_NS, predict};
 
 /// Silence after which the input is stale and the next skeleton is a restart: the service table's, ns.
 pub const STALE_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
-/// Longest delay, ns: that of staleness, since a longer one would show a human who is gone.
-pub const DELAY_MAX_NS: u64 = STALE_NS;
-/// Knots kept per arm: 240 Hz over the longest delay are 24, and one on either side, rounded up.
-const KNOTS: usize = 32;
+/// Longest delay, ns: commercial teleoperation lies between 100 and 250 ms.
+pub const DELAY_MAX_NS: u64 = 250_000_000;
+/// Knots kept per arm: 240 Hz over the longest delay are 60, and one on either side, rounded up.
+const KNOTS: usize = 64;
 /// Crossfade after a restart, ns: a quarter of a second is about how long people take to notice and react, and even
 /// half a turn of a limb stays below 20 rad/s (joints may turn faster where the arm leaves what it can reach); the limits of
 /// whole-body control act on top.
@@ -264,14 +252,11 @@ impl Track {
     }
 
     /// The arm at source time `playhead`; none before its first skeleton.
-    pub fn show(&mut self, resample: Resample, playhead: i64, now: Stamp) -> Option<Sample> {
+    pub fn show(&mut self, playhead: i64, now: Stamp) -> Option<Sample> {
         if self.count == 0 {
             return None;
         }
-        let mut sample = match resample {
-            Resample::Latest => self.knots[self.newest].sample,
-            Resample::Interpolate | Resample::Hold => self.at(playhead, resample == Resample::Interpolate),
-        };
+        let mut sample = self.at(playhead);
         if let Some(fade) = self.fade {
             let s = (ns(now) - fade.begun) as f64 / BLEND_NS as f64;
             if s < 1.0 {
@@ -285,14 +270,45 @@ impl Track {
         self.shown
     }
 
-    /// The knots around `playhead`, interpolated or the earlier one; the nearest one outside of them.
-    fn at(&self, playhead: i64, interpolate: bool) -> Sample {
+    /// The arm at source time `source`, shown at `now`: between the knots, or predicted beyond the newest one. None before its
+    /// first skeleton. Also whether it was seen.
+    pub fn ahead(&self, source: i64, now: Stamp) -> Option<(Limbs, bool)> {
+        if self.count == 0 {
+            return None;
+        }
+        let newest = &self.knots[self.newest];
+        let seen = source <= newest.source;
+        let limbs = if seen {
+            self.at(source).limbs
+        } else {
+            let old = (1..self.count)
+                .map(|age| &self.knots[(self.newest + KNOTS - age) % KNOTS])
+                .find(|knot| newest.source - knot.source >= RATE_OVER_NS);
+            let before = old.map(|knot| (&knot.sample.limbs, newest.source - knot.source));
+            predict(&newest.sample.limbs, before, source - newest.source)
+        };
+        Some((self.faded(limbs, now), seen))
+    }
+
+    /// What is shown while a restart is faded out.
+    fn faded(&self, limbs: Limbs, now: Stamp) -> Limbs {
+        let Some(fade) = self.fade else { return limbs };
+        let s = ((ns(now) - fade.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
+        let s = s * s * (3.0 - 2.0 * s);
+        Limbs {
+            upper: slerp_signed(&fade.from.limbs.upper, &limbs.upper, s),
+            fore: slerp_signed(&fade.from.limbs.fore, &limbs.fore, s),
+        }
+    }
+
+    /// Interpolated between the knots around `playhead`; the nearest one outside of them.
+    fn at(&self, playhead: i64) -> Sample {
         let mut later = self.knots[self.newest];
         for age in 0..self.count {
             let knot = self.knots[(self.newest + KNOTS - age) % KNOTS];
             if knot.source <= playhead {
                 let span = later.source - knot.source;
-                if !interpolate || span <= 0 {
+                if span <= 0 {
                     return knot.sample;
                 }
                 return knot.sample.between(&later.sample, (playhead - knot.source) as f64 / span as f64);

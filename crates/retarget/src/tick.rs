@@ -1,8 +1,8 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, TICK_S, known_bug,
-    skeleton_flag, target_flag,
+    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, TICK_HZ, TICK_S,
+    WAY_NODE_TICKS, WAY_NODES, known_bug, skeleton_flag, target_flag,
 };
 use serde::Deserialize;
 
@@ -13,8 +13,7 @@ use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
 use crate::ready::Readiness;
 use crate::refine::{PRIOR_WEIGHT, refine};
-use crate::resample::{DELAY_MAX_NS, Resample, Sample, SourceClock, Track};
-use crate::smooth::{Average, Posture};
+use crate::resample::{DELAY_MAX_NS, Sample, SourceClock, Track};
 use crate::weights::{ArmIdentity, Weights};
 
 /// Both arms: left, right.
@@ -31,8 +30,6 @@ const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
 /// Odd as well: the multiplier of MurmurHash3's finaliser.
 const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
 
-/// Longest average: `AVERAGE_TICKS_MAX`, ms.
-const SMOOTHING_MAX_MS: f64 = 50.0;
 /// S_GR by which keeping a posture has to be better than the network's: one limb off by 11 degrees.
 const CLEARLY_BETTER: f64 = 0.01;
 
@@ -54,25 +51,15 @@ pub struct Options {
     pub method: Option<Method>,
     /// Levenberg-Marquardt steps per arm and tick, 0 to `REFINE_STEPS_MAX`.
     pub refine_steps: u32,
-    /// See `Resample`.
-    pub resample: Resample,
-    /// How far behind the input `Interpolate` (before smoothing) and `Hold` run, ms, 0 to 100.
-    pub interpolation_delay_ms: f64,
-    /// What `Interpolate` shows is the mean of the last so many ms, 0 to 50, which adds half of them to the delay. One
-    /// period of the source (33.3 ms at 30 Hz) takes the corners off the path from skeleton to skeleton.
-    pub smoothing_ms: f64,
+    /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. What was seen meanwhile is the way
+    /// ahead; the more of it, the nearer the robot follows.
+    pub following_delay_ms: f64,
 }
 
 impl Default for Options {
-    /// Two steps, after which more gain less than 0.02 degrees (`eval`); 40 ms are one period at 30 Hz and 7 ms of jitter.
+    /// Two steps, after which more gain less than 0.02 degrees (`eval`); 120 ms as `eval --following` compares.
     fn default() -> Self {
-        Self {
-            method: None,
-            refine_steps: 2,
-            resample: Resample::Interpolate,
-            interpolation_delay_ms: 40.0,
-            smoothing_ms: 33.3,
-        }
+        Self { method: None, refine_steps: 2, following_delay_ms: 120.0 }
     }
 }
 
@@ -115,17 +102,14 @@ pub struct Config {
     home: [f64; JOINTS],
     network: Option<Network>,
     refine_steps: u32,
-    resample: Resample,
     delay_ns: u64,
-    average_ticks: usize,
 }
 
 impl Config {
     /// Checks the options. The weights were checked against the robot when they were read.
     pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
         within("refine_steps", f64::from(options.refine_steps), f64::from(REFINE_STEPS_MAX))?;
-        within("interpolation_delay_ms", options.interpolation_delay_ms, DELAY_MAX_NS as f64 * 1e-6)?;
-        within("smoothing_ms", options.smoothing_ms, SMOOTHING_MAX_MS)?;
+        within("following_delay_ms", options.following_delay_ms, DELAY_MAX_NS as f64 * 1e-6)?;
         let network = match (options.method, weights) {
             (Some(Method::ClosedForm), _) | (None, None) => None,
             (Some(Method::Network), None) => return Err(ConfigError::NoWeights),
@@ -137,9 +121,7 @@ impl Config {
             home: robot.home,
             network,
             refine_steps: options.refine_steps,
-            resample: options.resample,
-            delay_ns: (options.interpolation_delay_ms * 1e6) as u64,
-            average_ticks: (options.smoothing_ms * 1e-3 / TICK_S).round().max(1.0) as usize,
+            delay_ns: (options.following_delay_ms * 1e6) as u64,
         })
     }
 
@@ -185,7 +167,6 @@ pub struct State {
     readiness: Readiness,
     forgotten: u64,
     tracks: [Track; ARMS],
-    averages: [Average; ARMS],
     refined: [Option<ArmQ>; ARMS],
     q: [Option<ArmQ>; ARMS],
     dq: [ArmQ; ARMS],
@@ -224,37 +205,50 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     forget(state, now);
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
-    let mut shown = [left, right].map(|track| track.show(config.resample, playhead, now));
+    let shown = [left, right].map(|track| track.show(playhead, now));
     let starts = start(config, state, &shown);
     let ticks = input.k.saturating_sub(state.k);
     for arm in 0..ARMS {
-        let (Some(sample), Some(start)) = (&mut shown[arm], starts[arm]) else {
+        let (Some(sample), Some(start)) = (&shown[arm], starts[arm]) else {
             continue;
         };
         let q = posture(config, &sample.limbs, &start, state.refined[arm].as_ref());
         state.refined[arm] = Some(q);
-        let mut posture = Posture { q, limbs: sample.limbs };
-        if config.resample == Resample::Interpolate {
-            // A tick that is repeated adds nothing, and keeps its velocity.
-            let average = &mut state.averages[arm];
-            let kept = average.mean().filter(|_| ticks == 0);
-            posture = kept.unwrap_or_else(|| average.add(&posture, config.average_ticks));
-        }
         if ticks > 0 {
-            state.dq[arm] = velocity(config, state.q[arm], &posture.q, ticks);
+            state.dq[arm] = velocity(config, state.q[arm], &q, ticks);
         }
-        state.q[arm] = Some(posture.q);
-        sample.limbs = posture.limbs;
+        state.q[arm] = Some(q);
     }
     state.k = input.k;
     let meant = std::array::from_fn(|arm| state.q[arm].is_some());
     let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
     let ready = state.readiness.judge(now, meant, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
+    lay_way(state, &mut out.target, playhead, now);
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
     out
+}
+
+/// Lays the way of the arms that are meant: nodes after tick k, at the pace of the playhead's present delay.
+fn lay_way(state: &State, target: &mut JointTarget, playhead: i64, now: Stamp) {
+    let first = target.k / WAY_NODE_TICKS + 1;
+    (target.way_first, target.way_nodes, target.way_seen) = (first, WAY_NODES as u32, WAY_NODES as u32);
+    for arm in (0..ARMS).filter(|&arm| state.q[arm].is_some()) {
+        for i in 0..WAY_NODES {
+            let ticks = (i as u64 + 1) * WAY_NODE_TICKS - target.k % WAY_NODE_TICKS;
+            let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
+            let ahead = state.tracks[arm].ahead(playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
+            let Some((limbs, seen)) = ahead else { continue };
+            let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
+            let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
+            target.way[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(|limb| limb.map(|x| x as f32)));
+            if !seen {
+                target.way_seen = target.way_seen.min(i as u32);
+            }
+        }
+    }
 }
 
 /// The refined start, or the posture before, refined, if that is clearly better: far outside of what it was trained on, the
@@ -280,7 +274,6 @@ fn forget(state: &mut State, now: Stamp) {
         let gone = now.since(state.tracks[arm].received()) > FORGOTTEN_NS;
         if state.q[arm].is_some() && gone && state.tracks[other].is_fresh(now) {
             state.tracks[arm] = Track::default();
-            state.averages[arm] = Average::default();
             (state.refined[arm], state.q[arm], state.dq[arm]) = (None, None, [0.0; ARM_Q]);
             state.forgotten = state.forgotten.wrapping_add(1);
         }

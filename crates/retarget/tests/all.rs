@@ -8,3 +8,4 @@ mod resampling;
 mod robot;
 mod smoothness;
 mod support;
+mod way;

@@ -9,7 +9,7 @@ use std::cell::Cell;
 use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{Config, Input, Method, Options, Resample, State, tick};
+use retarget::{Config, Input, Method, Options, State, tick};
 use support::{arm, layers, random_q, robot, skeleton, weights};
 
 struct Counting;
@@ -35,8 +35,8 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-fn config(method: Method, resample: Resample) -> Config {
-    let options = Options { method: Some(method), resample, ..Options::default() };
+fn config(method: Method, delay_ms: f64) -> Config {
+    let options = Options { method: Some(method), following_delay_ms: delay_ms, ..Options::default() };
     Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap()
 }
 
@@ -44,8 +44,8 @@ fn config(method: Method, resample: Resample) -> Config {
 fn ten_thousand_ticks_allocate_nothing() {
     let mut rng = Pcg64::seed_from_u64(31);
     for method in [Method::Network, Method::ClosedForm] {
-        for resample in [Resample::Interpolate, Resample::Latest, Resample::Hold] {
-            let config = config(method, resample);
+        for delay_ms in [0.0, 120.0, 250.0] {
+            let config = config(method, delay_ms);
             let skeletons: Vec<Skeleton> = (0..700)
                 .map(|i| {
                     let at = deadline(3000 + i * 15).0;
@@ -59,7 +59,7 @@ fn ten_thousand_ticks_allocate_nothing() {
                 let out = tick(&config, &mut state, deadline(3000 + k), Input { k: 3000 + k, skeleton: Some(newest) });
                 std::hint::black_box(out);
             }
-            assert_eq!(COUNT.get() - before, 0, "{method:?} {resample:?}");
+            assert_eq!(COUNT.get() - before, 0, "{method:?} {delay_ms} ms");
         }
     }
 }
@@ -87,7 +87,7 @@ fn hostile(rng: &mut Pcg64) -> u64 {
 fn random_skeletons_never_panic_and_never_leave_the_limits() {
     let mut rng = Pcg64::seed_from_u64(32);
     for method in [Method::Network, Method::ClosedForm] {
-        let config = config(method, Resample::Interpolate);
+        let config = config(method, 120.0);
         let mut state = State::default();
         let mut refused = 0;
         for i in 0..20_000_u64 {
@@ -116,6 +116,11 @@ fn random_skeletons_never_panic_and_never_leave_the_limits() {
                 }
             }
             assert!(out.target.human_limbs.iter().flatten().all(|x| x.is_finite()));
+            // Each limb of the way is a rotation or none.
+            for limb in out.target.way.iter().flatten() {
+                let norm: f32 = limb.iter().map(|x| x * x).sum();
+                assert!(*limb == [0.0; 4] || (norm - 1.0).abs() < 1e-5, "{limb:?}");
+            }
         }
         assert!(refused > 1000, "the hostile limbs were counted: {refused}");
     }

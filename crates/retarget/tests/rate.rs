@@ -62,10 +62,10 @@ fn follows(output: &Output) -> bool {
 }
 
 #[test]
-fn f024_below_20_hz_nobody_is_followed_and_above_it_after_half_a_second() {
+fn f024_below_20_hz_nobody_is_followed_and_from_it_on_after_half_a_second() {
     let config = config();
     for (rate_hz, enough) in
-        [(5.0, false), (10.0, false), (15.0, false), (19.0, false), (25.0, true), (30.0, true), (240.0, true)]
+        [(5.0, false), (10.0, false), (15.0, false), (19.0, false), (20.0, true), (30.0, true), (240.0, true)]
     {
         let at = run(&config, &arrivals(steady(rate_hz, 0.0, 5000.0)), 5000);
         assert!((0..490).all(|ms| !follows(&at(ms))), "{rate_hz} Hz");
@@ -115,8 +115,9 @@ fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not
     }
     let at = run(&config, &skeletons, 3000);
     assert!((520..1580).all(|ms| follows(&at(ms))), "80 ms are bridged");
-    let frozen = at(1560).target.q[3..8].to_vec();
-    assert_eq!(at(1590).target.q[3..8], frozen[..], "the arm that is lost stands");
+    // Seen last at 1483 ms, and followed by 120 ms.
+    let frozen = at(1610).target.q[3..8].to_vec();
+    assert!((1610..1990).all(|ms| at(ms).target.q[3..8] == frozen[..]), "the arm that is lost stands");
     assert!((1590..2480).all(|ms| !follows(&at(ms))), "and both do after 100 ms, until both are steady again");
     assert!((2600..2990).all(|ms| follows(&at(ms))));
 

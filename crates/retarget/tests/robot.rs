@@ -53,10 +53,15 @@ fn the_network_without_weights_and_options_out_of_range_are_refused() {
     let refuse = |options: Options| Config::new(&model, None, &options).map(|_| ()).unwrap_err().to_string();
     let network = Options { method: Some(retarget::Method::Network), ..Options::default() };
     assert!(refuse(network).contains("no weights"));
-    let refused = refuse(Options { interpolation_delay_ms: 101.0, ..Options::default() });
-    assert_eq!(refused, "interpolation_delay_ms is 101, allowed are 0 to 100");
-    assert!(
-        refuse(Options { interpolation_delay_ms: f64::NAN, ..Options::default() }).contains("interpolation_delay_ms")
-    );
+    let refused = refuse(Options { following_delay_ms: 250.1, ..Options::default() });
+    assert_eq!(refused, "following_delay_ms is 250.1, allowed are 0 to 250");
+    for delay_ms in [f64::NAN, -1.0] {
+        let refused = refuse(Options { following_delay_ms: delay_ms, ..Options::default() });
+        assert!(refused.contains("following_delay_ms"), "{refused}");
+    }
+    for delay_ms in [0.0, 250.0] {
+        let options = Options { following_delay_ms: delay_ms, ..Options::default() };
+        assert!(Config::new(&model, None, &options).is_ok(), "{delay_ms} ms");
+    }
     assert!(refuse(Options { refine_steps: 17, ..Options::default() }).contains("refine_steps is 17"));
 }

@@ -48,7 +48,9 @@ impl Hand {
     /// No thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         let instance = instance.clone();
-        Self::start("hand", |asked, answer| Grip { instance, client: None, held: None, answer }.work(asked))
+        Self::start("hand", |asked, answer| {
+            Grip { instance, client: None, held: None, reset: None, answer }.work(asked)
+        })
     }
 }
 
@@ -65,6 +67,8 @@ struct Grip {
     instance: Instance,
     client: Option<Client>,
     held: Option<Held>,
+    /// Answers of control since a reset was pressed, until it is known whether it was refused.
+    reset: Option<u32>,
     answer: Sender<Answer>,
 }
 
@@ -110,7 +114,10 @@ impl Grip {
                 self.say(String::new());
             }
             Ask::Release => self.let_go(String::new()),
-            Ask::Reset => _ = client.reset(),
+            Ask::Reset => {
+                client.reset();
+                self.reset = Some(0);
+            }
             Ask::Stop => {
                 client.estop();
                 self.let_go(String::new());
@@ -131,12 +138,28 @@ impl Grip {
     fn beat(&mut self) {
         let Some(client) = &mut self.client else { return };
         match client.heartbeat() {
-            Ok(status) => self.watch(&status),
+            Ok(status) => {
+                self.tell_refusal(&status);
+                self.watch(&status);
+            }
             // One late reply is no end: the socket keeps the connection, and control judges the silence.
             Err(OperatorError::Timeout { .. }) => {}
             Err(error) => {
                 (self.client, self.held) = (None, None);
                 self.say(format!("The connection to control is lost: {error}"));
+            }
+        }
+    }
+
+    /// Says why a reset was refused. The answer to the press was made before it was read: the one after it tells.
+    fn tell_refusal(&mut self, status: &Status) {
+        match self.reset.take() {
+            None => {}
+            Some(0) => self.reset = Some(1),
+            Some(_) => {
+                if let Some(why) = operator::reset_refusal(status) {
+                    self.say(format!("The reset was refused: {why}."));
+                }
             }
         }
     }

@@ -29,28 +29,28 @@ const REQUESTS_PER_S_MAX: u32 = 500;
 /// A page says something every two seconds; after so long a silence it has gone.
 const SILENT_MAX: Duration = Duration::from_secs(10);
 
-/// What a page may ask.
+/// What a page may ask. The braces are meant: serde refuses unknown keys of variants with fields alone, even of none.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 enum Request {
     /// Nothing: it is there.
-    Here,
+    Here {},
     /// See [`Ask`]; of an instance alone.
-    Engage,
-    Keep,
-    Release,
-    Reset,
-    Stop,
+    Engage {},
+    Keep {},
+    Release {},
+    Reset {},
+    Stop {},
     /// See [`Turn`]; of an instance with key poses alone. What is no number ends the page, what lies outside the triangle is
     /// taken for the nearest point of it.
-    Join,
+    Join {},
     Mix {
         shares: [f64; 3],
     },
-    Leave,
+    Leave {},
     /// See [`Position`]; of a recording alone.
-    Play,
-    Pause,
+    Play {},
+    Pause {},
     Seek {
         to_s: f64,
     },
@@ -85,20 +85,20 @@ impl Lever {
     /// Whether such a thing can be asked here.
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
-            (_, Request::Here) => {}
-            (Self::Hand(hand, _), Request::Engage) => hand.ask(Ask::Engage),
-            (Self::Hand(hand, _), Request::Keep) => hand.ask(Ask::Keep),
-            (Self::Hand(hand, _), Request::Release) => hand.ask(Ask::Release),
-            (Self::Hand(hand, _), Request::Reset) => hand.ask(Ask::Reset),
-            (Self::Hand(hand, _), Request::Stop) => hand.ask(Ask::Stop),
-            (Self::Hand(_, Some(mixer)), Request::Join) => mixer.ask(Turn::Join),
-            (Self::Hand(_, Some(mixer)), Request::Leave) => mixer.ask(Turn::Leave),
+            (_, Request::Here {}) => {}
+            (Self::Hand(hand, _), Request::Engage {}) => hand.ask(Ask::Engage),
+            (Self::Hand(hand, _), Request::Keep {}) => hand.ask(Ask::Keep),
+            (Self::Hand(hand, _), Request::Release {}) => hand.ask(Ask::Release),
+            (Self::Hand(hand, _), Request::Reset {}) => hand.ask(Ask::Reset),
+            (Self::Hand(hand, _), Request::Stop {}) => hand.ask(Ask::Stop),
+            (Self::Hand(_, Some(mixer)), Request::Join {}) => mixer.ask(Turn::Join),
+            (Self::Hand(_, Some(mixer)), Request::Leave {}) => mixer.ask(Turn::Leave),
             (Self::Hand(_, Some(mixer)), Request::Mix { shares }) => match Shares::nearest(shares) {
                 Some(shares) => mixer.ask(Turn::Mix(shares)),
                 None => return false,
             },
-            (Self::Position(position), Request::Play) => position.play(true),
-            (Self::Position(position), Request::Pause) => position.play(false),
+            (Self::Position(position), Request::Play {}) => position.play(true),
+            (Self::Position(position), Request::Pause {}) => position.play(false),
             (Self::Position(position), Request::Seek { to_s }) => position.seek(to_s),
             _ => return false,
         }

@@ -2,6 +2,7 @@
 
 mod chain;
 mod commander;
+mod following;
 mod status;
 
 pub use chain::{Continue, Stream};
@@ -11,6 +12,7 @@ pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json, s
 use crate::ConfigError;
 use crate::load::Loaded;
 use driver::Motion;
+use following::Following;
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
     command_flag, known_bug, reduced_flag, state_flag, target_flag,
@@ -23,10 +25,6 @@ use safety::{gate, monitor};
 /// A command is aligned with its target when no valid joint is farther from it than this, rad: a tenth of the tracking
 /// error that stops, so that the end of the blend cannot be felt.
 const ALIGNED_RAD: f64 = 0.02;
-
-/// A command that moves no joint faster than this (rad/s, m/s) has settled: blocked by an obstacle it creeps along it,
-/// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
-const SETTLED_SPEED: f64 = 0.05;
 
 /// An `ingest` that has said nothing for so long is not believed any more, ns: ten of its periods.
 const INGEST_GONE_NS: u64 = 1_000_000_000;
@@ -44,6 +42,7 @@ pub struct ControlConfig {
     engage: engage::Config,
     wbc: wbc::Config,
     gate: gate::Config,
+    follow: follow::Config,
     arm: ArmModel,
     /// Known delay from a setpoint to its measurement, s: what the command is ahead by is no tracking error.
     servo_lag_s: f64,
@@ -60,13 +59,17 @@ impl ControlConfig {
         let model = loaded.model.clone();
         let safety = &loaded.settings.safety;
         let sim = &loaded.settings.sim;
-        let options = wbc::Options::default().interface(sim.interface.certified());
+        let hand_speed = safety.hand_speed_m_per_s();
+        let options = wbc::Options::default().interface(sim.interface.certified()).hand_speed_m_per_s(hand_speed);
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         Ok(Self {
             engage: engage::Config::relaxed(&safety.thresholds(), factor)
                 .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
             wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
-            gate: gate::Config::new(&model).map_err(|error| ConfigError::stage("gate", error))?,
+            gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))
+                .and_then(|gate| gate.with_hand_speed(hand_speed))
+                .map_err(|error| ConfigError::stage("gate", error))?,
+            follow: follow::Config::new(&model, follow::Weights::default()),
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
             tracking_max: [safety.tracking_error_rad, safety.tracking_error_m],
@@ -84,8 +87,12 @@ pub struct ControlState {
     sequence: u64,
     engage: engage::State,
     commander: Commander,
+    following: Following,
     near: monitor::Near,
     feedback: monitor::Feedback,
+    movement: monitor::Movement,
+    /// How the newest robot state moved.
+    moved: monitor::Moved,
     steps: monitor::TargetSteps,
     stream: Option<Stream>,
     last_k: Option<u64>,
@@ -135,8 +142,11 @@ impl ControlState {
             sequence: 0,
             engage: engage::State::new(),
             commander: Commander::at_rest(&config.wbc, config.model.home),
+            following: Following::default(),
             near: monitor::Near::new(),
             feedback: monitor::Feedback::default(),
+            movement: monitor::Movement::default(),
+            moved: monitor::Moved::default(),
             steps: monitor::TargetSteps::default(),
             stream: None,
             last_k: None,
@@ -149,11 +159,6 @@ impl ControlState {
             status: Status::ZERO,
         }
     }
-
-    /// What is commanded now.
-    pub fn commanded(&self) -> Motion {
-        self.commander.commanded()
-    }
 }
 
 /// Advances control to tick `k`. Never allocates, blocks, reads a clock or panics.
@@ -163,6 +168,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     if let Some(target) = input.target {
         state.target = Some((*target, now));
     }
+    state.moved.sample_ns = 0;
     if let Some(robot) = input.robot {
         state.take_robot(config, now, robot);
     }
@@ -206,7 +212,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
         input_received: target.input_received,
         implausible: implausible(&target),
-        jumped: input.target.is_some() && state.steps.jumped(&config.model, target.k, &target.q, target.valid_mask),
+        jumped: input.target.is_some()
+            && state.steps.jumped(&config.model, target.k, &target.q, target.valid_mask, following::person(&target)),
     });
     let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
@@ -215,6 +222,7 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         let may_start = matches!(state.engage.mode(), Mode::Disengaged | Mode::Recovering);
         let outside = monitor::outside_limits(&config.model, &robot.q_measured)
             .or_else(|| monitor::commanded_outside(&config.model, &robot.q))
+            .or_else(|| overloaded(config, &robot.q))
             .filter(|_| may_start);
         let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
         let recovers = state.engage.mode() == Mode::Recovering;
@@ -222,6 +230,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         let (angle_rad, length_m) =
             monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
         state.note_tracking(config, angle_rad, length_m);
+        let near = angle_rad.error <= config.tracking_max[0] && length_m.error <= config.tracking_max[1];
+        let moved = state.moved;
         RobotView {
             received,
             incarnation: robot.header.incarnation,
@@ -238,8 +248,12 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
                 && !in_collision
                 && monitor::clear_to_start(&config.model, &mut state.frames, &state.commander.commanded().q),
             collision_near: state.near.update(&config.model, clearance.distance_m),
+            sample_ns: moved.sample_ns,
             tracking_error_rad: angle_rad.error,
             tracking_error_m: length_m.error,
+            velocity_error: moved.velocity_error.is_some(),
+            standstill_lost: moved.standstill_lost.is_some(),
+            at_rest: moved.at_rest && near,
         }
     });
     engage::Input {
@@ -252,6 +266,12 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         robot,
         motion: state.motion,
     }
+}
+
+/// The joint that asks for more than its share of the effort limit to hold the command at rest. It is beyond no position
+/// limit.
+fn overloaded(config: &ControlConfig, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
+    wbc::overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
 }
 
 /// Whether a start is refused: the measured posture is closer than servo error explains, or the commanded one is closer
@@ -286,11 +306,10 @@ fn command(
 ) -> JointCommand {
     // A late target is where the person was, not where he goes on to.
     let late = decided.reduced & reduced_flag::TARGET_LATE != 0;
-    let wanted = target.map(|target| wbc::Target {
-        q: &target.q,
-        dq: if late { &[0.0; JOINTS] } else { &target.dq },
-        valid_mask: target.valid_mask,
-    });
+    let commanded = state.commander.commanded();
+    let from = (&commanded.q, &commanded.v);
+    let wish = state.following.wish(config, input.k, from, decided.permit, target, late);
+    let wanted = wish.as_ref().zip(target).map(|(wish, target)| wish.of(target.valid_mask));
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
     if let Some(denial) = denied {
@@ -299,11 +318,12 @@ fn command(
     }
     let denied = denied.is_some();
     state.status.gate_denials += u32::from(denied);
+    let near = state.following.closeness(config, target, &motion.q, &motion.v);
     state.motion = MotionView {
         at_rest: motion.v.iter().chain(&motion.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
-        aligned: wanted.as_ref().is_some_and(|wanted| aligned(&config.model, wanted, &motion.q)),
-        behind: wanted.is_some_and(|wanted| monitor::far_behind(&config.model, wanted.q, wanted.valid_mask, &motion.q)),
-        settled: motion.v.iter().all(|v| v.abs() <= SETTLED_SPEED),
+        aligned: near.aligned,
+        behind: near.behind,
+        settled: near.settled,
         gate_denied: denied,
     };
     state.status.torso_to_go_m = match (decided.mode, &wanted) {
@@ -313,8 +333,10 @@ fn command(
     state.status.clearance_command_m = proposed.clearance_m;
     state.status.nearest_pair = proposed.nearest_pair;
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
-    if let Some(pair) = proposed.refused_pair {
-        state.status.refused_about = Subject::Pair(pair).code();
+    if proposed.fallbacks > 0 {
+        // A motion that was refused for the speed of a hand is about no pair.
+        let overloaded = proposed.overloaded_joint.map(|joint| Subject::Joint(joint as usize));
+        state.status.refused_about = overloaded.or(proposed.refused_pair.map(Subject::Pair)).map_or(0, Subject::code);
     }
     let chain = state.stream.as_mut().map(|stream| {
         stream.sent(input.k, motion);
@@ -346,7 +368,7 @@ fn command(
 }
 
 /// Whether every valid joint of the command is near its target, as far as the limits let the target be reached.
-fn aligned(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> bool {
+fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS]) -> bool {
     (0..JOINTS).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
         let limits = &model.limits[j];
         (target.q[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() <= ALIGNED_RAD
@@ -362,10 +384,17 @@ impl ControlState {
             k: robot.executed_k.saturating_add(robot.plan_ticks_played),
             q: &robot.q,
             v: &robot.v,
+            a: &robot.a,
             q_measured: &robot.q_measured,
+            dq_measured: &robot.dq_measured,
             begins: self.engage.mode() == Mode::Engaging && first_second,
         };
         let judged = self.feedback.judge(&config.model, &sample, config.servo_lag_s);
+        if self.robot.is_some_and(|(before, _)| before.header.incarnation != robot.header.incarnation) {
+            self.movement = monitor::Movement::default();
+        }
+        let believed = monitor::Sample { q_measured: &judged.q_measured, ..sample };
+        self.moved = self.movement.judge(&config.model, &believed, config.servo_lag_s);
         (robot.q_measured, self.feedback_invalid) = (judged.q_measured, judged.invalid);
         self.robot = Some((robot, now));
     }
@@ -378,13 +407,16 @@ impl ControlState {
         status.outside_by = outside.map_or(0.0, |outside| outside.by);
     }
 
-    /// Names the joint that is farthest behind its command, against what stops.
+    /// Names the joint that is farthest behind its command, against what stops, and the one that moves otherwise than it is sent.
     fn note_tracking(&mut self, config: &ControlConfig, angle_rad: monitor::Farthest, length_m: monitor::Farthest) {
         let [angle_max_rad, length_max_m] = config.tracking_max;
         let by_length = length_m.error * angle_max_rad > angle_rad.error * length_max_m;
         let worst = if by_length { length_m } else { angle_rad };
         self.status.tracking_error = worst.error;
         self.status.tracking_joint = worst.joint as u32 + 1;
+        let restless = (self.motion.at_rest && !self.moved.at_rest).then_some(self.moved.restless);
+        let unsteady = self.moved.velocity_error.or(self.moved.standstill_lost).or(restless);
+        self.status.unsteady_joint = unsteady.map_or(0, |joint| joint as u32 + 1);
     }
 
     fn note(
@@ -412,6 +444,7 @@ impl ControlState {
         status.faults = out.active.0;
         status.latched = out.latched.0;
         status.fault_counts = out.fault_counts;
+        status.moving = u32::from(!out.at_rest);
         status.speed_scale = out.permit.speed_scale();
         status.reduced = out.reduced;
         status.realtime = u32::from(config.realtime);

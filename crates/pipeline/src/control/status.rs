@@ -10,20 +10,28 @@ use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
 use robot::Model;
 use serde_json::{Value, json};
 
-/// Mean angle between the human's four limbs and those of the arms at `q`, rad; zero without a human.
-pub(super) fn limb_error(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
-    let mut sum_deg = 0.0;
+/// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`; none for an arm without a person.
+pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
+    let mut angles = [None; LIMBS];
     for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
         // One arm model serves both arms: the right human arm is mirrored to the left.
         let limb = |index: usize| {
             let human = target.human_limbs[2 * side + index];
             rotation_from_xyzw(if side == 0 { human } else { mirror(human) })
         };
-        let (Some(upper), Some(fore)) = (limb(0), limb(1)) else { return 0.0 };
+        let (Some(upper), Some(fore)) = (limb(0), limb(1)) else { continue };
         let arm = core::array::from_fn(|i| q[joints.start + i]);
-        sum_deg += limb_error_deg(&config.arm.forward(&arm), &Limbs { upper, fore }).iter().sum::<f64>();
+        let degrees = limb_error_deg(&config.arm.forward(&arm), &Limbs { upper, fore });
+        angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
-    (sum_deg / LIMBS as f64).to_radians()
+    angles
+}
+
+/// Their mean; zero without a person.
+pub(super) fn limb_error(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
+    let angles = limb_angles(config, target, q);
+    let count = angles.iter().flatten().count();
+    angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }
 
 /// What the torso has yet to rise to its target, m; without a target for it, to its home position.
@@ -60,6 +68,7 @@ pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
         Fault::StartOutsideLimits => joint(status.joint_outside),
         Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(status.nearest_pair_measured)),
         Fault::TrackingError => joint(status.tracking_joint),
+        Fault::VelocityError | Fault::StandstillLost => joint(status.unsteady_joint),
         Fault::GateDenied => Subject::of(status.denied_about),
         _ => None,
     }
@@ -110,6 +119,8 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "note": note(status),
         "tracking_error": status.tracking_error,
         "tracking_joint": status.tracking_joint.checked_sub(1),
+        "at_rest": status.moving == 0,
+        "unsteady_joint": status.unsteady_joint.checked_sub(1),
         "denied": words::denied(status, names),
         "refused": words::subject(Subject::of(status.refused_about), names),
         "input_drop": words::dropped(status).map(|(name, _)| name),
@@ -121,6 +132,8 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "gate_denials": status.gate_denials,
         "fallbacks": status.fallbacks,
         "operators": status.operators,
+        "reset_first_by_uid": status.reset_first_by.checked_sub(1),
+        "resets_refused": status.resets_refused,
         "realtime": status.realtime == 1,
         "transitions": transitions,
     })

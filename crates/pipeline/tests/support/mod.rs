@@ -2,8 +2,8 @@
 #![allow(dead_code, unreachable_pub)]
 
 use messages::{
-    ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, TICK_HZ, Transition, deadline,
-    target_flag,
+    ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ, Transition,
+    deadline, target_flag,
 };
 use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, Overrides, control_tick};
 use robot::{Frames, Model};
@@ -28,6 +28,8 @@ pub struct Bench {
     hash: u64,
     k: u64,
     echo: Option<RobotState>,
+    /// Whether the robot has spoken since the last tick of control.
+    spoke: bool,
     pub target: Option<[f64; JOINTS]>,
     pub hand: OperatorView,
     pub status: Status,
@@ -47,6 +49,7 @@ impl Bench {
             hash: loaded.hash,
             k: FIRST_K,
             echo: None,
+            spoke: true,
             target: None,
             hand: OperatorView { connected: true, ..OperatorView::default() },
             status: Status::ZERO,
@@ -77,8 +80,32 @@ impl Bench {
         newest.why
     }
 
+    /// What the last transition was about, if it was a joint.
+    pub fn joint_of_last(&self) -> Option<usize> {
+        let kept = messages::TRANSITIONS_KEPT;
+        let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
+        match Subject::of(newest.about) {
+            Some(Subject::Joint(joint)) => Some(joint),
+            Some(Subject::Pair(_)) | None => None,
+        }
+    }
+
     /// One tick of everything; edges are gone after it.
     pub fn step(&mut self) {
+        self.tick(true, |_| {});
+    }
+
+    /// One tick in which the driver does not run: it keeps its state, and says nothing.
+    pub fn step_without_driver(&mut self) {
+        self.tick(false, |_| {});
+    }
+
+    /// One tick of everything, with what `wrong` makes of the robot's state on its way to control.
+    pub fn step_measuring(&mut self, wrong: impl Fn(&mut RobotState)) {
+        self.tick(true, wrong);
+    }
+
+    fn tick(&mut self, driver_runs: bool, wrong: impl Fn(&mut RobotState)) {
         self.k += 1;
         let now = deadline(self.k);
         let target = self.target.map(|q| JointTarget {
@@ -92,18 +119,26 @@ impl Bench {
             ..JointTarget::ZERO
         });
         self.hand.heartbeat_received = now;
+        let robot = self.echo.map(|mut state| {
+            wrong(&mut state);
+            state
+        });
         let input = ControlInput {
             k: self.k,
             target: target.as_ref(),
-            robot: self.echo.as_ref(),
+            robot: robot.as_ref().filter(|_| self.spoke),
             operator: self.hand,
             ingest: None,
             realtime_ok: true,
         };
         let out = control_tick(&self.config, &mut self.control, now, input);
+        self.spoke = driver_runs;
         self.status = out.status;
         let hand = &mut self.hand;
         (hand.enable_edge, hand.recover_edge, hand.release_edge, hand.estop_edge) = (false, false, false, false);
+        if !driver_runs {
+            return;
+        }
         let input = sim::Input { due_k: self.k, command: out.command.as_ref() };
         let mut state = sim::tick(&self.sim_config, &mut self.robot, now, input).state;
         state.header = self.header(now, 9);

@@ -1,0 +1,138 @@
+//! How the command follows the target: by the limbs where it has a way of the person, by the joints where it has none.
+
+use super::status::limb_angles;
+use super::{ControlConfig, aligned};
+use messages::{JOINTS, JointTarget, LIMBS, WAY_NODES};
+use safety::{engage, monitor};
+
+/// Limbs that are nearer to the person's than this are aligned, rad: 2 degrees, what retargeting itself leaves.
+const ALIGNED_LIMBS_RAD: f64 = 0.035;
+/// A limb farther from the person's than this is far behind, rad: 15 degrees.
+const BEHIND_RAD: f64 = 0.26;
+
+/// A command that moves no joint faster than this (rad/s, m/s) has settled: blocked by an obstacle it creeps along it,
+/// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
+const SETTLED_SPEED: f64 = 0.05;
+/// An error that falls is a robot that catches up. Two averages of it are compared, over these times, s (assumptions: a
+/// swing of an arm is shorter than the longer one, a reach across is longer than the shorter one).
+const AVERAGES_S: [f64; 2] = [0.5, 1.5];
+/// It does not fall any more where the shorter average is at least this share of the longer one, within
+/// [`ALIGNED_LIMBS_RAD`].
+const FALLEN: f64 = 0.8;
+
+/// What is remembered.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Following {
+    state: follow::State,
+    /// Mean limb error over both of [`AVERAGES_S`], rad; none before the first.
+    averages_rad: Option<[f64; 2]>,
+}
+
+/// What whole-body control is asked for.
+pub(super) struct Wish {
+    pub(super) q: [f64; JOINTS],
+    pub(super) dq: [f64; JOINTS],
+    pub(super) ddq: [f64; JOINTS],
+}
+
+impl Wish {
+    /// The wish for the joints that are meant.
+    pub(super) fn of(&self, valid_mask: u32) -> wbc::Target<'_> {
+        wbc::Target { q: &self.q, dq: &self.dq, ddq: &self.ddq, valid_mask }
+    }
+}
+
+/// How near the command is to what is wanted.
+pub(super) struct Closeness {
+    pub(super) aligned: bool,
+    pub(super) behind: bool,
+    pub(super) settled: bool,
+}
+
+/// Whether the limbs are followed.
+fn has_way(target: &JointTarget) -> bool {
+    target.way_nodes as usize == WAY_NODES
+}
+
+impl Following {
+    /// The wish of tick `k`; none while there is no target. `late`: the target is where the person was, not where they go on
+    /// to.
+    pub(super) fn wish(
+        &mut self,
+        config: &ControlConfig,
+        k: u64,
+        (q, v): (&[f64; JOINTS], &[f64; JOINTS]),
+        permit: engage::Permit,
+        target: Option<&JointTarget>,
+        late: bool,
+    ) -> Option<Wish> {
+        let engage::Permit::Follow { speed_scale } = permit else {
+            self.state.forget();
+            self.averages_rad = None;
+            return target.map(|target| Wish { q: target.q, dq: [0.0; JOINTS], ddq: [0.0; JOINTS] });
+        };
+        let target = target?;
+        if !has_way(target) {
+            let dq = if late { [0.0; JOINTS] } else { target.dq };
+            return Some(Wish { q: target.q, dq, ddq: [0.0; JOINTS] });
+        }
+        let input = follow::Input {
+            k,
+            way: &target.way,
+            way_first: target.way_first,
+            valid_mask: target.valid_mask,
+            prior: &target.q,
+            q,
+            v,
+            speed_scale,
+        };
+        let aims = follow::tick(&config.follow, &mut self.state, input).aims;
+        let mut wish = Wish { q: target.q, dq: [0.0; JOINTS], ddq: [0.0; JOINTS] };
+        for (j, aim) in aims.iter().enumerate() {
+            if let Some(aim) = aim {
+                (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
+            }
+        }
+        Some(wish)
+    }
+
+    /// How near a command at `q` with velocities `v` is to the target.
+    pub(super) fn closeness(
+        &mut self,
+        config: &ControlConfig,
+        target: Option<&JointTarget>,
+        q: &[f64; JOINTS],
+        v: &[f64; JOINTS],
+    ) -> Closeness {
+        let slow = v.iter().all(|v| v.abs() <= SETTLED_SPEED);
+        let Some(target) = target else { return Closeness { aligned: false, behind: false, settled: slow } };
+        if !has_way(target) {
+            return Closeness {
+                aligned: aligned(&config.model, target, q),
+                behind: monitor::far_behind(&config.model, &target.q, target.valid_mask, q),
+                settled: slow,
+            };
+        }
+        let mut sum = 0.0;
+        let (mut limbs, mut worst) = (0.0_f64, 0.0_f64);
+        for angle in limb_angles(config, target, q).into_iter().flatten() {
+            (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
+        }
+        let mean = sum / limbs.max(1.0);
+        let averages = self.averages_rad.get_or_insert([mean; 2]);
+        for (average, time_s) in averages.iter_mut().zip(AVERAGES_S) {
+            *average += (mean - *average) * messages::TICK_S / time_s;
+        }
+        let falls = averages[0] + ALIGNED_LIMBS_RAD < FALLEN * averages[1];
+        Closeness {
+            aligned: limbs > 0.0 && worst <= ALIGNED_LIMBS_RAD,
+            behind: worst > BEHIND_RAD,
+            settled: slow || (limbs > 0.0 && !falls),
+        }
+    }
+}
+
+/// The person's limbs of a target that has a way, for what compares one target with the next.
+pub(super) fn person(target: &JointTarget) -> Option<&[[f64; 4]; LIMBS]> {
+    has_way(target).then_some(&target.human_limbs)
+}

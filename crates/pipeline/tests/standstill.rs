@@ -1,0 +1,174 @@
+//! A robot that moves though nothing moves it: swings and sagging arms, with control and the simulated driver together.
+
+use crate::support;
+
+use messages::{Fault, Faults, JOINTS, Mode, Response, RobotState, TICK_HZ, TICK_S};
+use sim::Injection;
+use std::f64::consts::TAU;
+use support::{Bench, loaded};
+
+/// The left elbow.
+const ELBOW: usize = 6;
+
+/// Disengaged at home, with commands taken up.
+fn disengaged() -> Bench {
+    let loaded = loaded();
+    let mut bench = Bench::new(&loaded, loaded.model.home, 1);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    bench
+}
+
+fn engaged() -> Bench {
+    let mut bench = disengaged();
+    bench.press_enable();
+    for _ in 0..5 * TICK_HZ {
+        bench.step();
+        if bench.mode() == Mode::Engaged {
+            return bench;
+        }
+    }
+    panic!("not engaged: {:?}", Faults(bench.status.faults));
+}
+
+/// What is measured of an elbow that swings about where it is sent, `n` ticks after it began.
+fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
+    let (angle, omega) = (TAU * hz * n as f64 * TICK_S, TAU * hz);
+    move |state| {
+        state.q_measured[ELBOW] += amplitude * angle.sin();
+        state.dq_measured[ELBOW] += amplitude * omega * angle.cos();
+    }
+}
+
+#[test]
+fn f055_an_arm_that_swings_under_a_sound_command_is_stopped() {
+    for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0] {
+        for amplitude in [0.145, 0.08] {
+            let mut bench = engaged();
+            let taken = (1..2 * TICK_HZ).find(|&n| {
+                bench.step_measuring(swinging(amplitude, hz, n));
+                bench.mode() == Mode::Faulted
+            });
+            // As long as the monitor takes, and a tick each way.
+            let most = if amplitude < 0.1 { TICK_HZ * 7 / 10 } else { TICK_HZ * 3 / 10 };
+            assert!(taken.is_some_and(|n| n <= most + 2), "{amplitude} rad at {hz} Hz: {taken:?}");
+            // Where the speed is above three times the limit the encoder jumps, for all that is known.
+            let jumps = bench.last_why() == Fault::FeedbackInvalid as u32;
+            assert!(jumps || bench.joint_of_last() == Some(ELBOW), "{amplitude} rad at {hz} Hz: names the joint");
+        }
+    }
+}
+
+#[test]
+fn f055_an_arm_that_swings_is_neither_enabled_nor_reset() {
+    // 0.67 rad/s: below every speed that stops in one swing.
+    for hz in [1.0, 2.0, 4.0] {
+        let amplitude = 0.67 / (TAU * hz);
+        let mut bench = disengaged();
+        for n in 1..4 * TICK_HZ {
+            if n.is_multiple_of(TICK_HZ / 3) {
+                bench.press_enable();
+            } else if n.is_multiple_of(TICK_HZ / 5) {
+                bench.let_go();
+                bench.hand.reset_edge = true;
+            }
+            bench.step_measuring(swinging(amplitude, hz, n));
+            bench.hand.reset_edge = false;
+            assert!(n < TICK_HZ / 10 || bench.status.moving == 1, "{hz} Hz: at rest after {n} ticks");
+            let reset = bench.last_why() == messages::Transition::RESET;
+            assert!(matches!(bench.mode(), Mode::Disengaged | Mode::Faulted) && !reset, "{hz} Hz, after {n} ticks");
+        }
+        assert_eq!(bench.mode(), Mode::Faulted, "and it is said");
+        // It stands: reset, and enabled.
+        bench.let_go();
+        for _ in 0..2 * TICK_HZ {
+            bench.step();
+        }
+        bench.hand.reset_edge = true;
+        bench.step();
+        bench.hand.reset_edge = false;
+        assert_eq!((bench.mode(), bench.status.moving), (Mode::Disengaged, 0), "{hz} Hz");
+    }
+}
+
+#[test]
+fn f055_an_arm_that_leaves_its_place_while_nothing_moves_it_faults() {
+    for by in [0.03, -0.03] {
+        let mut bench = disengaged();
+        // Pushed within 0.3 s: slower than every speed that stops, and not as far as a tracking error.
+        let pushed = |n: u64| by * (n as f64 / (0.3 * TICK_HZ as f64)).min(1.0);
+        let taken = (1..TICK_HZ).find(|&n| {
+            bench.step_measuring(|state| state.q_measured[ELBOW] += pushed(n));
+            bench.mode() == Mode::Faulted
+        });
+        assert!(taken.is_some_and(|n| n < TICK_HZ / 3), "{taken:?}");
+        assert_eq!(bench.last_why(), Fault::StandstillLost as u32);
+        assert_eq!(bench.joint_of_last(), Some(ELBOW));
+    }
+}
+
+#[test]
+fn f064_an_arm_that_sinks_without_power_is_named_and_not_reset() {
+    for sag in [0.01, 0.05, 0.2] {
+        let mut bench = disengaged();
+        bench.robot.inject(Injection::PowerLost { sag });
+        for n in 0..3 * TICK_HZ {
+            bench.hand.reset_edge = n.is_multiple_of(TICK_HZ / 10);
+            bench.step();
+            assert!(n < 4 || bench.mode() == Mode::Faulted, "{sag}: {n}");
+        }
+        bench.hand.reset_edge = false;
+        let faults = Faults(bench.status.faults);
+        assert!(faults.has(Fault::StandstillLost) && faults.has(Fault::DriverFault), "{sag}: {faults:?}");
+        assert_eq!(bench.status.moving, 1, "{sag}");
+        // The command went with the arm, and power that returns finds it there.
+        bench.robot.inject(Injection::PowerReturned);
+        for _ in 0..TICK_HZ / 2 {
+            bench.step();
+        }
+        let there = *bench.robot.q();
+        bench.hand.reset_edge = true;
+        bench.step();
+        bench.hand.reset_edge = false;
+        assert_eq!(bench.mode(), Mode::Faulted, "{sag}: it has stood for half a second");
+        for _ in 0..2 * TICK_HZ {
+            bench.step();
+        }
+        let stops = Faults(bench.status.faults).of(Response::Stop);
+        assert_eq!(stops, Faults::NONE.with(Fault::DriverFault), "{sag}");
+        bench.hand.reset_edge = true;
+        bench.step();
+        bench.hand.reset_edge = false;
+        for _ in 0..TICK_HZ / 10 {
+            bench.step();
+        }
+        assert_eq!(bench.mode(), Mode::Disengaged, "{sag}");
+        let moved = (0..JOINTS).map(|j| (bench.robot.q()[j] - there[j]).abs()).fold(0.0, f64::max);
+        assert!(moved < 1e-3, "{sag}: {moved}");
+    }
+}
+
+/// Stops from full speed in every phase of a motion: the end of none is called a standstill that was lost.
+#[test]
+fn a_stop_is_no_standstill_lost_and_ends_at_rest() {
+    for stopped_at in (0..3).map(|n| TICK_HZ * (4 + n) / 4) {
+        let mut bench = engaged();
+        for k in 0..stopped_at {
+            let mut target = bench.model().home;
+            target[ELBOW] += 0.2 * (k as f64 * TICK_S * 3.0).sin();
+            bench.target = Some(target);
+            bench.step();
+        }
+        bench.let_go();
+        let ended = (0..TICK_HZ).find(|_| {
+            bench.step();
+            bench.mode() == Mode::Disengaged
+        });
+        assert!(ended.is_some(), "{stopped_at}: {:?}", bench.mode());
+        for _ in 0..4 * TICK_HZ {
+            bench.step();
+            assert_eq!((bench.mode(), bench.status.moving), (Mode::Disengaged, 0), "{:?}", Faults(bench.status.faults));
+        }
+        assert_eq!(bench.status.fault_counts[Fault::VelocityError.index()], 0);
+    }
+}

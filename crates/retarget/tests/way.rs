@@ -1,0 +1,277 @@
+//! The way of the limbs: what was seen and is not shown yet, then what is to be expected.
+
+use crate::support;
+
+use std::f64::consts::TAU;
+
+use messages::{JointTarget, Skeleton, Stamp, TICK_S, WAY_NODE_TICKS, WAY_NODES, deadline, skeleton_flag};
+use nalgebra::{UnitQuaternion, Vector3};
+use retarget::{Config, Input, Limbs, Method, Options, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation};
+use support::{layers, robot, weights};
+
+const START_NS: u64 = 5_000_000_000;
+const RATE_HZ: f64 = 60.0;
+const DELAY_MS: u64 = 120;
+/// What single precision leaves of an angle, rad.
+const SINGLE: f64 = 2e-3;
+
+fn config(delay_ms: u64) -> Config {
+    let options =
+        Options { method: Some(Method::ClosedForm), following_delay_ms: delay_ms as f64, ..Options::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).expect("a configuration")
+}
+
+type Person = fn(f64) -> [Limbs; 2];
+
+/// A skeleton of both arms, each as a left one, that is captured and received at `at_ns`.
+fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
+    let mut out = support::skeleton(sequence, at_ns, at_ns, &[[0.0; 5]; 2]);
+    for (arm, limbs) in person.iter().enumerate() {
+        for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
+            let left = xyzw_from_rotation(rotation);
+            out.limbs[2 * arm + i] = if arm == 0 { left } else { mirror(left) }.map(|x| x as f32);
+        }
+    }
+    out
+}
+
+fn source(person: Person, seconds: f64) -> Vec<Skeleton> {
+    (0..(seconds * RATE_HZ) as u64)
+        .map(|i| {
+            let t_s = i as f64 / RATE_HZ;
+            skeleton(i + 1, START_NS + (t_s * 1e9) as u64, &person(t_s))
+        })
+        .collect()
+}
+
+/// The target of every tick for `seconds`, with the time it was made.
+fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, JointTarget)> {
+    let first = messages::tick_at(Stamp(START_NS)) + 1;
+    let mut state = State::default();
+    (first..first + (seconds * 1500.0) as u64)
+        .map(|k| {
+            let now = deadline(k);
+            let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now);
+            (now, tick(config, &mut state, now, Input { k, skeleton: newest }).target)
+        })
+        .collect()
+}
+
+fn turn(axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(axis * angle)
+}
+
+/// The limbs of node `i`, each arm as a left one.
+fn node(target: &JointTarget, i: usize) -> [Option<Limbs>; 2] {
+    [0, 1].map(|arm| {
+        let limb = |limb: usize| {
+            let limb = target.way[i][2 * arm + limb].map(f64::from);
+            rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) })
+        };
+        limb(0).zip(limb(1)).map(|(upper, fore)| Limbs { upper, fore })
+    })
+}
+
+fn apart(a: &Limbs, b: &Limbs) -> f64 {
+    a.upper.angle_to(&b.upper).max(a.fore.angle_to(&b.fore))
+}
+
+/// Both arms differently, smoothly.
+fn swings(t_s: f64) -> [Limbs; 2] {
+    let wave = |hz: f64, phase: f64| 0.6 * (TAU * hz * t_s + phase).sin();
+    [0.0, 1.3].map(|phase| {
+        let upper = turn(Vector3::z(), wave(0.5, phase)) * turn(Vector3::x(), -0.5 + wave(0.4, phase));
+        Limbs { upper, fore: upper * turn(Vector3::z(), -0.8 + wave(0.6, phase)) }
+    })
+}
+
+/// Both arms at 1.5 and -1 rad/s for ever.
+fn turns(t_s: f64) -> [Limbs; 2] {
+    [1.5, -1.0].map(|speed| {
+        let upper = turn(Vector3::new(0.6, 0.0, 0.8), speed * (t_s - 0.5));
+        Limbs { upper, fore: upper * turn(Vector3::z(), -0.8) }
+    })
+}
+
+fn stands(_: f64) -> [Limbs; 2] {
+    swings(0.7)
+}
+
+/// When the person was that node `i` of a target of time `now` shows, s after the start.
+fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
+    let ticks = (target.way_first + i as u64) * WAY_NODE_TICKS - target.k;
+    (now.0 - START_NS) as f64 * 1e-9 + ticks as f64 * TICK_S - DELAY_MS as f64 * 1e-3
+}
+
+#[test]
+fn nodes_stand_at_whole_multiples_after_the_tick() {
+    for (_, target) in run(&config(DELAY_MS), &source(stands, 1.0), 0.5) {
+        assert_eq!(target.way_nodes as usize, WAY_NODES);
+        let first = target.way_first * WAY_NODE_TICKS;
+        assert!(first > target.k && first <= target.k + WAY_NODE_TICKS, "first node {first} of tick {}", target.k);
+    }
+}
+
+#[test]
+fn what_was_seen_is_the_slerp_between_its_skeletons() {
+    let skeletons = source(swings, 3.0);
+    let mut looked = 0;
+    for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
+        let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
+        let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
+        for i in 0..WAY_NODES {
+            let t_s = shown_s(*now, target, i);
+            // A microsecond beside the newest may count as either.
+            if (t_s - newest_s).abs() > 1e-6 {
+                assert_eq!(i < target.way_seen as usize, t_s < newest_s, "node {i} at {t_s} s of {newest_s} s");
+            }
+            if t_s < newest_s {
+                let frame = (t_s * RATE_HZ).floor();
+                let (a, b) = (swings(frame / RATE_HZ), swings((frame + 1.0) / RATE_HZ));
+                for (arm, limbs) in node(target, i).into_iter().enumerate() {
+                    let want = a[arm].slerp(&b[arm], t_s * RATE_HZ - frame);
+                    let off = apart(&limbs.expect("both arms are meant"), &want);
+                    assert!(off < SINGLE, "node {i}, arm {arm}: {off} rad");
+                }
+                looked += 1;
+            }
+        }
+        // 120 ms less what has passed of a period of 16.7 ms: five or six nodes of 20 ms.
+        assert!((5..=6).contains(&target.way_seen), "{} nodes seen", target.way_seen);
+    }
+    assert!(looked > 10_000, "{looked} nodes");
+}
+
+#[test]
+fn beyond_the_newest_a_limb_turns_on_ever_less() {
+    let skeletons = source(turns, 3.0);
+    for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
+        let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
+        let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
+        for i in target.way_seen as usize..WAY_NODES {
+            let ahead_s = shown_s(*now, target, i) - newest_s;
+            // A turn that fades with 0.1 s is as far as one at full speed for this time.
+            let want = turns(newest_s + 0.1 * (1.0 - (-ahead_s / 0.1).exp()));
+            for (arm, limbs) in node(target, i).into_iter().enumerate() {
+                let off = apart(&limbs.expect("both arms are meant"), &want[arm]);
+                assert!(off < SINGLE, "node {i}, {ahead_s} s ahead, arm {arm}: {off} rad");
+            }
+        }
+        let last = node(target, WAY_NODES - 1)[0].expect("it is meant");
+        let turned = last.upper.angle_to(&turns(newest_s)[0].upper);
+        assert!((0.12..0.15).contains(&turned), "1.5 rad/s for 0.1 s and no farther: {turned} rad");
+    }
+}
+
+#[test]
+fn a_person_who_stands_is_expected_to_stand() {
+    for (_, target) in &run(&config(DELAY_MS), &source(stands, 1.0), 0.9)[600..] {
+        for i in 0..WAY_NODES {
+            for (limbs, want) in node(target, i).into_iter().zip(stands(0.0)) {
+                assert!(apart(&limbs.expect("both arms are meant"), &want) < SINGLE, "node {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_limb_is_carried_on_no_faster_than_a_throw() {
+    // 60 rad/s, a glitch: a third of it is carried on, 2 rad in all.
+    fn glitches(t_s: f64) -> [Limbs; 2] {
+        let upper = turn(Vector3::y(), 60.0 * (t_s - 0.5).clamp(0.0, 0.034));
+        [Limbs { upper, fore: upper }; 2]
+    }
+    let skeletons = source(glitches, 0.6);
+    let mut farthest = 0.0_f64;
+    for (now, target) in run(&config(0), &skeletons, 0.55) {
+        let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now).expect("one");
+        let newest = rotation_from_xyzw(newest.limbs[0].map(f64::from)).expect("a rotation");
+        let last = node(&target, WAY_NODES - 1)[0].expect("it is meant");
+        farthest = farthest.max(last.upper.angle_to(&newest));
+    }
+    assert!(farthest > 1.8 && farthest <= 2.0 + SINGLE, "{farthest} rad");
+}
+
+#[test]
+fn the_right_arm_is_the_mirror_of_the_left() {
+    fn same(t_s: f64) -> [Limbs; 2] {
+        [swings(t_s)[0]; 2]
+    }
+    for (_, target) in &run(&config(DELAY_MS), &source(same, 2.0), 1.9)[1500..] {
+        for limbs in &target.way {
+            for i in 0..2 {
+                let mirrored = mirror(limbs[i].map(f64::from)).map(|x| x as f32);
+                assert_eq!(mirrored, limbs[2 + i]);
+            }
+        }
+    }
+}
+
+#[test]
+fn without_a_delay_hardly_anything_is_seen_ahead_and_with_the_longest_half_the_way_is() {
+    let skeletons = source(swings, 2.0);
+    for (_, target) in &run(&config(0), &skeletons, 1.9)[1500..] {
+        // What is shown is on its way to the newest skeleton, less than a period behind.
+        assert!(target.way_seen <= 1, "{}", target.way_seen);
+    }
+    for (_, target) in &run(&config(250), &skeletons, 1.9)[1500..] {
+        // 233 to 250 ms, of nodes that begin 1 to 20 ms ahead.
+        assert!((11..=13).contains(&target.way_seen), "{}", target.way_seen);
+    }
+}
+
+#[test]
+fn an_arm_that_is_not_meant_has_no_way() {
+    let mut skeletons = source(swings, 1.0);
+    for skeleton in &mut skeletons {
+        skeleton.flags &= !skeleton_flag::LIMB[3];
+    }
+    for (_, target) in &run(&config(DELAY_MS), &skeletons, 0.9)[600..] {
+        assert!(target.way.iter().all(|limbs| limbs[2..] == [[0.0; 4]; 2] && limbs[0] != [0.0; 4]));
+        assert!((5..=6).contains(&target.way_seen), "the left arm's alone: {}", target.way_seen);
+    }
+}
+
+#[test]
+fn after_a_restart_the_way_fades_like_what_is_shown() {
+    // Another writer, elsewhere, after a second: 0.25 s of crossfade.
+    let mut skeletons = source(swings, 2.0);
+    for (i, seen) in skeletons.iter_mut().enumerate().filter(|(i, _)| *i as f64 >= RATE_HZ) {
+        *seen = skeleton(
+            i as u64 - 50,
+            seen.received.0,
+            &stands(0.0).map(|limbs| Limbs {
+                upper: turn(Vector3::y(), 1.2) * limbs.upper,
+                fore: turn(Vector3::y(), 1.2) * limbs.fore,
+            }),
+        );
+        seen.header.incarnation = 2;
+    }
+    let outputs = run(&config(DELAY_MS), &skeletons, 1.6);
+    let restart = (RATE_HZ * 25.0) as usize;
+    let mut faded = 0;
+    for (n, (_, target)) in outputs.iter().enumerate().skip(restart - 30).take(500) {
+        for i in 0..WAY_NODES {
+            // What is shown when the node's time has come, if nobody else comes before.
+            let then = ((target.way_first + i as u64) * WAY_NODE_TICKS - target.k) as usize;
+            let Some((_, shown)) = outputs.get(n + then).filter(|_| n >= restart) else { continue };
+            for (arm, limbs) in node(target, i).into_iter().enumerate() {
+                let limb = |limb: usize| {
+                    let limb = shown.human_limbs[2 * arm + limb];
+                    rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) }).expect("a rotation")
+                };
+                let off = apart(&limbs.expect("both are meant"), &Limbs { upper: limb(0), fore: limb(1) });
+                assert!(off < 0.01, "{} ticks after the restart, node {i}, arm {arm}: {off} rad", n - restart);
+            }
+            faded += 1;
+        }
+    }
+    assert!(faded > 5000, "{faded} nodes");
+    // The next node does not jump from one target to the next, also where the restart begins.
+    for pair in outputs[300..].windows(2).filter(|pair| pair[0].1.way_first == pair[1].1.way_first) {
+        for (before, after) in node(&pair[0].1, 0).into_iter().zip(node(&pair[1].1, 0)) {
+            let step = apart(&before.expect("it is meant"), &after.expect("it is meant"));
+            assert!(step < 0.05, "the next node moved by {step} rad in a tick");
+        }
+    }
+}
