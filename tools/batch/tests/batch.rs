@@ -5,7 +5,7 @@ use clap::Parser;
 use indicatif::ProgressBar;
 use messages::{JOINTS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
-use retarget::{Options, Resample};
+use retarget::Options;
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
 
@@ -85,7 +85,7 @@ fn results_are_those_of_the_live_stage_bit_for_bit() {
     for (word, method) in [("network", retarget::Method::Network), ("closed-form", retarget::Method::ClosedForm)] {
         let summary = go(&input, &out, &["--method", word, "--recursive", "--overwrite"]);
         assert_eq!((summary.made, summary.failed.len()), (2, 0));
-        let options = Options { method: Some(method), resample: Resample::Latest, ..Options::default() };
+        let options = Options { method: Some(method), following_delay_ms: 0.0, ..Options::default() };
         for name in ["a", "more/b"] {
             let motion = motion::load(&input.join(name).with_extension("bvh")).expect("read");
             let wanted = by_the_stage(&motion, options);

@@ -8,9 +8,6 @@ use std::time::Duration;
 
 /// Shortest and longest suspension: a tick and a half, and more than the longest detection and stop together.
 const SUSPENDED_MS: [f64; 2] = [1.0, 2000.0];
-/// Of the trials, the share that waits for Engaged and strikes within the second after; the others strike while the
-/// robot is still engaging.
-const ENGAGED_SHARE: f64 = 0.2;
 /// Latest moment of a blow after Engaging began, or after Engaged, s.
 const PHASE_MAX_S: [f64; 2] = [1.5, 1.0];
 /// Longest time that the enable is held on after a death, ms: the process is back by then.
@@ -97,10 +94,10 @@ pub struct Blow {
 }
 
 impl Blow {
-    /// Draws a blow against `victim`.
-    pub fn draw(victim: Victim, kill: bool, dice: &mut Pcg64Mcg) -> Self {
+    /// Draws a blow against `victim`, which waits until the robot is engaged in `engaged_share` of all draws.
+    pub fn draw(victim: Victim, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
         let mut uniform = || dice.random::<f64>();
-        let engaged = uniform() < ENGAGED_SHARE;
+        let engaged = uniform() < engaged_share;
         let phase = Duration::from_secs_f64(uniform() * PHASE_MAX_S[usize::from(engaged)]);
         let kind = if kill {
             Kind::Kill { held_on: Duration::from_secs_f64(uniform() * HELD_ON_MAX_MS * 1e-3) }
@@ -122,7 +119,7 @@ mod tests {
     fn blows_are_drawn_from_the_seed_within_their_bounds() {
         let draw = |seed| {
             let mut dice = Pcg64Mcg::seed_from_u64(seed);
-            (0..1000).map(|n| Blow::draw(Victim::ALL[n % 6], n % 2 == 0, &mut dice)).collect::<Vec<_>>()
+            (0..1000).map(|n| Blow::draw(Victim::ALL[n % 6], n % 2 == 0, 0.5, &mut dice)).collect::<Vec<_>>()
         };
         let blows = draw(1);
         assert_eq!(blows, draw(1));

@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::blow::Victim;
 use crate::error::ChaosError;
 use clap::Parser;
 use std::path::PathBuf;
@@ -21,6 +22,12 @@ pub struct Cli {
     /// Decides victims and moments; what the machine adds differs from run to run.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Strike this one alone: ingest, retarget, control, sim, client or operator.
+    #[arg(long, value_name = "NAME")]
+    pub only: Option<String>,
+    /// Share of the blows that wait until the robot is engaged; the others fall while it engages.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.8)]
+    pub engaged: f64,
     /// Write the figures here as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -43,6 +50,19 @@ impl Cli {
                 return Err(ChaosError::Option { option, value, low, high: TRIALS_MAX });
             }
         }
-        Ok(())
+        if !(0.0..=1.0).contains(&self.engaged) {
+            return Err(ChaosError::Share { option: "--engaged", value: self.engaged });
+        }
+        self.victims().map(|_| ())
+    }
+
+    /// Who is struck.
+    ///
+    /// # Errors
+    /// Names a victim that nobody knows.
+    pub fn victims(&self) -> Result<Vec<Victim>, ChaosError> {
+        let Some(name) = &self.only else { return Ok(Victim::ALL.to_vec()) };
+        let found = Victim::ALL.iter().find(|victim| victim.name() == name);
+        found.map(|&victim| vec![victim]).ok_or_else(|| ChaosError::Victim(name.clone()))
     }
 }

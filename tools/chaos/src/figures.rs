@@ -32,6 +32,10 @@ pub struct Figures {
     /// What the driver wrote of itself: violations by kind.
     recorded: [u64; ViolationKind::ALL.len()],
     records: u64,
+    /// What the judge of the joints' true motion wrote: violations by kind, and the first of each robot.
+    judged: [u64; plant::ViolationKind::ALL.len()],
+    judged_first: Vec<Value>,
+    robots: u64,
     oldest_command_us: f64,
     clients_begun_anew: u64,
     /// What else went wrong.
@@ -76,6 +80,20 @@ impl Figures {
         self.oldest_command_us = self.oldest_command_us.max(oldest_us);
     }
 
+    /// Adds the record of an instance's robot.
+    pub fn add_robot(&mut self, record: &Value) {
+        self.robots += 1;
+        for (sum, kind) in self.judged.iter_mut().zip(plant::ViolationKind::ALL) {
+            match record["violations"][kind.name()].as_u64() {
+                Some(count) => *sum += count,
+                None => self.trouble.push(format!("the robot's record does not count {}", kind.name())),
+            }
+        }
+        if !record["first_violation"].is_null() {
+            self.judged_first.push(record["first_violation"].clone());
+        }
+    }
+
     /// Adds how often a client gave up by itself and was started again.
     pub fn add_clients_begun_anew(&mut self, count: u64) {
         self.clients_begun_anew += count;
@@ -107,6 +125,9 @@ impl Figures {
         for (kind, (witnessed, recorded)) in ViolationKind::ALL.iter().zip(self.witnessed.iter().zip(self.recorded)) {
             zero(format!("{} violations were witnessed", kind.name()), *witnessed);
             zero(format!("{} violations are in the driver's record", kind.name()), recorded);
+        }
+        for (kind, count) in plant::ViolationKind::ALL.iter().zip(self.judged) {
+            zero(format!("{} violations of the joints' true motion", kind.name()), count);
         }
         zero("states were not finite".into(), self.not_finite);
         zero("states moved although nobody had engaged".into(), self.moved_without_enable);
@@ -140,6 +161,9 @@ impl Figures {
             "states_witnessed": self.states,
             "violations_witnessed": by_kind(&self.witnessed),
             "violations_recorded": by_kind(&self.recorded),
+            "violations_of_true_motion": Value::Object(self.true_motion()),
+            "first_violations_of_true_motion": self.judged_first,
+            "robot_records": self.robots,
             "driver_records": self.records,
             "oldest_command_us": self.oldest_command_us,
             "not_finite": self.not_finite,
@@ -147,6 +171,11 @@ impl Figures {
             "clients_begun_anew": self.clients_begun_anew,
             "complaints": self.complaints(),
         })
+    }
+
+    fn true_motion(&self) -> Map<String, Value> {
+        let named = plant::ViolationKind::ALL.iter().zip(self.judged);
+        named.map(|(kind, count)| (kind.name().to_owned(), json!(count))).collect()
     }
 
     /// For people.
@@ -178,6 +207,11 @@ impl Figures {
         }
         let _ = writeln!(out, "witnessed {} states: violations {}", self.states, value["violations_witnessed"]);
         let _ = writeln!(out, "{} records of drivers: violations {}", self.records, value["violations_recorded"]);
+        let _ = writeln!(
+            out,
+            "{} records of robots: violations of the joints' true motion {}",
+            self.robots, value["violations_of_true_motion"]
+        );
         let _ = writeln!(out, "oldest command executed {:.0} us after its deadline", self.oldest_command_us);
         let _ = writeln!(out, "states moved without an enable: {}", self.moved_without_enable);
         let _ = writeln!(out, "clients that gave up and were started again: {}", self.clients_begun_anew);
@@ -216,7 +250,7 @@ mod tests {
         figures.add(&outcome(Victim::Control, Some(40)), 752);
         assert!(figures.complaints().is_empty());
         figures.add(&outcome(Victim::Ingest, None), 902);
-        figures.add_seen(&Seen { moved_without_enable: 1, violations: [0, 2, 0, 0, 0], ..Seen::default() });
+        figures.add_seen(&Seen { moved_without_enable: 1, violations: [0, 2, 0, 0, 0, 0, 0], ..Seen::default() });
         figures.add_record(&json!({ "violations": { "position": 3, "velocity": 0, "acceleration": 0, "jerk": 0 } }));
         let complaints = figures.complaints();
         for part in ["ingest were not", "1 states moved", "2 velocity", "3 position", "does not count clearance"] {

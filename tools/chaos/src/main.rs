@@ -58,7 +58,7 @@ fn strike(options: &Cli) -> Result<bool, ChaosError> {
     }
     let shutdown = Shutdown::on_signals().map_err(|error| ChaosError::os("signals", error))?;
     let mut figures = Figures::default();
-    for (number, blows) in drawn(options).chunks(BLOWS_OF_AN_INSTANCE).enumerate() {
+    for (number, blows) in drawn(options)?.chunks(BLOWS_OF_AN_INSTANCE).enumerate() {
         instance(options, blows, &shutdown, &mut figures)?;
         eprintln!("instance {}: {} kills, {} suspensions so far", number + 1, figures.kills(), figures.suspends());
         if shutdown.requested() {
@@ -76,19 +76,20 @@ fn strike(options: &Cli) -> Result<bool, ChaosError> {
 }
 
 /// Every victim as often as every other, in random order; but the driver's deaths come last, because each takes the
-/// driver's record of everything before with it.
-fn drawn(options: &Cli) -> Vec<Blow> {
+/// driver's record of everything before with it. The robot's record outlives them.
+fn drawn(options: &Cli) -> Result<Vec<Blow>, ChaosError> {
+    let victims = options.victims()?;
     let mut dice = Pcg64Mcg::seed_from_u64(options.seed);
     let mut all = Vec::new();
     for (count, kill) in [(options.kills, true), (options.suspends, false)] {
-        let first: usize = dice.random_range(0..Victim::ALL.len());
+        let first: usize = dice.random_range(0..victims.len());
         for n in 0..count as usize {
-            all.push((Victim::ALL[(first + n) % Victim::ALL.len()], kill));
+            all.push((victims[(first + n) % victims.len()], kill));
         }
     }
     all.shuffle(&mut dice);
     all.sort_by_key(|&(victim, kill)| kill && victim == Victim::Driver);
-    all.into_iter().map(|(victim, kill)| Blow::draw(victim, kill, &mut dice)).collect()
+    Ok(all.into_iter().map(|(victim, kill)| Blow::draw(victim, kill, options.engaged, &mut dice)).collect())
 }
 
 fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
@@ -124,6 +125,10 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
     match ended.record() {
         Some(record) => figures.add_record(record),
         None => figures.add_trouble(["a driver left no record".to_owned()]),
+    }
+    match ended.robot() {
+        Some(record) => figures.add_robot(record),
+        None => figures.add_trouble(["a robot left no record".to_owned()]),
     }
     figures.add_trouble(ended.trouble);
     Ok(())

@@ -37,6 +37,11 @@ impl Ended {
         self.reports.get(Victim::Driver.name())
     }
 
+    /// What the judge says of the joints' true motion.
+    pub fn robot(&self) -> Option<&Value> {
+        self.reports.get("robot")
+    }
+
     /// Whether control had real-time scheduling, and no stale time was relaxed.
     pub fn realtime(&self) -> bool {
         self.reports.get(Victim::Control.name()).is_some_and(|control| control["realtime"] == true)
@@ -117,7 +122,10 @@ impl Rig {
                 self.operator.reset();
             }
             let ready = |status: &Status| {
-                status.mode == Mode::Disengaged as u32 && status.faults == 0 && status.ticks > TICKS_BEFORE_ENABLE
+                status.mode == Mode::Disengaged as u32
+                    && status.faults == 0
+                    && status.moving == 0
+                    && status.ticks > TICKS_BEFORE_ENABLE
             };
             if self.operator.wait(Duration::from_millis(100), ready) {
                 return Ok(());

@@ -75,8 +75,9 @@ fn kill(
     let struck = tick_at(rt::now());
     rig.kill(victim);
     if victim == Victim::Driver {
-        // With it the simulated robot is gone; what is left to be seen is that control noticed.
-        outcome.rested = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
+        // The robot stops by itself, and control notices.
+        outcome.rested =
+            rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32) && robot_stands(witness);
     } else {
         wait_rest(rig, witness, outcome, struck);
     }
@@ -114,6 +115,18 @@ fn suspend(
     rt::resume(id);
     std::thread::sleep(WATCHED);
     Ok(())
+}
+
+/// Waits until the robot is measured standing.
+fn robot_stands(witness: &Witness) -> bool {
+    let give_up = Instant::now() + REST_WITHIN;
+    while Instant::now() < give_up {
+        if witness.seen().robot_stands() {
+            return true;
+        }
+        std::thread::sleep(LOOK);
+    }
+    false
 }
 
 /// Waits until the driver says rest after the blow was noticed: a person who stands still lets a robot rest that is still

@@ -4,7 +4,7 @@
 
 use bus::{Domain, DomainConfig};
 use driver::Setpoint;
-use messages::{JOINTS, Mode, RobotState, Service};
+use messages::{JOINTS, Mode, RobotMeasured, RobotState, Service};
 use sim::{Checker, Config, Report, ViolationKind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -14,11 +14,16 @@ use std::time::Duration;
 /// Time between two looks: half a tick, so that few states are missed.
 const LOOK: Duration = Duration::from_micros(333);
 
+/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'.
+const NOISE_SPEED: f64 = 0.036;
+
 /// What was seen so far.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
     /// The newest state.
     pub latest: Option<RobotState>,
+    /// What the robot measured last.
+    pub robot: Option<RobotMeasured>,
     /// States looked at.
     pub states: u64,
     /// Violations by kind.
@@ -35,6 +40,11 @@ impl Seen {
     /// The index of the newest state.
     pub fn k(&self) -> u64 {
         self.latest.map_or(0, |state| index(&state))
+    }
+
+    /// Whether the robot was last measured standing: no joint faster than noise.
+    pub fn robot_stands(&self) -> bool {
+        self.robot.is_some_and(|robot| robot.dq.iter().all(|v| v.abs() <= NOISE_SPEED))
     }
 
     /// Whether the newest state is one of rest.
@@ -61,9 +71,11 @@ impl Witness {
         let (opened, outcome) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
             // The port is made here because it cannot change its thread.
-            let ports = Domain::open(domain, "witness")
-                .and_then(|domain| Ok((domain.reader::<RobotState>(Service::RobotState)?, domain)));
-            let (mut states, _domain) = match ports {
+            let ports = Domain::open(domain, "witness").and_then(|domain| {
+                let states = domain.reader::<RobotState>(Service::RobotState)?;
+                Ok((states, domain.reader::<RobotMeasured>(Service::RobotMeasured)?, domain))
+            });
+            let (mut states, mut robots, _domain) = match ports {
                 Ok(ports) => ports,
                 Err(error) => return drop(opened.send(Err(error))),
             };
@@ -73,6 +85,9 @@ impl Witness {
             while !ended.load(Ordering::Relaxed) {
                 if let Some(state) = states.latest() {
                     judge.look(&mut lock(&shared), &state);
+                }
+                if let Some(robot) = robots.latest() {
+                    lock(&shared).robot = Some(robot);
                 }
                 std::thread::sleep(LOOK);
             }
@@ -115,14 +130,19 @@ struct Judge {
 impl Judge {
     fn look(&mut self, seen: &mut Seen, state: &RobotState) {
         let setpoint = Setpoint { k: index(state), q: state.q, v: state.v, a: state.a };
-        let driver = state.header.incarnation;
+        let writer = state.header.incarnation;
+        let gap = seen.latest.is_some_and(|last| setpoint.k.saturating_sub(index(&last)) > driver::GAP_MAX_TICKS);
         match &mut self.checker {
+            // It executes no command, or was suspended: it begins where the robot is measured. The robot's judge looks at that.
             // Modes are control's; here every motion is held against the same limits.
-            Some((checked, checker)) if *checked == driver => {
+            Some((checked, checker)) if *checked == writer && (state.command_incarnation == 0 || gap) => {
+                checker.hold(&self.config, &setpoint);
+            }
+            Some((checked, checker)) if *checked == writer => {
                 checker.step(&self.config, &mut self.report, &setpoint, Mode::Disengaged as u32);
             }
             // A driver that starts begins where it stands.
-            checker => *checker = Some((driver, Checker::new(&self.config, setpoint))),
+            checker => *checker = Some((writer, Checker::new(&self.config, setpoint))),
         }
         seen.states += 1;
         seen.not_finite += u64::from(!state.q.iter().chain(&state.v).chain(&state.a).all(|value| value.is_finite()));

@@ -12,7 +12,18 @@ fn chaos(arguments: &[&str]) -> Output {
 fn half(seed: u64) -> (Value, String) {
     let folder = tempfile::tempdir().expect("a folder");
     let (file, seed) = (folder.path().join("chaos.json"), seed.to_string());
-    let output = chaos(&["--kills", "12", "--suspends", "8", "--seed", &seed, "--json", file.to_str().unwrap()]);
+    let output = chaos(&[
+        "--kills",
+        "12",
+        "--suspends",
+        "8",
+        "--seed",
+        &seed,
+        "--engaged",
+        "0.3",
+        "--json",
+        file.to_str().unwrap(),
+    ]);
     let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{told}");
     let figures: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).expect("JSON");
@@ -21,6 +32,10 @@ fn half(seed: u64) -> (Value, String) {
         assert_eq!(figures["violations_witnessed"][kind], 0, "{told}");
         assert_eq!(figures["violations_recorded"][kind], 0, "{told}");
     }
+    for (kind, count) in figures["violations_of_true_motion"].as_object().expect("the judge's counts") {
+        assert_eq!(count, 0, "{kind}: {told}");
+    }
+    assert_eq!(figures["robot_records"], 1, "{told}");
     assert_eq!(figures["moved_without_enable"], 0, "{told}");
     assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{told}");
     (figures, told)

@@ -1,4 +1,4 @@
-//! The largest accelerations that the motors can give everywhere: torques by inverse dynamics over random states.
+//! What the limits in force may ask of the motors: torques by inverse dynamics over random states.
 //!
 //! tau = M(q) a + h(q, v) is affine in the accelerations a, so over the box |a_k| <= A_k the largest torque of joint j in
 //! a state is exactly |h_j| + sum_k |M_jk| A_k: no signs need to be tried. States: q uniform in the limits in force; v in
@@ -6,7 +6,7 @@
 //! from the worst states of each joint, coordinate by coordinate, to a local maximum over q and v.
 
 use crate::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
-use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::JOINTS;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use robot::Model;
@@ -17,10 +17,6 @@ const CHUNK: u64 = 1_000;
 const KEPT: usize = 100;
 /// States of a joint that are climbed from.
 const CLIMBED: usize = 12;
-/// Factor between one acceleration that is tried and the next.
-const GROWTH: f64 = 1.01;
-/// Rounds of growing, testing against all states, and climbing.
-const ROUNDS_MAX: usize = 24;
 
 /// Speeds and accelerations that are asked about.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +32,9 @@ impl Motion {
     pub fn in_force(model: &Model) -> Self {
         Self { v: model.limits.map(|limits| limits.v_max), a: model.limits.map(|limits| limits.a_max) }
     }
+
+    /// None: gravity alone.
+    pub const AT_REST: Self = Self { v: [0.0; JOINTS], a: [0.0; JOINTS] };
 }
 
 /// How states are drawn.
@@ -197,98 +196,10 @@ impl Survey<'_> {
         };
         found.par_iter().enumerate().map(climb).collect()
     }
-
-    /// The lowest acceleration with which joint `j` stops from `v` within `stop_time_s`: v / A + A / J = stop_time.
-    /// `None` where the jerk does not allow it.
-    pub fn floor(&self, j: usize, v: f64, stop_time_s: f64) -> Option<f64> {
-        let jerk = self.model.limits[j].j_max;
-        let root = stop_time_s * stop_time_s - 4.0 * v / jerk;
-        (root >= 0.0).then(|| 0.5 * jerk * (stop_time_s - root.sqrt()))
-    }
-
-    /// The largest accelerations at the speeds `v`; see `Solution`.
-    pub fn solve(&self, v: &PerJoint, cap: f64, stop_time_s: f64) -> Solution {
-        let floors: PerJoint = std::array::from_fn(|j| {
-            let arm = j >= LEFT_ARM.start;
-            if arm { self.floor(j, v[j], stop_time_s).map_or(f64::INFINITY, up) } else { self.model.limits[j].a_max }
-        });
-        let mut cuts: Vec<Vec<State>> = vec![Vec::new(); JOINTS];
-        let mut motion = Motion { v: *v, a: floors };
-        let feasible = motion.a[LEFT_ARM.start..].iter().all(|a| *a <= cap);
-        let mut found = if feasible { self.pass(&motion) } else { vec![Found::default(); JOINTS] };
-        if !feasible || found.iter().any(|found| found.exceeding > 0) {
-            return Solution { motion, found, climbed: Vec::new(), complete: false };
-        }
-        for _ in 0..ROUNDS_MAX {
-            let climbed = self.climb_all(&found, &motion);
-            for (j, (cuts, found)) in cuts.iter_mut().zip(&found).enumerate() {
-                cuts.extend(found.worst.iter().chain(&climbed[j]));
-            }
-            let holds = |a: &PerJoint| {
-                let all = |j: usize, states: &[State]| {
-                    let bound = self.sampling.share * self.effort(j);
-                    states.iter().all(|state| state.torque(a) <= bound)
-                };
-                cuts.iter().enumerate().all(|(j, states)| all(j, states))
-            };
-            let a = grown(&floors, cap, &holds);
-            if a == motion.a {
-                let complete = holds(&a) && found.iter().all(|found| found.exceeding == 0);
-                return Solution { motion, found, climbed, complete };
-            }
-            motion.a = a;
-            found = self.pass(&motion);
-        }
-        Solution { climbed: self.climb_all(&found, &motion), motion, found, complete: false }
-    }
 }
 
 /// Leaves the worst states, the worst first.
 fn keep(motion: &Motion, worst: &mut Vec<State>) {
     worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
     worst.truncate(KEPT);
-}
-
-/// Accelerations, with their evidence.
-#[derive(Clone, Debug)]
-pub struct Solution {
-    /// Speeds that were given, accelerations that were found: always the lowest one is raised that can be raised, so that
-    /// none is bought at the cost of a lower one. Lift and head keep the limits in force.
-    pub motion: Motion,
-    /// What the states say of it.
-    pub found: Vec<Found>,
-    /// The worst that climbing found.
-    pub climbed: Vec<Option<State>>,
-    /// Whether no state, sampled or climbed to, exceeds the share. If not, already the floors ask for too much.
-    pub complete: bool,
-}
-
-/// Joints that share a value: both arms are one arm mirrored.
-fn pairs() -> Vec<[usize; 2]> {
-    (0..ARM_JOINTS).map(|i| [LEFT_ARM.start + i, RIGHT_ARM.start + i]).collect()
-}
-
-fn grown(floors: &PerJoint, cap: f64, holds: &dyn Fn(&PerJoint) -> bool) -> PerJoint {
-    let mut a = *floors;
-    let mut open = pairs();
-    while !open.is_empty() {
-        let least = (0..open.len()).min_by(|x, y| a[open[*x][0]].total_cmp(&a[open[*y][0]])).unwrap_or(0);
-        let mut next = a;
-        for j in &open[least] {
-            next[*j] = (a[*j] * GROWTH).min(cap);
-        }
-        let stuck = next == a;
-        if stuck || !holds(&next) {
-            open.swap_remove(least);
-        } else {
-            a = next;
-        }
-    }
-    let down = |j: usize| floors[j].max((a[j] * 100.0).floor() / 100.0);
-    std::array::from_fn(down)
-}
-
-/// Two decimals, rounded up.
-fn up(x: f64) -> f64 {
-    (x * 100.0).ceil() / 100.0
 }

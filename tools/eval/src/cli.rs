@@ -1,17 +1,36 @@
 //! The command line.
 
-use clap::{Parser, ValueEnum};
+use clap::{ArgGroup, Parser, ValueEnum};
 use motion::CalibrationMode;
 use std::path::PathBuf;
 
 /// Measures retargeting methods side by side on recorded motion: how near they come to the human, to the best that the
-/// arm can do, how smooth they are and how long they take.
+/// arm can do, how smooth they are and how long they take. Or measures how closely the robot follows the person.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "eval", version)]
+#[command(name = "eval", version, group = ArgGroup::new("what").required(true))]
 pub struct Cli {
-    /// Folder of motion files
-    #[arg(long, value_name = "DIR")]
-    pub human: PathBuf,
+    /// Folder of motion files, to measure retargeting methods on
+    #[arg(long, value_name = "DIR", group = "what")]
+    pub human: Option<PathBuf>,
+    /// Folder of motion files, to be played through all stages in virtual time: the commands are compared with the person, and
+    /// with the best that any motion within the limits can do
+    #[arg(long, value_name = "DIR", group = "what")]
+    pub following: Option<PathBuf>,
+    /// Folder of motion files, of which `ingest` is shown every frame at several rates: counts what it refuses
+    #[arg(long, value_name = "DIR", group = "what")]
+    pub refusals: Option<PathBuf>,
+    /// --refusals: frames a second, 20 to 240
+    #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
+    pub rates: Vec<f64>,
+    /// Settings that --following and --refusals play with
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+    /// --following: the delay between person and command that is judged, ms, beside 60 and 200
+    #[arg(long, value_name = "MS", default_value_t = 120.0)]
+    pub delay_ms: f64,
+    /// --following: leave out the best that any motion can do
+    #[arg(long)]
+    pub no_optimum: bool,
     /// Robot file
     #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
     pub robot: PathBuf,
@@ -22,7 +41,7 @@ pub struct Cli {
     #[arg(long, value_name = "DIR", default_value = "weights/baselines")]
     pub baselines: PathBuf,
     /// Clips: names separated by commas, or all [default: every fifth starting with the third, which training leaves
-    /// out; all if there are fewer than five]
+    /// out; all if there are fewer than five, or for --following and --refusals]
     #[arg(long, value_name = "NAMES")]
     pub clips: Option<String>,
     /// Methods, separated by commas [default: all whose weights are there]
@@ -42,8 +61,8 @@ pub struct Cli {
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Draw the figures as SVG files into this folder
-    #[arg(long, value_name = "DIR")]
+    /// Draw the figures as SVG files into this folder; for --following one picture a clip
+    #[arg(long, value_name = "DIR", visible_alias = "plots")]
     pub plot: Option<PathBuf>,
     /// Also measure the eleven named motions, beside what the paper reports
     #[arg(long)]

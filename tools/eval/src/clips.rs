@@ -129,7 +129,7 @@ pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> 
     })
 }
 
-fn both_arms(limbs: &[[f32; 4]; LIMBS]) -> Human {
+pub(crate) fn both_arms(limbs: &[[f32; 4]; LIMBS]) -> Human {
     let rotation = |limb: Limb, right: bool| {
         let q = limbs[limb as usize].map(f64::from);
         let [x, y, z, w] = if right { mirror(q) } else { q };

@@ -64,6 +64,17 @@ pub enum EvalError {
     /// The robot file or learned weights were refused.
     #[error("{0}")]
     Train(#[from] train::error::TrainError),
+    /// The daemon's settings, or a file that they name, were refused.
+    #[error("{0}")]
+    Config(#[from] pipeline::ConfigError),
+    /// A URDF has no masses that torques could be computed with.
+    #[error("{path}: {reason}")]
+    Masses {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// A plot could not be drawn.
     #[error("{path}: cannot draw: {reason}")]
     Plot {
@@ -83,6 +94,7 @@ impl EvalError {
             Self::File { .. } | Self::Missing { .. } => 66,
             Self::NoClips { .. } | Self::Weights { .. } => 65,
             Self::Clip { .. } | Self::Option { .. } => 64,
+            Self::Config(_) | Self::Masses { .. } => 78,
             Self::Train(error) => error.exit_code(),
         }
     }

@@ -1,4 +1,5 @@
-//! Retargeting methods side by side on recorded motion: error, smoothness, time.
+//! Retargeting methods side by side on recorded motion: error, smoothness, time; and how closely the robot then follows
+//! ([`following`]).
 //!
 //! Glossary: a *limb* is an upper arm or a forearm; a *pose* is the limbs of both arms of a human, a *posture* the joint
 //! positions of both arms of the robot; *K* is the number of refinement steps after the network; the *oracle* is S_GR
@@ -8,6 +9,7 @@ pub mod cli;
 pub mod clips;
 pub mod error;
 pub mod figures;
+pub mod following;
 pub mod keyposes;
 pub mod learned;
 pub mod lookup;
@@ -15,6 +17,7 @@ pub mod methods;
 pub mod metrics;
 pub mod paper;
 pub mod plots;
+pub mod refusals;
 pub mod report;
 pub mod run;
 pub mod sew;

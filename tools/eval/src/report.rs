@@ -6,6 +6,7 @@ use crate::metrics::{Figures, Task};
 use retarget::Weights;
 use serde_json::{Map, Value, json};
 use std::fmt;
+use std::path::Path;
 
 /// What was measured of a method.
 #[derive(Clone, Debug)]
@@ -73,9 +74,9 @@ pub struct Report {
 impl Setting {
     /// The setting of a run.
     #[must_use]
-    pub fn of(cli: &Cli, weights: Option<&Weights>, tasks: &[Task]) -> Self {
+    pub fn of(cli: &Cli, human: &Path, weights: Option<&Weights>, tasks: &[Task]) -> Self {
         Self {
-            human: cli.human.display().to_string(),
+            human: human.display().to_string(),
             clips: tasks.iter().map(|task| task.clip.name.clone()).collect(),
             frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
             stride: cli.stride,

@@ -7,7 +7,7 @@ use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_ora
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{keyposes, paper, plots};
+use crate::{following, keyposes, paper, plots, refusals};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
@@ -25,6 +25,18 @@ const TIMED_POSES: usize = 256;
 /// # Errors
 /// The first thing that made it impossible, with the file or option at fault.
 pub fn run(cli: &Cli) -> Result<(), EvalError> {
+    // The command line has exactly one of them.
+    if let Some(folder) = &cli.following {
+        return following::run(cli, folder);
+    }
+    if let Some(folder) = &cli.refusals {
+        return refusals::run(cli, folder);
+    }
+    cli.human.as_deref().map_or(Ok(()), |folder| retargeting(cli, folder))
+}
+
+/// Methods side by side on the clips of `human`.
+fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     if cli.stride == 0 {
         let expected = "1 or more".to_owned();
         return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
@@ -33,12 +45,12 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     let (identity, _) = arm_of(&model);
     let weights = read_weights(&cli.weights, &identity)?;
     let selection = Selection::parse(cli.clips.as_deref());
-    let (clips, skipped) = clips::read(&cli.human, &selection, cli.calibration, cli.stride)?;
+    let (clips, skipped) = clips::read(human, &selection, cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
     // Nothing should be trained on what it is then measured on.
-    let training = clips::has_training_clips(&cli.human, &selection).then_some(cli.human.as_path());
+    let training = clips::has_training_clips(human, &selection).then_some(human);
     let sources = Sources {
         human: training.unwrap_or(Path::new("MOTIONS")),
         robot: &cli.robot,
@@ -51,7 +63,7 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
         refuse_missing(&methods)?;
     }
     let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
-    let report = report(cli, &identity.arm, weights.as_ref(), &methods, &tasks);
+    let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
     show(&report);
     let mut json = report.json();
     if let (true, Some(weights)) = (cli.keyposes, &weights) {
@@ -69,16 +81,20 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
             show(&format!("wrote {}\n", path.display()));
         }
     }
-    if let Some(path) = &cli.json {
-        let text = format!("{json:#}\n");
-        std::fs::write(path, text).map_err(|source| EvalError::File { path: path.clone(), action: "write", source })?;
-        show(&format!("wrote {}\n", path.display()));
-    }
+    write_json(cli, &json)
+}
+
+/// Writes the figures where `--json` says.
+pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), EvalError> {
+    let Some(path) = &cli.json else { return Ok(()) };
+    let failed = |source| EvalError::File { path: path.clone(), action: "write", source };
+    std::fs::write(path, format!("{json:#}\n")).map_err(failed)?;
+    show(&format!("wrote {}\n", path.display()));
     Ok(())
 }
 
 /// Prints; whoever stopped reading has seen enough.
-fn show(what: &dyn Display) {
+pub(crate) fn show(what: &dyn Display) {
     let _ = std::io::stdout().write_all(what.to_string().as_bytes());
 }
 
@@ -145,7 +161,14 @@ pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> V
 
 /// Measures all methods on all tasks.
 #[must_use]
-pub fn report(cli: &Cli, arm: &ArmModel, weights: Option<&Weights>, methods: &[Method], tasks: &[Task]) -> Report {
+pub fn report(
+    cli: &Cli,
+    human: &Path,
+    arm: &ArmModel,
+    weights: Option<&Weights>,
+    methods: &[Method],
+    tasks: &[Task],
+) -> Report {
     let moments = moments(tasks);
     let rows = methods.iter().map(|method| {
         let solver = match &method.solver {
@@ -164,7 +187,7 @@ pub fn report(cli: &Cli, arm: &ArmModel, weights: Option<&Weights>, methods: &[M
     let rows = rows.collect();
     let second: Vec<_> = tasks.iter().map(|task| task.run(&task.second_oracle)).collect();
     let floor = measure(arm, &second);
-    Report { rows, floor, setting: Setting::of(cli, weights, tasks) }
+    Report { rows, floor, setting: Setting::of(cli, human, weights, tasks) }
 }
 
 /// Every clip by one method; what the oracle gave is not computed again.

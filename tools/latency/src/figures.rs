@@ -248,9 +248,9 @@ mod tests {
         for (name, hop) in all.hops().chain(all.wake_ups()) {
             assert_eq!((hop.count(), hop.max_us(), hop.seconds.len()), (20, 3.0, 2), "{name}");
         }
-        assert_eq!(all.total(|process| process.allocations), 8);
-        assert_eq!(all.total(|process| process.transport_allocations), 240);
-        assert_eq!(all.total(|process| process.major_faults), 16);
+        assert_eq!(all.total(|process| process.allocations), 10);
+        assert_eq!(all.total(|process| process.transport_allocations), 300);
+        assert_eq!(all.total(|process| process.major_faults), 20);
         let json = all.to_json();
         assert_eq!(json["processes"]["sim"]["cpu"], 0.25);
         assert_eq!(json["processes"]["ingest"]["ready_after_ms"], 3_000.0);

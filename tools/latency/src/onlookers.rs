@@ -47,6 +47,9 @@ impl Onlookers {
             .arg(&place.config)
             .arg("--run-dir")
             .arg(instance.run_dir())
+            // Should this process be killed, nobody goes on who may operate a robot.
+            .arg("--child-of")
+            .arg(std::process::id().to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()

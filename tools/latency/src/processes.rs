@@ -70,6 +70,15 @@ fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> 
     list.split(',').map(|core| core.trim().parse().ok()).collect()
 }
 
+/// The instance of one block, of whose shared memory nothing is left at the end.
+struct Retired(Instance);
+
+impl Drop for Retired {
+    fn drop(&mut self) {
+        self.0.retire();
+    }
+}
+
 /// Runs one block.
 ///
 /// # Errors
@@ -79,6 +88,8 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     let config = folder.path().join("teleop.toml");
     settings::write(&setup.config, &setup.changes, block.kind, &config)?;
     let instance = Instance::new(folder.path()).map_err(|error| LatencyError::write(folder.path(), error))?;
+    // Before the processes, so that it ends after them: also if one of them does not start.
+    let instance = Retired(instance);
     let place = Place {
         config,
         run_dir: folder.path().to_path_buf(),
@@ -86,8 +97,8 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         engage_without_realtime: true,
         interface: None,
     };
-    let mut children = Children::start(&instance, &place, true)?;
-    let onlookers = (block.kind == Kind::Watched).then(|| Onlookers::start(&instance, &place)).transpose()?;
+    let mut children = Children::start(&instance.0, &place, true)?;
+    let onlookers = (block.kind == Kind::Watched).then(|| Onlookers::start(&instance.0, &place)).transpose()?;
     let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
     // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.
     let others = teleopd::placement(&settings).others;
@@ -96,14 +107,13 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
             if let Some(cores) = &others {
                 let _ = Realtime::keep_to(cores);
             }
-            drive(&instance, &mut children, setup.rate_hz, block.seconds, shutdown)
+            drive(&instance.0, &mut children, setup.rate_hz, block.seconds, shutdown)
         };
         scope.spawn(drive).join()
     });
     let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread ended badly".into())));
     let mut trouble = onlookers.map_or(Vec::new(), Onlookers::stop);
     trouble.extend(children.stop());
-    instance.retire();
     let Driven { wall_s, published, failures, ended } = driven?;
     trouble.extend(ended.err());
     if shutdown.requested() {
@@ -112,7 +122,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     if failures > 0 {
         trouble.push(format!("{failures} skeletons were not taken by the bus"));
     }
-    let report = match Report::collect(&instance) {
+    let report = match Report::collect(&instance.0) {
         Ok(report) => report,
         Err(failure) => {
             trouble.push(failure.text);
@@ -125,7 +135,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     }
     let mut processes = Vec::new();
     for name in PROCESSES {
-        processes.push((name, read(&instance.report(name))?));
+        processes.push((name, read(&instance.0.report(name))?));
     }
     Ok(Outcome { kind: block.kind, processes, run: report.to_json().clone(), wall_s, published })
 }
@@ -167,7 +177,9 @@ fn engage_and_hold(
     seconds: f64,
     shutdown: &Shutdown,
 ) -> Result<(), String> {
-    if !operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.ticks > TICKS_BEFORE_ENABLE) {
+    if !operator
+        .wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > TICKS_BEFORE_ENABLE)
+    {
         let faults = operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
         let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
         return Err(format!("cannot engage: {}", names.join(" ")));

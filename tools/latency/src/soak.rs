@@ -121,7 +121,7 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
             break;
         }
         let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
-        let blow = Blow { engaged: true, ..Blow::draw(victim, kill, &mut dice) };
+        let blow = Blow::draw(victim, kill, 1.0, &mut dice);
         soaked.blows += 1;
         if let Err(error) = strike(&mut rig, &witness, &loaded.settings, blow, &mut soaked.trouble) {
             // What was seen until then is worth its report.

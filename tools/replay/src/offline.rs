@@ -120,6 +120,8 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         "frames": report.frames.iter().map(|(frame, k)| json!({ "frame": frame, "k": k })).collect::<Vec<_>>(),
         "violations": report.violations,
         "min_clearance_mm": report.min_clearance_mm,
+        "fallbacks": report.fallbacks,
+        "torque_share_max": report.torque_share_max,
         "limb_error_deg": { "mean": report.limb_error_deg_mean },
         "limb_error_measured_deg": { "mean": report.limb_error_measured_deg_mean },
     });
@@ -127,10 +129,12 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         .map_err(|error| Failure::cannot_create(format!("{}: {error}", beside.display())))?;
     out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     out!(
-        "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, violations {}",
+        "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque {:.2} of \
+         the effort limit, violations {}",
         report.limb_error_deg_mean,
         report.limb_error_measured_deg_mean,
         report.min_clearance_mm,
+        report.torque_share_max,
         json!(report.violations)
     );
     Ok(())

@@ -194,6 +194,8 @@ pub enum Robot {
     NotFollowed,
     /// A joint moves the other way.
     SignInverted,
+    /// A joint swings about where it is sent.
+    Swing,
     /// Setpoints are rejected.
     Rejected,
     /// A drive reports a fault.
@@ -349,6 +351,7 @@ kinds! {
     "feedback-inverted" ["f056"] Ro(Robot::Inverted), 60..600;
     "not-followed" ["f055"] Ro(Robot::NotFollowed), 60..600;
     "sign-inverted" ["f056"] Ro(Robot::SignInverted), 60..600;
+    "joint-swings" ["f055"] Ro(Robot::Swing), 300..1500;
     "command-rejected" ["f057"] Ro(Robot::Rejected), 1..60;
     "command-old" ["f059"] Of(C::CommandOld), 15..300;
     "robot-estop" ["f060"] Ro(Robot::Stopped), 15..900;

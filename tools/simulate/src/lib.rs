@@ -16,6 +16,7 @@ pub mod kinds;
 pub mod known;
 pub mod likeness;
 pub mod modes;
+pub mod movement;
 pub mod oracle;
 pub mod processes;
 pub mod report;

@@ -9,6 +9,7 @@ use crate::feedback::Feedback;
 use crate::inputs::Inputs;
 use crate::likeness::Likeness;
 use crate::modes::{Modes, moves};
+use crate::movement::Movement;
 use crate::rules::Rules;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use pipeline::Moment;
@@ -82,8 +83,12 @@ pub struct Seen<'a> {
     pub undriven: bool,
     /// Targets are being forged: their stamps say nothing.
     pub forged: bool,
-    /// The simulated robot's own checker.
+    /// The checker of the commands that were executed.
     pub report: &'a Report,
+    /// The judge of the joints' true motion.
+    pub judged: &'a plant::Report,
+    /// A fault of the robot is in force, or was a moment ago: its joints move as the fault says.
+    pub robot_faulty: bool,
     /// Where the joints are in truth.
     pub truth: [f64; JOINTS],
     /// Frames that clients sent in this tick.
@@ -112,6 +117,8 @@ pub struct Oracle {
     /// How far outside its limits the robot was found.
     beyond: [[f64; 2]; JOINTS],
     checked: u64,
+    /// Violations of the joints' true motion so far, those of faulty robots included.
+    judged: u64,
     engaging_k: Option<u64>,
     was: Mode,
     /// The last tick for which a motion was permitted.
@@ -121,6 +128,7 @@ pub struct Oracle {
     inputs: Inputs,
     rules: Rules,
     feedback: Feedback,
+    movement: Movement,
     likeness: Likeness,
     /// Over everything that was executed.
     pub hash: u64,
@@ -140,6 +148,7 @@ impl Oracle {
             executed_k: 0,
             beyond: limits.map(|limits| [limits.q_min, limits.q_max]),
             checked: 0,
+            judged: 0,
             engaging_k: None,
             was: Mode::Disengaged,
             moving_k: k,
@@ -148,6 +157,7 @@ impl Oracle {
             inputs: Inputs::default(),
             rules: Rules::new(model),
             feedback: Feedback::new(model),
+            movement: Movement::new(model),
             likeness: Likeness::new(model),
             hash: 0xcbf2_9ce4_8422_2325,
             ticks_in: [0; Mode::ALL.len()],
@@ -167,9 +177,11 @@ impl Oracle {
         };
         let was = self.was;
         judged
+            .and_then(|()| self.true_motion(seen))
             .and_then(|()| self.inputs.check(seen, was))
             .and_then(|()| self.rules.check(seen, was))
             .and_then(|()| self.feedback.check(seen, was))
+            .and_then(|()| self.movement.check(seen, was))
             .and_then(|()| self.likeness.check(seen, was))
             .map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
     }
@@ -193,8 +205,14 @@ impl Oracle {
     fn judge(&mut self, seen: &Seen<'_>, robot: &RobotState) -> Result<(), (&'static str, String)> {
         let index = robot.executed_k + robot.plan_ticks_played;
         let follows_measurement = robot.command_incarnation == 0 && robot.plan_ticks_played == 0;
-        if seen.driver_restarted || self.index.is_none() || (follows_measurement && seen.undriven) {
+        let gap = self.index.is_some_and(|before| index.saturating_sub(before) > driver::GAP_MAX_TICKS);
+        let suspended = follows_measurement && gap && robot.executed_k != self.executed_k;
+        if seen.driver_restarted || self.index.is_none() || suspended || (follows_measurement && seen.undriven) {
             self.begin(robot);
+        }
+        if suspended {
+            // Its stop begins now, whenever the last motion was permitted.
+            self.moving_k = self.moving_k.max(index);
         }
         for x in robot.q.iter().chain(&robot.v).chain(&robot.a) {
             self.hash = (self.hash ^ x.to_bits()).wrapping_mul(0x0000_0100_0000_01b3);
@@ -307,6 +325,19 @@ impl Oracle {
         }
     }
 
+    /// What the joints truly do keeps the limits, whoever slept, unless the robot itself is at fault. A simulation that begins
+    /// with another robot counts from zero.
+    fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), (&'static str, String)> {
+        let total = seen.judged.total();
+        let before = std::mem::replace(&mut self.judged, total);
+        if total <= before || seen.robot_faulty {
+            return Ok(());
+        }
+        let Some(first) = seen.judged.first else { return Ok(()) };
+        let detail = format!("{}, which {}: {} beyond {}", first.kind.name(), first.which, first.value, first.bound);
+        Err(("true motion", format!("{} new; the first of all: {detail}", total - before)))
+    }
+
     fn simulated(&mut self, report: &Report) -> Result<(), (&'static str, String)> {
         let total = report.violations_total();
         if total == self.checked {
@@ -320,6 +351,8 @@ impl Oracle {
             ViolationKind::Velocity => "executed velocity",
             ViolationKind::Acceleration => "executed acceleration",
             ViolationKind::Jerk => "executed jerk",
+            ViolationKind::HandSpeed => "executed hand speed",
+            ViolationKind::Torque => "executed torque",
         };
         Err((name, format!("index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit)))
     }

@@ -14,6 +14,7 @@ use messages::{JOINTS, Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at
 use pipeline::{Links, Moment, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use robot::JointLimits;
 use sim::Injection;
 
 /// A joint's distance from its target that makes an engagement one from elsewhere, rad: ten times what counts as aligned.
@@ -21,6 +22,12 @@ const ELSEWHERE_RAD: f64 = 0.2;
 
 /// Ticks after the last one in which the drives do not follow for which what is measured may still be held.
 const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
+/// Ticks for which a joint may still move as a fault made it, once that is gone: 2 s, twice the longest stop and settling.
+const FAULTY: u64 = 3000;
+
+/// Least and greatest frequency of a joint that swings, Hz, and its greatest speed as a share of the joint's limit.
+const SWING_HZ: [f64; 2] = [0.5, 20.0];
+const SWING_SPEED: [f64; 2] = [0.2, 2.0];
 
 /// A bug that is planted on purpose, so that a test sees it found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +75,7 @@ pub struct Run<'a> {
     /// Robot faults in force, as they were injected.
     injected: Vec<Episode>,
     undriven_until: u64,
+    faulty_until: u64,
     forged_until: u64,
     /// From this tick on there are no faults.
     quiet_from: u64,
@@ -99,6 +107,7 @@ impl<'a> Run<'a> {
             drained: Vec::new(),
             injected: Vec::new(),
             undriven_until: 0,
+            faulty_until: 0,
             forged_until: 0,
             quiet_from: u64::MAX,
             seed,
@@ -204,6 +213,9 @@ impl<'a> Run<'a> {
             }
         }
         self.k += 1;
+        if self.has(|_| true) {
+            self.faulty_until = k + FAULTY;
+        }
         let truth = *self.world.sim_mut().q();
         let seen = Seen {
             tick: k,
@@ -217,6 +229,8 @@ impl<'a> Run<'a> {
             undriven: k < self.undriven_until,
             forged: k < self.forged_until,
             report: self.world.report(),
+            judged: self.world.judged(),
+            robot_faulty: k < self.faulty_until,
             truth,
             sent: &self.frames,
             drained: &self.drained,
@@ -296,6 +310,8 @@ impl<'a> Run<'a> {
             }
             self.injected.clear();
             self.change_robot();
+            // It holds what it measures until the joints stand.
+            self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         }
     }
 
@@ -380,7 +396,8 @@ impl<'a> Run<'a> {
         }
         self.world.sim_mut().repair();
         for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
-            inject(self.world.sim_mut(), active.fault, active.episode.param, active.strength);
+            let limits = &self.subject.limits;
+            inject(self.world.sim_mut(), limits, active.fault, active.episode.param, active.strength);
         }
         self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         self.injected = wanted;
@@ -392,7 +409,7 @@ impl<'a> Run<'a> {
     }
 }
 
-fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
+fn inject(sim: &mut sim::State, limits: &[JointLimits; JOINTS], fault: Fault, param: u64, strength: f64) {
     let Fault::Robot(robot) = fault else { return };
     let mut rng = Pcg64Mcg::seed_from_u64(param ^ 1);
     let (joint, with) = (rng.random_range(0..JOINTS), rng.random_range(0..JOINTS));
@@ -406,6 +423,7 @@ fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
         Robot::Swapped => Injection::FeedbackSwapped { joint, with },
         Robot::NotFollowed => Injection::NotFollowed { joint },
         Robot::SignInverted => Injection::SignSwapped { joint },
+        Robot::Swing => swing(joint, limits[joint].v_max, strength, &mut rng),
         Robot::Rejected => Injection::SetpointsRejected,
         Robot::DriveFault => Injection::DriveFault { joint },
         Robot::Stopped => Injection::EmergencyStopPressed,
@@ -413,6 +431,13 @@ fn inject(sim: &mut sim::State, fault: Fault, param: u64, strength: f64) {
             Injection::PowerLost { sag: if param.is_multiple_of(2) { 0.0 } else { 0.05 * strength } }
         }
     });
+}
+
+/// Of any frequency that a drive may have, as often slow as fast, from what is borne to twice the speed of the joint.
+fn swing(joint: usize, v_max: f64, strength: f64, rng: &mut Pcg64Mcg) -> Injection {
+    let frequency = SWING_HZ[0] * (SWING_HZ[1] / SWING_HZ[0]).powf(rng.random());
+    let speed = (SWING_SPEED[0] + (SWING_SPEED[1] - SWING_SPEED[0]) * strength) * v_max;
+    Injection::Swing { joint, amplitude: speed / (std::f64::consts::TAU * frequency), frequency }
 }
 
 /// Kills and stops; answers whether something happened in this tick.

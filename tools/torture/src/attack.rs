@@ -108,7 +108,7 @@ impl<'a> Attacker<'a> {
 
     /// The target as whole-body control takes it.
     pub fn target(&self) -> Option<wbc::Target<'_>> {
-        self.valid_mask.map(|valid_mask| wbc::Target { q: &self.q, dq: &self.dq, valid_mask })
+        self.valid_mask.map(|valid_mask| wbc::Target { q: &self.q, dq: &self.dq, ddq: &[0.0; JOINTS], valid_mask })
     }
 
     /// Decides target and permit of tick `k`, knowing the last command `seen`.

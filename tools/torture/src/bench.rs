@@ -50,7 +50,7 @@ fn measure(subject: &Subject, ticks: u64, mut target: impl FnMut(u64) -> ([f64; 
     let mut durations = Durations::default();
     for k in 1..=ticks + WARM {
         let (q, dq) = target(k);
-        let target = wbc::Target { q: &q, dq: &dq, valid_mask: ALL_JOINTS };
+        let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
         let (_, ns) = stages.tick(k, deadline(k), Some(target), Permit::Follow { speed_scale: 1.0 });
         if k > WARM {
             durations.record_ns(ns);

@@ -36,6 +36,8 @@ fn reason(denial: &Denial) -> String {
         Denial::Joint { check, .. } => format!("{check:?}"),
         Denial::ClearanceAtCommand { .. } => "ClearanceAtCommand".into(),
         Denial::ClearanceAtRest { .. } => "ClearanceAtRest".into(),
+        Denial::ClearanceOnTheWay { .. } => "ClearanceOnTheWay".into(),
+        Denial::HandSpeed { .. } => "HandSpeed".into(),
         other => format!("{other:?}"),
     }
 }
@@ -59,7 +61,7 @@ impl Disturbance {
         if rng.random_range(0..LATCHED_EVERY) == 0 {
             return Self { control_ticks: rng.random_range(16..400), ..Self::default() };
         }
-        let ticks = rng.random_range(1..driver::SILENCE_TICKS);
+        let ticks = rng.random_range(1..driver::GAP_MAX_TICKS);
         match rng.random_range(0..4) {
             0 => Self { control_ticks: ticks, driver_ticks: ticks, ..Self::default() },
             1 => Self { lost: true, ..Self::default() },
@@ -108,6 +110,10 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
         figures.violations[kind as usize] = report.violations_of(kind) + figures.rollout_violations[kind as usize];
     }
     figures.min_clearance_m = figures.min_clearance_m.min(report.min_clearance_m());
+    figures.torque_share_max = report.largest_torque_share().0;
+    let judged = run.robot.judged();
+    figures.true_violations = judged.counts;
+    figures.first_true = judged.first.map(|first| (first, part));
     figures.first = report.first_violation().map(|violation| Place { violation: *violation, part, seed });
     figures
 }
@@ -123,7 +129,7 @@ impl<'a> Part<'a> {
             subject,
             stages: Stages::at_rest(subject, q),
             robot,
-            judge: Judge::new(&subject.model),
+            judge: Judge::new(&subject.model, &subject.sim),
             attacker: Attacker::new(&subject.model, Pcg64::seed_from_u64(derived_seed(seed, 1))),
             rng: Pcg64::seed_from_u64(derived_seed(seed, 2)),
             stream: None,
@@ -197,6 +203,7 @@ impl<'a> Part<'a> {
         of_attack.tick.record_ns(ns);
         figures.fallbacks += u64::from(out.proposed.fallbacks);
         of_attack.fallbacks += u64::from(out.proposed.fallbacks);
+        figures.overloads += u64::from(out.proposed.overloads);
         of_attack.near += u64::from(out.proposed.clearance_m < self.subject.model.d_min_m + NEAR_M);
         if let Some(denial) = out.denied {
             figures.denials += 1;
@@ -234,6 +241,7 @@ impl<'a> Part<'a> {
         let rolled = self.judge.roll(motion, offset);
         self.figures.rollouts += 1;
         self.figures.min_clearance_m = self.figures.min_clearance_m.min(rolled.min_clearance_m);
+        self.figures.rollout_torque_share = self.figures.rollout_torque_share.max(rolled.torque_share);
         for i in 0..KINDS {
             self.figures.rollout_violations[i] += rolled.violations[i];
         }
@@ -267,7 +275,10 @@ impl<'a> Part<'a> {
             let took_s = (k - watched.began_k) as f64 * TICK_S;
             self.figures.stops += 1;
             self.figures.worst_watched_stop_s = self.figures.worst_watched_stop_s.max(took_s);
-            self.figures.late_stops += u64::from(took_s > watched.bound_s);
+            // Where the motors have little to spare a stop is gentler, and may take as long as the robot file says.
+            let latest_s = stop_times::reaction_s() + self.subject.model.stop_time_max_s;
+            self.figures.late_stops += u64::from(took_s > watched.bound_s.max(latest_s));
+            self.figures.gentle_stops += u64::from(took_s > watched.bound_s);
             self.watched = Some(Watched { done: true, ..watched });
         }
     }

@@ -55,6 +55,12 @@ pub struct AttackArgs {
     /// Leave certificate and gate out: then the same attacks must find collisions, and not finding one is the failure.
     #[arg(long)]
     pub no_certificate: bool,
+    /// With --no-certificate, leave the gate in: what it catches by itself. Not denying anything is then the failure.
+    #[arg(long, requires = "no_certificate")]
+    pub keep_gate: bool,
+    /// Leave the proof of torques out: then the same attacks must overload motors, and not finding one is the failure.
+    #[arg(long, conflicts_with = "no_certificate")]
+    pub no_torque: bool,
     /// What every command has.
     #[command(flatten)]
     pub common: Common,

@@ -12,6 +12,9 @@ const DIGITS: u8 = 3;
 /// Significant digits of the durations of one kind of attack, of which there are many.
 const DIGITS_OF_ATTACK: u8 = 2;
 
+/// Kinds of violations of true motion.
+pub const TRUE_KINDS: usize = plant::ViolationKind::ALL.len();
+
 /// Kinds of violations.
 pub const KINDS: usize = ViolationKind::ALL.len();
 
@@ -104,12 +107,22 @@ pub struct Figures {
     pub rollout_violations: [u64; KINDS],
     /// The first violation of an executed step.
     pub first: Option<Place>,
+    /// Violations of the joints' true motion, by kind.
+    pub true_violations: [u64; TRUE_KINDS],
+    /// The first of all, with its part.
+    pub first_true: Option<(plant::Violation, u64)>,
     /// Least clearance over executed steps and rolled-out plans, m.
     pub min_clearance_m: f64,
     /// Durations of both stages.
     pub tick: Durations,
     /// Motions that were wanted but not certified.
     pub fallbacks: u64,
+    /// Those of them whose torques could not be certified.
+    pub overloads: u64,
+    /// Largest torque over its effort limit, in executed steps and in rolled-out plans.
+    pub torque_share_max: f64,
+    /// See `torque_share_max`.
+    pub rollout_torque_share: f64,
     /// Commands denied by the gate.
     pub denials: u64,
     /// Those by reason, each with the first one in words.
@@ -136,6 +149,8 @@ pub struct Figures {
     pub worst_watched_stop_s: f64,
     /// Those that took longer than their bound.
     pub late_stops: u64,
+    /// Those that took longer than B(v), because the motors had little to spare.
+    pub gentle_stops: u64,
     /// Sum of all revolute joints' ways, rad.
     pub travelled_rad: f64,
     /// By kind of attack.
@@ -149,9 +164,14 @@ impl Default for Figures {
             violations: [0; KINDS],
             rollout_violations: [0; KINDS],
             first: None,
+            true_violations: [0; TRUE_KINDS],
+            first_true: None,
             min_clearance_m: f64::INFINITY,
             tick: Durations::default(),
             fallbacks: 0,
+            overloads: 0,
+            torque_share_max: 0.0,
+            rollout_torque_share: 0.0,
             denials: 0,
             denied_for: BTreeMap::new(),
             refusals: 0,
@@ -165,6 +185,7 @@ impl Default for Figures {
             stops: 0,
             worst_watched_stop_s: 0.0,
             late_stops: 0,
+            gentle_stops: 0,
             travelled_rad: 0.0,
             attacks: std::array::from_fn(|_| AttackFigures::default()),
         }
@@ -172,6 +193,11 @@ impl Default for Figures {
 }
 
 impl Figures {
+    /// Violations of the joints' true motion, of all kinds.
+    pub fn true_violations_total(&self) -> u64 {
+        self.true_violations.iter().sum()
+    }
+
     /// Violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.violations.iter().sum()
@@ -182,10 +208,20 @@ impl Figures {
         self.violations[kind as usize]
     }
 
-    /// Whether every promise was kept: no violation, no stop beyond its bound, and no command that the driver could not
-    /// take.
+    /// Violations of the joints' true motion that no servo excuses: a stop of the URDF, an effort, a clearance, a step of the
+    /// setpoints. Hostile motion at all limits at once, with ticks dropped, makes the simulated servo overshoot a speed or a
+    /// position by more than the judge grants; that is told, and is the servo's.
+    fn true_violations_of_commands(&self) -> u64 {
+        use plant::ViolationKind::{Clearance, Position, Velocity};
+        let servo = [Position, Velocity, Clearance].map(|kind| self.true_violations[kind as usize]);
+        self.true_violations_total() - servo.iter().sum::<u64>()
+    }
+
+    /// Whether every promise was kept: no violation of a command, none of the true motion but the servo's overshoot, no stop
+    /// beyond its bound, and no command that the driver could not take.
     pub fn kept(&self) -> bool {
-        self.violations_total() == 0 && self.late_stops == 0 && self.refusals == 0
+        let violations = self.violations_total() + self.true_violations_of_commands();
+        violations == 0 && self.late_stops == 0 && self.refusals == 0
     }
 
     /// Adds the figures of a later part.
@@ -194,11 +230,18 @@ impl Figures {
             self.violations[i] += other.violations[i];
             self.rollout_violations[i] += other.rollout_violations[i];
         }
+        for (mine, theirs) in self.true_violations.iter_mut().zip(other.true_violations) {
+            *mine += theirs;
+        }
+        self.first_true = self.first_true.or(other.first_true);
         self.ticks += other.ticks;
         self.first = self.first.or(other.first);
         self.min_clearance_m = self.min_clearance_m.min(other.min_clearance_m);
         self.tick.merge(&other.tick);
         self.fallbacks += other.fallbacks;
+        self.overloads += other.overloads;
+        self.torque_share_max = self.torque_share_max.max(other.torque_share_max);
+        self.rollout_torque_share = self.rollout_torque_share.max(other.rollout_torque_share);
         self.denials += other.denials;
         for (reason, (count, first)) in other.denied_for {
             self.denied_for.entry(reason).or_insert((0, first)).0 += count;
@@ -214,6 +257,7 @@ impl Figures {
         self.stops += other.stops;
         self.worst_watched_stop_s = self.worst_watched_stop_s.max(other.worst_watched_stop_s);
         self.late_stops += other.late_stops;
+        self.gentle_stops += other.gentle_stops;
         self.travelled_rad += other.travelled_rad;
         for (mine, theirs) in self.attacks.iter_mut().zip(other.attacks) {
             mine.ticks += theirs.ticks;

@@ -60,7 +60,7 @@ pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
 }
 
 fn go(stages: &mut Stages<'_>, k: &mut u64, q: &[f64; JOINTS]) -> bool {
-    let target = wbc::Target { q, dq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let target = wbc::Target { q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
     (0..PATIENCE).any(|_| {
         *k += 1;
         let (out, _) = stages.tick(*k, deadline(*k), Some(target), Permit::Follow { speed_scale: 1.0 });

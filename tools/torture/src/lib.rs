@@ -11,6 +11,7 @@
 //! - [`motions`]: recorded motions through every stage, offline.
 //! - [`bench`](mod@bench): the duration of the control tick.
 
+#![recursion_limit = "256"]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod attack;

@@ -73,8 +73,14 @@ enum Outcome {
 fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     args.check()?;
     let machine = Machine::now();
-    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
-    let goals = if args.no_certificate { 0 } else { args.goals };
+    let mut subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
+    if args.keep_gate {
+        subject = subject.with_gate(&args.common.config)?;
+    }
+    if args.no_torque {
+        subject = subject.without_torque(&args.common.config)?;
+    }
+    let goals = if args.no_certificate || args.no_torque { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
     let (bar, visited) = (progress(args.ticks, "ticks"), AtomicU64::new(0));
@@ -108,6 +114,16 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     let value = report::attack_json(args, &figures, &visited, &subject.model, &machine);
     let words = report::attack_words(args, &figures, &visited, &subject.model, &machine);
     report::put(&words, &value, args.common.json.as_deref())?;
+    if args.keep_gate {
+        return Ok(figures.denials > 0);
+    }
+    if args.no_torque {
+        let overloads = figures.violations_of(ViolationKind::Torque);
+        if overloads == 0 {
+            eprintln!("torture: no motor was overloaded without the proof: the attacks show nothing");
+        }
+        return Ok(overloads > 0);
+    }
     if args.no_certificate {
         let collisions = figures.violations_of(ViolationKind::Clearance);
         if collisions == 0 {

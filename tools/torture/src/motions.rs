@@ -19,6 +19,12 @@ pub struct Played {
     pub violations: BTreeMap<String, u64>,
     /// Least clearance of all executed commands, mm.
     pub min_clearance_mm: f64,
+    /// Largest torque of all executed commands over its effort limit.
+    pub torque_share_max: f64,
+    /// Motions that were not certified, per tick.
+    pub fallbacks_per_tick: f64,
+    /// Mean limb error of the robot while engaged, deg.
+    pub limb_error_robot_deg: f64,
     /// Mean limb error of the target while engaged, deg.
     pub limb_error_deg: f64,
     /// Times the robot stopped following before the end.
@@ -79,6 +85,9 @@ pub fn play(loaded: &Loaded, file: &Path) -> Played {
         duration_s: report.rows as f64 / TICK_HZ as f64,
         violations: report.violations.clone(),
         min_clearance_mm: report.min_clearance_mm,
+        torque_share_max: report.torque_share_max,
+        fallbacks_per_tick: report.fallbacks as f64 / report.rows.max(1) as f64,
+        limb_error_robot_deg: report.limb_error_measured_deg_mean,
         limb_error_deg: report.limb_error_deg_mean,
         holds: engaged.saturating_sub(1),
         failed: match end {

@@ -4,7 +4,7 @@ use crate::attack::Attack;
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
 use crate::error::TortureError;
-use crate::figures::{Durations, Figures, KINDS};
+use crate::figures::{Durations, Figures, KINDS, TRUE_KINDS};
 use crate::goals::Goals;
 use crate::machine::Machine;
 use crate::motions::Played;
@@ -19,6 +19,19 @@ use wbc::interval::Bounds;
 
 fn by_kind(counts: &[u64; KINDS]) -> Value {
     Value::Object(ViolationKind::ALL.iter().map(|&k| (k.name().to_owned(), json!(counts[k as usize]))).collect())
+}
+
+fn true_by_kind(counts: &[u64; TRUE_KINDS]) -> Value {
+    let row = |kind: plant::ViolationKind| (kind.name().to_owned(), json!(counts[kind as usize]));
+    Value::Object(plant::ViolationKind::ALL.into_iter().map(row).collect())
+}
+
+fn true_in_words(f: &Figures) -> String {
+    let kinds = plant::ViolationKind::ALL.map(|kind| format!("{} {}", kind.name(), f.true_violations[kind as usize]));
+    let first = f.first_true.map_or_else(String::new, |(v, part)| {
+        format!("\n  first: {}, part {part}, joint or pair {}: {} against {}", v.kind.name(), v.which, v.value, v.bound)
+    });
+    format!("true motion       {}{first}", kinds.join(", "))
 }
 
 fn durations(of: &Durations) -> Value {
@@ -66,13 +79,20 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "pairs": model.pairs.len(),
         "obstacles": model.obstacles.len(),
         "certificate": !args.no_certificate,
+        "torque": !args.no_torque,
+        "gate": !args.no_certificate || args.keep_gate,
         "ticks": figures.ticks,
         "violations": by_kind(&figures.violations),
         "first_violation": first,
+        "true_violations": true_by_kind(&figures.true_violations),
+        "first_true_violation": figures.first_true.map(|(v, part)| json!({ "kind": v.kind.name(), "which": v.which,
+            "value": v.value, "bound": v.bound, "part": part })),
         "min_clearance_mm": figures.min_clearance_m * 1e3,
         "clearance_required_mm": model.d_min_m * 1e3,
         "tick_us": durations(&figures.tick),
         "fallbacks": figures.fallbacks,
+        "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max,
+        "torque_share_max_of_plans": figures.rollout_torque_share,
         "denials": figures.denials,
         "denied_for": denied_for,
         "goals": goals.goals,
@@ -82,14 +102,13 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "stops_watched": figures.stops,
         "worst_watched_stop_ms": figures.worst_watched_stop_s * 1e3,
         "stops_beyond_bound": figures.late_stops,
+        "stops_beyond_b_of_v": figures.gentle_stops,
         "rollouts": figures.rollouts,
         "rollout_violations": by_kind(&figures.rollout_violations),
         "commands_refused": figures.refusals,
-        "missed_ticks": figures.missed,
-        "lost_commands": figures.lost,
+        "missed_ticks": figures.missed, "lost_commands": figures.lost,
         "overslept_ticks": figures.overslept,
-        "driver_latched": figures.latches,
-        "reseeds": figures.reseeds,
+        "driver_latched": figures.latches, "reseeds": figures.reseeds,
         "travelled_rad": figures.travelled_rad,
         "attacks": attacks,
         "threads": args.threads,
@@ -99,19 +118,8 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
 
 /// An attack in words.
 pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &Model, machine: &Machine) -> String {
-    let mut out = String::new();
     let f = figures;
-    // Writing to a String cannot fail.
-    let _ = writeln!(
-        out,
-        "{}: {} ticks at {TICK_HZ} Hz, seed {}, {} checked pairs, {} obstacles{}",
-        model.name,
-        f.ticks,
-        args.seed,
-        model.pairs.len(),
-        model.obstacles.len(),
-        if args.no_certificate { ", WITHOUT certificate and gate" } else { "" }
-    );
+    let mut out = attacked(args, f, model);
     let kinds = ViolationKind::ALL.map(|kind| format!("{} {}", kind.name(), f.violations_of(kind)));
     let _ = writeln!(out, "violations        {}", kinds.join(", "));
     if let Some(place) = f.first {
@@ -123,6 +131,7 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
             v.k, v.which, v.value, v.limit
         );
     }
+    let _ = writeln!(out, "{}", true_in_words(f));
     let _ = writeln!(
         out,
         "least clearance   {:.4} mm (at least {:.1} mm is required)",
@@ -130,16 +139,24 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
         model.d_min_m * 1e3
     );
     let _ = writeln!(out, "control tick      {}", in_words(&f.tick));
-    let _ = writeln!(out, "fallbacks         {}, denied by the gate {}", f.fallbacks, f.denials);
+    let _ = writeln!(
+        out,
+        "largest torque    {:.3} of the effort limit executed, {:.3} in plans",
+        f.torque_share_max, f.rollout_torque_share
+    );
+    let (all, torque, denied) = (f.fallbacks, f.overloads, f.denials);
+    let _ = writeln!(out, "fallbacks         {all}, of them for torque {torque}, denied by the gate {denied}");
     for (reason, (count, first)) in &f.denied_for {
         let _ = writeln!(out, "  denied for {reason}: {count}, first {first}");
     }
     let _ = writeln!(
         out,
-        "stops             longest plan {:.1} ms; {} watched to rest, longest {:.1} ms, {} beyond their bound",
+        "stops             longest plan {:.1} ms; {} watched to rest, longest {:.1} ms, {} gentler than B(v), {} \
+         beyond their bound",
         f.worst_stop_s * 1e3,
         f.stops,
         f.worst_watched_stop_s * 1e3,
+        f.gentle_stops,
         f.late_stops
     );
     let rollouts: u64 = f.rollout_violations.iter().sum();
@@ -156,6 +173,28 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
         let _ = writeln!(out, "goals             {reached} of {goals} reached within 8 s, {returned} times back home");
     }
     let _ = writeln!(out, "machine           {machine}, {} threads", args.threads);
+    out
+}
+
+/// What was attacked, and how.
+fn attacked(args: &AttackArgs, f: &Figures, model: &Model) -> String {
+    let mut out = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        out,
+        "{}: {} ticks at {TICK_HZ} Hz, seed {}, {} checked pairs, {} obstacles{}",
+        model.name,
+        f.ticks,
+        args.seed,
+        model.pairs.len(),
+        model.obstacles.len(),
+        match (args.no_certificate, args.keep_gate, args.no_torque) {
+            (false, _, false) => "",
+            (false, _, true) => ", WITHOUT the proof of torques",
+            (true, false, _) => ", WITHOUT certificate and gate",
+            (true, true, _) => ", WITHOUT certificate, with the gate",
+        }
+    );
     out
 }
 
@@ -238,6 +277,9 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
                 "violations": one.violations,
                 "min_clearance_mm": one.min_clearance_mm,
                 "limb_error_deg": one.limb_error_deg,
+                "limb_error_robot_deg": one.limb_error_robot_deg,
+                "torque_share_max": one.torque_share_max,
+                "fallbacks_per_tick": one.fallbacks_per_tick,
                 "holds": one.holds,
                 "failed": one.failed,
             })
@@ -255,18 +297,21 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
 /// Motions as a table.
 pub fn motions_words(played: &[Played]) -> String {
     let mut out = format!(
-        "{:24} {:>8} {:>11} {:>13} {:>9} {:>5}\n",
-        "file", "time s", "violations", "clearance mm", "limbs deg", "holds"
+        "{:24} {:>8} {:>11} {:>13} {:>9} {:>9} {:>7} {:>10} {:>5}\n",
+        "file", "time s", "violations", "clearance mm", "limbs deg", "robot deg", "torque", "refusals %", "holds"
     );
     for one in played {
         let name = one.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let _ = writeln!(
             out,
-            "{name:24} {:8.1} {:11} {:13.2} {:9.2} {:5}  {}",
+            "{name:24} {:8.1} {:11} {:13.2} {:9.2} {:9.2} {:7.3} {:10.3} {:5}  {}",
             one.duration_s,
             one.violations_total(),
             one.min_clearance_mm,
             one.limb_error_deg,
+            one.limb_error_robot_deg,
+            one.torque_share_max,
+            one.fallbacks_per_tick * 100.0,
             one.holds,
             one.failed.as_deref().unwrap_or("")
         );

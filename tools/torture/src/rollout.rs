@@ -1,5 +1,6 @@
 //! A command's stop plan, played to rest and judged at many instants by formulas and distances that neither
-//! whole-body control nor the gate uses: closed-form polynomials per phase, and parry's segment distance.
+//! whole-body control nor the gate uses: closed-form polynomials per phase, parry's segment distance, and the dynamics of
+//! the simulated robot.
 
 use driver::Motion;
 use messages::JOINTS;
@@ -11,6 +12,9 @@ use sim::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANC
 /// the first instant is drawn anew for every plan.
 const STEP_S: f64 = 1e-3;
 
+/// Rounding of a torque over its limit: values of rounding 1e-11 rad/s^2 at 2 kg m^2, of limits of 2 N m and more.
+const TOLERANCE_TORQUE: f64 = 1e-9;
+
 /// What a plan amounts to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rolled {
@@ -18,12 +22,15 @@ pub struct Rolled {
     pub violations: [u64; ViolationKind::ALL.len()],
     /// Least clearance of the checked pairs and from the obstacles, m.
     pub min_clearance_m: f64,
+    /// Largest torque over its effort limit.
+    pub torque_share: f64,
 }
 
 /// Judges plans of one robot.
 #[derive(Clone, Debug)]
 pub struct Judge<'a> {
     model: &'a Model,
+    sim: &'a sim::Config,
     frames: Frames,
     axes: Vec<[Vector3<f64>; 2]>,
     half_lengths_m: Vec<f64>,
@@ -69,10 +76,11 @@ fn polynomial(&[_, q, v, a, jerk]: &[f64; 5], t: f64) -> [f64; 3] {
 }
 
 impl<'a> Judge<'a> {
-    /// A judge for `model`.
-    pub fn new(model: &'a Model) -> Self {
+    /// A judge for `model`, of which `sim` is the simulated robot.
+    pub fn new(model: &'a Model, sim: &'a sim::Config) -> Self {
         Self {
             model,
+            sim,
             frames: Frames::default(),
             axes: vec![[Vector3::zeros(); 2]; model.capsules.len()],
             half_lengths_m: model.capsules.iter().map(|capsule| (capsule.b - capsule.a).norm() / 2.0).collect(),
@@ -82,7 +90,8 @@ impl<'a> Judge<'a> {
     /// Judges the plan of `motion` from now to rest; the first instant after now is `offset` (0 to 1) of a step later.
     pub fn roll(&mut self, motion: &Motion, offset: f64) -> Rolled {
         let joints: [Joint; JOINTS] = std::array::from_fn(|j| Joint::new(motion, j));
-        let mut rolled = Rolled { violations: [0; ViolationKind::ALL.len()], min_clearance_m: f64::INFINITY };
+        let violations = [0; ViolationKind::ALL.len()];
+        let mut rolled = Rolled { violations, min_clearance_m: f64::INFINITY, torque_share: 0.0 };
         for j in 0..JOINTS {
             self.judge_joint(motion, &joints[j], j, offset, &mut rolled);
         }
@@ -90,7 +99,12 @@ impl<'a> Judge<'a> {
         let mut t = 0.0;
         let mut next = offset * STEP_S;
         loop {
-            let q = joints.map(|joint| joint.at(t)[0]);
+            let states = joints.map(|joint| joint.at(t));
+            let share = self.torque_share(&states);
+            rolled.torque_share = rolled.torque_share.max(share);
+            let bearable = share <= wbc::torque::SHARE + TOLERANCE_TORQUE;
+            rolled.violations[ViolationKind::Torque as usize] += u64::from(!bearable);
+            let q = states.map(|state| state[0]);
             let clearance_m = self.clearance(&q);
             rolled.min_clearance_m = rolled.min_clearance_m.min(clearance_m);
             let clear = clearance_m >= self.model.d_min_m - TOLERANCE_CLEARANCE_M;
@@ -100,6 +114,13 @@ impl<'a> Judge<'a> {
             }
             (t, next) = (next.min(end_s), next + STEP_S);
         }
+    }
+
+    /// Largest torque over its effort limit with each joint at its position, speed and acceleration.
+    fn torque_share(&self, states: &[[f64; 3]; JOINTS]) -> f64 {
+        let torques = self.sim.torques(&states.map(|x| x[0]), &states.map(|x| x[1]), &states.map(|x| x[2]));
+        let limits = self.model.limits.iter();
+        torques.iter().zip(limits).map(|(torque, limits)| torque.abs() / limits.effort_max).fold(0.0, f64::max)
     }
 
     fn judge_joint(&self, motion: &Motion, joint: &Joint, j: usize, offset: f64, rolled: &mut Rolled) {
@@ -164,6 +185,10 @@ mod tests {
         pipeline::load_model(&file).unwrap().0
     }
 
+    fn robot(model: &Model) -> sim::Config {
+        sim::Config::new(model, &sim::Options::default()).unwrap()
+    }
+
     /// A stop of joint `j` from `v` by `jerk`, `-jerk`: each phase sqrt(v / jerk) long.
     fn stop(model: &Model, j: usize, v: f64, jerk: f64) -> Motion {
         let mut motion = Motion::rest(model.home);
@@ -177,22 +202,24 @@ mod tests {
     #[test]
     fn rest_at_home_is_good_and_its_clearance_the_models() {
         let model = model();
-        let rolled = Judge::new(&model).roll(&Motion::rest(model.home), 0.5);
+        let sim = robot(&model);
+        let rolled = Judge::new(&model, &sim).roll(&Motion::rest(model.home), 0.5);
         let mut frames = Frames::default();
         model.forward(&model.home, &mut frames);
-        assert_eq!(rolled.violations, [0; 5]);
+        assert_eq!(rolled.violations, [0; ViolationKind::ALL.len()]);
         assert!((rolled.min_clearance_m - model.clearance(&frames).0).abs() < 1e-12);
     }
 
     #[test]
     fn every_kind_of_bad_plan_is_noticed() {
         let model = model();
-        let mut judge = Judge::new(&model);
+        let sim = robot(&model);
+        let mut judge = Judge::new(&model, &sim);
         let mut kinds = |motion: &Motion| judge.roll(motion, 0.3).violations.map(|n| n > 0);
         let limits = &model.limits[4];
         // The peak of the acceleration is sqrt(v jerk): A where v is A^2 / jerk.
         let (gentle, full) = (0.9 * limits.j_max, limits.a_max * limits.a_max / limits.j_max);
-        assert_eq!(kinds(&stop(&model, 4, 0.5 * full, gentle)), [false; 5]);
+        assert_eq!(kinds(&stop(&model, 4, 0.5 * full, gentle)), [false; ViolationKind::ALL.len()]);
         assert!(kinds(&stop(&model, 4, 0.5 * full, 1.1 * limits.j_max))[ViolationKind::Jerk as usize]);
         assert!(kinds(&stop(&model, 4, 1.5 * full, gentle))[ViolationKind::Acceleration as usize]);
         assert!(kinds(&stop(&model, 4, 1.1 * limits.v_max, gentle))[ViolationKind::Velocity as usize]);
@@ -202,6 +229,13 @@ mod tests {
         let mut outside = stop(&model, 4, 0.5 * full, gentle);
         outside.q[4] = limits.q_max;
         assert!(kinds(&outside)[ViolationKind::Position as usize]);
+        // An arm that is stretched out and falls at half its speed cannot be braked at the full rate.
+        let mut falling = stop(&model, 4, 0.98, 0.0);
+        falling.q[3..10].fill(0.0);
+        let rise = limits.a_max / limits.j_max;
+        falling.plan.jerk[4] = [-limits.j_max, 0.0, limits.j_max];
+        falling.plan.duration_s[4] = [rise, 0.98 / limits.a_max - rise, rise];
+        assert!(kinds(&falling)[ViolationKind::Torque as usize]);
         // A slow way from home with the left arm across the body meets something.
         let mut through = Motion::rest(model.home);
         (through.v[3], through.plan.duration_s[3]) = (1.5, [3.0, 0.0, 0.0]);

@@ -21,7 +21,12 @@ pub struct Subject {
     pub gate: Option<gate::Config>,
     /// Of the simulated robot, whose encoders are exact: what is judged are commands.
     pub sim: sim::Config,
+    /// Bound on elbows and hands, m/s.
+    pub hand_speed_m_per_s: f64,
 }
+
+/// The bound of a robot without settings: their default.
+const HAND_SPEED_MAX_M_PER_S: f64 = 3.0;
 
 impl Subject {
     /// The robot of a settings file among the obstacles that it names, or of a robot file without any; `certified`: see
@@ -31,35 +36,68 @@ impl Subject {
     /// Names the file, the key, the value and the bound.
     pub fn load(config: &Path, robot: Option<&Path>, certified: bool) -> Result<Self, TortureError> {
         match robot {
-            Some(file) => Self::of(pipeline::load_model(file)?.0, file, certified),
+            Some(file) => Self::of(pipeline::load_model(file)?.0, file, certified, HAND_SPEED_MAX_M_PER_S),
             None => {
                 let loaded = pipeline::load(config, Overrides::default())?;
                 match loaded.settings.sim.interface {
-                    RobotInterface::Direct => Self::of(loaded.model, config, certified),
+                    RobotInterface::Direct => {
+                        Self::of(loaded.model, config, certified, loaded.settings.safety.hand_speed_m_per_s())
+                    }
                     other => Err(TortureError::Interface { file: config.to_path_buf(), value: other.name() }),
                 }
             }
         }
     }
 
-    /// This robot, from `file`; with `certified` as the daemon runs it, else without certificate and gate, which shows that
+    /// This robot, from `file`, with hands no faster than `hand_speed` (m/s); with `certified` as the daemon runs it, else without certificate and gate, which shows that
     /// the attacks are attacks.
     ///
     /// # Errors
     /// Names the file and the stage that refuses the robot.
-    pub fn of(model: Model, file: &Path, certified: bool) -> Result<Self, TortureError> {
+    pub fn of(model: Model, file: &Path, certified: bool, hand_speed: f64) -> Result<Self, TortureError> {
         let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
-        let exact = sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..sim::Options::default() };
-        let gate = gate::Config::new(&model).map_err(|error| TortureError::stage(file, "gate", error))?;
+        let options = options.hand_speed_m_per_s(hand_speed);
+        let exact = sim::Options {
+            encoder_noise_rad: 0.0,
+            encoder_step_rad: 0.0,
+            hand_speed_max_m_per_s: hand_speed,
+            ..sim::Options::default()
+        };
+        let gate = gate_of(&model, file, hand_speed)?;
         Ok(Self {
             wbc: wbc::Config::new(&model, options)
                 .map_err(|error| TortureError::stage(file, "whole-body control", error))?,
             gate: certified.then_some(gate),
+            hand_speed_m_per_s: hand_speed,
             sim: sim::Config::new(&model, &exact)
                 .map_err(|error| TortureError::stage(file, "simulated robot", error))?,
             model,
         })
     }
+
+    /// The same without the proof of torques.
+    ///
+    /// # Errors
+    /// Names the file, and what whole-body control refuses.
+    pub fn without_torque(self, file: &Path) -> Result<Self, TortureError> {
+        let options = wbc::Options::without_torque_for_tests().hand_speed_m_per_s(self.hand_speed_m_per_s);
+        let wbc = wbc::Config::new(&self.model, options);
+        Ok(Self { wbc: wbc.map_err(|error| TortureError::stage(file, "whole-body control", error))?, ..self })
+    }
+
+    /// The same with the gate, whatever whole-body control leaves out.
+    ///
+    /// # Errors
+    /// Names the file, and what the gate refuses.
+    pub fn with_gate(self, file: &Path) -> Result<Self, TortureError> {
+        let gate = gate_of(&self.model, file, self.hand_speed_m_per_s)?;
+        Ok(Self { gate: Some(gate), ..self })
+    }
+}
+
+fn gate_of(model: &Model, file: &Path, hand_speed: f64) -> Result<gate::Config, TortureError> {
+    let gate = gate::Config::new(model).and_then(|gate| gate.with_hand_speed(hand_speed));
+    gate.map_err(|error| TortureError::stage(file, "gate", error))
 }
 
 /// Both stages of one robot.

@@ -55,7 +55,12 @@ pub fn joint_bound_at_s(bounds: &Bounds, v: f64) -> f64 {
 /// B(v): longest time from the end of a permit to exact rest, s, for joint velocities `v` (rad/s or m/s).
 pub fn stop_bound_s(bounds: &[Bounds; JOINTS], v: &[f64; JOINTS]) -> f64 {
     let longest = (0..JOINTS).map(|j| joint_bound_at_s(&bounds[j], v[j])).fold(0.0, f64::max);
-    longest + (REACTION_TICKS + ENDING_TICKS) * TICK_S
+    longest + reaction_s()
+}
+
+/// What is added to the length of a stop until exact rest, s.
+pub fn reaction_s() -> f64 {
+    (REACTION_TICKS + ENDING_TICKS) * TICK_S
 }
 
 /// What was measured of one joint.

@@ -30,7 +30,7 @@ fn below_a_shelf() -> Subject {
     let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
     let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
     let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();
-    Subject::of(model, &file, true).unwrap()
+    Subject::of(model, &file, true, 3.0).unwrap()
 }
 
 fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
@@ -67,6 +67,9 @@ fn a_million_hostile_ticks_break_nothing() {
     assert!(figures.min_clearance_m < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m);
     assert!(figures.travelled_rad > 1000.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
     assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
+    // No motor was asked for more than its share, and some for nearly that.
+    let share = figures.torque_share_max.max(figures.rollout_torque_share);
+    assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
     // No plan of a command lasts longer than the robot file promises of its limits.
     assert!(figures.worst_stop_s < 0.5 && figures.worst_stop_s > 0.1, "{}", figures.worst_stop_s);
 }
@@ -120,16 +123,28 @@ fn most_goals_are_reached() {
 }
 
 #[test]
+fn a_violation_of_true_motion_breaks_the_promise() {
+    let mut figures = Figures::default();
+    assert!(figures.kept());
+    let mut part = Figures::default();
+    part.true_violations[plant::ViolationKind::Velocity as usize] = 1;
+    figures.merge(part);
+    assert!(figures.kept() && figures.true_violations_total() == 1, "the servo's overshoot is told");
+    let mut part = Figures::default();
+    part.true_violations[plant::ViolationKind::Effort as usize] = 1;
+    figures.merge(part);
+    assert!(!figures.kept() && figures.true_violations_total() == 2);
+}
+
+#[test]
 fn a_joint_that_breaks_a_limit_is_counted() {
-    // The checker that judges the attack, fed with a command that no stage would send.
+    // The checker that judges the attack, shown a step that no driver would take.
     let subject = subject(true);
-    let mut robot = sim::State::new(&subject.sim, 1500, 1);
-    let q = robot.follower().motion.q;
-    let mut command = messages::JointCommand { k: 1501, seed_k: 1500, q, ..messages::Layout::ZERO };
-    command.header.incarnation = 1;
-    command.header.sequence = 1;
-    command.q[JOINTS - 1] += 1e-4;
-    let input = sim::Input { due_k: 1501, command: Some(&command) };
-    sim::tick(&subject.sim, &mut robot, messages::deadline(1501), input);
-    assert!(robot.report().violations_of(ViolationKind::Jerk) > 0, "{:?}", robot.report().violations());
+    let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
+    let mut checker = sim::Checker::new(&subject.sim, held);
+    let mut report = sim::Report::new([false; JOINTS]);
+    let mut to = driver::Setpoint { k: held.k + 1, ..held };
+    to.q[JOINTS - 1] += 1e-4;
+    checker.step(&subject.sim, &mut report, &to, messages::Mode::Engaged as u32);
+    assert!(report.violations_of(ViolationKind::Jerk) > 0, "{:?}", report.violations());
 }

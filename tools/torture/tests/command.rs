@@ -25,14 +25,23 @@ fn a_run_prints_and_writes_its_figures() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("least clearance"));
     let figures = json(&path);
     assert_eq!((&figures["ticks"], &figures["seed"], &figures["goals"]), (&4000.into(), &5.into(), &1.into()));
-    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance", "hand speed", "torque"] {
         assert_eq!(figures["violations"][kind], 0);
     }
     for key in ["p50", "p99", "p99_99", "max"] {
         assert!(figures["tick_us"][key].as_f64().unwrap() > 0.0, "{key}");
     }
     assert!(figures["min_clearance_mm"].as_f64().unwrap() >= 10.0 - 1e-6);
-    for key in ["fallbacks", "goals_reached", "worst_stop_ms", "denials", "rollouts", "travelled_rad"] {
+    for key in [
+        "fallbacks",
+        "goals_reached",
+        "worst_stop_ms",
+        "denials",
+        "rollouts",
+        "travelled_rad",
+        "torque_share_max",
+        "fallbacks_for_torque",
+    ] {
         assert!(figures[key].is_number(), "{key}");
     }
 }
@@ -45,6 +54,15 @@ fn without_the_certificate_collisions_are_what_is_wanted() {
     let output = torture(&["--ticks", "2", "--no-certificate"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("no collision"), "{}", said(&output));
+}
+
+#[test]
+fn without_the_proof_of_torques_overload_is_what_is_wanted() {
+    let output = torture(&["--ticks", "20000", "--no-torque"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let output = torture(&["--ticks", "2", "--no-torque"]);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("no motor was overloaded"), "{}", said(&output));
 }
 
 #[test]

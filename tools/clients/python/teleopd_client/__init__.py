@@ -14,6 +14,7 @@ with a frame is dropped and counted by the daemon, which stops the robot if no g
 import math
 import os
 import random
+import sys
 import time
 
 import iceoryx2
@@ -87,6 +88,14 @@ class SkeletonPublisher:
         self._frame.operator_id = operator_id
         self._frame.session_nonce = random.SystemRandom().getrandbits(64)
         self._frame.header.incarnation = random.SystemRandom().getrandbits(32)
+
+    @classmethod
+    def or_exit(cls, *arguments, **named):
+        """As the constructor. Without a daemon it says so in a sentence and ends the program."""
+        try:
+            return cls(*arguments, **named)
+        except TeleopdError as error:
+            sys.exit(str(error))
 
     def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None):
         """Publishes one frame; answers its sequence number.

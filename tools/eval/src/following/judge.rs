@@ -1,0 +1,167 @@
+//! How far the robot is from the person, and from the best that it could have done.
+
+use super::optimum::{improved, least_squares};
+use super::play::{Played, Sample};
+use super::tracking::{Bounds, Motion, State};
+use crate::clips::Human;
+use crate::figures::limbs_of;
+use messages::{LEFT_ARM, LIMBS, RIGHT_ARM, Stamp};
+use retarget::{ArmModel, Limbs, limb_error_deg};
+use robot::Model;
+use std::collections::BTreeMap;
+
+/// Delays among which the best one is sought, ms: every 20 up to this.
+const BEST_MAX_MS: u64 = 600;
+const BEST_STEP_MS: usize = 20;
+
+/// What was measured of one clip.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// The clip.
+    pub name: String,
+    /// Time while Engaged, s.
+    pub seconds: f64,
+    /// Error against the person of the same instant, degrees.
+    pub now_deg: f64,
+    /// Against the person so many ms before, in the order asked for.
+    pub at_deg: Vec<f64>,
+    /// The least of all delays, and that delay.
+    pub best_deg: f64,
+    /// See `best_deg`.
+    pub best_ms: f64,
+    /// The least of any motion within the limits, against the person of the same instant.
+    pub optimum_deg: Option<f64>,
+    /// The same by least squares alone.
+    pub least_squares_deg: Option<f64>,
+    /// Largest share of an effort limit.
+    pub torque_share_max: f64,
+    /// Share of ticks whose command was the next point of the plan before.
+    pub on_plan_share: f64,
+    /// By kind.
+    pub violations: BTreeMap<String, u64>,
+    /// Why the run ended before the clip did.
+    pub stopped: Option<String>,
+}
+
+impl Figures {
+    /// Violations of all kinds.
+    #[must_use]
+    pub fn violations_total(&self) -> u64 {
+        self.violations.values().sum()
+    }
+}
+
+/// What the arms may do, left and right.
+#[must_use]
+pub fn bounds_of(model: &Model) -> [Bounds; 2] {
+    [LEFT_ARM, RIGHT_ARM].map(|joints| {
+        let limit = |of: fn(&robot::JointLimits) -> f64| std::array::from_fn(|i| of(&model.limits[joints.start + i]));
+        Bounds {
+            q_min: limit(|limits| limits.q_min),
+            q_max: limit(|limits| limits.q_max),
+            v_max: limit(|limits| limits.v_max),
+            a_max: limit(|limits| limits.a_max),
+        }
+    })
+}
+
+/// Mean angle between four limbs and four others, degrees.
+#[must_use]
+pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
+    let both = robot.iter().zip(person).flat_map(|(robot, person)| limb_error_deg(robot, person));
+    both.sum::<f64>() / LIMBS as f64
+}
+
+/// The error of each sample of a span against the person `delay_ms` before, from the first sample on whose person belongs to
+/// the span too; with the time of each.
+#[must_use]
+pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f64) -> Vec<(Stamp, f64)> {
+    let delay_ns = (delay_ms * 1e6).round() as u64;
+    let Some(first) = span.first() else { return Vec::new() };
+    let error = |sample: &Sample| {
+        let then = Stamp(sample.at.0.checked_sub(delay_ns)?);
+        let person = played.person.at(then).filter(|_| then >= first.at)?;
+        Some((sample.at, limbs_deg(&limbs_of(arm, &sample.q), &person)))
+    };
+    span.iter().filter_map(error).collect()
+}
+
+/// Over all spans.
+fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
+    let all: Vec<f64> =
+        played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms)).map(|(_, deg)| deg).collect();
+    mean(&all)
+}
+
+/// None of nothing.
+pub(crate) fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// What the best motions would have been off at each sample, degrees, span by span.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Best {
+    /// The least found.
+    pub optimum_deg: Vec<Vec<f64>>,
+    /// The best by least squares alone, which other implementations look for.
+    pub least_squares_deg: Vec<Vec<f64>>,
+}
+
+impl Best {
+    /// Of both arms over all spans.
+    #[must_use]
+    pub fn of(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
+        let mut best = Self::default();
+        for span in &played.spans {
+            let person: Vec<Human> = span.iter().filter_map(|sample| played.person.at(sample.at)).collect();
+            let (mut optima, mut squares) = (vec![0.0; person.len()], vec![0.0; person.len()]);
+            for (side, bounds) in bounds.iter().enumerate() {
+                let path: Vec<_> = person.iter().map(|human| human[side]).collect();
+                let Some(first) = span.first() else { continue };
+                let (q, v) = first.arm(side);
+                let start = State { q, v };
+                let motion = least_squares(arm, bounds, &path, start);
+                add_deg(&mut squares, arm, start, &motion, &path);
+                add_deg(&mut optima, arm, start, &improved(arm, bounds, &path, start, motion), &path);
+            }
+            best.optimum_deg.push(optima);
+            best.least_squares_deg.push(squares);
+        }
+        best
+    }
+}
+
+/// Adds one arm's share of the mean error at every node.
+fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path: &[Limbs]) {
+    let states = std::iter::once(&start).chain(&motion.states);
+    for ((sum, state), goal) in sums.iter_mut().zip(states).zip(path) {
+        *sum += limb_error_deg(&arm.forward(&state.q.into()), goal).iter().sum::<f64>() / LIMBS as f64;
+    }
+}
+
+/// The figures of a clip; none if the robot was never Engaged for long enough to compare at every delay asked for.
+#[must_use]
+pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<Figures> {
+    let now_deg = mean_deg(arm, played, 0.0)?;
+    let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arm, played, delay)).collect();
+    // A delay beyond half of the clip would be judged by little of it.
+    let samples: usize = played.spans.iter().map(Vec::len).sum();
+    let most_ms = BEST_MAX_MS.min(samples as u64 * 10);
+    let tried = (0..=most_ms).step_by(BEST_STEP_MS).map(|ms| ms as f64);
+    let tried = tried.filter_map(|ms| mean_deg(arm, played, ms).map(|deg| (deg, ms)));
+    let (best_deg, best_ms) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+    Some(Figures {
+        name: played.name.clone(),
+        seconds: played.ticks as f64 * messages::TICK_S,
+        now_deg,
+        at_deg: at_deg?,
+        best_deg,
+        best_ms,
+        optimum_deg: best.and_then(|best| mean(&best.optimum_deg.concat())),
+        least_squares_deg: best.and_then(|best| mean(&best.least_squares_deg.concat())),
+        torque_share_max: played.torque_share_max,
+        on_plan_share: played.on_plan as f64 / played.ticks as f64,
+        violations: played.violations.clone(),
+        stopped: played.stopped.clone(),
+    })
+}

@@ -1,0 +1,113 @@
+//! What the robot does beside what the person does: each clip is played through all stages in virtual time, as `replay
+//! --offline` does, and the commands while Engaged are judged.
+//!
+//! - The *person* at an instant are the four limb rotations of the skeletons that `ingest` passed on, interpolated to that
+//!   instant; the *robot* is the forward kinematics of the command for it.
+//! - The *error* is the mean rotation angle of the four limbs.
+//! - *At D ms* compares a command with the person D ms before.
+//! - The *optimum* is the least error of any motion within positions, speeds and accelerations in force, looking ahead, with
+//!   no delay and no collisions: see [`optimum`]. It starts where the robot is, anew wherever it is Engaged anew.
+
+mod judge;
+pub mod optimum;
+mod person;
+mod play;
+mod plot;
+mod report;
+mod riccati;
+mod tracking;
+
+pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
+pub use person::Person;
+pub use play::{Played, Sample, Stage};
+pub use report::Report;
+pub use riccati::Joints;
+pub use tracking::{Bounds, Motion, NODE_S, State};
+
+use crate::cli::Cli;
+use crate::clips::Selection;
+use crate::error::EvalError;
+use crate::run::{show, write_json};
+use pipeline::Overrides;
+use rayon::prelude::*;
+use retarget::ArmModel;
+use std::path::{Path, PathBuf};
+use train::clips::motion_files;
+
+/// Delays that are always judged, ms.
+const DELAYS_MS: [f64; 2] = [60.0, 200.0];
+/// Longest delay that is judged, ms.
+const DELAY_MAX_MS: f64 = 2000.0;
+
+/// Plays and judges every clip of `folder`, prints the table, writes JSON and pictures.
+///
+/// # Errors
+/// The first thing that made it impossible, with the file or option at fault.
+pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
+    if !(0.0..=DELAY_MAX_MS).contains(&cli.delay_ms) {
+        let (value, expected) = (cli.delay_ms.to_string(), format!("0 to {DELAY_MAX_MS}"));
+        return Err(EvalError::Option { option: "delay-ms", value, expected });
+    }
+    // As the daemon does: the same commands, to the bit.
+    let _ = rt::flush_denormals();
+    let loaded = pipeline::load(&cli.config, Overrides::default())?;
+    let stage = Stage::new(&loaded)?;
+    let (arm, bounds) = (ArmModel::of(&loaded.model), bounds_of(&loaded.model));
+    let mut delays_ms = DELAYS_MS.to_vec();
+    delays_ms.push(cli.delay_ms);
+    delays_ms.sort_by(f64::total_cmp);
+    delays_ms.dedup();
+    let clip = |file: &PathBuf| -> Result<Result<Figures, String>, EvalError> {
+        let _ = rt::flush_denormals();
+        let played = motion::load(file).map_err(|error| error.to_string());
+        let played = match played.and_then(|motion| stage.play(&motion, cli.calibration)) {
+            Ok(played) => played,
+            Err(why) => return Ok(Err(why)),
+        };
+        let best = (!cli.no_optimum).then(|| Best::of(&arm, &bounds, &played));
+        if let Some(folder) = &cli.plot {
+            plot::draw_clip(folder, &arm, &played, cli.delay_ms, best.as_ref())?;
+        }
+        let never = || {
+            format!(
+                "not Engaged for long enough{}",
+                played.stopped.iter().fold(String::new(), |_, why| format!(": {why}"))
+            )
+        };
+        Ok(judge(&arm, &played, &delays_ms, best.as_ref()).ok_or_else(never))
+    };
+    let files = chosen(folder, cli.clips.as_deref())?;
+    if let Some(folder) = &cli.plot {
+        let failed = |source| EvalError::File { path: folder.clone(), action: "write", source };
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    let judged: Result<Vec<_>, EvalError> = files.par_iter().map(|file| Ok((stem(file), clip(file)?))).collect();
+    let (mut clips, mut skipped) = (Vec::new(), Vec::new());
+    for (name, figures) in judged? {
+        match figures {
+            Ok(figures) => clips.push(figures),
+            Err(why) => skipped.push((name, why)),
+        }
+    }
+    let folder = folder.display().to_string();
+    let config = cli.config.display().to_string();
+    let report = Report { folder, config, delay_ms: cli.delay_ms, delays_ms, clips, skipped };
+    show(&report);
+    write_json(cli, &report.json())
+}
+
+fn stem(file: &Path) -> String {
+    file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// The motion files of the folder, or those of the names asked for.
+pub(crate) fn chosen(folder: &Path, clips: Option<&str>) -> Result<Vec<PathBuf>, EvalError> {
+    let files = motion_files(folder)?;
+    let Selection::Named(names) = Selection::parse(clips) else { return Ok(files) };
+    let find = |name: &String| {
+        let file = files.iter().find(|file| stem(file) == *name).cloned();
+        let reason = || format!("{} has no motion file of this name", folder.display());
+        file.ok_or_else(|| EvalError::Clip { name: name.clone(), reason: reason() })
+    };
+    names.iter().map(find).collect()
+}

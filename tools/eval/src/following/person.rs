@@ -1,0 +1,78 @@
+//! The person over time: the limb rotations of the skeletons that `ingest` passes on, each at its origin, and slerp between.
+
+use crate::clips::{Human, both_arms};
+use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
+
+/// One person's limbs and joints, in the order of their origins.
+#[derive(Clone, Debug, Default)]
+pub struct Person {
+    origins: Vec<Stamp>,
+    limbs: Vec<Human>,
+    positions: Vec<[[f32; 3]; SMPL_JOINTS]>,
+}
+
+impl Person {
+    /// Takes a skeleton; one that lacks a limb, or is no newer than the last, says nothing.
+    pub fn add(&mut self, skeleton: &Skeleton) {
+        let whole = skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL;
+        let origin = skeleton.header.origin;
+        if whole && self.origins.last().is_none_or(|last| origin > *last) {
+            self.origins.push(origin);
+            self.limbs.push(both_arms(&skeleton.limbs));
+            self.positions.push(skeleton.positions);
+        }
+    }
+
+    /// The limbs at `at`, both arms as left arms; those of the first or last skeleton before or after all of them.
+    #[must_use]
+    pub fn at(&self, at: Stamp) -> Option<Human> {
+        let after = self.origins.partition_point(|origin| *origin <= at);
+        let last = self.limbs.last()?;
+        let (Some(before), Some(next)) = (after.checked_sub(1), self.limbs.get(after)) else {
+            return Some(if after == 0 { self.limbs[0] } else { *last });
+        };
+        let (from, to) = (self.origins[before], self.origins[after]);
+        let share = at.since(from) as f64 / to.since(from) as f64;
+        Some([0, 1].map(|arm| self.limbs[before][arm].slerp(&next[arm], share)))
+    }
+
+    /// The joints of the newest skeleton at `at`.
+    #[must_use]
+    pub fn positions(&self, at: Stamp) -> Option<&[[f32; 3]; SMPL_JOINTS]> {
+        let after = self.origins.partition_point(|origin| *origin <= at);
+        self.positions.get(after.saturating_sub(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    fn skeleton(at_ms: u64, angle: f32, flags: u32) -> Skeleton {
+        let mut skeleton = Skeleton { flags, ..Skeleton::ZERO };
+        skeleton.header.origin = Stamp(at_ms * 1_000_000);
+        skeleton.limbs = [[(0.5 * angle).sin(), 0.0, 0.0, (0.5 * angle).cos()]; messages::LIMBS];
+        skeleton
+    }
+
+    #[test]
+    fn between_two_skeletons_the_limbs_turn_evenly_and_none_is_made_up() {
+        let mut person = Person::default();
+        assert_eq!(person.at(Stamp(5)), None);
+        for (at_ms, angle, flags) in [
+            (100, 0.0, skeleton_flag::ALL),
+            (120, 9.0, 0),
+            (140, 0.4, skeleton_flag::ALL),
+            (130, 9.0, skeleton_flag::ALL),
+        ] {
+            person.add(&skeleton(at_ms, angle, flags));
+        }
+        for (at_ms, angle) in [(50, 0.0), (100, 0.0), (110, 0.1), (130, 0.3), (140, 0.4), (900, 0.4)] {
+            let limbs = person.at(Stamp(at_ms * 1_000_000)).expect("a person");
+            for limb in limbs.iter().flat_map(|arm| [arm.upper, arm.fore]) {
+                assert!((limb.angle() - angle).abs() < 1e-6, "{at_ms} ms: {}", limb.angle());
+            }
+        }
+    }
+}

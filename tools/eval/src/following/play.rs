@@ -1,0 +1,155 @@
+//! One clip through every stage in virtual time, and what the robot was told meanwhile.
+
+use super::person::Person;
+use super::riccati::Joints;
+use crate::error::EvalError;
+use crate::methods::Posture;
+use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
+use messages::{JointCommand, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
+use motion::{CalibrationMode, Motion};
+use pipeline::{Loaded, Moment, Offline, OfflineEnd, PlayOptions};
+use robot::Model;
+use std::collections::BTreeMap;
+
+/// Ticks from one judged command to the next: 50 Hz.
+const SAMPLE_TICKS: u64 = 30;
+/// Ticks from one judged torque to the next: 150 Hz, many times the bandwidth of an arm that takes 5 ms to full acceleration.
+const TORQUE_TICKS: u64 = 10;
+
+/// The robot's posture and speed at an instant, as commanded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// The deadline of the command's tick.
+    pub at: Stamp,
+    /// Positions of joints 1 to 5 of both arms, rad.
+    pub q: Posture,
+    /// Their speeds, rad/s.
+    pub v: Posture,
+}
+
+/// What was played and commanded.
+#[derive(Clone, Debug, Default)]
+pub struct Played {
+    /// The clip.
+    pub name: String,
+    /// Whom `ingest` saw.
+    pub person: Person,
+    /// Commands at 50 Hz, for each time without a break in which the robot was Engaged.
+    pub spans: Vec<Vec<Sample>>,
+    /// Ticks while Engaged.
+    pub ticks: u64,
+    /// Those of them whose command was the next point of the plan before.
+    pub on_plan: u64,
+    /// Largest share of an arm joint's effort limit that a command asks for, stops included.
+    pub torque_share_max: f64,
+    /// Violations by kind: of the commands, and of the joints' true motion.
+    pub violations: BTreeMap<String, u64>,
+    /// Why the run ended before the clip did.
+    pub stopped: Option<String>,
+}
+
+/// What does not change from clip to clip.
+#[derive(Debug)]
+pub struct Stage<'a> {
+    loaded: &'a Loaded,
+    dynamics: Dynamics<'a>,
+}
+
+impl<'a> Stage<'a> {
+    /// The stages of these settings.
+    ///
+    /// # Errors
+    /// If the robot's URDF cannot be read for its masses.
+    pub fn new(loaded: &'a Loaded) -> Result<Self, EvalError> {
+        // Settings, robot file, URDF: the order in which `pipeline` reads them.
+        let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
+        let path = urdf.cloned().unwrap_or_default();
+        let masses = |reason: String| EvalError::Masses { path: path.clone(), reason };
+        let urdf = urdf_rs::read_file(&path).map_err(|error| masses(error.to_string()))?;
+        let dynamics = Dynamics::new(&loaded.model, &urdf, &[]).map_err(|error| masses(error.to_string()))?;
+        Ok(Self { loaded, dynamics })
+    }
+
+    /// Plays a motion at recorded speed.
+    ///
+    /// # Errors
+    /// A sentence, if the stages refuse their settings.
+    pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
+        let options = PlayOptions { speed: 1.0, looped: false, calibration };
+        let mut watch = Watch { stage: self, played: Played::default(), engaged_at: None };
+        watch.played.name.clone_from(&motion.name);
+        let mut offline = Offline::watched(self.loaded, motion, options, &mut |moment, _| watch.see(moment))
+            .map_err(|error| error.to_string())?;
+        let end = loop {
+            if let Err(end) = offline.step_watched(&mut |moment, _| watch.see(moment)) {
+                break end;
+            }
+        };
+        let mut played = watch.played;
+        if let OfflineEnd::Stopped(why) = end {
+            played.stopped = Some(why);
+        }
+        played.violations = offline.report().violations.clone();
+        let judged = offline.judged();
+        for kind in plant::ViolationKind::ALL {
+            played.violations.insert(format!("true {}", kind.name()), judged.count(kind));
+        }
+        Ok(played)
+    }
+
+    fn torque_share(&self, command: &JointCommand) -> f64 {
+        let torques = self.dynamics.at(&command.q).torques(&command.v, &command.a, GRAVITY_M_PER_S2);
+        let share = |j: usize| torques[j].abs() / model(self).limits[j].effort_max;
+        LEFT_ARM.chain(RIGHT_ARM).map(share).fold(0.0, f64::max)
+    }
+}
+
+fn model<'a>(stage: &Stage<'a>) -> &'a Model {
+    &stage.loaded.model
+}
+
+struct Watch<'a> {
+    stage: &'a Stage<'a>,
+    played: Played,
+    engaged_at: Option<u64>,
+}
+
+impl Watch<'_> {
+    fn see(&mut self, moment: &Moment) {
+        if let Some(skeleton) = &moment.skeleton {
+            self.played.person.add(skeleton);
+        }
+        let Some(control) = &moment.control else { return };
+        let engaged = control.status.mode == Mode::Engaged as u32;
+        let Some(command) = control.command.as_ref() else {
+            self.engaged_at = None;
+            return;
+        };
+        if moment.k.is_multiple_of(TORQUE_TICKS) {
+            let share = self.stage.torque_share(command);
+            self.played.torque_share_max = self.played.torque_share_max.max(share);
+        }
+        if !engaged {
+            self.engaged_at = None;
+            return;
+        }
+        let began = *self.engaged_at.get_or_insert_with(|| {
+            self.played.spans.push(Vec::new());
+            moment.k
+        });
+        self.played.ticks += 1;
+        self.played.on_plan += u64::from(command.flags & command_flag::ON_PLAN != 0);
+        if let (true, Some(span)) = ((moment.k - began).is_multiple_of(SAMPLE_TICKS), self.played.spans.last_mut()) {
+            let arms = |all: &[f64]| [LEFT_ARM, RIGHT_ARM].map(|joints| std::array::from_fn(|i| all[joints.start + i]));
+            span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
+        }
+    }
+}
+
+impl Sample {
+    /// Position and speed of one arm.
+    #[must_use]
+    pub fn arm(&self, arm: usize) -> (Joints, Joints) {
+        (Joints::from(self.q[arm]), Joints::from(self.v[arm]))
+    }
+}

@@ -1,0 +1,353 @@
+//! One arm's motion against one path of a person's limbs, and how it gets better: Gauss-Newton on the angles of both limbs,
+//! with logarithmic barriers at the limits of position, speed and acceleration, so that every iterate is a motion that the
+//! limits allow.
+
+use super::riccati::{Change, Joints, Node, step};
+use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
+
+/// Time between nodes, s.
+pub const NODE_S: f64 = 0.02;
+/// Weights of the barriers, one solve after the other: from a wide berth to a thousandth of the cost of a degree.
+const BARRIERS: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+/// Iterations with each barrier but the last, and with the last.
+const ITERATIONS: [usize; 2] = [6, 40];
+/// A step that lowers the cost by less than this share of it is the last one.
+const SETTLED_SHARE: f64 = 1e-5;
+/// Share of the way to the nearest limit that a step may take.
+const WAY_SHARE: f64 = 0.99;
+/// Share of the acceleration that a motion must be able to stop with inside its range after the last node.
+const BRAKE_SHARE: f64 = 0.8;
+/// Speed below which stopping is taken as if at this speed, rad/s: keeps the way to stop smooth at rest.
+const SLOW: f64 = 0.01;
+/// An angle below this counts by its square, rad: 0.6 degrees.
+const SMALL_RAD: f64 = 0.01;
+
+/// What one arm may do: rad, rad/s, rad/s^2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least positions.
+    pub q_min: ArmQ,
+    /// Greatest positions.
+    pub q_max: ArmQ,
+    /// Greatest speeds.
+    pub v_max: ArmQ,
+    /// Greatest accelerations.
+    pub a_max: ArmQ,
+}
+
+/// Where a motion is at a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Positions, rad.
+    pub q: Joints,
+    /// Speeds, rad/s.
+    pub v: Joints,
+}
+
+impl State {
+    /// A node later under the accelerations `a`.
+    #[must_use]
+    pub fn after(&self, a: &Joints) -> Self {
+        Self { q: self.q + self.v * NODE_S + a * (0.5 * NODE_S * NODE_S), v: self.v + a * NODE_S }
+    }
+
+    /// The accelerations over the next node that lead to rest within the limits, at 0.9 of them.
+    #[must_use]
+    pub fn brake(&self, bounds: &Bounds) -> Joints {
+        Joints::from_fn(|j, _| (-self.v[j] / NODE_S).clamp(-0.9 * bounds.a_max[j], 0.9 * bounds.a_max[j]))
+    }
+}
+
+/// What a limb's angle costs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// Half its square: smooth, and finds its way from afar.
+    Square,
+    /// Itself: what the mean angle is made of.
+    Angle,
+}
+
+impl Loss {
+    fn of(self, angle: f64) -> f64 {
+        match self {
+            Self::Square => 0.5 * angle * angle,
+            Self::Angle => angle.hypot(SMALL_RAD) - SMALL_RAD,
+        }
+    }
+
+    /// Slope over the angle: the weight of the square that touches the loss from above.
+    fn weight(self, angle: f64) -> f64 {
+        match self {
+            Self::Square => 1.0,
+            Self::Angle => 1.0 / angle.hypot(SMALL_RAD),
+        }
+    }
+}
+
+/// A path to follow from a state; node k of the motion belongs to `goal[k]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// The arm.
+    pub arm: &'a ArmModel,
+    /// Its limits.
+    pub bounds: &'a Bounds,
+    /// The person's limbs at the nodes after the start.
+    pub goal: &'a [Limbs],
+    /// Where the motion starts.
+    pub start: State,
+}
+
+/// Accelerations from node to node, and the states that they lead to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// `a[k]` leads to `states[k]`.
+    pub a: Vec<Joints>,
+    /// One for each node after the start.
+    pub states: Vec<State>,
+}
+
+impl Motion {
+    /// What the accelerations do from `start`.
+    #[must_use]
+    pub fn from(start: State, a: Vec<Joints>) -> Self {
+        let mut at = start;
+        let states = a.iter().map(|a| {
+            at = at.after(a);
+            at
+        });
+        Self { states: states.collect(), a }
+    }
+
+    /// A share of a change on the way.
+    fn moved(&self, changes: &[Change], share: f64) -> Self {
+        let states = self.states.iter().zip(changes);
+        Self {
+            a: self.a.iter().zip(changes).map(|(a, change)| a + change.a * share).collect(),
+            states: states.map(|(s, c)| State { q: s.q + c.q * share, v: s.v + c.v * share }).collect(),
+        }
+    }
+}
+
+/// Cost, slope and curvature of a value that must stay between two limits; infinite outside.
+fn between(low: f64, high: f64, x: f64) -> (f64, f64, f64) {
+    let (below, above) = ((x - low) / (high - low), (high - x) / (high - low));
+    if !(below > 0.0 && above > 0.0) {
+        return (f64::INFINITY, 0.0, 0.0);
+    }
+    let [below_rate, above_rate] = [x - low, high - x].map(f64::recip);
+    let slope = above_rate - below_rate;
+    (-below.ln() - above.ln(), slope, below_rate * below_rate + above_rate * above_rate)
+}
+
+/// A joint's room to stop towards one end of its range, with its derivatives.
+struct Room {
+    left: f64,
+    by_v: f64,
+    by_vv: f64,
+}
+
+/// `gap` to the end, speed `v` towards it: what is left after braking, over a whole node more than need be.
+fn room(gap: f64, v: f64, a_max: f64) -> Room {
+    let root = v.hypot(SLOW);
+    // The speed towards the end, smoothly none if it leads away.
+    let (w, by_v, by_vv) = (0.5 * (v + root), 0.5 * (1.0 + v / root), 0.5 * SLOW * SLOW / root.powi(3));
+    let brake = BRAKE_SHARE * a_max;
+    let by_w = w / brake + NODE_S;
+    Room {
+        left: gap - w * w / (2.0 * brake) - w * NODE_S,
+        by_v: -by_w * by_v,
+        by_vv: -(by_v * by_v / brake + by_w * by_vv),
+    }
+}
+
+impl Task<'_> {
+    /// The task with the range widened to hold `motion` and its stop, by what rounding and a start on the limit ask for.
+    #[must_use]
+    pub fn bounds_around(&self, motion: &Motion) -> Bounds {
+        const MARGIN_RAD: f64 = 1e-3;
+        let mut bounds = *self.bounds;
+        for (k, state) in motion.states.iter().enumerate() {
+            let last = k + 1 == motion.states.len();
+            for j in 0..ARM_Q {
+                let ahead = |gap: f64, v: f64| if last { room(gap, v, bounds.a_max[j]).left } else { gap };
+                let over = MARGIN_RAD - ahead(bounds.q_max[j] - state.q[j], state.v[j]);
+                let under = MARGIN_RAD - ahead(state.q[j] - bounds.q_min[j], -state.v[j]);
+                bounds.q_max[j] += over.max(0.0);
+                bounds.q_min[j] -= under.max(0.0);
+            }
+        }
+        bounds
+    }
+
+    fn loss(&self, motion: &Motion, loss: Loss) -> f64 {
+        let nodes = motion.states.iter().zip(self.goal);
+        nodes
+            .flat_map(|(state, goal)| angles(&self.arm.residual(&state.q.into(), goal)))
+            .map(|angle| loss.of(angle))
+            .sum()
+    }
+
+    fn barrier(&self, motion: &Motion) -> f64 {
+        let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
+        let mut sum = 0.0;
+        for (state, a) in motion.states.iter().zip(&motion.a) {
+            for j in 0..ARM_Q {
+                sum += between(q_min[j], q_max[j], state.q[j]).0;
+                sum += between(-v_max[j], v_max[j], state.v[j]).0 + between(-a_max[j], a_max[j], a[j]).0;
+            }
+        }
+        if let Some(last) = motion.states.last() {
+            for j in 0..ARM_Q {
+                for (gap, v) in [(q_max[j] - last.q[j], last.v[j]), (last.q[j] - q_min[j], -last.v[j])] {
+                    let left = room(gap, v, a_max[j]).left;
+                    sum += if left > 0.0 { -left.ln() } else { f64::INFINITY };
+                }
+            }
+        }
+        sum
+    }
+
+    fn cost(&self, motion: &Motion, loss: Loss, barrier: f64) -> f64 {
+        let inside = self.barrier(motion);
+        if inside.is_finite() { self.loss(motion, loss) + barrier * inside } else { f64::INFINITY }
+    }
+
+    /// The quadratic model about a motion; `damping` is added to the curvature by positions.
+    fn model(&self, motion: &Motion, loss: Loss, barrier: f64, damping: f64) -> Vec<Node> {
+        let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
+        let model = |((state, a), goal): ((&State, &Joints), &Limbs)| {
+            let mut node = Node::default();
+            add_limbs(&mut node, self.arm, &state.q.into(), goal, loss);
+            for j in 0..ARM_Q {
+                let (_, slope, curvature) = between(q_min[j], q_max[j], state.q[j]);
+                node.q[j] += barrier * slope;
+                node.qq[(j, j)] += barrier * curvature + damping;
+                let (_, slope, curvature) = between(-v_max[j], v_max[j], state.v[j]);
+                (node.v[j], node.vv[j]) = (barrier * slope, barrier * curvature);
+                let (_, slope, curvature) = between(-a_max[j], a_max[j], a[j]);
+                (node.a[j], node.aa[j]) = (barrier * slope, barrier * curvature);
+            }
+            node
+        };
+        let mut nodes: Vec<Node> = motion.states.iter().zip(&motion.a).zip(self.goal).map(model).collect();
+        if let (Some(node), Some(last)) = (nodes.last_mut(), motion.states.last()) {
+            for j in 0..ARM_Q {
+                let ends = [(1.0, q_max[j] - last.q[j]), (-1.0, last.q[j] - q_min[j])];
+                for (sign, gap) in ends {
+                    let Room { left, by_v, by_vv } = room(gap, sign * last.v[j], a_max[j]);
+                    // The gap falls by one where the position goes towards the end.
+                    node.q[j] += barrier * sign / left;
+                    node.v[j] -= barrier * sign * by_v / left;
+                    node.qq[(j, j)] += barrier / (left * left);
+                    node.qv[j] -= barrier * by_v / (left * left);
+                    node.vv[j] += barrier * (by_v * by_v / (left * left) - by_vv / left);
+                }
+            }
+        }
+        nodes
+    }
+
+    /// The longest share of a change after which every position, speed and acceleration still lies inside.
+    fn way(&self, motion: &Motion, changes: &[Change]) -> f64 {
+        let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
+        let mut way: f64 = 1.0;
+        let mut allow = |low: f64, high: f64, x: f64, dx: f64| {
+            let gap = if dx > 0.0 { high - x } else { x - low };
+            if dx.abs() * way > WAY_SHARE * gap {
+                way = WAY_SHARE * gap / dx.abs();
+            }
+        };
+        for ((state, a), change) in motion.states.iter().zip(&motion.a).zip(changes) {
+            for j in 0..ARM_Q {
+                allow(q_min[j], q_max[j], state.q[j], change.q[j]);
+                allow(-v_max[j], v_max[j], state.v[j], change.v[j]);
+                allow(-a_max[j], a_max[j], a[j], change.a[j]);
+            }
+        }
+        way
+    }
+
+    /// Improves a motion that lies inside all limits until it hardly gets better.
+    #[must_use]
+    pub fn improve(&self, mut motion: Motion, loss: Loss) -> Motion {
+        let mut damping = 1e-6;
+        for (i, &barrier) in BARRIERS.iter().enumerate() {
+            let iterations = ITERATIONS[usize::from(i + 1 == BARRIERS.len())];
+            let mut cost = self.cost(&motion, loss, barrier);
+            for _ in 0..iterations {
+                let Some((better, less)) = self.descend(&motion, loss, barrier, cost, &mut damping) else { break };
+                let settled = cost - less < SETTLED_SHARE * cost.abs();
+                (motion, cost) = (better, less);
+                if settled {
+                    break;
+                }
+            }
+        }
+        motion
+    }
+
+    /// One step that lowers the cost, and the cost then; none if there is none.
+    fn descend(
+        &self,
+        motion: &Motion,
+        loss: Loss,
+        barrier: f64,
+        cost: f64,
+        damping: &mut f64,
+    ) -> Option<(Motion, f64)> {
+        for _ in 0..8 {
+            let nodes = self.model(motion, loss, barrier, *damping);
+            if let Some(changes) = step(&nodes, NODE_S) {
+                let mut share = self.way(motion, &changes);
+                for _ in 0..6 {
+                    let moved = motion.moved(&changes, share);
+                    let less = self.cost(&moved, loss, barrier);
+                    if less < cost {
+                        *damping = (*damping / 3.0).max(1e-9);
+                        return Some((moved, less));
+                    }
+                    share *= 0.4;
+                }
+            }
+            *damping *= 30.0;
+        }
+        None
+    }
+}
+
+/// Rotation angles of both limbs, rad, from the vector parts of their quaternions' differences.
+fn angles(residual: &[f64; 6]) -> [f64; 2] {
+    let angle = |x: f64, y: f64, z: f64| 2.0 * (x * x + y * y + z * z).sqrt().min(1.0).asin();
+    [angle(residual[0], residual[1], residual[2]), angle(residual[3], residual[4], residual[5])]
+}
+
+/// Adds what both limbs ask for. With the vector part p = sin(angle / 2) axis of a difference, the rotation vector is
+/// e = g p with g = 2 asin(s) / s and s = |p|, and de = g dp + (dg/ds) / s p (p . dp).
+fn add_limbs(node: &mut Node, arm: &ArmModel, q: &ArmQ, goal: &Limbs, loss: Loss) {
+    let linear = arm.linearize(q, goal);
+    for limb in 0..2 {
+        let p: [f64; 3] = std::array::from_fn(|i| linear.residual[3 * limb + i]);
+        let s = p.iter().map(|x| x * x).sum::<f64>().sqrt().min(1.0);
+        let (g, bend) = if s < 1e-4 {
+            (2.0, 2.0 / 3.0)
+        } else {
+            let g = 2.0 * s.asin() / s;
+            // Opposite to the goal there is no direction; a thousandth before it there is.
+            (g, (2.0 / (1.0 - s * s).max(1e-6).sqrt() - g) / (s * s))
+        };
+        let e = p.map(|x| g * x);
+        let by: [[f64; 3]; ARM_Q] = std::array::from_fn(|j| {
+            let dp: [f64; 3] = std::array::from_fn(|i| linear.jacobian[j][3 * limb + i]);
+            let along: f64 = (0..3).map(|i| p[i] * dp[i]).sum();
+            std::array::from_fn(|i| g * dp[i] + bend * p[i] * along)
+        });
+        let weight = loss.weight(g * s);
+        let dot = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        for j in 0..ARM_Q {
+            node.q[j] += weight * dot(&by[j], &e);
+            for i in 0..ARM_Q {
+                node.qq[(i, j)] += weight * dot(&by[i], &by[j]);
+            }
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! How often `ingest` would refuse a person who did nothing wrong: every motion of a folder, resampled to several rates, goes
+//! through the input stage alone.
+
+use crate::cli::Cli;
+use crate::error::EvalError;
+use crate::following::chosen;
+use crate::run::{show, write_json};
+use messages::{RawSkeleton, Stamp};
+use motion::{CalibrationMode, Motion};
+use pipeline::{InputConfig, InputState, Overrides, input_tick};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use skeleton::DropReason;
+use std::fmt;
+use std::path::Path;
+
+/// Rates that can be asked for, Hz: those that clients may send at, and 20.
+const RATES_HZ: [f64; 2] = [20.0, 240.0];
+/// The first frame's time: any but zero, which stands for never.
+const BEGIN_NS: u64 = 1_000_000_000;
+
+/// What became of a motion's frames.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Refusals {
+    /// Frames.
+    pub frames: u64,
+    /// Frames that were dropped.
+    pub dropped: u64,
+    /// Frames of which one arm was not used.
+    pub arm_left_out: u64,
+    /// Times that the person counted as another one.
+    pub strangers: u64,
+    /// By reason, frames or arms.
+    pub reasons: Vec<(&'static str, u64)>,
+}
+
+impl Refusals {
+    fn add(&mut self, other: &Self) {
+        self.frames += other.frames;
+        self.dropped += other.dropped;
+        self.arm_left_out += other.arm_left_out;
+        self.strangers += other.strangers;
+        for &(name, count) in &other.reasons {
+            match self.reasons.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => *sum += count,
+                None => self.reasons.push((name, count)),
+            }
+        }
+    }
+
+    fn json(&self) -> Value {
+        let reasons: serde_json::Map<_, _> =
+            self.reasons.iter().map(|(name, count)| ((*name).to_owned(), json!(count))).collect();
+        json!({
+            "frames": self.frames,
+            "dropped": self.dropped,
+            "arm_left_out": self.arm_left_out,
+            "strangers": self.strangers,
+            "reasons": reasons,
+        })
+    }
+}
+
+/// Shows a motion to `ingest` at so many frames a second, each frame at once.
+#[must_use]
+pub fn count(config: &InputConfig, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
+    let hinges = motion::calibrate(motion, calibration);
+    let motion = motion::resampled(motion, rate_hz);
+    let (mut state, mut out, mut person) = (InputState::default(), Refusals::default(), None);
+    for i in 0..motion.frames.len() {
+        let now = Stamp(BEGIN_NS + (i as f64 * 1e9 / rate_hz) as u64);
+        let mut raw: RawSkeleton = motion::raw_frame(&motion, i, &hinges);
+        (raw.header.sequence, raw.header.origin, raw.header.stamp) = (i as u64 + 1, now, now);
+        (raw.header.incarnation, raw.session_nonce) = (1, 1);
+        let skeleton = input_tick(config, &mut state, now, &raw).skeleton;
+        out.frames += 1;
+        let Some(skeleton) = skeleton else {
+            out.dropped += 1;
+            continue;
+        };
+        let all = messages::skeleton_flag::ALL;
+        out.arm_left_out += u64::from(skeleton.flags & all != all);
+        out.strangers += u64::from(person.is_some_and(|known| known != skeleton.operator_id));
+        person = Some(skeleton.operator_id);
+    }
+    let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), state.skeleton.dropped(reason)));
+    out.reasons = reasons.filter(|(_, count)| *count > 0).collect();
+    out
+}
+
+struct Report {
+    folder: String,
+    motions: usize,
+    rates: Vec<(f64, Refusals)>,
+    /// Motion, rate, and what was refused of it.
+    worst: Vec<(String, f64, Refusals)>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:>6} {:>9} {:>9} {:>9} {:>10}", "Hz", "frames", "dropped", "one arm", "strangers")?;
+        for (rate, all) in &self.rates {
+            let Refusals { frames, dropped, arm_left_out, strangers, .. } = all;
+            writeln!(f, "{rate:>6} {frames:>9} {dropped:>9} {arm_left_out:>9} {strangers:>10}")?;
+        }
+        for (name, rate, found) in &self.worst {
+            let reasons: Vec<_> = found.reasons.iter().map(|(name, count)| format!("{name} {count}")).collect();
+            writeln!(f, "{name} at {rate} Hz: {}", reasons.join(", "))?;
+        }
+        writeln!(f, "{} motions of {}, at recorded speed", self.motions, self.folder)
+    }
+}
+
+/// Counts over a folder, prints the table, writes JSON.
+///
+/// # Errors
+/// The first thing that made it impossible, with the file or option at fault.
+pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
+    let [low, high] = RATES_HZ;
+    if let Some(rate) = cli.rates.iter().find(|rate| !(low..=high).contains(*rate)) {
+        let expected = format!("rates of {low} to {high} Hz");
+        return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
+    }
+    let loaded = pipeline::load(&cli.config, Overrides::default())?;
+    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts, loaded.operators);
+    let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
+        .iter()
+        .filter_map(|file| match motion::load(file) {
+            Ok(motion) => Some(motion),
+            Err(error) => {
+                eprintln!("skipped {error}");
+                None
+            }
+        })
+        .collect();
+    let pairs: Vec<(&Motion, f64)> =
+        cli.rates.iter().flat_map(|&rate| motions.iter().map(move |motion| (motion, rate))).collect();
+    let found: Vec<Refusals> =
+        pairs.par_iter().map(|(motion, rate)| count(&config, motion, cli.calibration, *rate)).collect();
+    let (mut rates, mut worst) = (Vec::new(), Vec::new());
+    for &rate in &cli.rates {
+        let mut all = Refusals::default();
+        for ((motion, _), found) in pairs.iter().zip(&found).filter(|((_, at), _)| *at == rate) {
+            all.add(found);
+            if !found.reasons.is_empty() {
+                worst.push((motion.name.clone(), rate, found.clone()));
+            }
+        }
+        rates.push((rate, all));
+    }
+    let report = Report { folder: folder.display().to_string(), motions: motions.len(), rates, worst };
+    show(&report);
+    let rates: serde_json::Map<_, _> = report.rates.iter().map(|(rate, all)| (format!("{rate}"), all.json())).collect();
+    write_json(cli, &json!({ "refusals": report.folder, "motions": report.motions, "rates_hz": rates }))
+}

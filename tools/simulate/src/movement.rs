@@ -1,0 +1,198 @@
+//! Judges by what the joints truly do whether a robot that moves otherwise than it is sent is stopped, and whether it is left
+//! alone until it stands.
+
+use crate::modes::{Broken, moves};
+use crate::oracle::Seen;
+use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, Transition};
+use robot::{JointLimits, Model};
+use std::collections::VecDeque;
+
+/// Ticks over which a speed is taken: 20 ms, as SAFETY.md has it.
+const SPEED_TICKS: usize = TICK_HZ as usize / 50;
+/// Ticks of a mean: 0.3 s.
+const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
+/// True less sent speed that must have stopped the robot, as a root mean square over these ticks and a share of the largest
+/// speed. The promise is 0.25 of it in a mean that forgets within 0.25 s. However the square M is spread over 0.3 s, that mean
+/// ends at no less than M (0.3 / 0.25) exp(-0.3 / 0.25) = 0.36 M, so 0.42 is enough. The rest is what a servo lags.
+const SPEED_SHARE: f64 = 0.5;
+/// Ticks that a sample, and the decision about it, may take on their way.
+const LATE: u64 = 15;
+/// How far from where it stood a joint must have been noticed, rad: the promise is 20 mrad from where it came to rest, which
+/// is no farther from where it stood later.
+const FAR_RAD: f64 = 0.045;
+/// For so many ticks in a row: 10 ms.
+const FAR_TICKS: u64 = TICK_HZ / 100 + LATE;
+/// It stands within this range, rad, for so many ticks: less motion, and for longer, than rest asks for.
+const STANDS_RAD: f64 = 0.001;
+const STANDS_TICKS: usize = TICK_HZ as usize * 11 / 100;
+/// Rest is a band of 5 mrad to both sides for 100 ms: the range, rad, with the noise of encoders, and the ticks, less what a
+/// sample takes on its way.
+const REST_RAD: f64 = 0.011;
+const REST_TICKS: usize = TICK_HZ as usize / 10 - LATE as usize;
+/// Ticks of a command at rest, with no rest of the robot, after which that must have been noticed: 2 s.
+const SETTLE_TICKS: u64 = 2 * TICK_HZ + LATE;
+/// Ticks for which a robot that lost its standstill has stood before a reset, less those in which it may have begun to move.
+const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
+/// The same bounds for a joint that slides, as a share.
+const SLIDES: f64 = 0.2;
+/// The largest speed of a command at rest, rad/s or m/s.
+const COMMAND_REST: f64 = 1e-7;
+
+/// What is remembered.
+#[derive(Clone)]
+pub struct Movement {
+    limits: [JointLimits; JOINTS],
+    scale: [f64; JOINTS],
+    /// Where the joints were in truth, newest last.
+    truths: VecDeque<[f64; JOINTS]>,
+    /// True less sent positions of successive ticks that control saw, and the squares of their speeds with their sum.
+    off: VecDeque<[f64; JOINTS]>,
+    squares: VecDeque<[f64; JOINTS]>,
+    sum: [f64; JOINTS],
+    /// Ticks for which the mean has been too large, the command at rest without the robot, and a joint far from its place.
+    fast: u64,
+    restless: u64,
+    far: u64,
+    place: Option<[f64; JOINTS]>,
+    /// Ticks since an encoder lied, a process was another one, and standstill was told to be lost.
+    honest: u64,
+    known: u64,
+    lost: Option<u64>,
+}
+
+impl Movement {
+    /// Of a robot.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            limits: model.limits,
+            scale: model.prismatic.map(|slides| if slides { SLIDES } else { 1.0 }),
+            truths: VecDeque::new(),
+            off: VecDeque::new(),
+            squares: VecDeque::new(),
+            sum: [0.0; JOINTS],
+            fast: 0,
+            restless: 0,
+            far: 0,
+            place: None,
+            honest: 0,
+            known: 0,
+            lost: None,
+        }
+    }
+
+    /// Judges a tick.
+    pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        self.note(seen);
+        self.begins(seen)?;
+        let seamless = self.known > 0 && self.honest > 0;
+        let sent = seen.moment.robot.as_ref().filter(|_| seamless && seen.moment.state_seen.is_some());
+        let Some(robot) = sent.filter(|_| seen.moment.control.is_some()) else {
+            self.forget();
+            return Ok(());
+        };
+        self.speed(seen, &robot.q, mode)?;
+        let rests = robot.v.iter().chain(&robot.a).all(|x| x.abs() <= COMMAND_REST);
+        if moves(mode) || !rests {
+            (self.restless, self.far, self.place) = (0, 0, None);
+            return Ok(());
+        }
+        self.standstill(seen, mode)
+    }
+
+    fn note(&mut self, seen: &Seen<'_>) {
+        if self.truths.len() > STAND_AGAIN_TICKS {
+            self.truths.pop_front();
+        }
+        self.truths.push_back(seen.truth);
+        self.honest = if seen.encoders_lie { 0 } else { self.honest + 1 };
+        let other = seen.driver_restarted || seen.control_restarted;
+        (self.known, self.lost) = if other { (0, None) } else { (self.known + 1, self.lost.map(|ticks| ticks + 1)) };
+        let status = seen.moment.control.as_ref().map(|control| Faults(control.status.faults));
+        if status.is_some_and(|faults| faults.has(Fault::StandstillLost)) {
+            self.lost = Some(0);
+        }
+    }
+
+    fn forget(&mut self) {
+        self.off.clear();
+        self.squares.clear();
+        (self.sum, self.place) = ([0.0; JOINTS], None);
+        (self.fast, self.restless, self.far) = (0, 0, 0);
+    }
+
+    /// The joint that left this range, rad, within the last ticks, and the range that it had.
+    fn moved(&self, ticks: usize, range_rad: f64) -> Option<(usize, f64)> {
+        let ranges = (0..JOINTS).map(|j| {
+            let last = self.truths.iter().rev().take(ticks).map(|truth| truth[j]);
+            let (low, high) = last.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
+            high - low
+        });
+        ranges.enumerate().find(|(j, range)| *range > self.scale[*j] * range_rad)
+    }
+
+    /// Nothing begins on a robot that moves in truth, whatever its command does.
+    fn begins(&self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let made = seen.moment.control.as_ref().and_then(|control| control.transition).map(|made| made.why);
+        let Some(why) = made.filter(|_| self.honest > REST_TICKS as u64) else { return Ok(()) };
+        if ![Transition::RESET, Transition::ENABLED, Transition::RECOVERING].contains(&why) {
+            return Ok(());
+        }
+        if let Some((j, by)) = self.moved(REST_TICKS, REST_RAD) {
+            return Err(("at rest", format!("joint {j} moved by {by} within {REST_TICKS} ticks")));
+        }
+        // A standstill that was told to be lost a moment ago, by processes that have been there for as long as it takes.
+        let again = why == Transition::RESET
+            && self.lost.is_some_and(|ticks| ticks <= LATE)
+            && self.honest.min(self.known) > STAND_AGAIN_TICKS as u64;
+        match self.moved(STAND_AGAIN_TICKS, REST_RAD).filter(|_| again) {
+            Some((j, by)) => Err(("standstill", format!("reset, and joint {j} moved by {by} within a second"))),
+            None => Ok(()),
+        }
+    }
+
+    /// A joint that truly moves otherwise than it is sent, for long enough, is not moved on.
+    fn speed(&mut self, seen: &Seen<'_>, sent: &[f64; JOINTS], mode: Mode) -> Result<(), Broken> {
+        self.off.push_back(std::array::from_fn(|j| seen.truth[j] - sent[j]));
+        if self.off.len() <= SPEED_TICKS {
+            return Ok(());
+        }
+        let (then, now) = (self.off.pop_front().unwrap_or_default(), self.off.back().copied().unwrap_or_default());
+        let square = std::array::from_fn(|j| {
+            let speed = (now[j] - then[j]).abs() / (SPEED_TICKS as f64 * TICK_S);
+            speed.min(self.limits[j].v_max).powi(2)
+        });
+        self.squares.push_back(square);
+        let old = if self.squares.len() > MEAN_TICKS { self.squares.pop_front() } else { None };
+        for (j, sum) in self.sum.iter_mut().enumerate() {
+            *sum += square[j] - old.map_or(0.0, |old| old[j]);
+        }
+        let share = |j: usize| (self.sum[j].max(0.0) / MEAN_TICKS as f64).sqrt() / self.limits[j].v_max;
+        let worst = (0..JOINTS).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
+        self.fast = if worst.is_some() { self.fast + 1 } else { 0 };
+        match worst.filter(|_| self.fast > LATE) {
+            Some(j) => Err(("velocity error", format!("joint {j} off by {} of its speed, and it moves on", share(j)))),
+            None => Ok(()),
+        }
+    }
+
+    /// A joint that nothing moves stays where it stood, or the robot is faulted.
+    fn standstill(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
+        self.restless = if self.moved(REST_TICKS, REST_RAD).is_some() { self.restless + 1 } else { 0 };
+        if self.place.is_none() && self.honest > STANDS_TICKS as u64 && self.moved(STANDS_TICKS, STANDS_RAD).is_none() {
+            self.place = Some(seen.truth);
+        }
+        let place = self.place.unwrap_or(seen.truth);
+        let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > self.scale[j] * FAR_RAD);
+        self.far = if far.is_some() { self.far + 1 } else { 0 };
+        if mode == Mode::Faulted {
+            return Ok(());
+        }
+        match far.filter(|_| self.far > FAR_TICKS) {
+            Some(j) => Err(("standstill", format!("joint {j} left {} for {}, untold", place[j], seen.truth[j]))),
+            None if self.restless > SETTLE_TICKS => {
+                Err(("standstill", "the robot does not come to rest, untold".into()))
+            }
+            None => Ok(()),
+        }
+    }
+}
