@@ -76,7 +76,18 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     let script = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).spawn();
     let _script = Client(script.expect("it starts"));
     // Nothing stands in the way of engaging once the person is seen, and is a plausible one.
-    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
+}
+
+#[test]
+fn the_python_example_without_an_instance_says_so_in_a_sentence() {
+    let Some(python) = python_or_skip() else { return };
+    let rig = Rig::empty();
+    let example = repository().join("tools/clients/python/examples/own.py");
+    let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(!done.status.success() && said.lines().count() == 1, "{said}");
+    assert!(said.contains("no such folder: is `teleopd up --run-dir "), "{said}");
 }
 
 /// A video of a drawn figure, and everything of the camera's client but MediaPipe's model.

@@ -258,12 +258,62 @@ fn f086_a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
     let control = rig.id("control");
     patient.shows("instance", "note", &[&format!("process {control} ")], "");
     patient.shows("shared memory", "ok", &["all in use"], "");
-    for name in ["ingest", "retarget", "control", "sim"] {
+    for name in ["ingest", "retarget", "control", "sim", "robot"] {
         rig.kill(name);
     }
     patient.shows("instance", "ok", &[], "");
     let prefix = Instance::unmade(rig.folder()).core_domain().prefix;
     patient.shows("shared memory", "note", &[&prefix, "a dead instance", "rm /dev/shm/teleop_core_"], "");
+    patient.run_dir = patient.folder.path().join("elsewhere");
+    patient.shows("other instances", "note", &[&prefix, "dead instance", "rm /dev/shm/teleop_core_"], "");
+    patient.run_dir = rig.folder().to_path_buf();
     rig.instance.retire();
     patient.shows("shared memory", "ok", &["nothing is left behind"], "");
+}
+
+/// Names in /dev/shm of the rig's instance.
+fn shared_memory(rig: &Rig) -> Vec<String> {
+    let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
+    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
+    let all = all.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    all.filter(|name| prefixes.iter().any(|prefix| name.starts_with(prefix))).collect()
+}
+
+#[test]
+fn f086_what_killed_processes_leave_is_gone_after_the_next_run() {
+    let mut rig = Rig::empty();
+    rig.start_up();
+    let give_up = std::time::Instant::now() + rig::SOON;
+    let up = rig.id("up").to_string();
+    let children = || std::fs::read_to_string(format!("/proc/{up}/task/{up}/children")).expect("its children");
+    // The last of the five opens its socket once it has made what it needs.
+    while children().split_whitespace().count() < 5 || !rig.instance.skeleton_socket().exists() {
+        assert!(std::time::Instant::now() < give_up, "{:?}", shared_memory(&rig));
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let children = children();
+    let processes: Vec<&str> = std::iter::once(up.as_str()).chain(children.split_whitespace()).collect();
+    assert_eq!(processes.len(), 6, "{processes:?}");
+    assert!(Command::new("kill").arg("-9").args(&processes).status().expect("kill").success());
+    rig.ended("up");
+    let left: BTreeSet<String> =
+        shared_memory(&rig).into_iter().filter(|name| !name.ends_with(".global_mgmt")).collect();
+    assert!(left.len() > 20, "{left:?}");
+    // Whoever tidies /tmp takes the transport's own list of what there is.
+    std::fs::remove_dir_all(rig.folder().join("core")).expect("the core's folder");
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    let again: Vec<_> = shared_memory(&rig).into_iter().filter(|name| left.contains(name)).collect();
+    assert_eq!(again, Vec::<String>::new(), "the start has collected it");
+    for name in ["ingest", "retarget", "control", "sim"] {
+        rig.end(name);
+    }
+    assert_eq!(shared_memory(&rig), Vec::<String>::new());
+    rig.start_up();
+    rig.end_up();
+    assert_eq!(shared_memory(&rig), Vec::<String>::new());
+    let sockets =
+        files_below(rig.folder()).into_iter().filter(|path| path.extension().is_some_and(|end| end == "sock"));
+    assert_eq!(sockets.collect::<Vec<_>>(), Vec::<PathBuf>::new());
 }

@@ -213,7 +213,7 @@ fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let first = rig.client(&motion::builtin(), 42);
-    hand.wait("free to engage", |status| status.faults == 0);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0);
     let twin = rig.client(&motion::builtin(), 42);
     std::thread::sleep(Duration::from_secs(1));
     drop((first, twin));
@@ -434,7 +434,7 @@ fn f112_no_core_file_and_no_segment_of_the_input_domain_in_the_core_processes() 
     let mut rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 51);
     let hand: Hand = rig.hand();
-    hand.wait("free to engage", |status| status.faults == 0);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0);
     let input = rig.instance.input_domain().prefix;
     for name in teleopd::PROCESSES {
         let id = rig.id(name);

@@ -1,21 +1,32 @@
 //! What a process of the daemon's own user can do to the shared memory of the input domain, and a compromised `ingest` to
-//! the core: the robot ends at rest, and nothing but `ingest` dies.
+//! the core: the robot ends at rest, and nothing but `ingest` dies. What one operator can do to another.
 
 mod rig;
 
 use bus::Domain;
 use messages::{Layout, Mode, RawSkeleton, Service, Skeleton, skeleton_flag};
 use rand::{RngExt, SeedableRng};
+use rig::user::{User, can_be_another};
 use rig::{Rig, assert_no_violations};
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::ExitStatusExt;
+use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// SIGBUS of signal(7): memory whose file was cut off.
 const SIGBUS: i32 = 7;
 /// The processes that no client shares memory with.
 const CORE: [&str; 3] = ["sim", "control", "retarget"];
+
+/// A group that every Linux has, for operators; and users that no machine has.
+const OPERATORS: &str = "sys";
+const SOMEBODY: u32 = 42_424;
+const ANOTHER: u32 = 42_425;
+/// Names the operator's socket to the process that floods it.
+const FLOOD_AT: &str = "TELEOP_TEST_FLOOD_AT";
+/// Requests that may be lost to the crowd at the door, before one must be answered.
+const TRIES_MAX: usize = 5;
 
 /// The shared memory of the input domain, open for writing.
 fn input_segments(rig: &Rig) -> Vec<File> {
@@ -156,7 +167,7 @@ fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its
         writer.publish(&skeleton).and_then(|_| writer.notify()).expect("it goes out");
         let status = hand.status();
         engaged += u64::from(status.is_some_and(|status| status.mode == Mode::Engaged as u32));
-        if !asked && status.is_some_and(|status| status.faults == 0 && status.ticks > 750) {
+        if !asked && status.is_some_and(|status| status.faults == 0 && status.moving == 0 && status.ticks > 750) {
             hand.enable();
             asked = true;
         }
@@ -169,4 +180,121 @@ fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its
     let sim = rig.end("sim");
     assert_no_violations(&sim);
     assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
+}
+
+/// A process that connects to the operator's socket as fast as it can, and keeps its newest 64 connections open.
+struct Flood(Child);
+
+impl Flood {
+    fn at(rig: &Rig) -> Self {
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--exact", "a_flood_in_a_process_of_its_own", "--test-threads=1"]);
+        command.env(FLOOD_AT, rig.instance.operator_socket()).stdout(Stdio::null()).stderr(Stdio::null());
+        Self(command.spawn().expect("the flood starts"))
+    }
+}
+
+impl Drop for Flood {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_flood_in_a_process_of_its_own() {
+    let Some(path) = std::env::var_os(FLOOD_AT) else { return };
+    let mut newest = std::collections::VecDeque::new();
+    loop {
+        newest.extend(doors::connect(std::path::Path::new(&path), "control", 1000).ok());
+        if newest.len() > 64 {
+            newest.pop_front();
+        }
+    }
+}
+
+fn teleopctl(rig: &Rig, command: &str) -> Output {
+    let mut teleopctl = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+    teleopctl.arg(command).arg("--run-dir").arg(rig.folder()).stdin(Stdio::null()).output().expect("it runs")
+}
+
+#[test]
+fn status_and_reset_are_answered_while_one_process_floods() {
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    hand.wait_mode(Mode::Disengaged);
+    let _flood = Flood::at(&rig);
+    hand.wait("crowded", |status| status.operators == operator::CLIENTS_MAX as u32);
+    let mut lost = Vec::new();
+    for round in 0..10 {
+        for (command, becomes) in [("status", None), ("estop", Some(Mode::Faulted)), ("reset", Some(Mode::Disengaged))]
+        {
+            let mut said = String::new();
+            let answered = (0..TRIES_MAX).any(|_| {
+                let output = teleopctl(&rig, command);
+                said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+                lost.extend((!output.status.success()).then(|| format!("{command}: {said}")));
+                output.status.success()
+            });
+            assert!(answered, "round {round}, {command}: {said}");
+            becomes.map(|mode| hand.wait_mode(mode));
+        }
+    }
+    println!("{} of 30 were lost: {lost:#?}", lost.len());
+    assert!(lost.len() <= 3, "{lost:#?}");
+}
+
+#[test]
+fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
+    if !can_be_another() {
+        return;
+    }
+    let Some(operators) = doors::group_id(OPERATORS) else { return println!("skipped: no group {}", OPERATORS) };
+    let group = format!("operator_group = \"{}\"", OPERATORS);
+    let rule = "emergency_stop_reset = \"presser\"";
+    let changes = [("operator_group = \"\"", group.as_str()), ("emergency_stop_reset = \"anyone\"", rule)];
+    let mut rig = Rig::with_settings(&changes);
+    rig.open_to_others();
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    let program = rig.folder().join("teleopctl");
+    std::fs::copy(env!("CARGO_BIN_EXE_teleopctl"), &program).expect("a copy that others may run");
+    let teleopctl = |uid: u32, command: &str| {
+        let user = User { uid, gid: uid, groups: &[operators] };
+        let mut teleopctl = Command::new(&program);
+        teleopctl.arg(command).arg("--run-dir").arg(rig.folder()).stdin(Stdio::null());
+        let output = user.does(|| teleopctl.output().expect("it runs"));
+        (output.status.success(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
+    };
+    let hand = rig.hand();
+    hand.wait_mode(Mode::Disengaged);
+    for (presser, resetter) in [(SOMEBODY, SOMEBODY), (SOMEBODY, 0), (0, 0)] {
+        let (stopped, said) = teleopctl(presser, "estop");
+        assert!(stopped, "{said}");
+        let (reset, said) = teleopctl(ANOTHER, "reset");
+        let sentence = match presser {
+            0 => "reset refused: the emergency stop was pressed by user root (0); only root may reset it".to_owned(),
+            uid => format!("reset refused: the emergency stop was pressed by user {uid}; only this user or root may"),
+        };
+        assert!(!reset && said.contains(&sentence), "{said}");
+        assert_eq!(hand.wait("told", |status| status.reset_first_by == presser + 1).mode, Mode::Faulted as u32);
+        let (_, said) = teleopctl(ANOTHER, "status");
+        assert!(said.contains(&format!("User {presser} has to reset it, or root.")), "{said}");
+        let (reset, said) = teleopctl(resetter, "reset");
+        assert!(reset && said.contains("reset: Disengaged"), "{said}");
+        assert_eq!(hand.wait_mode(Mode::Disengaged).reset_first_by, 0);
+    }
+    let give_up = Instant::now() + rig::SOON;
+    while !rig.log("control").contains(&format!("of user {ANOTHER}: pressed reset, refused")) {
+        assert!(Instant::now() < give_up, "{}", rig.log("control"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // A second presser is no way around the first.
+    assert!(teleopctl(SOMEBODY, "estop").0 && teleopctl(ANOTHER, "estop").0);
+    assert!(!teleopctl(ANOTHER, "reset").0);
+    let (reset, said) = teleopctl(SOMEBODY, "reset");
+    assert!(reset, "{said}");
+    // The robot's own emergency stop has no user.
+    hand.wait_mode(Mode::Disengaged);
 }

@@ -59,6 +59,7 @@ fn an_emergency_stop_latches_in_every_moving_mode() {
         assert_eq!(hand.mode(), Some(Mode::Faulted));
         hand.release();
         std::thread::sleep(Duration::from_millis(100));
+        hand.wait("measured at rest", |status| status.moving == 0);
         other.reset();
         hand.wait_mode(Mode::Disengaged);
         assert_no_violations(&rig.end("sim"));
@@ -183,7 +184,7 @@ fn f058_f073_a_dead_control_leaves_the_robot_on_its_certified_stop() {
     let hand = rig.hand();
     hand.wait_mode(Mode::Faulted);
     assert!(hand.raised(Fault::DriverFault) > 0);
-    std::thread::sleep(Duration::from_millis(100));
+    hand.wait("measured at rest", |status| status.moving == 0);
     hand.reset();
     hand.wait_mode(Mode::Disengaged);
     eyes.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);

@@ -120,7 +120,7 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
     page.ask("join");
     lead(&mut page, "its person", CORNERS[0], |told| mixed(told).is_some_and(|(on, _)| on));
     lead(&mut page, "free to engage", CORNERS[0], |_| {
-        hand.status().is_some_and(|status| status.faults == 0 && status.ticks > 750)
+        hand.status().is_some_and(|status| status.faults == 0 && status.moving == 0 && status.ticks > 750)
     });
     assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
     page.ask("engage");
@@ -169,7 +169,7 @@ fn a_page_is_told_that_another_client_moves_the_robot() {
     let rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     let mut page = viewer.page();
     page.ask("join");
     let told = page.told("mix");
@@ -221,6 +221,10 @@ fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
         assert!(page.ends(), "{bad}");
     }
     let mut page = viewer.page();
+    // A server that has closed its end and reads no more lets the sender wait; that is no taking either.
+    if let tungstenite::stream::MaybeTlsStream::Plain(stream) = page.socket.get_ref() {
+        stream.set_write_timeout(Some(Duration::from_secs(5))).expect("a time-out");
+    }
     let flood = json!({ "do": "mix", "shares": CORNERS[2] }).to_string();
     let give_up = Instant::now() + SOON;
     while page.socket.send(Message::text(flood.clone())).is_ok() {
@@ -267,7 +271,7 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
     browser.wait("the triangle is there", &format!("{spoken} === 't-pose 100 %, hands-up 0 %, box 0 %'"));
     browser.click("#mix-on");
     browser.wait("it is on", "document.getElementById('mix-on').getAttribute('aria-checked') === 'true'");
-    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     browser.click("#engage");
     browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
     // All of the triangle, and then the handle in it.

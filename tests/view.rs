@@ -24,7 +24,7 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     let mut rig = Rig::whole();
     let _client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     let mut page = viewer.page();
     let scene = page.told("scene");
     assert_eq!(scene["joints"].as_array().map(Vec::len), Some(17));
@@ -72,6 +72,26 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     drop(page);
     drop(viewer);
     assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn a_view_ends_with_the_process_that_started_it() {
+    let rig = Rig::whole();
+    let (program, config, folder) = (env!("CARGO_BIN_EXE_teleopd"), config(), rig.folder());
+    let view = format!("{program} view --port 0 --config {} --run-dir {}", config.display(), folder.display());
+    let mut starter = Command::new("sh");
+    starter.arg("-c").arg(format!("{view} --child-of $$ & wait")).stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut starter = starter.spawn().expect("a shell");
+    let mut said = BufReader::new(starter.stdout.take().expect("a pipe"));
+    let mut line = String::new();
+    said.read_line(&mut line).expect("its first words");
+    assert!(line.contains("shows"), "{line}");
+    starter.kill().expect("it runs");
+    starter.wait().expect("it ends");
+    // What it says ends when it ends.
+    let (ended, seen) = std::sync::mpsc::channel();
+    std::thread::spawn(move || ended.send(said.read_to_string(&mut line)));
+    assert!(seen.recv_timeout(rig::SOON).is_ok(), "the view goes on");
 }
 
 #[test]
@@ -173,7 +193,7 @@ fn in_a_browser_the_robot_moves_and_space_stops_it() {
     let mut rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     let Some(mut browser) = Browser::open(&viewer.address) else {
         return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
     };

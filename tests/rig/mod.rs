@@ -15,7 +15,11 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Instances at a time: four real-time processes each are enough for a small machine.
+/// The driver's process and that of its robot.
+const DRIVER: &str = "sim";
+const ROBOT: &str = "robot";
+
+/// Instances at a time: five real-time processes each are enough for a small machine.
 const AT_A_TIME: usize = 2;
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
@@ -85,7 +89,7 @@ impl Rig {
         rig
     }
 
-    /// All four processes, each ready.
+    /// All processes, each ready.
     pub fn whole() -> Self {
         let mut rig = Self::empty();
         for name in teleopd::PROCESSES {
@@ -105,8 +109,11 @@ impl Rig {
         command
     }
 
-    /// Starts a process and waits for READY.
+    /// Starts a process and waits for READY; with the driver its robot, unless that still runs.
     pub fn start(&mut self, name: &str) {
+        if name == DRIVER && !self.children.iter().any(|(running, _)| running == ROBOT) {
+            self.start(ROBOT);
+        }
         let path = self.folder.path().join(format!("{name}.ready"));
         let _ = std::fs::remove_file(&path);
         let socket = std::os::unix::net::UnixDatagram::bind(&path).expect("a notify socket");
@@ -192,14 +199,29 @@ impl Rig {
         self.children.retain(|(running, _)| running != name);
     }
 
-    /// SIGTERM, and the figures that the process leaves.
+    /// SIGTERM, and the figures that the process leaves; with the driver's come those of its robot.
     pub fn end(&mut self, name: &str) -> serde_json::Value {
+        let mut figures = self.end_one(name);
+        if name == DRIVER && self.children.iter().any(|(running, _)| running == ROBOT) {
+            figures[ROBOT] = self.end_one(ROBOT);
+        }
+        figures
+    }
+
+    fn end_one(&mut self, name: &str) -> serde_json::Value {
         rt::terminate(self.child(name).id());
         let status = self.child(name).wait().expect("the process ends");
         assert!(status.success(), "{name} ended with {status}: {}", self.log(name));
         self.children.retain(|(running, _)| running != name);
         let text = std::fs::read_to_string(self.instance.report(name)).expect("figures");
         serde_json::from_str(&text).expect("JSON")
+    }
+
+    /// Ends `teleopd up` and with it its processes.
+    pub fn end_up(&mut self) {
+        rt::terminate(self.id("up"));
+        let status = self.ended("up");
+        assert!(status.success(), "up ended with {status}");
     }
 
     pub fn hand(&self) -> Hand {
@@ -400,7 +422,7 @@ impl Hand {
     /// Waits until nothing inhibits, enables, and waits for `mode`.
     pub fn engage_until(&self, mode: Mode) {
         // Half a second of a released enable, and a fresh target.
-        self.wait("free to engage", |status| status.faults == 0 && status.ticks > 750);
+        self.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
         self.enable();
         self.wait_mode(mode);
     }
@@ -430,5 +452,11 @@ pub fn modes(control: &serde_json::Value) -> Vec<String> {
 pub fn assert_no_violations(figures: &serde_json::Value) {
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
         assert_eq!(figures["violations"][kind], 0, "{kind}: {figures:#}");
+    }
+    let robot = &figures[ROBOT];
+    if !robot.is_null() {
+        let counts = robot["violations"].as_object().expect("the judge's counts");
+        let total: u64 = counts.values().filter_map(serde_json::Value::as_u64).sum();
+        assert!(counts.len() == 7 && total == 0, "true motion: {robot:#}");
     }
 }

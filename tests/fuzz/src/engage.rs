@@ -70,6 +70,7 @@ fn well() -> Input {
     view.target = TargetView { config_matches: true, input_fresh: true, incarnation: 7, ..view.target };
     view.target.session_nonce = 70;
     view.robot = RobotView { config_matches: true, commanded: true, incarnation: 9, ..view.robot };
+    (view.robot.at_rest, view.robot.sample_ns) = (true, 666_667);
     view.operator.connected = true;
     view.motion.at_rest = true;
     view
@@ -100,7 +101,7 @@ fn one(config: &Config, state: &mut State, view: &mut Input, mode: &mut Mode, fr
 fn set(view: &mut Input, field: u8, bits: u64) {
     let (flag, word, real) = (bits & 1 == 1, bits as u32, f64::from_bits(bits));
     let (operator, target, robot, motion) = (&mut view.operator, &mut view.target, &mut view.robot, &mut view.motion);
-    match field % 44 {
+    match field % 48 {
         0 => view.k = bits,
         1 => view.own_gap_ns = bits,
         2 => view.deadlines_missed = word,
@@ -141,6 +142,10 @@ fn set(view: &mut Input, field: u8, bits: u64) {
         41 => motion.behind = flag,
         42 => robot.feedback_invalid = flag,
         43 => robot.emergency_stop = flag,
+        44 => robot.at_rest = flag,
+        45 => robot.velocity_error = flag,
+        46 => robot.standstill_lost = flag,
+        47 => robot.sample_ns = bits,
         // The press of an enable, which takes two fields.
         36..=38 => (operator.enable_level, operator.enable_edge) = (true, true),
         _ => (operator.recover_level, operator.recover_edge) = (true, true),
@@ -164,18 +169,20 @@ fn check(view: &Input, before: Mode, out: &Output) {
     assert!(out.transition.is_none_or(changed), "{:?}", out.transition);
     // Authority comes from an edge, and from nothing else.
     let operator = &view.operator;
+    let rests = view.motion.at_rest && view.robot.at_rest;
     let engages = before == Mode::Disengaged && matches!(out.mode, Mode::Engaging | Mode::Engaged);
     if engages {
         assert!(operator.enable_edge && operator.enable_level && !operator.release_edge, "engaged without an edge");
-        assert!(out.active.is_empty() && view.motion.at_rest, "engaged with {:?}", out.active);
+        assert!(out.active.is_empty() && rests, "engaged with {:?}", out.active);
     }
+    assert_eq!(out.at_rest, rests);
     let recovers = before != Mode::Recovering && out.mode == Mode::Recovering;
     assert!(!recovers || operator.recover_edge && operator.recover_level, "recovers without an edge");
     // Levels withdraw it, and a stop beats everything.
     let moves = matches!(out.mode, Mode::Engaging | Mode::Engaged);
     assert!(!moves || operator.enable_level && !operator.release_edge, "moves though it was let go");
     let resets = before == Mode::Faulted && out.mode != Mode::Faulted;
-    assert!(!resets || out.mode == Mode::Disengaged && view.motion.at_rest && !operator.enable_level, "left Faulted");
+    assert!(!resets || out.mode == Mode::Disengaged && rests && !operator.enable_level, "left Faulted");
     if !out.active.of(Response::Stop).is_empty() {
         assert_eq!(out.mode, Mode::Faulted, "{:?}", out.active);
     }

@@ -52,7 +52,7 @@ fn bounded(settings: &Settings) {
     let (ingest, control, driver) = (&settings.ingest, &settings.control, &settings.driver);
     assert!((100.0..=60_000.0).contains(&ingest.authority_timeout_ms), "{ingest:?}");
     assert!(0.0 <= control.grace_us && control.grace_us <= driver.grace_us && driver.grace_us <= 660.0, "{driver:?}");
-    assert!((0.0..=100.0).contains(&settings.retarget.interpolation_delay_ms), "{:?}", settings.retarget);
+    assert!((0.0..=250.0).contains(&settings.retarget.following_delay_ms), "{:?}", settings.retarget);
     assert!(driver.silence_latch_ms > 0.0 && driver.silence_latch_ms <= 10.0, "{driver:?}");
 }
 
@@ -77,6 +77,7 @@ fn ceilings(safety: &SafetySettings) {
         (f64::from(safety.deadlines_missed_slow), 50.0),
         (f64::from(safety.deadlines_missed_max), 50.0),
         (f64::from(safety.deadlines_late_per_s_max), 100.0),
+        (safety.hand_speed_max_m_per_s, 3.0),
     ];
     assert!(most.iter().all(|(value, most)| *value > 0.0 && value <= most), "{safety:?}");
     assert!(safety.enable_released_ms >= 200.0, "{safety:?}");
