@@ -323,6 +323,7 @@ pub struct SimSettings {
     pub seed: u64,
     pub natural_frequency_hz: f64,
     pub damping_ratio: f64,
+    pub tracking_error_factor: f64,
     pub delay_ticks: u32,
     pub watchdog_ms: f64,
     pub reaction: RobotReaction,
@@ -343,6 +344,13 @@ impl Settings {
             .map_err(|error| ConfigError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
         settings.check(file)?;
         Ok(settings)
+    }
+
+    /// What the bounds of the tracking error are multiplied by: one, but for a simulated robot.
+    pub(crate) const fn tracking_error_factor(&self) -> f64 {
+        match self.driver.kind {
+            DriverKind::Sim => self.sim.tracking_error_factor,
+        }
     }
 
     fn check(&self, file: &str) -> Result<(), ConfigError> {
@@ -367,6 +375,7 @@ impl Settings {
             ("realtime.spin_us", self.realtime.spin_us, 0.0, 200.0),
             ("metrics.port", f64::from(self.metrics.port), 0.0, 65_531.0),
             ("sim.natural_frequency_hz", self.sim.natural_frequency_hz, 1.0, 50.0),
+            ("sim.tracking_error_factor", self.sim.tracking_error_factor, 1.0, 10.0),
             ("sim.damping_ratio", self.sim.damping_ratio, 0.1, 1.5),
             ("sim.delay_ticks", f64::from(self.sim.delay_ticks), 0.0, f64::from(sim::DELAY_MAX_TICKS)),
             ("sim.watchdog_ms", self.sim.watchdog_ms, 1.0, 1000.0),

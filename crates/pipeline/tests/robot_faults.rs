@@ -370,3 +370,35 @@ fn f051_a_long_pause_of_the_driver_is_latched() {
         assert!(!modes.contains(&Mode::Engaging), "{pause} ticks: {modes:?}");
     }
 }
+
+#[test]
+fn f055_a_tracking_error_of_one_joint_stays_within_the_clearance() {
+    let loaded = loaded();
+    let (model, safety) = (&loaded.model, &loaded.settings.safety);
+    // The farthest that a capsule reaches from the axis of one joint of an arm, over postures on a grid of joints 2 and 4.
+    let mut reach_m = 0.0_f64;
+    let mut frames = robot::Frames::default();
+    for n in 0..400 {
+        let mut q = model.home;
+        for (j, share) in [(1, f64::from(n % 20) / 19.0), (3, f64::from(n / 20) / 19.0)] {
+            let limits = &model.limits[messages::LEFT_ARM.start + j];
+            q[messages::LEFT_ARM.start + j] = limits.q_min + share * (limits.q_max - limits.q_min);
+        }
+        model.forward(&q, &mut frames);
+        for capsule in model.capsules.iter() {
+            if !(messages::LEFT_ARM.start + 1..=messages::LEFT_ARM.end).contains(&capsule.body) {
+                continue;
+            }
+            for end in [capsule.a, capsule.b] {
+                let point = frames.base_from_body[capsule.body].transform_point(&end);
+                let columns = model.jacobian(&frames, capsule.body, &point);
+                for [x, y, z, ..] in &columns[messages::LEFT_ARM] {
+                    reach_m = reach_m.max((x * x + y * y + z * z).sqrt());
+                }
+            }
+        }
+    }
+    assert!((0.6..1.0).contains(&reach_m), "{reach_m} m");
+    assert!(reach_m * safety.tracking_error_now_rad <= model.d_min_m, "{reach_m} m");
+    assert!(safety.tracking_error_now_m <= model.d_min_m);
+}

@@ -59,11 +59,12 @@ impl ControlConfig {
         let model = loaded.model.clone();
         let safety = &loaded.settings.safety;
         let sim = &loaded.settings.sim;
+        let tracking = loaded.settings.tracking_error_factor();
         let hand_speed = safety.hand_speed_m_per_s();
         let options = wbc::Options::default().interface(sim.interface.certified()).hand_speed_m_per_s(hand_speed);
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         Ok(Self {
-            engage: engage::Config::relaxed(&safety.thresholds(), factor)
+            engage: engage::Config::relaxed(&safety.thresholds(tracking), factor)
                 .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
             wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))
@@ -72,7 +73,7 @@ impl ControlConfig {
             follow: follow::Config::new(&model, follow::Weights::default()),
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
-            tracking_max: [safety.tracking_error_rad, safety.tracking_error_m],
+            tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
             config_hash: loaded.hash,
             realtime,
             model,
