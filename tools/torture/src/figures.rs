@@ -208,9 +208,9 @@ impl Figures {
         self.violations[kind as usize]
     }
 
-    /// Violations of the joints' true motion that no servo excuses: a stop of the URDF, an effort, a clearance, a step of the
-    /// setpoints. Hostile motion at all limits at once, with ticks dropped, makes the simulated servo overshoot a speed or a
-    /// position by more than the judge grants; that is told, and is the servo's.
+    /// Violations of the joints' true motion that no servo excuses: an effort, a step of the setpoints. Hostile motion at all
+    /// limits at once, with ticks dropped, makes the simulated servo overshoot a position, a speed or a clearance by more than
+    /// the judge grants; that is told, and is the servo's.
     fn true_violations_of_commands(&self) -> u64 {
         use plant::ViolationKind::{Clearance, Position, Velocity};
         let servo = [Position, Velocity, Clearance].map(|kind| self.true_violations[kind as usize]);
