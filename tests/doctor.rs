@@ -29,7 +29,7 @@ impl Patient {
         let text = shipped.replace("\"robots/", &robots).replace("\"../weights/", "\"weights/");
         std::fs::write(&config, text).expect("settings");
         std::fs::create_dir(folder.path().join("weights")).expect("a folder");
-        for name in ["tiago_dual.toml", "tiago_dual.safetensors"] {
+        for name in ["tiago_dual.toml", "tiago_dual.safetensors", "prediction.toml", "prediction.safetensors"] {
             let from = rig::repository().join("weights").join(name);
             std::fs::copy(from, folder.path().join("weights").join(name)).expect("weights");
         }

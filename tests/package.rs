@@ -58,9 +58,14 @@ fn every_source_exists_and_nothing_that_an_installation_needs_is_left_out() {
         let left_out: Vec<_> = files(folder).difference(&covered).cloned().collect();
         assert!(left_out.is_empty(), "not in the package: {left_out:?}");
     }
-    for file in
-        ["weights/tiago_dual.toml", "weights/tiago_dual.safetensors", "SAFETY.md", "LICENSE-MIT", "LICENSE-APACHE"]
-    {
+    for file in [
+        "weights/tiago_dual.toml",
+        "weights/tiago_dual.safetensors",
+        "weights/prediction.safetensors",
+        "SAFETY.md",
+        "LICENSE-MIT",
+        "LICENSE-APACHE",
+    ] {
         assert!(covered.contains(file), "not in the package: {file}");
     }
 }
@@ -141,6 +146,7 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
         "usr/lib/systemd/system/teleop@.service",
         "usr/lib/systemd/user/teleop.target",
         "usr/share/teleopd/weights/tiago_dual.safetensors",
+        "usr/share/teleopd/weights/prediction.safetensors",
         "usr/share/man/man1/teleopd.1.gz",
         "usr/share/man/man1/teleop-replay.1.gz",
         "usr/share/man/man1/teleop-latency.1.gz",

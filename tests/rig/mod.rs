@@ -76,10 +76,8 @@ impl Rig {
         let mut rig = Self::empty();
         let folder = repository().join("config");
         let mut text = std::fs::read_to_string(config()).expect("settings");
-        let absolute = format!("file = \"{}/", folder.display());
-        text = text
-            .replace("file = \"robots", &format!("{absolute}robots"))
-            .replace("file = \"..", &format!("{absolute}.."));
+        let absolute = format!("\"{}/", folder.display());
+        text = text.replace("\"robots/", &format!("{absolute}robots/")).replace("\"../", &format!("{absolute}../"));
         for (line, becomes) in changes {
             assert!(text.contains(line), "the settings have no {line}");
             text = text.replace(line, becomes);

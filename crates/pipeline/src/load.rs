@@ -22,6 +22,8 @@ pub struct Loaded {
     pub model: Model,
     /// Trained weights; absent where the method needs none and no file is there.
     pub weights: Option<retarget::Weights>,
+    /// How a person's limbs go on; absent where the settings name no file.
+    pub prediction: Option<retarget::Prediction>,
     /// The layouts that clients may send.
     pub layouts: Layouts,
     /// What was measured of operators; it may change while the instance runs, and is no part of the hash.
@@ -89,14 +91,20 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let model = model.with_environment(&config_name, &settings.environment).map_err(ConfigError::robot)?;
 
     let weights_path = folder.join(&settings.weights.file);
-    let (tensors, manifest) = (with_extension(&weights_path, "safetensors"), with_extension(&weights_path, "toml"));
-    let weights = if settings.retarget.method == Method::Network || manifest.exists() {
-        let named = |error| {
-            [&manifest, &tensors].into_iter().fold(error, |error, file| named(error, file, config, "weights.file"))
-        };
-        Some(read_weights(&weights_path, &model).map_err(named)?)
+    let weights_files = twins(&weights_path);
+    let weights = if settings.retarget.method == Method::Network || weights_files[0].exists() {
+        let read = read_weights(&weights_path, &model);
+        Some(read.map_err(|error| named_twin(error, &weights_files, config, "weights.file"))?)
     } else {
         None
+    };
+    let prediction_path = folder.join(&settings.retarget.prediction);
+    let prediction_files = twins(&prediction_path);
+    let prediction = if settings.retarget.prediction.is_empty() {
+        None
+    } else {
+        let read = read_prediction(&prediction_path);
+        Some(read.map_err(|error| named_twin(error, &prediction_files, config, "retarget.prediction"))?)
     };
 
     // The obstacles are part of the text.
@@ -117,12 +125,25 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let operators_dir = folder.join(&settings.ingest.operators);
     let operators = Operators::read(&operators_dir)?;
     // The very text that was judged: the file may be another by now.
-    if let Some((_, text)) = &weights {
-        hash = fnv_continue(hash, text.as_bytes());
-        files.extend([manifest, tensors]);
+    let texts = [weights.as_ref().map(|(_, text)| text), prediction.as_ref().map(|(_, text)| text)];
+    for (text, both) in texts.into_iter().zip([weights_files, prediction_files]) {
+        if let Some(text) = text {
+            hash = fnv_continue(hash, text.as_bytes());
+            files.extend(both);
+        }
     }
-    let weights = weights.map(|(weights, _)| weights);
-    Ok(Loaded { settings, model, weights, layouts, operators, operators_dir, hash, files })
+    let (weights, prediction) = (weights.map(|(weights, _)| weights), prediction.map(|(prediction, _)| prediction));
+    Ok(Loaded { settings, model, weights, prediction, layouts, operators, operators_dir, hash, files })
+}
+
+/// The manifest and the tensors of `base`.
+fn twins(base: &Path) -> [PathBuf; 2] {
+    ["toml", "safetensors"].map(|extension| with_extension(base, extension))
+}
+
+/// If either file could not be read: see [`named`].
+fn named_twin(error: ConfigError, files: &[PathBuf; 2], config: &Path, key: &str) -> ConfigError {
+    files.iter().fold(error, |error, file| named(error, file, config, key))
 }
 
 /// If `file` could not be read: with the key of the settings that names it, because a copy of the settings alone finds
@@ -158,15 +179,27 @@ pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, Con
 
 /// The weights, and the manifest's text.
 fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
+    read_twins(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
+}
+
+/// Reads `<base>.safetensors` and `<base>.toml` of a prediction, and the manifest's text.
+fn read_prediction(base: &Path) -> Result<(retarget::Prediction, String), ConfigError> {
+    read_twins(base, retarget::Prediction::read)
+}
+
+/// What `read` makes of the manifest and the tensors of `base`.
+fn read_twins<T>(
+    base: &Path,
+    read: impl FnOnce(&str, &[u8]) -> Result<T, retarget::WeightsError>,
+) -> Result<(T, String), ConfigError> {
     // Either name will do: that of the tensors, or what they and the manifest share.
     let stem = base.to_str().and_then(|text| text.strip_suffix(".safetensors"));
-    let base = stem.map_or(base, Path::new);
-    let manifest = read_text(&with_extension(base, "toml"))?;
-    let tensors_path = with_extension(base, "safetensors");
+    let [manifest_path, tensors_path] = twins(stem.map_or(base, Path::new));
+    let manifest = read_text(&manifest_path)?;
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
-    let weights = retarget::Weights::from_bytes(&manifest, &tensors, model)
+    let value = read(&manifest, &tensors)
         .map_err(|error| ConfigError::Weights { file: tensors_path.display().to_string(), cause: error.to_string() })?;
-    Ok((weights, manifest))
+    Ok((value, manifest))
 }
 
 // Unlike Path::with_extension, keeps a dot that belongs to the name.

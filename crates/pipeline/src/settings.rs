@@ -60,6 +60,8 @@ pub struct RetargetSettings {
     pub method: Method,
     pub refinement_steps: u32,
     pub following_delay_ms: f64,
+    /// Without extension, relative to the settings file; empty: none.
+    pub prediction: String,
 }
 
 /// Groups of the sockets; an empty name is the group of the daemon's process.

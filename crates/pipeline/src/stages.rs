@@ -17,6 +17,7 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         following_delay_ms: settings.following_delay_ms,
     };
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
+        .map(|config| config.with_prediction(loaded.prediction.clone()))
         .map_err(|error| ConfigError::stage("retarget", error))
 }
 

@@ -170,7 +170,7 @@ fn the_shipped_settings_have_a_floor_and_every_obstacle_is_part_of_the_hash() {
     let with = |line: &str| {
         let absolute = |name: &str| shipped(name).display().to_string();
         let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual.toml"));
-        let text = text.replace("../weights/tiago_dual", &absolute("../weights/tiago_dual"));
+        let text = text.replace("../weights/", &absolute("../weights/"));
         let path = folder.path().join("teleop.toml");
         std::fs::write(&path, text.replace("offset_m = 0.0", line)).expect("is written");
         pipeline::load(&path, overrides)

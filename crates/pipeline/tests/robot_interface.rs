@@ -59,7 +59,7 @@ fn the_robot_with_grippers_follows_the_builtin_motion() {
     let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
     let absolute = |name: &str| shipped(name).display().to_string();
     let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual_pal_gripper.toml"));
-    let text = text.replace("../weights/tiago_dual", &absolute("../weights/tiago_dual"));
+    let text = text.replace("../weights/", &absolute("../weights/"));
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("teleop.toml");
     std::fs::write(&path, text).expect("is written");

@@ -32,6 +32,11 @@ impl Limbs {
     pub fn slerp(&self, other: &Self, s: f64) -> Self {
         Self { upper: slerp(&self.upper, &other.upper, s), fore: slerp(&self.fore, &other.fore, s) }
     }
+
+    /// The same with the signs as they are.
+    pub(crate) fn between(&self, other: &Self, s: f64) -> Self {
+        Self { upper: slerp_signed(&self.upper, &other.upper, s), fore: slerp_signed(&self.fore, &other.fore, s) }
+    }
 }
 
 /// Two quaternions closer than this (1 - |dot|) are interpolated linearly: the error of that is below 1e-12 rad and
@@ -49,7 +54,7 @@ pub(crate) fn align(q: &UnitQuaternion<f64>, reference: &UnitQuaternion<f64>) ->
 }
 
 /// Slerp on the sphere with the signs as they are: continuous in all arguments while a and b are not opposite.
-pub(crate) fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
+fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
     let dot = a.coords.dot(&b.coords).clamp(-1.0, 1.0);
     if dot < SLERP_LINEAR - 1.0 {
         return if s < 0.5 { *a } else { *b };

@@ -10,6 +10,7 @@ mod closed_form;
 mod model;
 mod network;
 mod oracle;
+mod prediction;
 mod ready;
 mod refine;
 mod resample;
@@ -27,11 +28,16 @@ pub use network::{
     interpolate_latent,
 };
 pub use oracle::{Optimum, oracle};
+pub use prediction::{
+    AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,
+    PredictionManifest, Turns, prediction_inputs, turn, turns_at,
+};
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
 pub use tick::{
     ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
 };
+pub use way::Expected;
 pub use weights::{
     ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,
     write_weights,

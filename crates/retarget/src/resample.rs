@@ -7,16 +7,22 @@
 
 use messages::{Service, Skeleton, Stamp, comes_after};
 
-use crate::arm::{Limbs, align, slerp_signed};
+use crate::arm::{Limbs, align};
 use crate::network::{Latent, interpolate_latent};
-use crate::way::{RATE_OVER_NS, predict};
+use crate::prediction::{AGES_S, Turns};
+use crate::way::{Expected, RATE_OVER_NS};
 
 /// Silence after which the input is stale and the next skeleton is a restart: the service table's, ns.
 pub const STALE_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
 /// Longest delay, ns: commercial teleoperation lies between 100 and 250 ms.
 pub const DELAY_MAX_NS: u64 = 250_000_000;
-/// Knots kept per arm: 240 Hz over the longest delay are 60, and one on either side, rounded up.
-const KNOTS: usize = 64;
+/// Knots kept per arm: 240 Hz over the half second that a prediction looks back are 120, and one on either side, rounded up.
+const KNOTS: usize = 128;
+/// Most skeletons that a sequence counts as one step: a quarter of a second at 240 Hz.
+const SKIPPED_MAX: u64 = 64;
+/// An arm is predicted once it has been seen for this long, ns: three frames of the slowest source, and a good deal of what
+/// a prediction looks at.
+const PREDICTED_FROM_NS: i64 = 200_000_000;
 /// Crossfade after a restart, ns: a quarter of a second is about how long people take to notice and react, and even
 /// half a turn of a limb stays below 20 rad/s (joints may turn faster where the arm leaves what it can reach); the limits of
 /// whole-body control act on top.
@@ -130,7 +136,7 @@ impl SourceClock {
     /// client's stamps where they are plausible, else the mean period times the skeletons that the sequence counts.
     /// None if neither fits the arrival: then it is a restart.
     fn source_after(&mut self, last: &Arrival, next: &Arrival) -> Option<i64> {
-        let count = next.sequence.wrapping_sub(last.sequence).clamp(1, KNOTS as u64) as f64;
+        let count = next.sequence.wrapping_sub(last.sequence).clamp(1, SKIPPED_MAX) as f64;
         let by_mean = count * self.mean.add((next.received - last.received).max(0) as f64, count);
         let by_origin = (next.origin - last.origin) as f64;
         let arrived = (next.received - last.source) as f64;
@@ -173,13 +179,7 @@ pub struct Sample {
 
 impl Sample {
     fn between(&self, other: &Self, s: f64) -> Self {
-        Self {
-            latent: interpolate_latent(&self.latent, &other.latent, s),
-            limbs: Limbs {
-                upper: slerp_signed(&self.limbs.upper, &other.limbs.upper, s),
-                fore: slerp_signed(&self.limbs.fore, &other.limbs.fore, s),
-            },
-        }
+        Self { latent: interpolate_latent(&self.latent, &other.latent, s), limbs: self.limbs.between(&other.limbs, s) }
     }
 
     fn aligned_to(&self, other: &Self) -> Self {
@@ -210,12 +210,15 @@ pub struct Track {
     shown: Option<Sample>,
     fade: Option<Fade>,
     received: Stamp,
+    /// What follows the newest knot.
+    expected: Expected,
 }
 
 impl Default for Track {
     fn default() -> Self {
         let knot = Knot { source: 0, sample: Sample { latent: Latent::default(), limbs: Limbs::identity() } };
-        Self { knots: [knot; KNOTS], count: 0, newest: 0, shown: None, fade: None, received: Stamp::NONE }
+        let (shown, fade, expected) = (None, None, Expected::default());
+        Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, expected }
     }
 }
 
@@ -239,6 +242,10 @@ impl Track {
         self.knots[self.newest] = Knot { source: placed.source, sample };
         self.count = (self.count + 1).min(KNOTS);
         self.received = received;
+        let old = self.age_at(placed.source - RATE_OVER_NS);
+        let before = (old < self.count).then(|| self.knot(old));
+        let before = before.map(|knot| (&knot.sample.limbs, placed.source - knot.source));
+        self.expected = Expected::fading(&sample.limbs, before);
     }
 
     /// When the newest skeleton with this arm was received.
@@ -276,17 +283,10 @@ impl Track {
         if self.count == 0 {
             return None;
         }
-        let newest = &self.knots[self.newest];
+        let newest = self.knot(0);
         let seen = source <= newest.source;
-        let limbs = if seen {
-            self.at(source).limbs
-        } else {
-            let old = (1..self.count)
-                .map(|age| &self.knots[(self.newest + KNOTS - age) % KNOTS])
-                .find(|knot| newest.source - knot.source >= RATE_OVER_NS);
-            let before = old.map(|knot| (&knot.sample.limbs, newest.source - knot.source));
-            predict(&newest.sample.limbs, before, source - newest.source)
-        };
+        let limbs =
+            if seen { self.limbs_at(source) } else { self.expected.at(&newest.sample.limbs, source - newest.source) };
         Some((self.faded(limbs, now), seen))
     }
 
@@ -295,26 +295,68 @@ impl Track {
         let Some(fade) = self.fade else { return limbs };
         let s = ((ns(now) - fade.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
         let s = s * s * (3.0 - 2.0 * s);
-        Limbs {
-            upper: slerp_signed(&fade.from.limbs.upper, &limbs.upper, s),
-            fore: slerp_signed(&fade.from.limbs.fore, &limbs.fore, s),
+        fade.from.limbs.between(&limbs, s)
+    }
+
+    /// What is to be expected after the newest knot, until there is a newer one.
+    pub fn expect(&mut self, turns: &Turns) {
+        self.expected = Expected::learnt(turns);
+    }
+
+    /// Whether the arm has been seen for long enough to be predicted.
+    pub fn is_predictable(&self) -> bool {
+        self.count > 0 && self.knot(0).source - self.knot(self.count - 1).source >= PREDICTED_FROM_NS
+    }
+
+    /// The limbs at source time `source`, and at each of `AGES_S` before it. Before the oldest knot and after the newest one
+    /// they stand still. None before the first skeleton.
+    pub fn past(&self, source: i64) -> Option<(Limbs, [Limbs; AGES_S.len()])> {
+        let before = |age_s: f64| self.limbs_at(source - (age_s * 1e9) as i64);
+        (self.count > 0).then(|| (self.limbs_at(source), AGES_S.map(before)))
+    }
+
+    /// The knot that is `age` knots older than the newest one.
+    fn knot(&self, age: usize) -> &Knot {
+        &self.knots[(self.newest + KNOTS - age) % KNOTS]
+    }
+
+    /// The age of the newest knot that is not after `source`; `count` if there is none. Knots never stand in another order
+    /// than they came in.
+    fn age_at(&self, source: i64) -> usize {
+        let (mut low, mut high) = (0, self.count);
+        while low < high {
+            let middle = low.midpoint(high);
+            if self.knot(middle).source <= source {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
         }
+        low
+    }
+
+    /// The knots around `source` and the share of the way from the first to the second; one twice outside of all of them.
+    fn around(&self, source: i64) -> (&Sample, &Sample, f64) {
+        let age = self.age_at(source);
+        if age == 0 || age == self.count {
+            let only = &self.knot(age.min(self.count.saturating_sub(1))).sample;
+            return (only, only, 0.0);
+        }
+        let (knot, later) = (self.knot(age), self.knot(age - 1));
+        let span = later.source - knot.source;
+        // The binary search went past all that are not after `source`: the span is not empty.
+        (&knot.sample, &later.sample, (source - knot.source) as f64 / span as f64)
     }
 
     /// Interpolated between the knots around `playhead`; the nearest one outside of them.
     fn at(&self, playhead: i64) -> Sample {
-        let mut later = self.knots[self.newest];
-        for age in 0..self.count {
-            let knot = self.knots[(self.newest + KNOTS - age) % KNOTS];
-            if knot.source <= playhead {
-                let span = later.source - knot.source;
-                if span <= 0 {
-                    return knot.sample;
-                }
-                return knot.sample.between(&later.sample, (playhead - knot.source) as f64 / span as f64);
-            }
-            later = knot;
-        }
-        later.sample
+        let (from, to, share) = self.around(playhead);
+        if std::ptr::eq(from, to) { *from } else { from.between(to, share) }
+    }
+
+    /// As `at`, the limbs alone.
+    fn limbs_at(&self, source: i64) -> Limbs {
+        let (from, to, share) = self.around(source);
+        if std::ptr::eq(from, to) { from.limbs } else { from.limbs.between(&to.limbs, share) }
     }
 }

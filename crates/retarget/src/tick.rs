@@ -11,6 +11,7 @@ use crate::arm::{
 };
 use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
+use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
 use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::{DELAY_MAX_NS, Sample, SourceClock, Track};
@@ -101,6 +102,7 @@ pub struct Config {
     velocity_max: ArmQ,
     home: [f64; JOINTS],
     network: Option<Network>,
+    prediction: Option<Prediction>,
     refine_steps: u32,
     delay_ns: u64,
 }
@@ -120,9 +122,16 @@ impl Config {
             velocity_max: robot.velocity_max,
             home: robot.home,
             network,
+            prediction: None,
             refine_steps: options.refine_steps,
             delay_ns: (options.following_delay_ms * 1e6) as u64,
         })
+    }
+
+    /// The same, with limbs that go on as was learnt. Without this a limb goes on as it turned last, ever less.
+    #[must_use]
+    pub fn with_prediction(self, prediction: Option<Prediction>) -> Self {
+        Self { prediction, ..self }
     }
 
     /// The method in force.
@@ -294,23 +303,39 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         Some(network) => network.encode_human(&arms.map(|limbs| features(&limbs.unwrap_or_else(Limbs::identity)))),
         None => [Latent::default(); ARMS],
     };
-    let mut used = false;
+    let mut used = [false; ARMS];
     for arm in 0..ARMS {
         let Some(limbs) = arms[arm] else { continue };
         let latent = latents[arm];
         if latent.iter().all(|x| x.is_finite()) {
             state.tracks[arm].push(placed, Sample { latent, limbs }, received, now);
-            used = true;
+            used[arm] = true;
         } else {
             state.counters.network_not_finite += 1;
         }
     }
-    if used {
+    if let Some(prediction) = &config.prediction {
+        expect(prediction, &mut state.tracks, used, placed.source);
+    }
+    if used.contains(&true) {
         state.readiness.arrived(received, placed.restart);
         state.received = received;
         state.origin = skeleton.header.origin;
         state.sequence = skeleton.header.sequence;
         state.session = session(skeleton, state.forgotten);
+    }
+}
+
+/// Predicts the arms of a new skeleton at `source`. An arm that was never seen stands as the other one does.
+fn expect(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
+    let pasts = [tracks[0].past(source), tracks[1].past(source)];
+    for arm in 0..ARMS {
+        let Some((own, own_before)) = pasts[arm].filter(|_| new[arm] && tracks[arm].is_predictable()) else { continue };
+        let (other, other_before) = pasts[1 - arm].unwrap_or((own, [own; AGES_S.len()]));
+        let before = std::array::from_fn(|i| [own_before[i], other_before[i]]);
+        if let Some(turns) = prediction.turns(&History { newest: [own, other], before }) {
+            tracks[arm].expect(&turns);
+        }
     }
 }
 

@@ -1,6 +1,13 @@
 //! How the person goes on: what was seen and is not shown yet, then what is to be expected.
 //!
-//! Beyond the newest skeleton a limb turns on as it did last, w = log(R_n R_o^-1) / (t_n - t_o), ever less:
+//! Beyond the newest skeleton, at t_n, a limb turns on as was learnt from recorded motion (see `prediction`):
+//!
+//! ```text
+//! R(t) = exp(turn(t - t_n)) R_n
+//! ```
+//!
+//! Without what was learnt, and until an arm has been seen for long enough, it turns on as it did last,
+//! w = log(R_n R_o^-1) / (t_n - t_o), ever less:
 //!
 //! ```text
 //! R(t) = exp(w T (1 - exp(-(t - t_n) / T))) R_n
@@ -8,27 +15,66 @@
 //!
 //! People swing and reverse: T is short, and what is far ahead counts as standing still.
 
-use crate::arm::{Limbs, align};
-use nalgebra::UnitQuaternion;
+use crate::arm::Limbs;
+use crate::prediction::{HORIZONS_S, Turns, turn, turns_at};
+use nalgebra::{UnitQuaternion, Vector3};
 
-/// Time constant with which the turning rate fades, s. Chosen by `eval --prediction`: the smallest mean error at 100 ms.
+/// Time constant with which the turning rate fades, s. Of 0.05, 0.1 and 0.2 the one with the smallest mean error 100 ms
+/// beyond the newest skeleton: the last line of `eval --following`.
 const FADE_S: f64 = 0.1;
 /// A turning rate is measured over at least this, ns: two frames of 60 Hz; noise of half a degree then makes 20 degrees/s.
 pub(crate) const RATE_OVER_NS: i64 = 30_000_000;
 /// Fastest turn of a limb that is carried on, rad/s: a fast throw; what is faster is a glitch of the tracker.
 const RATE_MAX_RAD_PER_S: f64 = 20.0;
 
-/// The limbs `ahead_ns` after the newest ones, given those `span_ns` before.
-pub(crate) fn predict(newest: &Limbs, before: Option<(&Limbs, i64)>, ahead_ns: i64) -> Limbs {
-    let Some((before, span_ns)) = before.filter(|(_, span_ns)| *span_ns > 0) else {
-        return *newest;
-    };
-    let span_s = span_ns as f64 * 1e-9;
-    let reach_s = FADE_S * (1.0 - (-(ahead_ns as f64) * 1e-9 / FADE_S).exp());
-    let on = |newest: &UnitQuaternion<f64>, before: &UnitQuaternion<f64>| {
-        let turn = (newest * align(before, newest).inverse()).scaled_axis();
-        let rate = (turn / span_s).cap_magnitude(RATE_MAX_RAD_PER_S);
-        UnitQuaternion::from_scaled_axis(rate * reach_s) * newest
-    };
-    Limbs { upper: on(&newest.upper, &before.upper), fore: on(&newest.fore, &before.fore) }
+/// What is to be expected of an arm beyond its newest skeleton.
+#[derive(Clone, Copy, Debug)]
+pub enum Expected {
+    /// Both limbs turn on at these rates, rad/s, ever less.
+    Fading([Vector3<f64>; 2]),
+    /// Both limbs turn as was learnt.
+    Learnt(Turns),
+}
+
+impl Expected {
+    /// To go on as from `before` to `newest` in `span_ns`; to stand, without these.
+    pub fn fading(newest: &Limbs, before: Option<(&Limbs, i64)>) -> Self {
+        let Some((before, span_ns)) = before.filter(|(_, span_ns)| *span_ns > 0) else {
+            return Self::Fading([Vector3::zeros(); 2]);
+        };
+        let span_s = span_ns as f64 * 1e-9;
+        let rate = |before, newest| (turn(before, newest) / span_s).cap_magnitude(RATE_MAX_RAD_PER_S);
+        Self::Fading([rate(&before.upper, &newest.upper), rate(&before.fore, &newest.fore)])
+    }
+
+    /// To turn so; no farther than the fastest limb would that fades.
+    pub fn learnt(turns: &Turns) -> Self {
+        let mut turns = *turns;
+        for (both, horizon_s) in turns.iter_mut().zip(HORIZONS_S) {
+            *both = both.map(|turn| turn.cap_magnitude(RATE_MAX_RAD_PER_S * reach_s(horizon_s)));
+        }
+        Self::Learnt(turns)
+    }
+
+    /// The limbs `ahead_ns` after the newest ones.
+    pub fn at(&self, newest: &Limbs, ahead_ns: i64) -> Limbs {
+        let ahead_s = ahead_ns as f64 * 1e-9;
+        let [upper, fore] = match self {
+            Self::Fading(rates) => rates.map(|rate| rate * reach_s(ahead_s)),
+            Self::Learnt(turns) => turns_at(turns, ahead_s),
+        };
+        let on = |turn, limb: &UnitQuaternion<f64>| UnitQuaternion::from_scaled_axis(turn) * limb;
+        Limbs { upper: on(upper, &newest.upper), fore: on(fore, &newest.fore) }
+    }
+}
+
+impl Default for Expected {
+    fn default() -> Self {
+        Self::Fading([Vector3::zeros(); 2])
+    }
+}
+
+/// How long a turn at full speed would take that is as far as one that fades for `ahead_s`.
+fn reach_s(ahead_s: f64) -> f64 {
+    FADE_S * (1.0 - (-ahead_s / FADE_S).exp())
 }

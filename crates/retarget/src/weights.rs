@@ -188,11 +188,15 @@ impl Manifest {
     }
 }
 
-fn key(key: &'static str, value: &impl std::fmt::Debug, expected: String) -> WeightsError {
+pub(crate) fn key(key: &'static str, value: &impl std::fmt::Debug, expected: String) -> WeightsError {
     WeightsError::Key { key, value: format!("{value:?}"), expected }
 }
 
-fn must<T: PartialEq + std::fmt::Debug>(name: &'static str, value: T, expected: T) -> Result<(), WeightsError> {
+pub(crate) fn must<T: PartialEq + std::fmt::Debug>(
+    name: &'static str,
+    value: T,
+    expected: T,
+) -> Result<(), WeightsError> {
     if value == expected { Ok(()) } else { Err(key(name, &value, format!("{expected:?}"))) }
 }
 
@@ -267,7 +271,11 @@ fn is_ours(name: &str, hidden_layers: usize) -> bool {
     network && index && kind && parts.next().is_none()
 }
 
-fn read_tensor(tensors: &SafeTensors<'_>, name: String, expected: &[usize]) -> Result<Vec<f32>, WeightsError> {
+pub(crate) fn read_tensor(
+    tensors: &SafeTensors<'_>,
+    name: String,
+    expected: &[usize],
+) -> Result<Vec<f32>, WeightsError> {
     let Ok(view) = tensors.tensor(&name) else {
         return Err(WeightsError::Missing { name });
     };

@@ -33,6 +33,7 @@ pub(crate) fn run(input: &[u8]) {
         settings,
         model,
         weights: None,
+        prediction: None,
         layouts: layouts::Layouts::default(),
         operators: pipeline::Operators::default(),
         operators_dir: std::path::PathBuf::new(),

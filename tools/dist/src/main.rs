@@ -51,9 +51,10 @@ fn save(path: &Path, text: &str) -> Result<(), String> {
 
 /// The paths of config/teleop.toml that point into the repository, and where the package has the same files. Settings may be
 /// copied to any folder then.
-const PATHS: [(&str, &str); 3] = [
+const PATHS: [(&str, &str); 4] = [
     ("\"robots/", "\"/usr/share/teleopd/robots/"),
-    ("\"../weights/", "\"/usr/share/teleopd/weights/"),
+    ("\"../weights/tiago_dual\"", "\"/usr/share/teleopd/weights/tiago_dual\""),
+    ("\"../weights/prediction\"", "\"/usr/share/teleopd/weights/prediction\""),
     // An example in a comment.
     ("\"skeletons/", "\"/usr/share/teleopd/skeletons/"),
 ];
@@ -80,13 +81,15 @@ mod tests {
     }
 
     #[test]
-    fn packaged_settings_differ_in_two_paths_and_in_nothing_else() {
+    fn packaged_settings_differ_in_three_paths_and_in_nothing_else() {
         let packaged = packaged_settings(&settings()).expect("settings");
         let mut read = pipeline::Settings::parse("packaged", &packaged).expect("settings that are accepted");
         let here = pipeline::Settings::parse("here", &settings()).expect("settings that are accepted");
         assert_eq!(read.robot.file, "/usr/share/teleopd/robots/tiago_dual.toml");
         assert_eq!(read.weights.file, "/usr/share/teleopd/weights/tiago_dual");
         assert!(packaged.contains("\"/usr/share/teleopd/skeletons/zed_body_38.toml\""));
+        assert_eq!(read.retarget.prediction, "/usr/share/teleopd/weights/prediction");
+        read.retarget.prediction.clone_from(&here.retarget.prediction);
         (read.robot.file, read.weights.file) = (here.robot.file.clone(), here.weights.file.clone());
         assert_eq!(format!("{read:?}"), format!("{here:?}"));
     }

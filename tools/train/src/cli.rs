@@ -17,19 +17,22 @@ pub struct Cli {
     /// Folder of motion files with rotations; every fifth, starting with the third, is kept for validation
     #[arg(long, value_name = "DIR")]
     pub human: PathBuf,
-    /// Robot file
-    #[arg(long, value_name = "FILE")]
+    /// Robot file; --prediction knows no robot
+    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
     pub robot: PathBuf,
     /// Where the weights go: OUT.safetensors and OUT.toml; checkpoints go to OUT.checkpoint
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
+    /// Learn how a person's arms go on instead, from the same clips: a minute
+    #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate", "resume"])]
+    pub prediction: bool,
     /// What to train, and how long
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
     /// Steps instead of the preset's
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Seed of weights and poses
+    /// Seed of weights and poses, and of what --prediction draws
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Poses per step, even, instead of the preset's

@@ -24,6 +24,8 @@ pub const fn is_validation(index: usize) -> bool {
 pub struct Clip {
     /// File name without extension.
     pub name: String,
+    /// Frames a second.
+    pub frame_rate_hz: f64,
     /// Frames of the left arm, then of the mirrored right arm, x y z w.
     pub arms: [Vec<Limbs>; 2],
 }
@@ -113,7 +115,7 @@ fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> 
         return Err("has no rotations, so the twist of its limbs is unknown".into());
     }
     let frames = limb_frames(&motion, calibration)?;
-    Ok(Clip { name: motion.name, arms: arms(&frames) })
+    Ok(Clip { name: motion.name, frame_rate_hz: motion.frame_rate_hz, arms: arms(&frames) })
 }
 
 /// The limb rotations of every frame, x y z w, by `messages::Limb`.

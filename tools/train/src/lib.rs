@@ -1,4 +1,5 @@
-//! The trainer of the shared latent space: data, networks, losses, optimiser, checkpoints and weights files.
+//! The trainer of the shared latent space: data, networks, losses, optimiser, checkpoints and weights files. And of how a
+//! person goes on: see [`prediction`].
 //!
 //! One arm is trained, unsupervised and unpaired; a mirrored right arm uses the same networks. Glossary: a *pose* is the
 //! rotations of an arm's two limbs, a *posture* its joint positions; a *shard* is one thread's half of a batch; *K* is the
@@ -17,6 +18,7 @@ pub mod networks;
 pub mod objective;
 pub mod optimiser;
 pub mod pairs;
+pub mod prediction;
 pub mod preset;
 pub mod robot_file;
 pub mod run;

@@ -9,6 +9,7 @@ use crate::evaluation::evaluate;
 use crate::kinematics::Arm;
 use crate::objective::Terms;
 use crate::pairs::{matched, random_postures};
+use crate::prediction;
 use crate::preset::Preset;
 use crate::robot_file::{arm_of, read_model};
 use crate::sampling::{Pair, Recorded};
@@ -34,10 +35,13 @@ const OPTIMUM_STRIDE: usize = 3;
 /// # Errors
 /// The first thing that made it impossible, with the file or option at fault.
 pub fn run(cli: &Cli) -> Result<(), TrainError> {
-    let (identity, arm) = arm_of(&read_model(&cli.robot)?);
     let clips = Clips::read(&cli.human, cli.calibration)?;
     report(&clips);
     let out = cli.out.as_path();
+    if cli.prediction {
+        return prediction::learn(out, &clips, cli.seed, cli.calibration.name());
+    }
+    let (identity, arm) = arm_of(&read_model(&cli.robot)?);
     let recorded = clips.recorded();
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let mut session = match &cli.resume {

@@ -1,0 +1,218 @@
+//! How a person's arm goes on, as learnt from recorded motion: a linear map from the turns of the last half second.
+//!
+//! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the directions of
+//! the arm's limbs: gravity and the ranges of the joints lie in these. There is no constant input, so whoever stands is
+//! expected to stand. The outputs are the turns log(R(t + h) R(t)^-1) of the arm's own limbs at a few horizons. Ages and
+//! horizons are seconds: any frame rate will do.
+
+use crate::arm::Limbs;
+use nalgebra::{UnitQuaternion, Vector3};
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+
+use crate::weights::{HEADER_MAX_BYTES, WeightsError, WriteError, key, must, sha256_hex};
+
+/// The only format of the manifest so far.
+pub const PREDICTION_FORMAT: u32 = 1;
+/// Ages at which both arms are looked up, s.
+pub const AGES_S: [f64; 11] = [0.017, 0.033, 0.05, 0.067, 0.1, 0.133, 0.167, 0.233, 0.3, 0.4, 0.5];
+/// Of these, the ones whose turns are also taken times directions.
+const DIRECTED: [usize; 5] = [1, 3, 4, 6, 8];
+/// How far ahead the limbs are predicted, s; linear between.
+pub const HORIZONS_S: [f64; 8] = [0.03, 0.06, 0.1, 0.15, 0.2, 0.28, 0.38, 0.48];
+/// Numbers of the directions of one arm: two axes of two limbs.
+const DIRECTIONS: usize = 12;
+/// Inputs of the map: turns of four limbs, those of the own two in their own frames, and products.
+pub const PREDICTION_INPUTS: usize = AGES_S.len() * (12 + 6) + DIRECTED.len() * 6 * DIRECTIONS;
+/// Outputs of the map: the turns of two limbs at each horizon.
+pub const PREDICTION_OUTPUTS: usize = HORIZONS_S.len() * 6;
+
+/// Both arms at the newest skeleton, and before it: the arm that is predicted comes first. Each as a left arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct History {
+    /// At the newest skeleton.
+    pub newest: [Limbs; 2],
+    /// At each of `AGES_S` before it.
+    pub before: [[Limbs; 2]; AGES_S.len()],
+}
+
+/// The turns of an arm's two limbs at each horizon, rad.
+pub type Turns = [[Vector3<f64>; 2]; HORIZONS_S.len()];
+
+/// The rotation vector from `from` to `to`, along the shorter way, rad.
+pub fn turn(from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> Vector3<f64> {
+    let q = (to * from.inverse()).into_inner();
+    let (w, v) = if q.w < 0.0 { (-q.w, -q.imag()) } else { (q.w, q.imag()) };
+    let sin = v.norm();
+    // The angle over its sine goes to 2 where the sine vanishes.
+    v * if sin > 1e-9 { 2.0 * sin.atan2(w) / sin } else { 2.0 }
+}
+
+/// The inputs of the map.
+pub fn prediction_inputs(history: &History) -> [f32; PREDICTION_INPUTS] {
+    let mut out = [0.0_f32; PREDICTION_INPUTS];
+    let mut rest = out.iter_mut();
+    let mut put = |values: &[f64]| values.iter().zip(&mut rest).for_each(|(value, out)| *out = *value as f32);
+    let limbs = |arms: &[Limbs; 2]| [arms[0].upper, arms[0].fore, arms[1].upper, arms[1].fore];
+    let newest = limbs(&history.newest);
+    let own = [newest[0].inverse(), newest[1].inverse()];
+    let axes = [Vector3::y(), -Vector3::z()];
+    let directions = [newest[0] * axes[0], newest[0] * axes[1], newest[1] * axes[0], newest[1] * axes[1]];
+    for (i, before) in history.before.iter().enumerate() {
+        let before = limbs(before);
+        let turns: [Vector3<f64>; 4] = std::array::from_fn(|limb| turn(&newest[limb], &before[limb]));
+        for turn in &turns {
+            put(turn.as_slice());
+        }
+        for limb in 0..2 {
+            put((own[limb] * turns[limb]).as_slice());
+        }
+        if DIRECTED.contains(&i) {
+            for part in turns[..2].iter().flat_map(|turn| turn.iter()) {
+                for direction in &directions {
+                    put((direction * *part).as_slice());
+                }
+            }
+        }
+    }
+    out
+}
+
+/// The manifest beside the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictionManifest {
+    /// `PREDICTION_FORMAT`.
+    pub format: u32,
+    /// Of the safetensors file, lower-case hex.
+    pub sha256: String,
+    /// `AGES_S`.
+    pub ages_s: Vec<f64>,
+    /// `HORIZONS_S`.
+    pub horizons_s: Vec<f64>,
+    /// `PREDICTION_INPUTS`.
+    pub inputs: usize,
+    /// Seed of the training.
+    pub seed: u64,
+    /// What it was trained on.
+    pub trained_on: String,
+    /// Figures of the validation, for people.
+    #[serde(default)]
+    pub validation: toml::Table,
+}
+
+impl PredictionManifest {
+    /// A manifest of this build's shape; sha256, validation and training facts are still empty.
+    pub fn new() -> Self {
+        Self {
+            format: PREDICTION_FORMAT,
+            sha256: String::new(),
+            ages_s: AGES_S.to_vec(),
+            horizons_s: HORIZONS_S.to_vec(),
+            inputs: PREDICTION_INPUTS,
+            seed: 0,
+            trained_on: String::new(),
+            validation: toml::Table::new(),
+        }
+    }
+}
+
+impl Default for PredictionManifest {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The map, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// The outputs' weights, input by input.
+    weight: Box<[[f32; PREDICTION_OUTPUTS]]>,
+}
+
+/// The name of the only tensor, `[PREDICTION_INPUTS, PREDICTION_OUTPUTS]`.
+const TENSOR: &str = "weight";
+
+impl Prediction {
+    /// From weights, input by input.
+    ///
+    /// # Errors
+    /// If there are too few or too many of them, or one is not finite.
+    pub fn new(weight: &[f32]) -> Result<Self, WeightsError> {
+        let (rows, rest) = weight.as_chunks::<PREDICTION_OUTPUTS>();
+        if rows.len() != PREDICTION_INPUTS || !rest.is_empty() {
+            let expected = (PREDICTION_INPUTS * PREDICTION_OUTPUTS).to_string();
+            return Err(key("weights", &weight.len(), expected));
+        }
+        match weight.iter().position(|value| !value.is_finite()) {
+            Some(index) => Err(WeightsError::NotFinite { name: TENSOR.into(), index, value: weight[index] }),
+            None => Ok(Self { weight: rows.into() }),
+        }
+    }
+
+    /// Reads the manifest and the safetensors file that it describes. Refuses everything that is not what the manifest
+    /// promises and this build computes.
+    ///
+    /// # Errors
+    /// What does not fit.
+    pub fn read(manifest_text: &str, bytes: &[u8]) -> Result<Self, WeightsError> {
+        let manifest: PredictionManifest = toml::from_str(manifest_text)?;
+        must("format", manifest.format, PREDICTION_FORMAT)?;
+        must("ages_s", &manifest.ages_s[..], &AGES_S[..])?;
+        must("horizons_s", &manifest.horizons_s[..], &HORIZONS_S[..])?;
+        must("inputs", manifest.inputs, PREDICTION_INPUTS)?;
+        let actual = sha256_hex(bytes);
+        if actual != manifest.sha256 {
+            return Err(WeightsError::Sha256 { actual, expected: manifest.sha256 });
+        }
+        let header = bytes.first_chunk::<8>().map_or(0, |length| u64::from_le_bytes(*length));
+        if header > HEADER_MAX_BYTES {
+            return Err(WeightsError::Header { bytes: header });
+        }
+        let tensors = SafeTensors::deserialize(bytes)?;
+        if let Some(name) = tensors.names().into_iter().find(|name| *name != TENSOR) {
+            return Err(WeightsError::Unknown { name: name.to_owned() });
+        }
+        Self::new(&crate::weights::read_tensor(&tensors, TENSOR.into(), &[PREDICTION_INPUTS, PREDICTION_OUTPUTS])?)
+    }
+
+    /// The two files of a weights folder: safetensors bytes and manifest text (its `sha256` filled in).
+    ///
+    /// # Errors
+    /// If the manifest holds something that TOML cannot.
+    pub fn write(&self, manifest: &PredictionManifest) -> Result<(Vec<u8>, String), WriteError> {
+        let data: Vec<u8> = self.weight.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
+        let shape = vec![PREDICTION_INPUTS, PREDICTION_OUTPUTS];
+        let view = safetensors::tensor::TensorView::new(Dtype::F32, shape, &data)?;
+        let bytes = safetensors::serialize([(TENSOR, view)], None)?;
+        let manifest = PredictionManifest { sha256: sha256_hex(&bytes), ..manifest.clone() };
+        Ok((bytes, toml::to_string(&manifest)?))
+    }
+
+    /// The turns that are to be expected; none if they are no numbers.
+    pub fn turns(&self, history: &History) -> Option<Turns> {
+        let inputs = prediction_inputs(history);
+        let mut sums = [0.0_f32; PREDICTION_OUTPUTS];
+        for (input, weights) in inputs.iter().zip(&self.weight) {
+            for (sum, weight) in sums.iter_mut().zip(weights) {
+                *sum += input * weight;
+            }
+        }
+        let part =
+            |horizon: usize, limb: usize| Vector3::from_fn(|axis, _| f64::from(sums[6 * horizon + 3 * limb + axis]));
+        let finite = sums.iter().all(|sum| sum.is_finite());
+        finite.then(|| std::array::from_fn(|horizon| [part(horizon, 0), part(horizon, 1)]))
+    }
+}
+
+/// The turns `ahead_s` after the newest skeleton: linear between the horizons, none at 0, those of the last beyond it.
+pub fn turns_at(turns: &Turns, ahead_s: f64) -> [Vector3<f64>; 2] {
+    let next = HORIZONS_S.iter().position(|horizon| *horizon > ahead_s);
+    let Some(next) = next else { return turns[HORIZONS_S.len() - 1] };
+    let (from_s, from) = match next.checked_sub(1) {
+        Some(before) => (HORIZONS_S[before], turns[before]),
+        None => (0.0, [Vector3::zeros(); 2]),
+    };
+    let share = ((ahead_s - from_s) / (HORIZONS_S[next] - from_s)).max(0.0);
+    std::array::from_fn(|limb| from[limb] + (turns[next][limb] - from[limb]) * share)
+}

@@ -1,0 +1,175 @@
+//! What a person did before and after an instant, drawn from recordings.
+
+use crate::clips::Clip;
+use crate::evaluation::limbs;
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use retarget::{AGES_S, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_OUTPUTS, prediction_inputs, turn};
+use std::f64::consts::TAU;
+
+/// A clip that is drawn plays faster or slower by up to this.
+const SPEED: f64 = 1.3;
+/// Random turn of the torso about the vertical, and about each of the other axes, rad.
+const YAW_RAD: f64 = 0.35;
+const TILT_RAD: f64 = 0.17;
+/// Frame rates, Hz: those that a source may have.
+const RATES_HZ: [f64; 2] = [20.0, 240.0];
+/// White noise on each limb and axis, rad (half a degree), in this share of the draws.
+const NOISE_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const NOISY_SHARE: f64 = 0.4;
+
+/// Both arms over time, as left arms.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    frames: Vec<[Limbs; 2]>,
+    rate_hz: f64,
+}
+
+impl Recording {
+    /// Of a clip.
+    #[must_use]
+    pub fn new(clip: &Clip) -> Self {
+        Self { frames: clip.frames().map(|arms| arms.map(|arm| limbs(&arm))).collect(), rate_hz: clip.frame_rate_hz }
+    }
+
+    /// When the last frame is, s after the first.
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.frames.len().saturating_sub(1) as f64 / self.rate_hz
+    }
+
+    /// Between the frames; the first or last one before or after all of them.
+    #[must_use]
+    pub fn at(&self, t_s: f64) -> [Limbs; 2] {
+        let frame = (t_s * self.rate_hz).clamp(0.0, self.frames.len().saturating_sub(1) as f64);
+        let (from, share) = (frame.floor() as usize, frame.fract());
+        let to = (from + 1).min(self.frames.len() - 1);
+        [0, 1].map(|arm| self.frames[from][arm].slerp(&self.frames[to][arm], share))
+    }
+}
+
+/// How a recording is seen: the newest frame at `at_s`, `rate_hz` frames a second before it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// When, s of the recording.
+    pub at_s: f64,
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// Seconds of the recording in one that is seen.
+    pub speed: f64,
+    /// How the torso is turned.
+    pub turn: UnitQuaternion<f64>,
+    /// Noise of each limb and axis, rad.
+    pub noise_rad: f64,
+}
+
+impl Seen {
+    /// The frames, newest first, until half a second back or the beginning of the recording.
+    #[must_use]
+    pub fn frames(&self, recording: &Recording, rng: &mut Pcg64) -> Vec<[Limbs; 2]> {
+        let count = (AGES_S[AGES_S.len() - 1] * self.rate_hz).ceil() as usize + 1;
+        let times = (0..count).map(|i| self.at_s - i as f64 / self.rate_hz * self.speed);
+        let mut noisy = |limb: UnitQuaternion<f64>| noise(rng, self.noise_rad) * limb;
+        let frame = |t_s: f64| {
+            self.turned(recording.at(t_s)).map(|arm| Limbs { upper: noisy(arm.upper), fore: noisy(arm.fore) })
+        };
+        times.take_while(|t_s| *t_s >= 0.0).map(frame).collect()
+    }
+
+    /// The person, `ahead_s` after the newest frame.
+    #[must_use]
+    pub fn after(&self, recording: &Recording, ahead_s: f64) -> [Limbs; 2] {
+        self.turned(recording.at(self.at_s + ahead_s * self.speed))
+    }
+
+    fn turned(&self, arms: [Limbs; 2]) -> [Limbs; 2] {
+        // Both are left arms, one of them behind the mirror.
+        let axis = self.turn.scaled_axis();
+        let mirrored = UnitQuaternion::from_scaled_axis(Vector3::new(-axis.x, axis.y, -axis.z));
+        let by = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };
+        [by(&self.turn, &arms[0]), by(&mirrored, &arms[1])]
+    }
+}
+
+/// What the arm `own` of `frames` is predicted from; what is older than all frames stands as in the oldest.
+#[must_use]
+pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
+    let first = |arms: &[Limbs; 2]| [arms[own], arms[1 - own]];
+    let last = frames.len() - 1;
+    let before = AGES_S.map(|age_s| {
+        let frame = (age_s * rate_hz).min(last as f64);
+        let (from, to) = (frame.floor() as usize, (frame.floor() as usize + 1).min(last));
+        first(&[0, 1].map(|arm| frames[from][arm].slerp(&frames[to][arm], frame.fract())))
+    });
+    History { newest: first(&frames[0]), before }
+}
+
+/// Inputs and outputs, column by column.
+#[derive(Clone, Debug, Default)]
+pub struct Draw {
+    /// Per input the values of all rows.
+    pub inputs: Vec<Vec<f64>>,
+    /// Per output the values of all rows.
+    pub outputs: Vec<Vec<f64>>,
+}
+
+/// Draws `count` instants, two rows each: one for either arm. The same seed gives the same.
+#[must_use]
+pub fn draw(recordings: &[Recording], count: usize, seed: u64) -> Draw {
+    let mut rng = Pcg64::new(u128::from(seed), 0x9ed1);
+    let mut out = Draw { inputs: vec![Vec::new(); PREDICTION_INPUTS], outputs: vec![Vec::new(); PREDICTION_OUTPUTS] };
+    let longest_s = SPEED * HORIZONS_S[HORIZONS_S.len() - 1];
+    let room_s = |recording: &Recording| (recording.end_s() - longest_s).max(0.0);
+    let total_s: f64 = recordings.iter().map(room_s).sum();
+    for _ in 0..count {
+        let mut at_s = rng.random_range(0.0..total_s.max(f64::MIN_POSITIVE));
+        let recording = recordings.iter().find(|recording| {
+            let room_s = room_s(recording);
+            let here = at_s < room_s;
+            at_s -= if here { 0.0 } else { room_s };
+            here
+        });
+        let Some(recording) = recording else { continue };
+        let seen = seen(&mut rng, at_s);
+        let frames = seen.frames(recording, &mut rng);
+        if frames.is_empty() {
+            continue;
+        }
+        for own in 0..2 {
+            let inputs = prediction_inputs(&history(&frames, seen.rate_hz, own));
+            out.inputs.iter_mut().zip(inputs).for_each(|(column, value)| column.push(f64::from(value)));
+            let newest = frames[0][own];
+            let turns = HORIZONS_S.iter().flat_map(|horizon_s| {
+                let then = seen.after(recording, *horizon_s)[own];
+                [turn(&newest.upper, &then.upper), turn(&newest.fore, &then.fore)]
+            });
+            let values = turns.flat_map(|turn| [turn.x, turn.y, turn.z]);
+            out.outputs.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
+        }
+    }
+    out
+}
+
+fn seen(rng: &mut Pcg64, at_s: f64) -> Seen {
+    let mut even = |most: f64| rng.random_range(-most..most);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * even(YAW_RAD))
+        * UnitQuaternion::from_scaled_axis(Vector3::new(even(TILT_RAD), even(TILT_RAD), 0.0));
+    let speed = even(SPEED.ln()).exp();
+    let [slowest, fastest] = RATES_HZ;
+    let rate_hz = slowest * (fastest / slowest).powf(rng.random_range(0.0..1.0));
+    let noise_rad = if rng.random_bool(NOISY_SHARE) { NOISE_RAD } else { 0.0 };
+    Seen { at_s, rate_hz, speed, turn, noise_rad }
+}
+
+/// A small random rotation: normally distributed about each axis (Box and Muller).
+fn noise(rng: &mut Pcg64, sigma_rad: f64) -> UnitQuaternion<f64> {
+    if sigma_rad == 0.0 {
+        return UnitQuaternion::identity();
+    }
+    let mut normal = || {
+        let (size, phase) = (1.0 - rng.random_range(0.0..1.0_f64), rng.random_range(0.0..TAU));
+        (-2.0 * size.ln()).sqrt() * phase.cos()
+    };
+    UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| normal()) * sigma_rad)
+}

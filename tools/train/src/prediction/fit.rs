@@ -1,0 +1,90 @@
+//! Ridge regression, weighted so that the mean of the errors becomes small and not that of their squares.
+//!
+//! ```text
+//! minimise  sum over rows  w |W x - y|^2  +  lambda sum over inputs  g |W_i|^2
+//! w = 1 / sqrt(|W' x - y|^2 + eps^2),   g the mean square of the input times the sum of w
+//! ```
+//!
+//! W' is the W of the round before: iteratively reweighted least squares. A person's fast moves would count alone by their
+//! squares.
+
+use super::data::Draw;
+use nalgebra::{DMatrix, Dyn, linalg::Cholesky};
+use rayon::prelude::*;
+use retarget::{HORIZONS_S, PREDICTION_OUTPUTS, Prediction};
+
+/// Rounds of reweighting; a fifth changes the validation by less than 0.01 degrees.
+const ROUNDS: usize = 4;
+/// Errors below this count by their squares, rad.
+const EPS_RAD: f64 = 0.01;
+/// Share of an input's own mean square that is added to it. Chosen on the validation clips among 0.01 to 0.4.
+const LAMBDA: f64 = 0.05;
+
+/// The map that fits the rows best; none if there are too few of them to tell.
+#[must_use]
+pub fn fit(draw: &Draw) -> Option<Prediction> {
+    let rows = draw.outputs.first()?.len();
+    let mut weight = vec![1.0; rows];
+    let mut found = None;
+    for _ in 0..ROUNDS {
+        let map = solve(draw, &weight)?;
+        weight = weights(draw, &map);
+        found = Some(map);
+    }
+    let map = found?;
+    // Inputs in rows, outputs in columns; the file has them input by input.
+    let values: Vec<f32> = map.row_iter().flat_map(|row| row.iter().map(|x| *x as f32).collect::<Vec<_>>()).collect();
+    Prediction::new(&values).ok()
+}
+
+/// W, an input a row. Each number is the sum of one thread, so that any number of threads finds the same bits.
+fn solve(draw: &Draw, weight: &[f64]) -> Option<DMatrix<f64>> {
+    let inputs = draw.inputs.len();
+    let columns: Vec<(Vec<f64>, Vec<f64>)> = (draw.inputs.par_iter().enumerate())
+        .map(|(i, input)| {
+            let weighted: Vec<f64> = input.iter().zip(weight).map(|(x, w)| x * w).collect();
+            let gram = draw.inputs[..=i].iter().map(|other| dot(&weighted, other)).collect();
+            (gram, draw.outputs.iter().map(|output| dot(&weighted, output)).collect())
+        })
+        .collect();
+    let mut gram = DMatrix::from_fn(inputs, inputs, |i, j| columns[i.max(j)].0[i.min(j)]);
+    for i in 0..inputs {
+        gram[(i, i)] += LAMBDA * gram[(i, i)];
+    }
+    let right = DMatrix::from_fn(inputs, draw.outputs.len(), |i, j| columns[i].1[j]);
+    let factor: Cholesky<f64, Dyn> = gram.cholesky()?;
+    Some(factor.solve(&right))
+}
+
+/// One over the error of each row: its root mean square over horizons and limbs.
+fn weights(draw: &Draw, map: &DMatrix<f64>) -> Vec<f64> {
+    let rows = draw.outputs[0].len();
+    let squares = (0..PREDICTION_OUTPUTS).into_par_iter().map(|output| {
+        let mut off: Vec<f64> = draw.outputs[output].iter().map(|y| -y).collect();
+        for (input, by) in draw.inputs.iter().zip(map.column(output).iter()) {
+            off.iter_mut().zip(input).for_each(|(off, x)| *off += by * x);
+        }
+        off
+    });
+    let squares: Vec<Vec<f64>> = squares.collect();
+    let turns = (2 * HORIZONS_S.len()) as f64;
+    (0..rows)
+        .map(|row| {
+            let square: f64 = squares.iter().map(|off| off[row] * off[row]).sum();
+            1.0 / (square / turns + EPS_RAD * EPS_RAD).sqrt()
+        })
+        .collect()
+}
+
+/// Eight partial sums, so that the processor need not wait for each addition.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, a_rest) = a.as_chunks::<8>();
+    let (b, b_rest) = b.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for (a, b) in a.iter().zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    sums.iter().sum::<f64>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f64>()
+}

@@ -1,0 +1,124 @@
+//! How far predictions are from what the person then did, on clips that were not learnt from.
+
+use super::data::{Recording, Seen, history};
+use nalgebra::UnitQuaternion;
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+use retarget::{AGES_S, Expected, Limbs, Prediction, limb_error_deg};
+use std::fmt;
+
+/// Times after the newest frame, s.
+pub const JUDGED_S: [f64; 6] = [0.06, 0.1, 0.16, 0.2, 0.3, 0.4];
+/// A rate of turning is measured over at least this, s: as the stage does.
+const RATE_OVER_S: f64 = 0.03;
+/// Time between two judged instants, s.
+const STEP_S: f64 = 1.0 / 30.0;
+const SEED: u64 = 5;
+
+/// How the clips are seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Condition {
+    /// Its name.
+    pub name: &'static str,
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// Noise of each limb and axis, degrees.
+    pub noise_deg: f64,
+}
+
+/// What is judged.
+pub const CONDITIONS: [Condition; 4] = [
+    Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 },
+    Condition { name: "60_hz_half_a_degree_of_noise", rate_hz: 60.0, noise_deg: 0.5 },
+    Condition { name: "20_hz", rate_hz: 20.0, noise_deg: 0.0 },
+    Condition { name: "240_hz_half_a_degree_of_noise", rate_hz: 240.0, noise_deg: 0.5 },
+];
+
+/// Mean angles between prediction and person over limbs and instants, degrees, at each of `JUDGED_S`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Means {
+    /// How they were seen.
+    pub name: &'static str,
+    /// If every limb stayed.
+    pub stays_deg: [f64; JUDGED_S.len()],
+    /// If it went on as it turned last, ever less.
+    pub fades_deg: [f64; JUDGED_S.len()],
+    /// As was learnt.
+    pub learnt_deg: [f64; JUDGED_S.len()],
+}
+
+/// Judges every instant that has half a second before it and what is asked for after it.
+#[must_use]
+pub fn judge(recordings: &[Recording], prediction: &Prediction, condition: &Condition) -> Means {
+    let of = |recording: &Recording| of_one(recording, prediction, condition);
+    let all: Vec<([[f64; JUDGED_S.len()]; 3], f64)> = recordings.par_iter().map(of).collect();
+    let count: f64 = all.iter().map(|(_, count)| count).sum();
+    let mean = |kind: usize| std::array::from_fn(|i| all.iter().map(|(sums, _)| sums[kind][i]).sum::<f64>() / count);
+    Means { name: condition.name, stays_deg: mean(0), fades_deg: mean(1), learnt_deg: mean(2) }
+}
+
+/// The sums of the errors of each kind, and how many there are.
+fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition) -> ([[f64; JUDGED_S.len()]; 3], f64) {
+    let mut rng = Pcg64::new(u128::from(SEED), 0x10d6e);
+    let (mut sums, mut count) = ([[0.0; JUDGED_S.len()]; 3], 0.0);
+    let (first_s, last_s) = (AGES_S[AGES_S.len() - 1], recording.end_s() - JUDGED_S[JUDGED_S.len() - 1]);
+    let steps = ((last_s - first_s) / STEP_S).max(0.0) as usize;
+    for at_s in (0..steps).map(|i| first_s + i as f64 * STEP_S) {
+        let noise_rad = condition.noise_deg.to_radians();
+        let turn = UnitQuaternion::identity();
+        let seen = Seen { at_s, rate_hz: condition.rate_hz, speed: 1.0, turn, noise_rad };
+        let frames = seen.frames(recording, &mut rng);
+        for own in 0..2 {
+            let newest = frames[0][own];
+            let over = (RATE_OVER_S * condition.rate_hz).ceil();
+            let before = (&frames[over as usize][own], (over / condition.rate_hz * 1e9) as i64);
+            let learnt = prediction.turns(&history(&frames, condition.rate_hz, own));
+            let fades = Expected::fading(&newest, Some(before));
+            let kinds = [Expected::default(), fades, learnt.map_or(fades, |turns| Expected::learnt(&turns))];
+            for (i, ahead_s) in JUDGED_S.iter().enumerate() {
+                let person: Limbs = seen.after(recording, *ahead_s)[own];
+                for (sums, kind) in sums.iter_mut().zip(&kinds) {
+                    let there = kind.at(&newest, (ahead_s * 1e9) as i64);
+                    sums[i] += limb_error_deg(&there, &person).iter().sum::<f64>() / 2.0;
+                }
+            }
+            count += 1.0;
+        }
+    }
+    (sums, count)
+}
+
+impl Means {
+    fn rows(&self) -> [(&'static str, &[f64; JUDGED_S.len()]); 3] {
+        [("stays_deg", &self.stays_deg), ("fades_deg", &self.fades_deg), ("learnt_deg", &self.learnt_deg)]
+    }
+
+    /// As a table of the manifest.
+    #[must_use]
+    pub fn table(&self) -> toml::Table {
+        let rounded = |deg: &f64| toml::Value::Float((deg * 1e3).round() / 1e3);
+        let row = |(name, degrees): (&str, &[f64; JUDGED_S.len()])| {
+            (name.to_owned(), toml::Value::Array(degrees.iter().map(rounded).collect()))
+        };
+        let ahead = toml::Value::Array(JUDGED_S.iter().map(|ahead_s| (ahead_s * 1e3).round().into()).collect());
+        std::iter::once(("ahead_ms".to_owned(), ahead)).chain(self.rows().map(row)).collect()
+    }
+}
+
+impl fmt::Display for Means {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:<32}", self.name)?;
+        for ahead_s in JUDGED_S {
+            write!(f, " {:>7}", format!("{:.0} ms", 1e3 * ahead_s))?;
+        }
+        writeln!(f)?;
+        for (name, degrees) in self.rows() {
+            write!(f, "  {name:<30}")?;
+            for deg in degrees {
+                write!(f, " {deg:>7.2}")?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}

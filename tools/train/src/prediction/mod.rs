@@ -1,0 +1,61 @@
+//! How a person goes on, learnt from recorded motion: weighted ridge regression, in closed form, of the turns of an arm's
+//! limbs over the next half second on those of the last one. See `retarget::Prediction` for inputs and outputs.
+
+mod data;
+mod fit;
+mod judge;
+
+pub use data::{Draw, Recording, draw};
+pub use fit::fit;
+pub use judge::{CONDITIONS, Condition, JUDGED_S, Means, judge};
+
+use crate::checkpoint::write_at_once;
+use crate::clips::Clips;
+use crate::error::TrainError;
+use crate::weights_file::with_suffix;
+use retarget::{Prediction, PredictionManifest};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Draws, of both arms each: more do not change the validation by 0.02 degrees.
+const DRAWS: usize = 30_000;
+
+/// Learns from the training clips, writes `<out>.safetensors` and `<out>.toml`, and prints the validation.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<(), TrainError> {
+    let recordings: Vec<Recording> = clips.training.iter().map(Recording::new).collect();
+    let unknown: Vec<Recording> = clips.validation.iter().map(Recording::new).collect();
+    let prediction = fit(&draw(&recordings, DRAWS, seed)).ok_or(TrainError::Diverged { step: 0 })?;
+    let mut manifest = PredictionManifest::new();
+    manifest.seed = seed;
+    manifest.trained_on = description(&recordings, calibration);
+    let mut text = String::new();
+    for condition in CONDITIONS {
+        let means = judge(&unknown, &prediction, &condition);
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{means}");
+        manifest.validation.insert(condition.name.into(), means.table().into());
+    }
+    manifest.validation.insert("clips".into(), toml::Value::Integer(unknown.len() as i64));
+    write_files(out, &prediction, &manifest)?;
+    print!("{text}");
+    println!("wrote {}.safetensors and .toml", out.display());
+    Ok(())
+}
+
+/// The manifest last, because it holds the hash of the other.
+fn write_files(out: &Path, prediction: &Prediction, manifest: &PredictionManifest) -> Result<(), TrainError> {
+    let (bytes, text) = prediction.write(manifest)?;
+    write_at_once(&with_suffix(out, ".safetensors"), &bytes)?;
+    write_at_once(&with_suffix(out, ".toml"), text.as_bytes())
+}
+
+fn description(recordings: &[Recording], calibration: &str) -> String {
+    let seconds: f64 = recordings.iter().map(Recording::end_s).sum();
+    format!(
+        "{} recorded clips ({seconds:.0} s, hinges calibrated by {calibration}), {DRAWS} draws of both arms at 20 to 240 Hz",
+        recordings.len()
+    )
+}
