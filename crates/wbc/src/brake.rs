@@ -27,6 +27,8 @@ use messages::{JOINTS, TICK_S};
 const PLANNED: f64 = 0.95;
 /// Share of the longest stop that is planned with: a tick passes until it begins.
 const PLANNED_TIME: f64 = 0.98;
+/// A joint that asks a motor for less than this share of all that is asked of it is spared: it would gain nothing.
+const SPARED: f64 = 0.02;
 /// The gentlest brake, as a share of the acceleration limit, whatever the motors can give: a joint that stands can start.
 const GENTLEST: f64 = 0.05;
 
@@ -66,30 +68,30 @@ impl Bearing {
                 let fastest = coasting.abs() + bounds.a_max * TICK_S;
                 bearing.peak[k] = -bounds.a_max.min((bounds.j_max * fastest).sqrt()).copysign(coasting);
             }
-            let share = bearing.share_of(load, arm);
-            joints(arm).for_each(|j| bearing.share[j] = share);
+            bearing.take_shares(load, arm);
         }
         bearing
     }
 
-    /// The share of its brakes that an arm can have.
-    fn share_of(&self, load: &Load, arm: JointSet) -> f64 {
-        let mut share = 1.0_f64;
+    /// Sets the shares of the brakes that the joints of an arm can have: where a motor has too little to spare, those joints
+    /// brake more gently that ask it for more, and the others as they can.
+    fn take_shares(&mut self, load: &Load, arm: JointSet) {
         for j in joints(arm) {
-            let (mut up, mut down) = (0.0_f64, 0.0_f64);
-            for k in joints(arm) {
-                let torque = self.matrix[j][k] * self.peak[k];
-                (up, down) = (up + torque.max(0.0), down - torque.min(0.0));
-            }
-            for h in [self.moving[j], self.still[j], self.ended[j]] {
-                for (asked, room) in [(up, PLANNED * load.limit[j] - h), (down, PLANNED * load.limit[j] + h)] {
-                    if asked > room {
-                        share = share.min(room.max(0.0) / asked);
+            let room = |sign: f64| {
+                let h = [self.moving[j], self.still[j], self.ended[j]].into_iter().map(|h| sign * h).fold(0.0, f64::max);
+                (PLANNED * load.limit[j] - h).max(0.0)
+            };
+            for sign in [1.0, -1.0] {
+                let asks = |k: usize| (sign * self.matrix[j][k] * self.peak[k]).max(0.0);
+                let asked: f64 = joints(arm).map(asks).sum();
+                let share = room(sign) / asked;
+                if share < 1.0 {
+                    for k in joints(arm).filter(|&k| asks(k) > SPARED * asked) {
+                        self.share[k] = self.share[k].min(share);
                     }
                 }
             }
         }
-        share
     }
 
     /// The largest brake of each joint, rad/s^2 or m/s^2.
