@@ -23,6 +23,9 @@ const OFF_RAD_PER_S: f64 = 0.3;
 /// Distance kept from position limits, rad: what whole-body control keeps as well.
 const INSET_RAD: f64 = 1e-3;
 
+/// Share of the speed limits that is used: what whole-body control plans with.
+const SPEED_SHARE: f64 = 0.98;
+
 /// What one joint should do in the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
@@ -50,7 +53,7 @@ impl Config {
             Bounds {
                 q_min: of(|l| l.q_min + INSET_RAD),
                 q_max: of(|l| l.q_max - INSET_RAD),
-                v_max: of(|l| l.v_max),
+                v_max: of(|l| SPEED_SHARE * l.v_max),
                 a_max: of(|l| l.a_max),
             }
         });
