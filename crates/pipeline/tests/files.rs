@@ -119,3 +119,36 @@ fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
     // The next start sees it.
     assert!(load_weights(&base, &model).is_err_and(|error| error.to_string().contains("sha256")));
 }
+
+#[test]
+fn a_prediction_that_is_missing_or_broken_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, base) = (folder.path().join("teleop.toml"), folder.path().join("mine"));
+    let loaded = |name: &str| {
+        let shipped = std::fs::read_to_string(repository().join("config/teleop.toml")).expect("shipped");
+        let absolute = |name: &str| format!("\"{}/", repository().join(name).display());
+        let text = shipped
+            .replace("\"../weights/prediction\"", &format!("{name:?}"))
+            .replace("\"robots/", &absolute("config/robots"))
+            .replace("\"../weights/", &absolute("weights"));
+        std::fs::write(&path, text).expect("written");
+        load(&path, Overrides::default()).map_err(|error| error.to_string())
+    };
+    // None is named: the turn of each limb fades.
+    let none = loaded("").expect("loads");
+    assert!(none.prediction.is_none());
+    let said = loaded("mine").expect_err("there is no such file");
+    for part in ["mine.toml", "No such file", "retarget.prediction of ", "teleop.toml"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    for extension in ["safetensors", "toml"] {
+        let from = repository().join("weights/prediction").with_extension(extension);
+        std::fs::copy(from, base.with_extension(extension)).expect("copied");
+    }
+    let whole = loaded("mine").expect("loads");
+    assert!(whole.prediction.is_some() && whole.files.contains(&base.with_extension("safetensors")));
+    assert_ne!(whole.hash, none.hash, "processes with different predictions cannot engage");
+    std::fs::write(base.with_extension("safetensors"), b"nothing").expect("overwritten");
+    let said = loaded("mine").expect_err("broken");
+    assert!(said.contains("mine.safetensors") && said.contains("sha256"), "{said}");
+}

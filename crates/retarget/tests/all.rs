@@ -3,6 +3,7 @@
 mod kinematics;
 mod network;
 mod perceptron;
+mod prediction;
 mod rate;
 mod resampling;
 mod robot;

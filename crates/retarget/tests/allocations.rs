@@ -10,7 +10,7 @@ use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{Config, Input, Method, Options, State, tick};
-use support::{arm, layers, random_q, robot, skeleton, weights};
+use support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 
 struct Counting;
 
@@ -37,7 +37,7 @@ static COUNTING: Counting = Counting;
 
 fn config(method: Method, delay_ms: f64) -> Config {
     let options = Options { method: Some(method), following_delay_ms: delay_ms, ..Options::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap()
+    Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap().with_prediction(Some(prediction()))
 }
 
 #[test]

@@ -9,22 +9,22 @@ use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{Config, Input, Limbs, Method, Options, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation};
 use support::{layers, robot, weights};
 
-const START_NS: u64 = 5_000_000_000;
+pub(crate) const START_NS: u64 = 5_000_000_000;
 const RATE_HZ: f64 = 60.0;
-const DELAY_MS: u64 = 120;
+pub(crate) const DELAY_MS: u64 = 120;
 /// What single precision leaves of an angle, rad.
 const SINGLE: f64 = 2e-3;
 
-fn config(delay_ms: u64) -> Config {
+pub(crate) fn config(delay_ms: u64) -> Config {
     let options =
         Options { method: Some(Method::ClosedForm), following_delay_ms: delay_ms as f64, ..Options::default() };
     Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).expect("a configuration")
 }
 
-type Person = fn(f64) -> [Limbs; 2];
+pub(crate) type Person = fn(f64) -> [Limbs; 2];
 
 /// A skeleton of both arms, each as a left one, that is captured and received at `at_ns`.
-fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
+pub(crate) fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
     let mut out = support::skeleton(sequence, at_ns, at_ns, &[[0.0; 5]; 2]);
     for (arm, limbs) in person.iter().enumerate() {
         for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
@@ -36,16 +36,20 @@ fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
 }
 
 fn source(person: Person, seconds: f64) -> Vec<Skeleton> {
-    (0..(seconds * RATE_HZ) as u64)
+    source_at(person, seconds, RATE_HZ)
+}
+
+pub(crate) fn source_at(person: Person, seconds: f64, rate_hz: f64) -> Vec<Skeleton> {
+    (0..(seconds * rate_hz) as u64)
         .map(|i| {
-            let t_s = i as f64 / RATE_HZ;
+            let t_s = i as f64 / rate_hz;
             skeleton(i + 1, START_NS + (t_s * 1e9) as u64, &person(t_s))
         })
         .collect()
 }
 
 /// The target of every tick for `seconds`, with the time it was made.
-fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, JointTarget)> {
+pub(crate) fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, JointTarget)> {
     let first = messages::tick_at(Stamp(START_NS)) + 1;
     let mut state = State::default();
     (first..first + (seconds * 1500.0) as u64)
@@ -57,12 +61,12 @@ fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, Joi
         .collect()
 }
 
-fn turn(axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+pub(crate) fn turn(axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(axis * angle)
 }
 
 /// The limbs of node `i`, each arm as a left one.
-fn node(target: &JointTarget, i: usize) -> [Option<Limbs>; 2] {
+pub(crate) fn node(target: &JointTarget, i: usize) -> [Option<Limbs>; 2] {
     [0, 1].map(|arm| {
         let limb = |limb: usize| {
             let limb = target.way[i][2 * arm + limb].map(f64::from);
@@ -72,12 +76,12 @@ fn node(target: &JointTarget, i: usize) -> [Option<Limbs>; 2] {
     })
 }
 
-fn apart(a: &Limbs, b: &Limbs) -> f64 {
+pub(crate) fn apart(a: &Limbs, b: &Limbs) -> f64 {
     a.upper.angle_to(&b.upper).max(a.fore.angle_to(&b.fore))
 }
 
 /// Both arms differently, smoothly.
-fn swings(t_s: f64) -> [Limbs; 2] {
+pub(crate) fn swings(t_s: f64) -> [Limbs; 2] {
     let wave = |hz: f64, phase: f64| 0.6 * (TAU * hz * t_s + phase).sin();
     [0.0, 1.3].map(|phase| {
         let upper = turn(Vector3::z(), wave(0.5, phase)) * turn(Vector3::x(), -0.5 + wave(0.4, phase));
@@ -93,12 +97,12 @@ fn turns(t_s: f64) -> [Limbs; 2] {
     })
 }
 
-fn stands(_: f64) -> [Limbs; 2] {
+pub(crate) fn stands(_: f64) -> [Limbs; 2] {
     swings(0.7)
 }
 
 /// When the person was that node `i` of a target of time `now` shows, s after the start.
-fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
+pub(crate) fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
     let ticks = (target.way_first + i as u64) * WAY_NODE_TICKS - target.k;
     (now.0 - START_NS) as f64 * 1e-9 + ticks as f64 * TICK_S - DELAY_MS as f64 * 1e-3
 }

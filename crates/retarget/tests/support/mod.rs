@@ -2,14 +2,15 @@
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
 use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
 
 use messages::{JOINTS, Layout, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Dense, LATENT, Layers, Limbs, Manifest, RobotArms, Weights, mirror, write_weights,
-    xyzw_from_rotation,
+    ArmIdentity, ArmModel, ArmQ, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
+    write_weights, xyzw_from_rotation,
 };
 
 /// Axes and reference of a TiaGo++, limits of the robot's URDF.
@@ -68,6 +69,18 @@ pub(crate) fn layers(seed: u64, hidden: usize, width: usize) -> Layers {
 pub(crate) fn weights(layers: &Layers) -> Weights {
     let (bytes, manifest) = write_weights(layers, &Manifest::new(&identity(), layers)).expect("written");
     Weights::read(&manifest, &bytes, &identity()).expect("accepted")
+}
+
+/// The shipped prediction.
+pub(crate) fn prediction() -> Prediction {
+    let [manifest, tensors] = prediction_files();
+    Prediction::read(std::str::from_utf8(&manifest).expect("text"), &tensors).expect("accepted")
+}
+
+/// Its manifest and its tensors.
+pub(crate) fn prediction_files() -> [Vec<u8>; 2] {
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../weights/prediction");
+    ["toml", "safetensors"].map(|extension| std::fs::read(base.with_extension(extension)).expect("shipped"))
 }
 
 /// A skeleton whose two arms take the postures `q` (both arms by the model of the left one).

@@ -1,5 +1,6 @@
 //! How far the robot is from the person, and from the best that it could have done.
 
+use super::ahead::{self, AHEAD_MS};
 use super::optimum::{improved, least_squares};
 use super::play::{Played, Sample};
 use super::tracking::{Bounds, Motion, State};
@@ -33,6 +34,8 @@ pub struct Figures {
     pub optimum_deg: Option<f64>,
     /// The same by least squares alone.
     pub least_squares_deg: Option<f64>,
+    /// How far the person was from what was expected, at each of `AHEAD_MS` beyond the newest skeleton.
+    pub expected_deg: [Option<f64>; AHEAD_MS.len()],
     /// Largest share of an effort limit.
     pub torque_share_max: f64,
     /// Share of ticks whose command was the next point of the plan before.
@@ -159,6 +162,7 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
         best_ms,
         optimum_deg: best.and_then(|best| mean(&best.optimum_deg.concat())),
         least_squares_deg: best.and_then(|best| mean(&best.least_squares_deg.concat())),
+        expected_deg: ahead::errors_deg(&played.expected, &played.person),
         torque_share_max: played.torque_share_max,
         on_plan_share: played.on_plan as f64 / played.ticks as f64,
         violations: played.violations.clone(),

@@ -4,10 +4,12 @@
 //! - The *person* at an instant are the four limb rotations of the skeletons that `ingest` passed on, interpolated to that
 //!   instant; the *robot* is the forward kinematics of the command for it.
 //! - The *error* is the mean rotation angle of the four limbs.
+//! - The *expectation* is the way of a target beyond the newest skeleton; its error is against what the person then did.
 //! - *At D ms* compares a command with the person D ms before.
 //! - The *optimum* is the least error of any motion within positions, speeds and accelerations in force, looking ahead, with
 //!   no delay and no collisions: see [`optimum`]. It starts where the robot is, anew wherever it is Engaged anew.
 
+mod ahead;
 mod judge;
 pub mod optimum;
 mod person;
@@ -17,6 +19,7 @@ mod report;
 mod riccati;
 mod tracking;
 
+pub use ahead::{AHEAD_MS, Expectation};
 pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::Person;
 pub use play::{Played, Sample, Stage};

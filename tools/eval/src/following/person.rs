@@ -36,6 +36,12 @@ impl Person {
         Some([0, 1].map(|arm| self.limbs[before][arm].slerp(&next[arm], share)))
     }
 
+    /// When the last skeleton was captured.
+    #[must_use]
+    pub fn last(&self) -> Option<Stamp> {
+        self.origins.last().copied()
+    }
+
     /// The joints of the newest skeleton at `at`.
     #[must_use]
     pub fn positions(&self, at: Stamp) -> Option<&[[f32; 3]; SMPL_JOINTS]> {

@@ -1,11 +1,12 @@
 //! One clip through every stage in virtual time, and what the robot was told meanwhile.
 
+use super::ahead::Expectation;
 use super::person::Person;
 use super::riccati::Joints;
 use crate::error::EvalError;
 use crate::methods::Posture;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
-use messages::{JointCommand, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
+use messages::{JointCommand, JointTarget, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use pipeline::{Loaded, Moment, Offline, OfflineEnd, PlayOptions};
 use robot::Model;
@@ -36,6 +37,8 @@ pub struct Played {
     pub person: Person,
     /// Commands at 50 Hz, for each time without a break in which the robot was Engaged.
     pub spans: Vec<Vec<Sample>>,
+    /// What was expected of the person at each new skeleton while Engaged.
+    pub expected: Vec<Expectation>,
     /// Ticks while Engaged.
     pub ticks: u64,
     /// Those of them whose command was the next point of the plan before.
@@ -133,6 +136,9 @@ impl Watch<'_> {
             self.engaged_at = None;
             return;
         }
+        if let Some(target) = &moment.target {
+            self.expect(target);
+        }
         let began = *self.engaged_at.get_or_insert_with(|| {
             self.played.spans.push(Vec::new());
             moment.k
@@ -142,6 +148,17 @@ impl Watch<'_> {
         if let (true, Some(span)) = ((moment.k - began).is_multiple_of(SAMPLE_TICKS), self.played.spans.last_mut()) {
             let arms = |all: &[f64]| [LEFT_ARM, RIGHT_ARM].map(|joints| std::array::from_fn(|i| all[joints.start + i]));
             span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
+        }
+    }
+}
+
+impl Watch<'_> {
+    /// Keeps what a target expects that is the first one of a new skeleton.
+    fn expect(&mut self, target: &JointTarget) {
+        let delay_ns = (self.stage.loaded.settings.retarget.following_delay_ms * 1e6) as u64;
+        let expected = &mut self.played.expected;
+        if expected.last().is_none_or(|last| target.header.origin > last.origin) {
+            expected.push(Expectation::of(target, delay_ns));
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The table for people and its twin in JSON.
 
+use super::ahead::AHEAD_MS;
 use super::judge::{Figures, mean};
 use crate::report::cell;
 use serde_json::{Map, Value, json};
@@ -32,6 +33,7 @@ struct Numbers {
     optimum: Option<f64>,
     squares: Option<f64>,
     ratio: Option<f64>,
+    expected: [Option<f64>; AHEAD_MS.len()],
     torque: f64,
     on_plan: f64,
 }
@@ -48,6 +50,7 @@ impl Report {
             optimum: clip.optimum_deg,
             squares: clip.least_squares_deg,
             ratio: at_delay.zip(clip.optimum_deg).map(|(at, optimum)| at / optimum),
+            expected: clip.expected_deg,
             torque: clip.torque_share_max,
             on_plan: clip.on_plan_share,
         }
@@ -67,6 +70,7 @@ impl Report {
             optimum: known(&|row| row.optimum),
             squares: known(&|row| row.squares),
             ratio: known(&|row| row.ratio),
+            expected: std::array::from_fn(|i| known(&|row| row.expected[i])),
             torque: all(&|row| row.torque),
             on_plan: all(&|row| row.on_plan),
         }
@@ -81,6 +85,7 @@ impl Report {
     pub fn json(&self) -> Value {
         let numbers = |row: &Numbers| {
             let at = self.delays_ms.iter().zip(&row.at).map(|(ms, deg)| (format!("{ms}"), json!(deg)));
+            let expected = AHEAD_MS.iter().zip(&row.expected).map(|(ms, deg)| (format!("{ms}"), json!(deg)));
             json!({
                 "seconds": row.seconds,
                 "now_deg": row.now,
@@ -91,6 +96,7 @@ impl Report {
                 "optimum_deg": row.optimum,
                 "optimum_least_squares_deg": row.squares,
                 "ratio": row.ratio,
+                "expected_ms_deg": expected.collect::<Map<_, _>>(),
                 "torque_share_max": row.torque,
                 "on_plan_share": row.on_plan,
             })
@@ -166,6 +172,13 @@ impl fmt::Display for Report {
             f,
             "ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions",
             self.delay_ms
-        )
+        )?;
+        write!(f, "the person against what was expected, so long after the newest skeleton:")?;
+        let [(_, mean), (_, median)] = self.summaries();
+        for (i, ms) in AHEAD_MS.iter().enumerate() {
+            let [mean, median] = [&mean, &median].map(|row| cell(row.expected[i], 0, 1));
+            write!(f, "{} {ms} ms {mean} (median {median})", if i == 0 { "" } else { "," })?;
+        }
+        writeln!(f)
     }
 }

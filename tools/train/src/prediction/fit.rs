@@ -88,3 +88,48 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     }
     sums.iter().sum::<f64>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f64>()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Condition, Recording, draw, judge};
+    use super::*;
+    use crate::clips::Clip;
+    use nalgebra::{UnitQuaternion, Vector3};
+    use std::f64::consts::TAU;
+
+    /// Both arms swing at `hz`, with other phases of upper arm and forearm.
+    fn swinging(hz: f64, seconds: f64) -> Recording {
+        let rate_hz = 60.0;
+        let arm = |phase: f64| {
+            let limbs = |i: usize| {
+                let wave = |lag: f64| (TAU * (hz * i as f64 / rate_hz + phase) - lag).sin();
+                let upper = UnitQuaternion::from_scaled_axis(Vector3::y() * (0.6 * wave(0.0)))
+                    * UnitQuaternion::from_scaled_axis(Vector3::x() * -1.2);
+                let fore = UnitQuaternion::from_scaled_axis(Vector3::y() * (-0.6 + 0.4 * wave(0.5))) * upper;
+                [upper, fore].map(|limb| retarget::xyzw_from_rotation(&limb).map(|x| x as f32))
+            };
+            (0..(seconds * rate_hz) as usize).map(limbs).collect()
+        };
+        Recording::new(&Clip { name: String::new(), frame_rate_hz: rate_hz, arms: [arm(0.0), arm(0.5)] })
+    }
+
+    #[test]
+    fn swings_teach_a_swing_of_another_pace_and_any_threads_find_the_same() {
+        let known: Vec<Recording> = [0.6, 0.8, 1.2, 1.5].map(|hz| swinging(hz, 8.0)).into();
+        let learn = || fit(&draw(&known, 800, 1)).expect("enough rows");
+        let prediction = learn();
+        let condition = Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 };
+        let means = judge(&[swinging(1.0, 6.0)], &prediction, &condition);
+        for (learnt, fades) in means.learnt_deg.iter().zip(means.fades_deg) {
+            assert!(*learnt < 0.5 * fades, "{means}");
+        }
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(learn);
+        assert_eq!(alone, prediction);
+    }
+
+    #[test]
+    fn what_nobody_did_cannot_be_learnt() {
+        assert_eq!(fit(&draw(&[], 100, 1)), None);
+        assert_eq!(fit(&draw(&[swinging(1.0, 0.3)], 100, 1)), None, "shorter than what is predicted");
+    }
+}

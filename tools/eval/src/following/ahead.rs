@@ -1,0 +1,101 @@
+//! How far the person is from what was expected of it: the way in each target that brings a new skeleton, beyond that
+//! skeleton, against what the person then did.
+
+use super::judge::{limbs_deg, mean};
+use super::person::Person;
+use crate::clips::{Human, both_arms};
+use messages::{JointTarget, Stamp, WAY_NODE_TICKS, deadline};
+
+/// Times beyond the newest skeleton that are judged, ms.
+pub const AHEAD_MS: [u64; 3] = [50, 100, 200];
+
+/// What was expected when a skeleton was the newest one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expectation {
+    /// When that skeleton was captured.
+    pub origin: Stamp,
+    /// The limbs at each of `AHEAD_MS` after it; none where the way does not reach.
+    pub limbs: [Option<Human>; AHEAD_MS.len()],
+}
+
+impl Expectation {
+    /// Of a target; node n of its way is for the person `delay_ns` before the node's tick.
+    #[must_use]
+    pub fn of(target: &JointTarget, delay_ns: u64) -> Self {
+        let origin = target.header.origin;
+        let at = |i: u64| deadline((target.way_first + i) * WAY_NODE_TICKS).0.saturating_sub(delay_ns);
+        let limbs = AHEAD_MS.map(|ahead_ms| {
+            let wanted = origin.0 + ahead_ms * 1_000_000;
+            let next = (1..u64::from(target.way_nodes)).find(|&i| at(i) >= wanted && at(i - 1) <= wanted)?;
+            let [from, to] = [next - 1, next].map(|i| node(target, i as usize));
+            let share = (wanted - at(next - 1)) as f64 / (at(next) - at(next - 1)) as f64;
+            let (from, to) = (from?, to?);
+            Some([0, 1].map(|arm| from[arm].slerp(&to[arm], share)))
+        });
+        Self { origin, limbs }
+    }
+}
+
+/// Both arms of a node; none if one of them has no way.
+fn node(target: &JointTarget, i: usize) -> Option<Human> {
+    let limbs = target.way.get(i)?;
+    limbs.iter().all(|limb| *limb != [0.0; 4]).then(|| both_arms(limbs))
+}
+
+/// The mean angle of four limbs between what was expected and what the person then did, degrees, at each of `AHEAD_MS`; none
+/// where nothing was expected of what was seen later.
+#[must_use]
+pub fn errors_deg(expected: &[Expectation], person: &Person) -> [Option<f64>; AHEAD_MS.len()] {
+    std::array::from_fn(|i| {
+        let error = |expected: &Expectation| {
+            let then = Stamp(expected.origin.0 + AHEAD_MS[i] * 1_000_000);
+            let seen = person.last().is_some_and(|last| then <= last);
+            Some(limbs_deg(&expected.limbs[i]?, &person.at(then).filter(|_| seen)?))
+        };
+        mean(&expected.iter().filter_map(error).collect::<Vec<_>>())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{LIMBS, Layout, Skeleton, WAY_NODES, skeleton_flag};
+
+    /// All limbs turned by so much about one axis.
+    fn limbs(angle: f64) -> [[f32; 4]; LIMBS] {
+        let (sin, cos) = (0.5 * angle).sin_cos();
+        [[0.0, 0.0, sin as f32, cos as f32]; LIMBS]
+    }
+
+    #[test]
+    fn a_way_is_compared_at_its_own_times() {
+        // The person turns at 1 rad/s; the way says 2 rad/s from the newest skeleton on, 3 s after the beginning.
+        let (delay_ns, newest_ns) = (120_000_000, 3_000_000_000);
+        let mut person = Person::default();
+        for i in 0..200_u64 {
+            let mut skeleton = Skeleton { flags: skeleton_flag::ALL, ..Skeleton::ZERO };
+            skeleton.header.origin = Stamp(2_500_000_000 + i * 10_000_000);
+            skeleton.limbs = limbs(skeleton.header.origin.0 as f64 * 1e-9 - 3.0);
+            person.add(&skeleton);
+        }
+        let mut target = JointTarget::ZERO;
+        target.header.origin = Stamp(newest_ns);
+        target.way_nodes = WAY_NODES as u32;
+        target.way_first = messages::tick_at(Stamp(newest_ns)) / WAY_NODE_TICKS + 1;
+        for i in 0..WAY_NODES {
+            let at_ns = deadline((target.way_first + i as u64) * WAY_NODE_TICKS).0 - delay_ns;
+            let ahead_s = (at_ns as f64 - newest_ns as f64) * 1e-9;
+            target.way[i] = limbs(if ahead_s > 0.0 { 2.0 * ahead_s } else { ahead_s });
+        }
+        let found = errors_deg(&[Expectation::of(&target, delay_ns)], &person);
+        for (found, ahead_ms) in found.into_iter().zip(AHEAD_MS) {
+            let want = (ahead_ms as f64 * 1e-3).to_degrees();
+            assert!(found.is_some_and(|deg| (deg - want).abs() < 0.05), "{ahead_ms} ms: {found:?}, want {want}");
+        }
+        // An arm without a way, and a person who leaves before, say nothing.
+        target.way.iter_mut().for_each(|limbs| limbs[3] = [0.0; 4]);
+        assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
+        target.header.origin = Stamp(4_400_000_000);
+        assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
+    }
+}
