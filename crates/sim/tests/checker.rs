@@ -88,11 +88,11 @@ fn a_torque_beyond_the_effort_limit_is_counted() {
 fn a_payload_that_no_motor_can_hold_is_counted() {
     let mut initial = MODEL.home;
     initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
-    for (payload_kg, counted) in [([None, None], 0), ([Some(0.5), None], 0), ([Some(4.0), None], 1)] {
+    for (payload_kg, counted) in [([None, None], false), ([Some(0.5), None], false), ([Some(4.0), None], true)] {
         let mut judge = Judge::new(&Options { initial: Some(initial), payload_kg, ..Options::default() });
         judge.bench.command.k += 1;
         judge.show();
-        assert_eq!(judge.report.violations_of(ViolationKind::Torque), counted, "{payload_kg:?}");
+        assert_eq!(judge.report.violations_of(ViolationKind::Torque) > 0, counted, "{payload_kg:?}");
         assert!(judge.report.first_violation().is_none_or(|first| first.which == 4), "{:?}", judge.report);
     }
 }

@@ -254,7 +254,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0]);
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0, 0]);
         assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

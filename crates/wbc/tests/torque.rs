@@ -229,7 +229,8 @@ fn a_payload_that_is_told_is_kept_within_the_share() {
     let run = follow_laden(&model, &urdf, Options::default(), 40, (0.5, 0.5));
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
-    assert!(run.longest_s <= model.stop_time_max_s + 1e-9 && run.reached > 5, "{run:?}");
+    assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
+    assert!(run.fresh * 10 > run.ticks * 9 && run.refused * 10 < run.ticks, "it hardly moves: {run:?}");
 }
 
 #[test]
@@ -244,7 +245,8 @@ fn a_payload_that_is_not_told_is_not_proved() {
 fn a_payload_told_at_run_time_is_that_of_the_robot_file() {
     let (model, urdf) = shipped();
     let payload = told(&model, 0.7);
-    let laden = Model { payload: payload.map(Some), ..model.clone() };
+    let mut laden = model.clone();
+    laden.payload = payload.map(Some);
     let configs = [&model, &laden].map(|model| Config::new(model, Options::default()).unwrap());
     let mut states = configs.each_ref().map(|config| State::at_rest(config, model.home));
     states[0].carry(&configs[0], &payload).unwrap();
@@ -281,7 +283,7 @@ fn one_kilogram_at_a_stretched_arm_is_refused_by_joint() {
     for (payload, joint) in [([left, Payload::EMPTY], 4), ([Payload::EMPTY, right], 11)] {
         let mut state = State::at_rest(&config, stretched(&model));
         assert_eq!(state.carry(&config, &payload), Err((PayloadRefusal::Overload, Some(joint))));
-        assert_eq!(state.payload(), [Payload::EMPTY; 2]);
+        assert_eq!(state.payload(), State::at_rest(&config, model.home).payload());
         assert_eq!(state.overloaded_at_rest(&config, &stretched(&model)), None, "as before");
         let mut at_home = State::at_rest(&config, model.home);
         assert_eq!(at_home.carry(&config, &payload), Ok(()));
