@@ -1,6 +1,8 @@
 //! No stage allocates in a tick: counted over 10,000 ticks of each, in motion.
 
-use messages::{Header, JointCommand, JointTarget, Layout, Mode, RobotState, Skeleton, Stamp, TICK_HZ, deadline};
+use messages::{
+    Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
+};
 use motion::CalibrationMode;
 use pipeline::{ControlConfig, ControlInput, ControlState, Overrides, PlayOptions, Player};
 use rt::{CountingAllocator, count_allocations};
@@ -14,6 +16,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 const TICKS: u64 = 10_000;
 /// Ticks before: 1 s of a released enable, and engaging.
 const BEFORE: u64 = 6 * TICK_HZ;
+/// A payload is said while the robot waits; later ones are refused.
+const PAYLOAD_AT: u64 = TICK_HZ;
 
 #[test]
 fn the_counter_counts() {
@@ -37,6 +41,7 @@ fn f076_no_stage_allocates_in_a_tick() {
     let mut sim_state = sim::State::new(&sim_config, TICK_HZ - 1, 1);
     let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
     let mut robot: Option<RobotState> = None;
+    let (said, mut in_payload) = (Some(PayloadOrder { mass_kg: 0.3, centre_m: None }), 0);
     for tick in 0..BEFORE + TICKS {
         let (k, now) = (TICK_HZ + tick, deadline(TICK_HZ + tick));
         let counting = tick >= BEFORE;
@@ -61,6 +66,7 @@ fn f076_no_stage_allocates_in_a_tick() {
             enable_level: tick > TICK_HZ,
             enable_edge: tick == TICK_HZ + 1,
             heartbeat_received: now,
+            payload: [said.filter(|_| tick == PAYLOAD_AT || counting && tick % 1000 == 0), None],
             ..OperatorView::default()
         };
         let input =
@@ -68,6 +74,10 @@ fn f076_no_stage_allocates_in_a_tick() {
         let (out, counted) =
             count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
         note(2, counted.allocated);
+        in_payload += if tick == PAYLOAD_AT { counted.allocated } else { 0 };
+        let (taken, refused) = (out.status.payloads_taken, out.status.payloads_refused);
+        assert_eq!(taken, u32::from(tick >= PAYLOAD_AT), "{:?}", out.status.payload_refused_why);
+        assert!(refused > 0 || tick < BEFORE);
         mode = Mode::from_u32(out.status.mode).expect("a mode");
         engaged += u64::from(counting && mode == Mode::Engaged);
         let command: Option<JointCommand> = out.command;
@@ -77,6 +87,7 @@ fn f076_no_stage_allocates_in_a_tick() {
         note(3, counted.allocated);
         robot = Some(RobotState { header: Header { incarnation: 4, ..header }, ..out.state });
     }
+    assert_eq!(in_payload, 0, "allocations of a payload that is taken");
     assert_eq!(counts, [0; 4], "allocations of skeleton, retarget, control, sim");
     assert_eq!(engaged, TICKS, "the ticks counted are ticks in motion");
 }

@@ -159,6 +159,7 @@ fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_log
         reset_count: 1,
         estop_count: 1,
         sequence: 1,
+        ..messages::Layout::ZERO
     };
     // In place of the hello, and after it.
     for greets in [false, true] {

@@ -1,6 +1,6 @@
 //! The command line.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// Commands of an operator to a running teleopd.
@@ -31,6 +31,8 @@ pub enum Command {
     Release,
     /// Clears a latched stop, once its cause is gone and the robot is at rest. Never engages.
     Reset,
+    /// Says what a hand carries, as a point mass; 0 is an empty hand. Only while the robot is Disengaged and at rest.
+    Payload(PayloadArgs),
     /// Stops the robot now, and latches.
     Estop,
 }
@@ -46,6 +48,36 @@ pub struct CalibrateArgs {
     /// Folder to write to, in place of that of the settings.
     #[arg(long, value_name = "DIR")]
     pub folder: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub struct PayloadArgs {
+    /// Which hand.
+    pub hand: Hand,
+    /// Mass, kg.
+    #[arg(value_name = "KG", value_parser = finite, allow_negative_numbers = true)]
+    pub mass_kg: f64,
+    /// Centre of mass, in m, in the frame of the link that the arm's last joint moves; without it that of the robot file.
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    pub centre: Option<[f64; 3]>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Hand {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| "must be a number".into())
+}
+
+fn place(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, String> = text.split(',').map(finite).collect();
+    numbers?.try_into().map_err(|_| "must be three numbers: x,y,z".into())
 }
 
 fn name(text: &str) -> Result<String, String> {

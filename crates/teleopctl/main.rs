@@ -3,6 +3,7 @@
 
 mod calibrate;
 mod cli;
+mod payload;
 mod watch;
 
 use clap::Parser;
@@ -56,6 +57,7 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
             until(client, "released", |status| matches!(mode(status), Mode::Disengaged | Mode::Faulted))
         }
         Command::Reset => reset(client, run_dir),
+        Command::Payload(args) => payload::say(client, run_dir, &args),
         Command::Estop => {
             client.estop();
             stopped(client)
@@ -133,6 +135,9 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         );
     }
     out!("calibration       {}", pipeline::calibration_name(&status));
+    if status.payload_kg != [0.0; 2] {
+        out!("payload           {}", pipeline::payload(&status));
+    }
     out!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
     out!("operators         {}", status.operators);
     out!("gate denials      {}", status.gate_denials);

@@ -13,6 +13,7 @@ mod joints;
 mod known_bug;
 mod layout;
 mod operator;
+mod payload;
 mod port;
 mod service;
 mod skeleton;
@@ -29,7 +30,8 @@ pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORS
 #[cfg(known_bugs)]
 pub use known_bug::KnownBug;
 pub use layout::{Field, Layout, Message, TypeName};
-pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest};
+pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest, payload_flag};
+pub use payload::{PayloadOrder, PayloadRefusal};
 pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{

@@ -79,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 5 size 736 {
+    pub struct Status v 6 size 816 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -114,6 +114,10 @@ message! {
         pub outside_by: f64,
         /// What the torso has yet to rise (or, negative, to sink) to its target while Engaging, m; zero otherwise.
         pub torso_to_go_m: f64,
+        /// What the left and the right hand carry, as the certificate knows it, kg.
+        pub payload_kg: [f64; 2],
+        /// Its centres of mass, each in its hand's frame, m.
+        pub payload_centre_m: [[f64; 3]; 2],
         /// Capsules of the nearest pair at the command, as indices of the robot file; the second is the number of capsules
         /// plus the index of an obstacle where that is nearest (planes first, then boxes, in the order of the settings).
         pub nearest_pair: [u32; 2],
@@ -161,5 +165,13 @@ message! {
         /// One more than the index of the joint that `VelocityError` or `StandstillLost` is about, or that keeps a robot
         /// whose command rests from being at rest; zero if there is none.
         pub unsteady_joint: u32,
+        /// Payloads that operators said and that were taken, since start.
+        pub payloads_taken: u32,
+        /// Payloads that were refused since start.
+        pub payloads_refused: u32,
+        /// Why the last one was refused: a `PayloadRefusal`, zero for none.
+        pub payload_refused_why: u32,
+        /// One more than the index of the joint that could not hold it; zero where no joint was the reason.
+        pub payload_refused_joint: u32,
     }
 }

@@ -2,7 +2,9 @@
 
 use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
-use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Status};
+use messages::{
+    HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Status, payload_flag,
+};
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
@@ -77,6 +79,17 @@ impl Client {
     /// Presses reset, with the next heartbeat.
     pub fn reset(&mut self) -> &mut Self {
         self.request.reset_count = self.request.reset_count.wrapping_add(1);
+        self
+    }
+
+    /// Says what a hand carries, with the next heartbeat: 0 is the left hand, 1 the right one.
+    pub fn payload(&mut self, hand: usize, order: &PayloadOrder) -> &mut Self {
+        let right = if hand == 0 { 0 } else { payload_flag::RIGHT };
+        let said = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
+        self.request.payload_flags = right | said;
+        self.request.payload_kg = order.mass_kg;
+        self.request.payload_centre_m = order.centre_m.unwrap_or_default();
+        self.request.payload_count = self.request.payload_count.wrapping_add(1);
         self
     }
 

@@ -1,7 +1,9 @@
 //! The bytes on the socket: the fields of the message in their order (`doors::Fields`).
 
 use doors::{Fields, Put, Take};
-use messages::{HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
+use messages::{
+    HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition, payload_flag,
+};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
@@ -9,12 +11,18 @@ pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
 pub const STATUS_BYTES: usize = size_of::<Status>();
 
 fn request_fields(fields: &mut impl Fields, request: &mut OperatorRequest) {
-    let OperatorRequest { version, enable_level, enable_count, release_count, reset_count, estop_count, sequence } =
-        request;
+    let OperatorRequest { version, enable_level, enable_count, release_count, reset_count, estop_count, .. } = request;
     for value in [version, enable_level, enable_count, release_count, reset_count, estop_count] {
         fields.u32(value);
     }
+    let OperatorRequest { payload_count, payload_flags, sequence, payload_kg, payload_centre_m, .. } = request;
+    fields.u32(payload_count);
+    fields.u32(payload_flags);
     fields.u64(sequence);
+    fields.f64(payload_kg);
+    for value in payload_centre_m {
+        fields.f64(value);
+    }
 }
 
 fn header_fields(fields: &mut impl Fields, header: &mut Header) {
@@ -51,6 +59,9 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     for value in [&mut s.outside_by, &mut s.torso_to_go_m] {
         fields.f64(value);
     }
+    for value in s.payload_kg.iter_mut().chain(s.payload_centre_m.as_flattened_mut()) {
+        fields.f64(value);
+    }
     for value in s.nearest_pair.iter_mut().chain(&mut s.nearest_pair_measured) {
         fields.u32(value);
     }
@@ -76,6 +87,10 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
         &mut s.resets_refused,
         &mut s.moving,
         &mut s.unsteady_joint,
+        &mut s.payloads_taken,
+        &mut s.payloads_refused,
+        &mut s.payload_refused_why,
+        &mut s.payload_refused_joint,
     ] {
         fields.u32(value);
     }
@@ -88,14 +103,17 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     bytes
 }
 
-/// The request in `bytes`; `None` if the length or the version is not ours or the level is none that exists.
+/// The request in `bytes`; `None` if the length or the version is not ours, if the level or a flag
+/// is unknown, or if a number is NaN or infinite.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let mut request = OperatorRequest::ZERO;
     if bytes.len() != REQUEST_BYTES {
         return None;
     }
     request_fields(&mut Take::new(bytes), &mut request);
-    (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
+    let known = request.enable_level <= HOLDS_RECOVERY && request.payload_flags <= payload_flag::ALL;
+    let finite = request.payload_centre_m.iter().chain([&request.payload_kg]).all(|number| number.is_finite());
+    (request.version == OPERATOR_VERSION && known && finite).then_some(request)
 }
 
 /// The bytes of a status.

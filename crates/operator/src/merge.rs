@@ -1,7 +1,7 @@
 //! Many connections, one operator: what their requests add up to. Does no IO and reads no clock.
 
 use crate::locks::{Locks, ResetRule};
-use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, Stamp};
+use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, PayloadOrder, Stamp, payload_flag};
 
 /// Connections at once.
 pub const CLIENTS_MAX: usize = 16;
@@ -13,7 +13,7 @@ pub const LEASE_NS: u64 = 100_000_000;
 const EDGES_MAX: u32 = 1000;
 
 /// What all operators together command. Counters only grow, from the start of the server.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorView {
     /// Open connections.
     pub connections: u32,
@@ -37,6 +37,10 @@ pub struct OperatorView {
     pub reset_first_by: u32,
     /// Emergency stop edges of any connection.
     pub estop_edges: u64,
+    /// How often an operator said what the left and the right hand carry.
+    pub payload_edges: [u64; 2],
+    /// What was said last of each; none before the first time.
+    pub payload: [Option<PayloadOrder>; 2],
     /// Holders that went away or fell silent while holding.
     pub holders_lost: u64,
     /// Enable and recovery edges of connections other than the holder's.
@@ -93,11 +97,12 @@ impl Merge {
     ) -> bool {
         let edges = |new: u32, old: u32| Some(new.wrapping_sub(old)).filter(|&n| n <= EDGES_MAX);
         let last = &seat.last;
-        let (Some(enables), Some(releases), Some(resets), Some(estops), true) = (
+        let (Some(enables), Some(releases), Some(resets), Some(estops), Some(payloads), true) = (
             edges(request.enable_count, last.enable_count),
             edges(request.release_count, last.release_count),
             edges(request.reset_count, last.reset_count),
             edges(request.estop_count, last.estop_count),
+            edges(request.payload_count, last.payload_count),
             request.sequence > last.sequence,
         ) else {
             self.view.requests_refused += 1;
@@ -107,6 +112,7 @@ impl Merge {
         // A stop in the same request comes after the reset: it has to be reset again.
         self.reset(uid, resets);
         self.stop(uid, estops);
+        self.payload(payloads, request);
         let released_by_another = self.released;
         let held = self.holder == Some(index);
         let kept = match request.enable_level {
@@ -153,6 +159,18 @@ impl Merge {
         let admitted = self.locks.are_gone();
         let counted = if admitted { &mut self.view.reset_edges } else { &mut self.view.resets_refused };
         *counted += u64::from(edges);
+    }
+
+    /// The newest word about a hand counts, whoever says it.
+    fn payload(&mut self, edges: u32, request: &OperatorRequest) {
+        if edges == 0 {
+            return;
+        }
+        let has = |flag: u32| request.payload_flags & flag != 0;
+        let hand = usize::from(has(payload_flag::RIGHT));
+        let centre_m = has(payload_flag::CENTRE).then_some(request.payload_centre_m);
+        self.view.payload[hand] = Some(PayloadOrder { mass_kg: request.payload_kg, centre_m });
+        self.view.payload_edges[hand] += u64::from(edges);
     }
 
     fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool) {

@@ -38,6 +38,10 @@ pub enum Deed {
     EmergencyStop,
     /// It pressed reset.
     Reset,
+    /// It said what the left hand carries.
+    PayloadLeft,
+    /// It said what the right hand carries.
+    PayloadRight,
     /// It pressed reset, and another user has to do so first.
     ResetRefused,
 }
@@ -227,6 +231,8 @@ impl Server {
             (view.recover_edges, before.recover_edges, Deed::Recovers),
             (view.estop_edges, before.estop_edges, Deed::EmergencyStop),
             (view.reset_edges, before.reset_edges, Deed::Reset),
+            (view.payload_edges[0], before.payload_edges[0], Deed::PayloadLeft),
+            (view.payload_edges[1], before.payload_edges[1], Deed::PayloadRight),
             (view.resets_refused, before.resets_refused, Deed::ResetRefused),
         ] {
             if is > was {

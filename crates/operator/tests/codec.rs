@@ -31,7 +31,11 @@ fn random_requests_survive_the_round_trip() {
             release_count: bits.next() as u32,
             reset_count: bits.next() as u32,
             estop_count: bits.next() as u32,
+            payload_count: bits.next() as u32,
+            payload_flags: (bits.next() % 4) as u32,
             sequence: bits.next(),
+            payload_kg: bits.next() as f64,
+            payload_centre_m: std::array::from_fn(|_| bits.next() as f64 * 1e-19),
         };
         assert_eq!(decode_request(&encode_request(&request)), Some(request));
     }
@@ -57,6 +61,10 @@ fn every_field_lies_where_the_layout_has_it() {
     let request = OperatorRequest { estop_count: 0x1234_5678, ..OperatorRequest::ZERO };
     assert_eq!(read(&encode_request(&request), at(OperatorRequest::FIELDS, "estop_count")), 0x1234_5678);
 
+    let laden = OperatorRequest { payload_centre_m: [0.0, 0.0, 0.25], ..OperatorRequest::ZERO };
+    let offset = at(OperatorRequest::FIELDS, "payload_centre_m") + 16;
+    assert_eq!(encode_request(&laden)[offset..offset + 8], 0.25_f64.to_le_bytes());
+
     let mut status = Status::ZERO;
     status.mode = 11;
     status.fault_counts[0] = 12;
@@ -77,6 +85,9 @@ fn every_field_lies_where_the_layout_has_it() {
     ] {
         assert_eq!(read(&bytes, at(Status::FIELDS, name)), expected, "{name}");
     }
+    let laden = Status { payload_kg: [0.0, 0.5], ..Status::ZERO };
+    let offset = at(Status::FIELDS, "payload_kg") + 8;
+    assert_eq!(encode_status(&laden)[offset..offset + 8], 0.5_f64.to_le_bytes());
     let speed = Status { speed_scale: 0.75, ..Status::ZERO };
     let offset = at(Status::FIELDS, "speed_scale");
     assert_eq!(encode_status(&speed)[offset..offset + 8], 0.75_f64.to_le_bytes());
@@ -95,5 +106,9 @@ fn other_lengths_versions_and_levels_are_no_requests() {
     }
     assert_eq!(decode_request(&encode_request(&OperatorRequest { version: OPERATOR_VERSION + 1, ..good })), None);
     assert_eq!(decode_request(&encode_request(&OperatorRequest { enable_level: 3, ..good })), None);
+    assert_eq!(decode_request(&encode_request(&OperatorRequest { payload_flags: 4, ..good })), None);
+    assert_eq!(decode_request(&encode_request(&OperatorRequest { payload_kg: f64::NAN, ..good })), None);
+    let nowhere = OperatorRequest { payload_centre_m: [0.0, f64::INFINITY, 0.0], ..good };
+    assert_eq!(decode_request(&encode_request(&nowhere)), None);
     assert_eq!(decode_status(&[0; STATUS_BYTES - 1]), None);
 }

@@ -1,7 +1,9 @@
 //! The socket itself: who may bind, who may connect, whose word counts.
 
 use doors::DoorError;
-use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
+use messages::{
+    HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Stamp, Status, payload_flag,
+};
 use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use std::io::{BufRead, BufReader, Lines, Write};
@@ -471,4 +473,23 @@ fn a_forbidden_socket_is_named() {
     let _server = Server::bind(&path).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o0)).unwrap();
     assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::Door(DoorError::PermissionDenied { .. })));
+}
+
+#[test]
+fn payload_of_each_hand_is_the_newest_word_of_any_client() {
+    let mut house = House::new();
+    let mut clients = [house.raw(), house.raw()];
+    let say = |client: &mut Raw, flags: u32, kg: f64| {
+        client.say(|r| (r.payload_count, r.payload_flags, r.payload_kg) = (r.payload_count + 1, flags, kg));
+    };
+    say(&mut clients[0], 0, 0.5);
+    say(&mut clients[1], payload_flag::RIGHT | payload_flag::CENTRE, 0.25);
+    let order = |mass_kg, centre_m| Some(PayloadOrder { mass_kg, centre_m });
+    let view = house.poll();
+    assert_eq!((view.payload_edges, view.payload), ([1, 1], [order(0.5, None), order(0.25, Some([0.0; 3]))]));
+    assert!(!view.enable_level && view.enable_edges == 0);
+    say(&mut clients[1], 0, 0.75);
+    clients[0].say(|_| {});
+    let view = house.poll();
+    assert_eq!((view.payload_edges, view.payload[0]), ([2, 1], order(0.75, None)));
 }

@@ -29,6 +29,11 @@ impl OperatorEdges {
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
         let deaf = known_bug!(StopLostWithReset) && view.reset_edges != self.seen.reset_edges;
         self.now.estop_edge |= view.estop_edges != self.seen.estop_edges && !deaf;
+        for (hand, said) in self.now.payload.iter_mut().enumerate() {
+            if view.payload_edges[hand] != self.seen.payload_edges[hand] {
+                *said = view.payload[hand];
+            }
+        }
         self.seen = *view;
     }
 
@@ -55,6 +60,7 @@ impl OperatorEdges {
             release_edge: false,
             reset_edge: false,
             estop_edge: false,
+            payload: [None; 2],
             ..view
         };
         view
@@ -64,6 +70,7 @@ impl OperatorEdges {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::PayloadOrder;
 
     #[test]
     fn an_edge_is_taken_once_and_never_lost() {
@@ -75,6 +82,15 @@ mod tests {
         edges.note(&view);
         assert!(edges.take().estop_edge);
         assert!(!edges.take().estop_edge);
+        let said = |mass_kg| [None, Some(PayloadOrder { mass_kg, centre_m: None })];
+        (view.payload, view.payload_edges) = (said(0.5), [0, 1]);
+        edges.note(&view);
+        edges.note(&view);
+        assert_eq!(edges.take().payload, said(0.5));
+        assert_eq!(edges.take().payload, [None; 2]);
+        (view.payload, view.payload_edges) = (said(0.25), [0, 3]);
+        edges.note(&view);
+        assert_eq!(edges.take().payload, said(0.25));
     }
 
     #[test]

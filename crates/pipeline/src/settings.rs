@@ -331,6 +331,10 @@ pub struct SimSettings {
     pub reaction: RobotReaction,
     pub encoder_noise_rad: f64,
     pub encoder_step_rad: f64,
+    /// What the left hand truly carries, kg; without it what the robot file says.
+    pub payload_left_kg: Option<f64>,
+    /// The same of the right hand.
+    pub payload_right_kg: Option<f64>,
 }
 
 /// The most files of layouts: assumption, more than the systems of one laboratory. A number is looked for among all of them.
@@ -383,6 +387,8 @@ impl Settings {
             ("sim.watchdog_ms", self.sim.watchdog_ms, 1.0, 1000.0),
             ("sim.encoder_noise_rad", self.sim.encoder_noise_rad, 0.0, 0.01),
             ("sim.encoder_step_rad", self.sim.encoder_step_rad, 0.0, 0.01),
+            ("sim.payload_left_kg", self.sim.payload_left_kg.unwrap_or_default(), 0.0, robot::PAYLOAD_MAX_KG),
+            ("sim.payload_right_kg", self.sim.payload_right_kg.unwrap_or_default(), 0.0, robot::PAYLOAD_MAX_KG),
         ];
         for (key, value, low, high) in bounds.into_iter().chain(self.realtime.cores.bounds()) {
             // Written so that NaN is refused too.

@@ -50,6 +50,7 @@ pub(crate) fn sim_config_of(
         measured_age_max_ms: MEASURED_AGE_MAX_MS * factor,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
+        payload_kg: [settings.payload_left_kg, settings.payload_right_kg],
         initial_outside,
         ..sim::Options::default()
     };

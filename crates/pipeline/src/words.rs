@@ -3,8 +3,8 @@
 use crate::control::{input_age_ms, subject as about_now};
 use crate::{InputConfig, Names};
 use messages::{
-    CalibrationSource, FAULTS, Fault, Faults, Mode, Response, Stamp, Status, Subject, TRANSITIONS_KEPT, Transition,
-    reduced_flag,
+    CalibrationSource, FAULTS, Fault, Faults, Mode, PayloadRefusal, Response, Stamp, Status, Subject, TRANSITIONS_KEPT,
+    Transition, reduced_flag,
 };
 use safety::gate::Denial;
 use skeleton::DropReason;
@@ -104,6 +104,12 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     }
     if now.calibration != before.calibration {
         all.push(say(Gravity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
+    }
+    if now.payloads_taken != before.payloads_taken {
+        all.push(say(Gravity::Note, format!("The hands carry {}.", payload(now))));
+    }
+    if let Some(why) = payload_refused(now, names).filter(|_| now.payloads_refused != before.payloads_refused) {
+        all.push(say(Gravity::Warning, format!("The payload was refused: {why}.")));
     }
     for (flag, name) in reduced_flag::NAMES {
         if now.reduced & flag != 0 && before.reduced & flag == 0 {
@@ -217,6 +223,19 @@ fn unsteady(status: &Status, names: &Names) -> Option<String> {
 pub fn not_at_rest(status: &Status, names: &Names) -> Option<String> {
     let name = unsteady(status, names).filter(|_| status.moving != 0)?;
     Some(format!("The robot is not at rest: {name} is measured moving, or was less than 0.1 s ago."))
+}
+
+/// What the hands carry.
+pub fn payload(status: &Status) -> String {
+    let [left, right] = status.payload_kg;
+    format!("{left:.3} kg left, {right:.3} kg right")
+}
+
+/// Why a payload was refused last, with the joint; none if none was.
+pub fn payload_refused(status: &Status, names: &Names) -> Option<String> {
+    let why = PayloadRefusal::from_u32(status.payload_refused_why)?.meaning();
+    let joint = status.payload_refused_joint.checked_sub(1).map(|joint| names.joint(joint as usize));
+    Some(joint.map_or(why.into(), |joint| format!("{joint}: {why}")))
 }
 
 /// What the person's limbs rest on.

@@ -6,7 +6,7 @@ use crate::error::PlantError;
 use crate::kinematics::Frames;
 use crate::motor::Motor;
 use crate::plant::{DELAY_MAX_NS, STEP_NS};
-use messages::{JOINTS, TICK_HZ};
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
 
 /// Name of the options in errors.
@@ -75,8 +75,11 @@ pub struct Options {
     pub encoder_step_rad: f64,
     /// Share of the friction that the drives compensate. Assumption: 0.8.
     pub friction_compensated: f64,
-    /// Loads in the hands.
+    /// Loads at the origins of links, besides what the hands carry.
     pub payloads: Vec<Payload>,
+    /// What the left and the right hand truly carry, kg; without it what the robot file says. It sits where the robot file
+    /// says.
+    pub hands_kg: [Option<f64>; 2],
     /// What stands about the robot.
     pub obstacles: Vec<Obstacle>,
     /// The robot may start outside its limits or too close to itself. The judge then counts only motion further out.
@@ -96,6 +99,7 @@ impl Default for Options {
             encoder_step_rad: step_rad,
             friction_compensated: 0.8,
             payloads: Vec::new(),
+            hands_kg: [None; 2],
             obstacles: Vec::new(),
             initial_outside: false,
         }
@@ -167,6 +171,18 @@ impl Config {
                 at.ok_or_else(|| PlantError::unknown(OPTIONS, "payload link", &payload.link, "a link of the URDF"))?;
             loads.push(Load { body: pose_body, place: pose.t, mass_kg });
             body.add_payload(&payload.link, mass_kg);
+        }
+        for (side, last) in [LEFT_ARM.end, RIGHT_ARM.end].into_iter().enumerate() {
+            let key = ["hands_kg left", "hands_kg right"][side];
+            let said = body.payloads[side].map_or(0.0, |(mass_kg, _)| mass_kg);
+            let mass_kg = within(key, options.hands_kg[side].unwrap_or(said), 0.0, 20.0)?;
+            if mass_kg > 0.0 {
+                let file =
+                    ["payload.left.centre_m of the robot file", "payload.right.centre_m of the robot file"][side];
+                let (_, place) = body.payloads[side].ok_or_else(|| PlantError::missing(OPTIONS, file))?;
+                loads.push(Load { body: last, place, mass_kg });
+                body.add_mass(last, place, mass_kg);
+            }
         }
         let motors: [Motor; JOINTS] = std::array::from_fn(|j| Motor::new(&body.joints[j]));
         Ok(Self {

@@ -107,6 +107,9 @@ pub struct Body {
     pub d_min_m: f64,
     /// Home posture, rad or m.
     pub home: [f64; JOINTS],
+    /// What the robot file says of the left and the right hand: mass (kg), and place in the frame of the arm's last body (m).
+    /// It is not among `inertias`.
+    pub payloads: [Option<(f64, Vector3<f64>)>; 2],
     links: Vec<Link>,
 }
 
@@ -151,6 +154,7 @@ impl Body {
             pairs: Vec::new(),
             d_min_m: file.d_min_m(toml_name)?,
             home,
+            payloads: file.payloads(toml_name)?.map(|row| row.map(|(mass_kg, at)| (mass_kg, at.into()))),
             links,
         };
         body.lump(&urdf);
@@ -167,8 +171,13 @@ impl Body {
     /// Adds a point mass at the origin of a link. `false` if there is no such link.
     pub fn add_payload(&mut self, link: &str, mass_kg: f64) -> bool {
         let Some((body, body_from_link)) = self.link(link) else { return false };
-        self.inertias[body].add(&Inertia::at(mass_kg, body_from_link.t, Matrix3::zeros()));
+        self.add_mass(body, body_from_link.t, mass_kg);
         true
+    }
+
+    /// Adds a point mass at a place of a body.
+    pub(crate) fn add_mass(&mut self, body: usize, place: Vector3<f64>, mass_kg: f64) {
+        self.inertias[body].add(&Inertia::at(mass_kg, place, Matrix3::zeros()));
     }
 
     fn lump(&mut self, urdf: &Urdf) {

@@ -36,7 +36,25 @@ pub(crate) struct RobotFile {
     tighten: BTreeMap<String, Tighten>,
     home_m: BTreeMap<String, f64>,
     home_rad: BTreeMap<String, f64>,
+    #[serde(default)]
+    payload: Payloads,
     pub(crate) collision: Collision,
+}
+
+/// An unknown key here would be a mass that nobody counts, so it is refused.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Payloads {
+    left: Option<PayloadRow>,
+    right: Option<PayloadRow>,
+}
+
+/// A point mass in a hand.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PayloadRow {
+    mass_kg: f64,
+    centre_m: [f64; 3],
 }
 
 #[derive(Deserialize)]
@@ -180,6 +198,25 @@ impl RobotFile {
     pub(crate) fn home(&self, file: &str, name: &str) -> Result<f64, PlantError> {
         let found = self.home_m.get(name).or_else(|| self.home_rad.get(name));
         found.copied().ok_or_else(|| PlantError::missing(file, format!("home_rad.{name} or home_m.{name}")))
+    }
+
+    /// Mass (kg) and place (m, in the frame of the last link of the arm) of what the left and the right hand carry.
+    pub(crate) fn payloads(&self, file: &str) -> Result<[Option<(f64, [f64; 3])>; 2], PlantError> {
+        let mut all = [None; 2];
+        let rows = [("left", self.payload.left), ("right", self.payload.right)];
+        for (found, (side, row)) in all.iter_mut().zip(rows) {
+            let Some(PayloadRow { mass_kg, centre_m }) = row else { continue };
+            if !(mass_kg >= 0.0 && mass_kg.is_finite()) {
+                let key = format!("payload.{side}.mass_kg");
+                return Err(PlantError::value(file, &key, mass_kg, "must be a finite number, at least 0"));
+            }
+            if centre_m.iter().any(|x| !x.is_finite()) {
+                let key = format!("payload.{side}.centre_m");
+                return Err(PlantError::value(file, &key, format!("{centre_m:?}"), "must be finite numbers"));
+            }
+            *found = Some((mass_kg, centre_m));
+        }
+        Ok(all)
     }
 
     /// Least clearance of every checked pair, m.

@@ -1,12 +1,12 @@
 //! Two independent readers of the same files come to the same robot.
 
 use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
-use messages::JOINTS;
-use plant::{Body, Frames, JointKind};
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use plant::{Body, Frames, JointKind, Options};
 use rand::SeedableRng;
 use robot::Model;
 
-fn both(texts: Texts) -> (Body, Model) {
+fn both(texts: [&str; 4]) -> (Body, Model) {
     let [toml_name, toml, urdf_name, urdf] = texts;
     (body(texts), Model::from_text(toml_name, toml, urdf_name, urdf).unwrap())
 }
@@ -43,6 +43,30 @@ fn limits_home_and_names_are_the_same() {
                 let other = [other.q_min, other.q_max, other.v_max, other.a_max, other.j_max, other.effort_max];
                 assert_eq!(own, other, "{}: {}", texts[0], joint.name);
             }
+        }
+    }
+}
+
+#[test]
+fn payloads_are_the_same() {
+    for texts in [HANDS, GRIPPERS] {
+        let laden = texts[1].replace("mass_kg = 0.0", "mass_kg = 0.7");
+        let (body, model) = both([texts[0], &laden, texts[2], texts[3]]);
+        let empty = plant::Config::from_text(texts[0], texts[1], texts[2], texts[3], &Options::default()).unwrap();
+        let config = plant::Config::new(body.clone(), &Options::default()).unwrap();
+        let told = Options { hands_kg: [Some(0.7), Some(0.7)], ..Options::default() };
+        let told = plant::Config::from_text(texts[0], texts[1], texts[2], texts[3], &told).unwrap();
+        let inertias = model.inertias();
+        for (side, last) in [LEFT_ARM.end, RIGHT_ARM.end].into_iter().enumerate() {
+            let payload = model.payload[side].unwrap();
+            assert_eq!(body.payloads[side], Some((payload.mass_kg, payload.center)));
+            let theirs = inertias[last].join(&robot::Inertia::point(payload.mass_kg, payload.center));
+            for own in [&config, &told].map(|config| &config.body().inertias[last]) {
+                assert!((own.mass_kg - theirs.mass_kg).abs() < 1e-12);
+                assert!((own.moment - theirs.center * theirs.mass_kg).amax() < 1e-12);
+                assert!((own.about_origin - theirs.about(&nalgebra::Vector3::zeros())).amax() < 1e-12);
+            }
+            assert!((empty.body().inertias[last].mass_kg - inertias[last].mass_kg).abs() < 1e-12);
         }
     }
 }

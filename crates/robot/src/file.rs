@@ -28,7 +28,26 @@ pub(crate) struct RobotFile {
     pub(crate) reference_rad: BTreeMap<String, f64>,
     #[serde(default)]
     pub(crate) tasks: Tasks,
+    /// What the hands carry; empty where nothing is said.
+    #[serde(default)]
+    pub(crate) payload: Payloads,
     pub(crate) collision: Collision,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Payloads {
+    pub(crate) left: Option<PayloadEntry>,
+    pub(crate) right: Option<PayloadEntry>,
+}
+
+/// A point mass in a hand.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PayloadEntry {
+    pub(crate) mass_kg: f64,
+    /// In the frame of the link that the arm's last joint moves.
+    pub(crate) centre_m: [f64; 3],
 }
 
 /// What a deviation from the target costs where the robot is blocked. Never loosens a limit.

@@ -8,6 +8,7 @@ use crate::file::{Limb, RobotFile};
 use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
+use crate::payload::Payload;
 use crate::pose::Pose;
 use crate::urdf::Tree;
 use crate::visual::Visual;
@@ -69,6 +70,8 @@ pub struct Model {
     pub joint_weight: [f64; JOINTS],
     /// What a deviation of a limb's angular velocity by 1 rad/s costs there; 0 leaves the limbs' rotations out.
     pub limb_weight: f64,
+    /// What the left and the right hand carry at the start; none where the robot file says nothing of a hand.
+    pub payload: [Option<Payload>; 2],
     /// No stop takes longer, s.
     pub stop_time_max_s: f64,
     /// Commands keep every checked pair at least this far apart, m.
@@ -175,6 +178,7 @@ impl Source<'_> {
                 0.0..=WEIGHT_MAX,
             )?,
             joint_weight,
+            payload: self.payloads(&file.payload)?,
             stop_time_max_s: file.limits.stop_time_max_ms * 1e-3,
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
             d_measured_min_m: self

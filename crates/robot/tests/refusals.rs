@@ -167,3 +167,23 @@ fn f098_an_override_may_only_tighten() {
         edit(TOML, "[home_m]", "[home_m]", "[tighten.arm_left_3_joint]\nvelocity_max_rad_per_s = 2.0\n[home_m]");
     refused(&one_arm, URDF, &["arm_right_3_joint", "velocity max", "left arm"]);
 }
+
+#[test]
+fn payload_out_of_range_is_refused_with_key_value_and_bound() {
+    let right = "[payload.right]";
+    for (old, new, words) in [
+        ("mass_kg = 0.0", "mass_kg = 5.1", ["payload.right.mass_kg = 5.1", "0 to 5"]),
+        ("mass_kg = 0.0", "mass_kg = -0.1", ["payload.right.mass_kg = -0.1", "0 to 5"]),
+        ("mass_kg = 0.0", "mass_kg = nan", ["payload.right.mass_kg = NaN", "0 to 5"]),
+        ("centre_m = [", "centre_m = [0.4, 0.4, 0.0] #", ["payload.right.centre_m = [0.4, 0.4, 0.0]", "at most 0.5 m"]),
+        ("centre_m = [", "centre_m = [nan, 0.0, 0.0] #", ["payload.right.centre_m = [NaN", "at most 0.5 m"]),
+        ("centre_m = [", "centre = [", ["unknown field `centre`", "centre_m"]),
+    ] {
+        refused(&edit(TOML, right, old, new), URDF, &["tiago_dual.toml", words[0], words[1]]);
+    }
+    let laden = load(&edit(TOML, right, "mass_kg = 0.0", "mass_kg = 5.0"), URDF).unwrap();
+    assert_eq!(laden.payload.map(|hand| hand.map(|hand| hand.mass_kg)), [Some(0.0), Some(5.0)]);
+    let (begin, end) = (TOML.find("[payload.left]").unwrap(), TOML.find("# Where everything goes").unwrap());
+    let silent = load(&format!("{}{}", &TOML[..begin], &TOML[end..]), URDF).unwrap();
+    assert_eq!(silent.payload, [None; 2], "a file that says nothing has empty hands");
+}

@@ -6,7 +6,7 @@ use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use nalgebra::Vector3;
 use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
-use support::{TOML, URDF, load, shipped};
+use support::{GRIPPER_TOML, GRIPPER_URDF, TOML, URDF, load, shipped};
 
 #[test]
 fn home_is_five_centimetres_clear_of_itself_and_away_from_the_limits() {
@@ -191,4 +191,21 @@ fn shapes_that_cannot_be_drawn_are_left_out() {
         assert!(count(bad) < all, "{bad}");
     }
     assert_eq!(count("<sphere radius=\"0.2\"/>"), all);
+}
+
+/// The centres of the shipped files are where the hands grasp, in the frame of the arm's last body.
+#[test]
+fn empty_hands_have_their_centre_where_they_grasp() {
+    for (toml, urdf, link) in
+        [(TOML, URDF, "hand_SIDE_grasping_frame"), (GRIPPER_TOML, GRIPPER_URDF, "gripper_SIDE_grasping_frame")]
+    {
+        let model = load(toml, urdf).unwrap();
+        for (side, payload) in ["left", "right"].into_iter().zip(model.payload) {
+            let payload = payload.expect("both hands are in the file");
+            let (body, pose) = model.link_body(&link.replace("SIDE", side)).expect("a link of the URDF");
+            assert_eq!(payload.mass_kg, 0.0);
+            assert_eq!(body, if side == "left" { LEFT_ARM.end } else { RIGHT_ARM.end });
+            assert!((payload.center - pose.t).amax() < 1e-5, "{link} {side}: {:?}", pose.t);
+        }
+    }
 }

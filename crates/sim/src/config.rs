@@ -35,6 +35,9 @@ pub struct Options {
     pub measured_age_max_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
+    /// What the left and the right hand truly carry, kg; without it what the robot file says. The centre is the robot file's.
+    /// Whoever plans the motion may know another payload: that of the robot file, or what an operator said.
+    pub payload_kg: [Option<f64>; 2],
     /// Elbows and hands are commanded no faster than this in the base frame, m/s: beyond it is a violation.
     pub hand_speed_max_m_per_s: f64,
     /// Posture at the start, rad or m; the robot's home if none is given.
@@ -58,6 +61,7 @@ impl Default for Options {
             reaction: Reaction::Hold,
             measured_age_max_ms: 10.0,
             silence_ticks: driver::SILENCE_TICKS,
+            payload_kg: [None; 2],
             hand_speed_max_m_per_s: 3.0,
             initial: None,
             initial_outside: false,
@@ -197,6 +201,7 @@ fn body_of(model: &Model, options: &Options, delay_ns: u64) -> Result<plant::Con
         reaction: options.reaction,
         encoder_noise_rad: options.encoder_noise_rad,
         encoder_step_rad: options.encoder_step_rad,
+        hands_kg: options.payload_kg,
         obstacles: obstacles.collect(),
         initial_outside: options.initial_outside,
         ..plant::Options::default()

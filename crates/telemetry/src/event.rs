@@ -60,11 +60,18 @@ pub enum Event {
         /// The process.
         pid: u32,
     },
+    /// An operator said what a hand carries.
+    Payload {
+        /// What the left and the right hand carry now, kg.
+        kg: [f64; 2],
+        /// Why it was refused, if it was.
+        refused: Option<&'static str>,
+    },
 }
 
 impl Event {
     /// Kinds of event.
-    pub const KINDS: usize = 8;
+    pub const KINDS: usize = 9;
 
     /// Which kind: lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -77,6 +84,7 @@ impl Event {
             Self::Visitor { .. } => 5,
             Self::Order { .. } => 6,
             Self::Dropped { .. } => 7,
+            Self::Payload { .. } => 8,
         }
     }
 
@@ -91,6 +99,7 @@ impl Event {
             "visitors",
             "orders of operators",
             "dropped frames",
+            "payloads",
         ][kind]
     }
 
@@ -124,6 +133,12 @@ impl Event {
                 let s = if frames == 1 { "" } else { "s" };
                 tracing::warn!("{process}: {frames} frame{s} dropped within a second: {reason} ({meaning})");
             }
+            Self::Payload { kg: [left, right], refused: None } => {
+                tracing::info!("{process}: the hands carry {left:.3} kg left, {right:.3} kg right");
+            }
+            Self::Payload { kg: [left, right], refused: Some(why) } => tracing::warn!(
+                "{process}: payload refused: {why}; the hands count as carrying {left:.3} kg left, {right:.3} kg right"
+            ),
             Self::Order { what, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");
             }
@@ -239,7 +254,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0]);
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0, 0]);
         assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

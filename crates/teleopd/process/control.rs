@@ -8,8 +8,8 @@ use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use messages::{
-    Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, RobotState, Service, Stamp, Status, deadline,
-    tick_at,
+    Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
+    Status, deadline, tick_at,
 };
 use operator::{Deed, OperatorError, Order, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
@@ -204,6 +204,14 @@ impl Control {
     /// What can wait until the command is out.
     fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
         self.process.missed(out.status.missed_deadlines - self.status.missed_deadlines);
+        let Status { payload_kg: kg, payloads_taken, payloads_refused, payload_refused_why, .. } = out.status;
+        if payloads_taken != self.status.payloads_taken {
+            self.process.probe.event(Event::Payload { kg, refused: None });
+        }
+        if payloads_refused != self.status.payloads_refused {
+            let refused = PayloadRefusal::from_u32(payload_refused_why).map(PayloadRefusal::meaning);
+            self.process.probe.event(Event::Payload { kg, refused });
+        }
         let Status { reset_first_by, resets_refused, .. } = self.status;
         self.status = Status { reset_first_by, resets_refused, ..out.status };
         self.timeline.note(k);
@@ -257,6 +265,8 @@ fn deed_name(deed: Deed) -> &'static str {
         Deed::Recovers => "pressed the recovery",
         Deed::EmergencyStop => "pressed the emergency stop",
         Deed::Reset => "pressed reset",
+        Deed::PayloadLeft => "said what the left hand carries",
+        Deed::PayloadRight => "said what the right hand carries",
         Deed::ResetRefused => {
             "pressed reset, refused: another user pressed the emergency stop and has to reset it first"
         }

@@ -11,7 +11,7 @@ use crate::interval::Bounds;
 use crate::motion::{JointMotion, Motion};
 use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
-use crate::torque::{self, TorqueScratch, joints};
+use crate::torque::{self, Load, TorqueScratch, joints};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
 use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S, known_bug};
 
@@ -145,6 +145,8 @@ impl Attempt {
 /// The stages of a decision, with the memory that they work in.
 pub(crate) struct Chooser<'a> {
     pub(crate) config: &'a Config,
+    /// Masses and motors with what the hands carry now.
+    pub(crate) load: Option<&'a Load>,
     pub(crate) anchor: &'a Anchor,
     pub(crate) barrier: &'a mut Barrier,
     pub(crate) scratch: &'a mut Scratch,
@@ -157,7 +159,7 @@ impl Chooser<'_> {
     pub(crate) fn choose(&mut self, before: &Planned, on_plan: &Planned, aims: &Aims, scale: f64) -> Choice {
         let plan = Motion::stops(before);
         self.torque.begin_tick();
-        let load = self.config.load.as_ref();
+        let load = self.load;
         let bearing = load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, before));
         let nominal = || self.config.bounds.map(|bounds| bounds.brake);
         let brakes = bearing.as_ref().map_or_else(nominal, |bearing| bearing.brakes(self.config, before));
@@ -243,7 +245,7 @@ impl Chooser<'_> {
 
     /// The joints on which a torque depends that could not be proved, if any.
     fn overloaded(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<JointSet> {
-        let load = self.config.load.as_ref()?;
+        let load = self.load?;
         let Attempt { motion, fresh, .. } = attempt;
         // A gentle brake may not make a stop longer than was promised.
         let late = joints(*fresh).find(|&j| motion.joints[j].end_s() > self.config.stop_time_max_s + TICK_S);
@@ -260,7 +262,7 @@ impl Chooser<'_> {
 }
 
 /// Takes the accelerations of each arm's wishes back to what its motors can give.
-fn hold_back(load: &torque::Load, bearing: &Bearing, on_plan: &Planned, wishes: &mut [Option<Wish>; JOINTS]) {
+fn hold_back(load: &Load, bearing: &Bearing, on_plan: &Planned, wishes: &mut [Option<Wish>; JOINTS]) {
     let mut wished = on_plan.a;
     for j in 0..JOINTS {
         if let Some(wish) = &wishes[j] {

@@ -8,7 +8,7 @@ use crate::interface::Interface;
 use crate::interval::Bounds;
 use crate::torque::Load;
 use messages::{JOINTS, known_bug};
-use robot::Solid;
+use robot::{Payload, Solid};
 use thiserror::Error;
 
 /// Share of acceleration and jerk limits that is planned with, so that rounding at the gate never denies an honest command.
@@ -172,7 +172,7 @@ pub struct Config {
     pub(crate) geometry: Geometry,
     pub(crate) tasks: Tasks,
     pub(crate) certificate: bool,
-    /// Masses and motors; none if nothing is to be proved of them.
+    /// Masses and motors, with what the hands carry at the start; none if nothing is to be proved of them.
     pub(crate) load: Option<Load>,
     /// No stop takes longer, s.
     pub(crate) stop_time_max_s: f64,
@@ -201,6 +201,8 @@ pub struct Parts {
     pub tasks: Tasks,
     /// Masses of the bodies; the base's does not matter.
     pub masses: [Mass; BODIES],
+    /// What the left and the right hand carry at the start.
+    pub payload: [Payload; 2],
     /// Largest torque or force of each motor, N m or N; infinite where it does not matter.
     pub effort_max: [f64; JOINTS],
     /// No stop takes longer, s.
@@ -229,7 +231,8 @@ impl Config {
         let bounds = std::array::from_fn(|j| Bounds { v_max: next(j), ..bounds[j] });
         let unit = if known_bug!(ClearanceInMillimetres) { 1e-3 } else { 1.0 };
         let d_min_m = unit * parts.d_min_m + CLEARANCE_INSET_M;
-        let load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
+        let mut load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
+        load.carry(&parts.payload);
         let load = (options.torque && !known_bug!(TorqueUnchecked)).then_some(load);
         Ok(Self {
             bounds,

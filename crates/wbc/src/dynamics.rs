@@ -14,11 +14,15 @@
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::plan::JointState;
-use messages::JOINTS;
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use nalgebra::{Matrix3, Vector3};
+use robot::Payload;
 
 /// Standard gravity, m/s^2 (3rd General Conference on Weights and Measures, 1901).
 pub const GRAVITY_M_PER_S2: f64 = 9.806_65;
+
+/// The bodies of the left and the right hand: what the last joint of each arm moves.
+pub(crate) const HANDS: [usize; 2] = [LEFT_ARM.end, RIGHT_ARM.end];
 
 /// One number per joint.
 pub type PerJoint = [f64; JOINTS];
@@ -46,6 +50,8 @@ struct Moments {
 #[derive(Clone, Debug)]
 pub(crate) struct Dynamics {
     bodies: [Moments; BODIES],
+    /// Those of the hands without what they carry.
+    empty: [Moments; 2],
 }
 
 /// A joint in one posture.
@@ -76,7 +82,19 @@ impl Dynamics {
             first: m.center * m.mass_kg,
             second: m.about_center + point_inertia(m.mass_kg, &m.center),
         };
-        Self { bodies: masses.each_ref().map(moments) }
+        let bodies = masses.each_ref().map(moments);
+        Self { bodies, empty: HANDS.map(|hand| bodies[hand]) }
+    }
+
+    /// What the hands carry from now on. Never allocates.
+    pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
+        for ((hand, empty), Payload { mass_kg, center }) in HANDS.into_iter().zip(&self.empty).zip(payload) {
+            self.bodies[hand] = Moments {
+                mass: empty.mass + mass_kg,
+                first: empty.first + center * *mass_kg,
+                second: empty.second + point_inertia(*mass_kg, center),
+            };
+        }
     }
 
     /// Torques (N m, N) of the joints of `set` in the motion `x`; `set` contains the ancestors and all that hangs on each

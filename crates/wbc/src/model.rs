@@ -62,6 +62,7 @@ impl Parts {
             d_min_m: model.d_min_m,
             tasks: Tasks::of(model),
             masses: model.inertias().map(mass),
+            payload: model.payload.map(Option::unwrap_or_default),
             effort_max: model.limits.each_ref().map(|l| l.effort_max),
             stop_time_max_s: model.stop_time_max_s,
         })

@@ -27,7 +27,7 @@ use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
-use crate::torque::{self, TorqueScratch};
+use crate::torque::{self, Load, TorqueScratch};
 use messages::{ALL_JOINTS, JOINTS, TICK_S, known_bug};
 use robot::Solid;
 
@@ -102,7 +102,7 @@ impl Recovery {
     pub(crate) fn choose(
         &mut self,
         config: &Config,
-        (scratch, torque): (&mut Scratch, &mut TorqueScratch),
+        (scratch, torque, load): (&mut Scratch, &mut TorqueScratch, Option<&Load>),
         anchor: &Anchor,
         before: &Planned,
         on_plan: &Planned,
@@ -129,7 +129,7 @@ impl Recovery {
                 choice.fallbacks += 1;
                 continue;
             }
-            let overloaded = config.load.as_ref().and_then(|load| {
+            let overloaded = load.and_then(|load| {
                 let verdict = torque::prove(load, chain, &attempt.motion, attempt.fresh, torque);
                 choice.evaluations += verdict.evaluations;
                 verdict.blamed

@@ -10,8 +10,9 @@ use crate::dynamics::PerJoint;
 use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
-use crate::torque::{self, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS, Stamp, StopPlan, TICK_S, known_bug};
+use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
+use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, known_bug};
+use robot::Payload;
 
 /// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
 const ON_TARGET: f64 = 0.01;
@@ -117,6 +118,8 @@ pub struct State {
     recovery: Recovery,
     scratch: Scratch,
     torque: TorqueScratch,
+    /// Masses and motors with what the hands carry; none if nothing is to be proved of them.
+    load: Option<Load>,
 }
 
 impl State {
@@ -129,12 +132,40 @@ impl State {
             recovery: Recovery::new(&config.geometry, q),
             scratch: Scratch::new(&config.geometry),
             torque: TorqueScratch::new(),
+            load: config.load.clone(),
         }
     }
 
     /// Continues from another state with its certified plan: what the driver says it executes. Never allocates.
     pub fn reseed(&mut self, planned: &Planned) {
         self.planned = *planned;
+    }
+
+    /// What the hands carry from now on, if the robot is at rest and can hold its posture with it. Never allocates.
+    ///
+    /// # Errors
+    /// `Moving` where the last command or its plan is not at rest, `Overload` with the joint that could not hold it. Then what
+    /// they carried before stays in force.
+    pub fn carry(&mut self, config: &Config, payload: &[Payload; 2]) -> Result<(), (PayloadRefusal, Option<usize>)> {
+        if !self.planned.is_at_rest() {
+            return Err((PayloadRefusal::Moving, None));
+        }
+        let Some(load) = &mut self.load else { return Ok(()) };
+        let before = *load.payload();
+        load.carry(payload);
+        let Some((joint, ..)) = load.overloaded_at_rest(&config.geometry.chain, &self.planned.q) else { return Ok(()) };
+        load.carry(&before);
+        Err((PayloadRefusal::Overload, Some(joint)))
+    }
+
+    /// What the hands carry; of a configuration that proves nothing of torques, nothing.
+    pub fn payload(&self) -> [Payload; 2] {
+        self.load.as_ref().map_or([Payload::EMPTY; 2], |load| *load.payload())
+    }
+
+    /// As the function of that name, with what the hands carry now.
+    pub fn overloaded_at_rest(&self, config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
+        self.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
     }
 
     /// The last command with its plan.
@@ -153,14 +184,14 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
     let aims = aims(config, &input);
     let choice = match input.permit {
         Permit::Follow { speed_scale } if speed_scale > 0.0 => {
-            let State { planned, anchor, barrier, scratch, torque, .. } = state;
-            let mut chooser = Chooser { config, anchor, barrier, scratch, torque };
+            let State { planned, anchor, barrier, scratch, torque, load, .. } = state;
+            let mut chooser = Chooser { config, load: load.as_ref(), anchor, barrier, scratch, torque };
             let speed_scale = if known_bug!(ScaleIgnored) { 1.0 } else { speed_scale };
             chooser.choose(planned, &on_plan, &aims, speed_scale.min(1.0))
         }
         Permit::Recover => {
-            let State { planned, anchor, recovery, scratch, torque, .. } = state;
-            recovery.choose(config, (scratch, torque), anchor, planned, &on_plan)
+            let State { planned, anchor, recovery, scratch, torque, load, .. } = state;
+            recovery.choose(config, (scratch, torque, load.as_ref()), anchor, planned, &on_plan)
         }
         Permit::Follow { .. } | Permit::Stop => Choice::plan(on_plan),
     };
@@ -185,16 +216,9 @@ pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
 }
 
 /// The joint that asks for more than its share of the effort limit to hold `q` at rest, if any, with its torque and the
-/// limit, N m or N.
+/// limit, N m or N. Of the hands as they are at the start.
 pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
-    let load = config.load.as_ref()?;
-    let still = Planned::at_rest(*q);
-    let torques = load.torques(&config.geometry.chain, &std::array::from_fn(|j| still.joint(j)));
-    let over = (0..JOINTS).find(|&j| {
-        let kept = torques[j].abs() <= load.limit[j];
-        !kept
-    })?;
-    Some((over, torques[over], load.limit[over]))
+    config.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
 }
 
 /// Torques of the links in a motion (rad, m, and seconds), N m or N; none of a configuration that proves nothing of them.

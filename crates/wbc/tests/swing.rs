@@ -35,6 +35,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         d_min_m: D_MIN_M,
         tasks: wbc::Tasks::JOINTS_ALIKE,
         masses: [wbc::dynamics::Mass::default(); JOINTS + 1],
+        payload: [robot::Payload::EMPTY; 2],
         effort_max: [f64::INFINITY; JOINTS],
         stop_time_max_s: 0.5,
     };

@@ -2,10 +2,10 @@
 //! which shares no code with this crate.
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
-use messages::{ALL_JOINTS, JOINTS, Stamp};
+use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::Model;
+use robot::{Model, Payload};
 use wbc::torque::SHARE;
 use wbc::{Config, Input, Options, Parts, Permit, Planned, State, Target, certify_torque, overloaded_at_rest, tick};
 
@@ -69,11 +69,33 @@ struct Run {
     longest_s: f64,
 }
 
-/// Postures anywhere within the limits, or stretched out, each for as long as it takes or for a moment.
-fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) -> Run {
-    let dynamics = Dynamics::new(model, urdf, &[]).unwrap();
+/// Both hands with so much where they grasp, by the dynamics of `collision`.
+fn hands(mass_kg: f64) -> Vec<collision::dynamics::Payload> {
+    let links = ["hand_left_grasping_frame", "hand_right_grasping_frame"];
+    links.map(|link| collision::dynamics::Payload { link: link.into(), mass_kg }).into()
+}
+
+/// The same, as the stage is told it.
+fn told(model: &Model, mass_kg: f64) -> [Payload; 2] {
+    ["hand_left_grasping_frame", "hand_right_grasping_frame"].map(|link| {
+        let (_, pose) = model.link_body(link).expect("a link of the URDF");
+        Payload { mass_kg, center: pose.t }
+    })
+}
+
+/// Postures anywhere within the limits, or stretched out, each for as long as it takes or for a moment. The hands truly carry
+/// `true_kg`, and the stage is told of `told_kg`.
+fn follow_laden(
+    model: &Model,
+    urdf: &urdf_rs::Robot,
+    options: Options,
+    goals: u32,
+    (true_kg, told_kg): (f64, f64),
+) -> Run {
+    let dynamics = Dynamics::new(model, urdf, &hands(true_kg)).unwrap();
     let config = Config::new(model, options).unwrap();
     let mut state = State::at_rest(&config, model.home);
+    state.carry(&config, &told(model, told_kg)).expect("home can be held");
     let mut rng = Pcg64::seed_from_u64(62);
     let mut run = Run::default();
     for goal in 0..goals {
@@ -103,6 +125,10 @@ fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) ->
     }
     println!("{run:?}");
     run
+}
+
+fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) -> Run {
+    follow_laden(model, urdf, options, goals, (0.0, 0.0))
 }
 
 #[test]
@@ -195,4 +221,89 @@ fn a_plan_that_asks_for_too_much_is_not_certified() {
     planned.set_joint(4, x, wbc::JointStop::new(x.v, x.a, bounds.a_max, bounds.j_max));
     let up = certify_torque(&config, &planned).blamed;
     assert_eq!((down, gently, up), (Some(4), None, None));
+}
+
+#[test]
+fn a_payload_that_is_told_is_kept_within_the_share() {
+    let (model, urdf) = shipped();
+    let run = follow_laden(&model, &urdf, Options::default(), 40, (0.5, 0.5));
+    assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
+    assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
+    assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
+    assert!(run.fresh * 10 > run.ticks * 9 && run.refused * 10 < run.ticks, "it hardly moves: {run:?}");
+}
+
+#[test]
+fn a_payload_that_is_not_told_is_not_proved() {
+    let (model, urdf) = shipped();
+    let run = follow_laden(&model, &urdf, Options::default(), 20, (1.0, 0.0));
+    assert!(run.planned > 1.0, "{run:?}");
+}
+
+/// What is told at run time is what the robot file would have said: the same torques, and the same decisions bit by bit.
+#[test]
+fn a_payload_told_at_run_time_is_that_of_the_robot_file() {
+    let (model, urdf) = shipped();
+    let payload = told(&model, 0.7);
+    let mut laden = model.clone();
+    laden.payload = payload.map(Some);
+    let configs = [&model, &laden].map(|model| Config::new(model, Options::default()).unwrap());
+    let mut states = configs.each_ref().map(|config| State::at_rest(config, model.home));
+    states[0].carry(&configs[0], &payload).unwrap();
+    assert_eq!(states[0].payload(), states[1].payload());
+    let dynamics = Dynamics::new(&model, &urdf, &hands(0.7)).unwrap();
+    let mut rng = Pcg64::seed_from_u64(9);
+    let mut overloads = 0;
+    for _ in 0..1000 {
+        let q = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..model.limits[j].q_max));
+        let mut within = |most: f64| std::array::from_fn(|_| rng.random_range(-most..most));
+        let (v, a) = (within(2.0), within(10.0));
+        let ours = wbc::torques(&configs[1], &q, &v, &a).unwrap();
+        let theirs = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2);
+        assert!((0..JOINTS).all(|j| (ours[j] - theirs[j]).abs() < 1e-9), "{ours:?} {theirs:?}");
+        let over = overloaded_at_rest(&configs[1], &q);
+        assert_eq!(states[0].overloaded_at_rest(&configs[0], &q), over);
+        overloads += u32::from(over.is_some());
+    }
+    assert!(overloads > 0, "some postures are too much for 0.7 kg");
+    for k in 0..3_000 {
+        let q: PerJoint = std::array::from_fn(|j| model.limits[j].q_max * f64::from(u8::from(k % 900 < 450)));
+        let target = Some(Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+        let input = Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
+        let [run_time, file] = std::array::from_fn(|i| tick(&configs[i], &mut states[i], Stamp(0), input));
+        assert_eq!(run_time, file, "tick {k}");
+    }
+}
+
+#[test]
+fn one_kilogram_at_a_stretched_arm_is_refused_by_joint() {
+    let (model, _) = shipped();
+    let config = Config::new(&model, Options::default()).unwrap();
+    let [left, right] = told(&model, 1.0);
+    for (payload, joint) in [([left, Payload::EMPTY], 4), ([Payload::EMPTY, right], 11)] {
+        let mut state = State::at_rest(&config, stretched(&model));
+        assert_eq!(state.carry(&config, &payload), Err((PayloadRefusal::Overload, Some(joint))));
+        assert_eq!(state.payload(), State::at_rest(&config, model.home).payload());
+        assert_eq!(state.overloaded_at_rest(&config, &stretched(&model)), None, "as before");
+        let mut at_home = State::at_rest(&config, model.home);
+        assert_eq!(at_home.carry(&config, &payload), Ok(()));
+        let over = at_home.overloaded_at_rest(&config, &stretched(&model)).expect("too heavy");
+        assert_eq!(over.0, joint);
+    }
+}
+
+#[test]
+fn a_payload_is_not_taken_in_motion() {
+    let (model, _) = shipped();
+    let config = Config::new(&model, Options::default()).unwrap();
+    let mut state = State::at_rest(&config, model.home);
+    let target =
+        Some(Target { q: &stretched(&model), dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+    for (k, permit) in (0..).zip([Permit::Follow { speed_scale: 1.0 }, Permit::Stop].iter().flat_map(|p| [*p; 20])) {
+        tick(&config, &mut state, Stamp(0), Input { k, target, permit });
+        let at_rest = state.planned().is_at_rest();
+        let refused = state.carry(&config, &told(&model, 0.1)) == Err((PayloadRefusal::Moving, None));
+        assert_eq!(refused, !at_rest, "tick {k}");
+        assert!(!at_rest || k > 20, "it moves");
+    }
 }

@@ -89,7 +89,7 @@ fn change(request: &mut OperatorRequest, bytes: &mut Bytes<'_>) {
     request.sequence = request.sequence.wrapping_add(1);
     let (field, value) = (bytes.u8(), u32::from(bytes.u8()));
     let step = |count: &mut u32| *count = count.wrapping_add(value);
-    match field % 8 {
+    match field % 10 {
         0 => request.enable_level = value % 4,
         1 => step(&mut request.enable_count),
         2 => step(&mut request.release_count),
@@ -97,6 +97,8 @@ fn change(request: &mut OperatorRequest, bytes: &mut Bytes<'_>) {
         4 => step(&mut request.estop_count),
         5 => request.sequence = bytes.u64(),
         6 => request.enable_count = bytes.u32(),
+        7 => step(&mut request.payload_count),
+        8 => (request.payload_flags, request.payload_kg) = (value % 5, f64::from_bits(bytes.u64())),
         _ => request.version = value,
     }
 }
@@ -111,6 +113,11 @@ fn check(now: Stamp, last: &OperatorView, view: &OperatorView) {
     let counters = |v: &OperatorView| {
         [v.enable_edges, v.recover_edges, v.release_edges, v.reset_edges, v.estop_edges, v.holders_lost]
     };
+    for (hand, said) in view.payload.iter().enumerate() {
+        assert!(last.payload_edges[hand] <= view.payload_edges[hand], "{last:?} {view:?}");
+        assert_eq!(said.is_some(), view.payload_edges[hand] > 0, "{view:?}");
+        assert!(said.is_none_or(|said| said.mass_kg.is_finite()), "{view:?}");
+    }
     assert!(counters(last).iter().zip(counters(view)).all(|(last, now)| *last <= now), "{last:?} {view:?}");
     let pressed = view.enable_edges > last.enable_edges || view.recover_edges > last.recover_edges;
     let held = |v: &OperatorView| v.enable_level || v.recover_level;

@@ -1,6 +1,6 @@
 //! What a control tick was given beside messages, as JSON.
 
-use messages::{Layout, Stamp, Status};
+use messages::{Layout, PayloadOrder, Stamp, Status};
 use pipeline::Names;
 use safety::engage::OperatorView;
 use serde_json::{Value, json};
@@ -45,6 +45,8 @@ impl Inputs {
                 "reset_edge": operator.reset_edge,
                 "estop_edge": operator.estop_edge,
                 "heartbeat_received_ns": operator.heartbeat_received.0,
+                "payload_left": payload_json(operator.payload[0].as_ref()),
+                "payload_right": payload_json(operator.payload[1].as_ref()),
             },
         })
     }
@@ -55,6 +57,7 @@ impl Inputs {
         let number = |key: &str| value.get(key)?.as_u64();
         let operator = value.get("operator")?;
         let bit = |key: &str| operator.get(key)?.as_bool();
+        let payload = |key: &str| payload_of(operator.get(key)?);
         Some(Self {
             k: number("k")?,
             now: Stamp(number("now_ns")?),
@@ -72,9 +75,28 @@ impl Inputs {
                 reset_edge: bit("reset_edge")?,
                 estop_edge: bit("estop_edge")?,
                 heartbeat_received: Stamp(operator.get("heartbeat_received_ns")?.as_u64()?),
+                payload: [payload("payload_left")?, payload("payload_right")?],
             },
         })
     }
+}
+
+/// What was said of a hand, as a list without or with one item, so that its type shows where nothing was said.
+fn payload_json(order: Option<&PayloadOrder>) -> Value {
+    let item = |order: &PayloadOrder| json!({ "mass_kg": order.mass_kg, "centre_m": order.centre_m.unwrap_or_default(), "centre_said": order.centre_m.is_some() });
+    Value::Array(order.map(item).into_iter().collect())
+}
+
+/// Its inverse; none if it is no such list.
+fn payload_of(value: &Value) -> Option<Option<PayloadOrder>> {
+    let Some(item) = value.as_array()?.first() else { return Some(None) };
+    let mut centre_m = [0.0; 3];
+    let numbers = item.get("centre_m")?.as_array()?;
+    for (place, number) in centre_m.iter_mut().zip(numbers) {
+        *place = number.as_f64()?;
+    }
+    let said = item.get("centre_said")?.as_bool()? && numbers.len() == 3;
+    Some(Some(PayloadOrder { mass_kg: item.get("mass_kg")?.as_f64()?, centre_m: said.then_some(centre_m) }))
 }
 
 pub(crate) fn example() -> Value {
@@ -94,7 +116,10 @@ mod tests {
 
     #[test]
     fn inputs_come_back_and_what_is_none_is_refused() {
-        let operator = OperatorView { estop_edge: true, heartbeat_received: Stamp(u64::MAX), ..Default::default() };
+        let said = |centre_m| Some(PayloadOrder { mass_kg: 0.1 + 0.2, centre_m });
+        let payload = [said(None), said(Some([0.1, -1.0 / 3.0, 1e-300]))];
+        let operator =
+            OperatorView { estop_edge: true, heartbeat_received: Stamp(u64::MAX), payload, ..Default::default() };
         let inputs =
             Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
         let text = inputs.to_json().to_string();

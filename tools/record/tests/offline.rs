@@ -1,9 +1,12 @@
 //! Recordings of runs in virtual time: what stands in them, and that the stages make the same of it again.
 
 use crate::support::{contents, loaded, recorded_offline};
-use messages::{JointCommand, Layout, Skeleton};
+use messages::{JointCommand, Layout, Mode, PayloadOrder, Skeleton, TICK_HZ};
+use motion::CalibrationMode;
 use motion::mcap::Ending;
-use record::{Compared, Content, Counts, Entry, Recording, Topic};
+use pipeline::{Links, PlayOptions, Player, Running, World, WorldConfig};
+use record::{Compared, Content, Counts, Entry, Inputs, OfflineRecording, Recording, Topic};
+use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -16,6 +19,17 @@ fn bytes<M: Layout>(message: &M) -> Vec<u8> {
 /// The same recording with its commands changed by `change`, which answers whether they stay, and `lost` as the samples that
 /// its writer lost.
 fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut JointCommand) -> bool) {
+    rewritten_with(from, to, lost, change, |_| {});
+}
+
+/// As [`rewritten`], with the inputs changed too.
+fn rewritten_with(
+    from: &Path,
+    to: &Path,
+    lost: u64,
+    change: impl Fn(&mut JointCommand) -> bool,
+    change_inputs: impl Fn(&mut Inputs),
+) {
     let (all, recorded) = contents(from);
     let file = std::fs::File::create(to).unwrap();
     let mut copy = Recording::begin(file, recorded.about(), &[]).unwrap();
@@ -25,7 +39,10 @@ fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut JointComman
             Content::Target(message) => (Topic::Target, bytes(&*message)),
             Content::State(message) => (Topic::State, bytes(&*message)),
             Content::Status(message) => (Topic::StatusRaw, bytes(&*message)),
-            Content::Inputs(inputs) => (Topic::Inputs, inputs.to_json().to_string().into_bytes()),
+            Content::Inputs(mut inputs) => {
+                change_inputs(&mut inputs);
+                (Topic::Inputs, inputs.to_json().to_string().into_bytes())
+            }
             Content::Command(mut message) => {
                 if !change(&mut message) {
                     continue;
@@ -65,6 +82,59 @@ fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
     other.hash ^= 1;
     let refused = record::compare(&path, &other).unwrap_err().to_string();
     assert!(refused.contains("recorded with the settings"), "{refused}");
+}
+
+/// A payload that is told at run time is in the recording, and makes the same commands again.
+#[test]
+fn a_recording_with_a_payload_is_replayed_bit_by_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    let config = WorldConfig::new(&loaded).unwrap();
+    let mut world = World::new(&config, 1, Links::default());
+    let mut recording = OfflineRecording::create(&path, &loaded).unwrap();
+    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
+    let mut player = Player::new(&motion::builtin(), play, 5, 1);
+    let (mut mode, mut engaged) = (0, 0);
+    for k in 0..6 * TICK_HZ {
+        let now = world.now();
+        if let Some((_, raw)) = player.due(now, mode == Mode::Engaged as u32) {
+            world.publish(&raw);
+        }
+        let order = PayloadOrder { mass_kg: 0.1 + 0.2, centre_m: Some([0.0, 1.0 / 30.0, -0.2]) };
+        let operator = OperatorView {
+            connected: true,
+            enable_level: k > TICK_HZ,
+            enable_edge: k == TICK_HZ + 1,
+            heartbeat_received: now,
+            payload: [Some(order).filter(|_| k == TICK_HZ), None],
+            ..OperatorView::default()
+        };
+        let moment = world.step(&config, &operator, Running::ALL);
+        recording.moment(&moment, &operator);
+        let status = moment.control.expect("control runs").status;
+        assert_eq!(status.payload_kg[0] > 0.0, k >= TICK_HZ, "{:?}", status.payload_refused_why);
+        mode = status.mode;
+        engaged += u64::from(mode == Mode::Engaged as u32);
+    }
+    recording.finish().unwrap();
+    assert!(engaged > TICK_HZ, "it follows with the payload");
+    let found = record::compare(&path, &loaded).expect("a comparison");
+    assert!(found.equal() && found.commands.compared > 5 * TICK_HZ, "{found:?}");
+    // One bit of the mass less, and the statuses are others.
+    let changed = folder.path().join("changed.mcap");
+    rewritten_with(
+        &path,
+        &changed,
+        0,
+        |_| true,
+        |inputs| {
+            if let Some(order) = &mut inputs.operator.payload[0] {
+                order.mass_kg = f64::from_bits(order.mass_kg.to_bits() ^ 1);
+            }
+        },
+    );
+    let found = record::compare(&changed, &loaded).expect("a comparison");
+    assert!(!found.equal() && found.statuses.different > 0, "{found:?}");
 }
 
 #[test]

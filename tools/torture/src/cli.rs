@@ -61,6 +61,12 @@ pub struct AttackArgs {
     /// Leave the proof of torques out: then the same attacks must overload motors, and not finding one is the failure.
     #[arg(long, conflicts_with = "no_certificate")]
     pub no_torque: bool,
+    /// So much in both hands, kg.
+    #[arg(long, value_name = "KG", default_value_t = 0.0, conflicts_with_all = ["no_certificate", "no_torque"])]
+    pub payload_kg: f64,
+    /// Do not tell whole-body control of it: then motors must be overloaded, and not finding one is the failure.
+    #[arg(long, requires = "payload_kg")]
+    pub untold: bool,
     /// What every command has.
     #[command(flatten)]
     pub common: Common,
@@ -158,6 +164,10 @@ impl AttackArgs {
             let bound =
                 format!("must be {TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
             return Err(TortureError::Option { option: "--rate", value: self.rate.to_string(), bound });
+        }
+        if !(0.0..=robot::PAYLOAD_MAX_KG).contains(&self.payload_kg) {
+            let bound = format!("must be 0 to {}", robot::PAYLOAD_MAX_KG);
+            return Err(TortureError::Option { option: "--payload-kg", value: self.payload_kg.to_string(), bound });
         }
         if self.ticks == 0 {
             let bound = "must be at least 1".into();

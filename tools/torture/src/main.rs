@@ -80,7 +80,11 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     if args.no_torque {
         subject = subject.without_torque(&args.common.config)?;
     }
-    let goals = if args.no_certificate || args.no_torque { 0 } else { args.goals };
+    if args.payload_kg > 0.0 {
+        subject = subject.with_payload(&args.common.config, args.payload_kg, !args.untold)?;
+    }
+    // Not every posture can be held with a load.
+    let goals = if args.no_certificate || args.no_torque || args.payload_kg > 0.0 { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
     let (bar, visited) = (progress(args.ticks, "ticks"), AtomicU64::new(0));
@@ -117,7 +121,7 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     if args.keep_gate {
         return Ok(figures.denials > 0);
     }
-    if args.no_torque {
+    if args.no_torque || args.untold {
         let overloads = figures.violations_of(ViolationKind::Torque);
         if overloads == 0 {
             eprintln!("torture: no motor was overloaded without the proof: the attacks show nothing");

@@ -4,7 +4,7 @@ use crate::error::TortureError;
 use driver::Motion;
 use messages::{JOINTS, Stamp};
 use pipeline::{Commanded, Commander, Overrides, RobotInterface};
-use robot::Model;
+use robot::{Model, Payload};
 use safety::engage::Permit;
 use safety::gate;
 use std::path::Path;
@@ -57,12 +57,7 @@ impl Subject {
     pub fn of(model: Model, file: &Path, certified: bool, hand_speed: f64) -> Result<Self, TortureError> {
         let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
         let options = options.hand_speed_m_per_s(hand_speed);
-        let exact = sim::Options {
-            encoder_noise_rad: 0.0,
-            encoder_step_rad: 0.0,
-            hand_speed_max_m_per_s: hand_speed,
-            ..sim::Options::default()
-        };
+        let exact = exact_robot(hand_speed);
         let gate = gate_of(&model, file, hand_speed)?;
         Ok(Self {
             wbc: wbc::Config::new(&model, options)
@@ -85,6 +80,23 @@ impl Subject {
         Ok(Self { wbc: wbc.map_err(|error| TortureError::stage(file, "whole-body control", error))?, ..self })
     }
 
+    /// The same with so much in both hands, kg, where the robot file says that they grasp; with `told`, whole-body control knows.
+    ///
+    /// # Errors
+    /// Names the file, and what a stage refuses.
+    pub fn with_payload(mut self, file: &Path, mass_kg: f64, told: bool) -> Result<Self, TortureError> {
+        let exact = sim::Options { payload_kg: [Some(mass_kg); 2], ..exact_robot(self.hand_speed_m_per_s) };
+        self.sim = sim::Config::new(&self.model, &exact)
+            .map_err(|error| TortureError::stage(file, "simulated robot", error))?;
+        if told {
+            self.model.payload = self.model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
+            let options = wbc::Options::default().hand_speed_m_per_s(self.hand_speed_m_per_s);
+            self.wbc = wbc::Config::new(&self.model, options)
+                .map_err(|error| TortureError::stage(file, "whole-body control", error))?;
+        }
+        Ok(self)
+    }
+
     /// The same with the gate, whatever whole-body control leaves out.
     ///
     /// # Errors
@@ -93,6 +105,11 @@ impl Subject {
         let gate = gate_of(&self.model, file, self.hand_speed_m_per_s)?;
         Ok(Self { gate: Some(gate), ..self })
     }
+}
+
+/// A simulated robot whose encoders are exact.
+fn exact_robot(hand_speed_max_m_per_s: f64) -> sim::Options {
+    sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, hand_speed_max_m_per_s, ..sim::Options::default() }
 }
 
 fn gate_of(model: &Model, file: &Path, hand_speed: f64) -> Result<gate::Config, TortureError> {

@@ -148,3 +148,25 @@ fn a_joint_that_breaks_a_limit_is_counted() {
     checker.step(&subject.sim, &mut report, &to, messages::Mode::Engaged as u32);
     assert!(report.violations_of(ViolationKind::Jerk) > 0, "{:?}", report.violations());
 }
+
+/// Both hands carry 0.5 kg, and whole-body control knows it.
+#[test]
+fn a_payload_that_is_told_overloads_no_motor() {
+    let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 0.5, true).unwrap();
+    let figures = run(&laden, 7, 200_000, cores());
+    assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
+    assert!(figures.travelled_rad > 100.0 && figures.rollouts > 100, "{} rad", figures.travelled_rad);
+    let share = figures.torque_share_max.max(figures.rollout_torque_share);
+    assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
+}
+
+/// The same attack with 2 kg of which nobody told. Nothing else breaks: it is the torques alone that need to know.
+#[test]
+fn a_payload_that_is_not_told_overloads_motors() {
+    let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 2.0, false).unwrap();
+    let figures = run(&laden, 7, 50_000, cores());
+    assert!(!figures.kept() && figures.violations_of(ViolationKind::Torque) > 0, "{:?}", figures.violations);
+    assert!(figures.torque_share_max > 1.0, "{}", figures.torque_share_max);
+    let others = figures.violations_total() - figures.violations_of(ViolationKind::Torque);
+    assert_eq!(others, 0, "{:?}", figures.violations);
+}

@@ -1,7 +1,7 @@
 //! Whole-body control proposes, the gate disposes.
 
 use driver::Motion;
-use messages::{JOINTS, Stamp, known_bug};
+use messages::{JOINTS, PayloadRefusal, Stamp, known_bug};
 use safety::{engage, gate};
 
 /// Both stages with all that they remember.
@@ -37,6 +37,23 @@ impl Commander {
             self.wbc.reseed(&planned(motion));
         }
         self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+    }
+
+    /// What the hands carry from now on, if the robot can hold its posture with it; see [`wbc::State::carry`].
+    ///
+    /// # Errors
+    /// Why it is not taken, and the joint that could not hold it.
+    pub fn carry(
+        &mut self,
+        config: &wbc::Config,
+        payload: &[robot::Payload; 2],
+    ) -> Result<(), (PayloadRefusal, Option<usize>)> {
+        self.wbc.carry(config, payload)
+    }
+
+    /// Whole-body control, as it stands.
+    pub fn wbc(&self) -> &wbc::State {
+        &self.wbc
     }
 
     /// What the gate let through last.

@@ -3,6 +3,7 @@
 mod chain;
 mod commander;
 mod following;
+mod payload;
 mod status;
 
 pub use chain::{Continue, Stream};
@@ -189,6 +190,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     {
         made.about = status::subject(&state.status, fault).map_or(0, Subject::code);
     }
+    state.take_payloads(config, &input.operator.payload, &decided);
     let target =
         state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
     let enabled = decided.transition.is_some_and(|made| made.why == messages::Transition::ENABLED);
@@ -223,7 +225,7 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
         let may_start = matches!(state.engage.mode(), Mode::Disengaged | Mode::Recovering);
         let outside = monitor::outside_limits(&config.model, &robot.q_measured)
             .or_else(|| monitor::commanded_outside(&config.model, &robot.q))
-            .or_else(|| overloaded(config, &robot.q))
+            .or_else(|| overloaded(config, &state.commander, &robot.q))
             .filter(|_| may_start);
         let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
         let recovers = state.engage.mode() == Mode::Recovering;
@@ -271,8 +273,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
 
 /// The joint that asks for more than its share of the effort limit to hold the command at rest. It is beyond no position
 /// limit.
-fn overloaded(config: &ControlConfig, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
-    wbc::overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
+fn overloaded(config: &ControlConfig, commander: &Commander, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
+    commander.wbc().overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
 }
 
 /// Whether a start is refused: the measured posture is closer than servo error explains, or the commanded one is closer
@@ -449,6 +451,7 @@ impl ControlState {
         status.speed_scale = out.permit.speed_scale();
         status.reduced = out.reduced;
         status.realtime = u32::from(config.realtime);
+        payload::note(status, &self.commander.wbc().payload());
         if let Some(transition) = out.transition {
             status.transitions[status.transition_count as usize % messages::TRANSITIONS_KEPT] = transition;
             status.transition_count += 1;

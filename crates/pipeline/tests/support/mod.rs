@@ -136,6 +136,7 @@ impl Bench {
         self.status = out.status;
         let hand = &mut self.hand;
         (hand.enable_edge, hand.recover_edge, hand.release_edge, hand.estop_edge) = (false, false, false, false);
+        hand.payload = [None; 2];
         if !driver_runs {
             return;
         }

@@ -27,7 +27,7 @@ pub(crate) const START: Stamp = Stamp(1_000_000_000_000);
 /// A tick of 1/1500 s, ns.
 pub(crate) const TICK_NS: u64 = 666_667;
 
-pub(crate) fn body(texts: Texts) -> Body {
+pub(crate) fn body(texts: [&str; 4]) -> Body {
     let [toml_name, toml, urdf_name, urdf] = texts;
     Body::from_text(toml_name, toml, urdf_name, urdf).unwrap_or_else(|error| panic!("{error}"))
 }

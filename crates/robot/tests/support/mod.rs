@@ -10,6 +10,11 @@ pub const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml")
 /// The shipped URDF.
 pub const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
 
+/// The shipped robot file with grippers.
+pub const GRIPPER_TOML: &str = include_str!("../../../../config/robots/tiago_dual_pal_gripper.toml");
+/// Its URDF.
+pub const GRIPPER_URDF: &str = include_str!("../../../../config/robots/tiago_dual_pal_gripper.urdf");
+
 /// A model of these texts.
 pub fn load(toml: &str, urdf: &str) -> Result<Model, RobotError> {
     Model::from_text("tiago_dual.toml", toml, "tiago_dual.urdf", urdf)

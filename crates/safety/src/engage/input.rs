@@ -1,6 +1,6 @@
 //! What the state machine sees and says.
 
-use messages::{FAULTS, Faults, Mode, Stamp, Transition};
+use messages::{FAULTS, Faults, Mode, PayloadOrder, Stamp, Transition};
 
 /// The operator, as the control socket sees him at this tick. Edges are counters' increments since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,6 +23,8 @@ pub struct OperatorView {
     pub estop_edge: bool,
     /// When the last heartbeat arrived, by the own clock; zero for never.
     pub heartbeat_received: Stamp,
+    /// What was said since the last tick of the left and the right hand. The state machine does not look at it.
+    pub payload: [Option<PayloadOrder>; 2],
 }
 
 /// The stream of targets.

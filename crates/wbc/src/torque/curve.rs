@@ -2,10 +2,11 @@
 
 use crate::chain::{BODIES, Chain, JointSet};
 use crate::config::WbcError;
-use crate::dynamics::{GRAVITY_M_PER_S2, Mass, PerJoint};
+use crate::dynamics::{GRAVITY_M_PER_S2, HANDS, Mass, PerJoint};
 use crate::motion::Arc;
 use messages::JOINTS;
 use nalgebra::{Matrix3, Vector3};
+use robot::Payload;
 
 /// What a body's mass means for the joints that carry it.
 #[derive(Clone, Debug, Default)]
@@ -14,6 +15,14 @@ struct Carried {
     turns: Vec<usize>,
     /// Those that slide: before all that turn.
     slides: Vec<usize>,
+    /// D: from the axis of each of `turns` to the body's origin at most, m; zero of the last one.
+    away: Vec<f64>,
+    /// The axis of the last of `turns`.
+    axis: Vector3<f64>,
+    /// The body without what it carries: mass (kg), centre (m), and second moments about its origin (kg m^2).
+    empty: (f64, Vector3<f64>, [f64; 2]),
+    /// Its mass with what it carries, kg.
+    mass_kg: f64,
     /// W: largest first moment about each of `turns`, kg m.
     first: Vec<f64>,
     /// N: largest product of inertia about each two of `turns`, row by row, kg m^2.
@@ -47,13 +56,13 @@ struct Term {
 }
 
 /// Second moments of |dm| about a body's origin: of all directions, and about the axis of its joint.
-fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> (f64, f64) {
+fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> [f64; 2] {
     let own = Matrix3::identity() * (mass.about_center.trace() / 2.0) - mass.about_center;
     // A URDF may state an inertia that no mass has: then negative mass counts as mass.
     let eigen = own.symmetric_eigen();
     let spread = eigen.eigenvectors * Matrix3::from_diagonal(&eigen.eigenvalues.abs()) * eigen.eigenvectors.transpose();
     let all = spread + mass.center * mass.center.transpose() * mass.mass_kg;
-    (all.trace(), all.trace() - axis.dot(&(all * axis)))
+    [all.trace(), all.trace() - axis.dot(&(all * axis))]
 }
 
 impl Carried {
@@ -63,31 +72,46 @@ impl Carried {
             (0..JOINTS).filter(|&j| set & 1 << j != 0 && chain.links()[j].prismatic == slides).collect()
         };
         let (turns, slides) = (of(false), of(true));
-        let Some(&own) = turns.last() else { return Self { turns, slides, ..Self::default() } };
-        let axis = chain.links()[own].axis;
-        let (second, second_own) = second_moments(mass, &axis);
-        let m = mass.mass_kg;
-        let spread = (m * second).sqrt();
         let n = turns.len();
-        // D: from each joint's axis to the body's origin at most.
+        let axis = turns.last().map_or(Vector3::zeros(), |&own| chain.links()[own].axis);
         let mut away = vec![0.0; n];
-        for k in 0..n - 1 {
+        for k in 0..n.saturating_sub(1) {
             let offset = |i: usize| chain.links()[turns[i]].parent_from_body.t;
             let rest: f64 = (k + 2..n).map(|i| offset(i).norm()).sum();
             away[k] = chain.links()[turns[k]].axis.cross(&offset(k + 1)).norm() + rest;
         }
-        let first = |k: usize| {
-            if k + 1 == n { m * axis.cross(&mass.center).norm() } else { m * (away[k] + mass.center.norm()) }
-        };
-        let product = |k: usize, l: usize| match (k + 1 == n, l + 1 == n) {
-            (true, true) => second_own,
-            (true, false) => away[l] * (m * second_own).sqrt() + (second * second_own).sqrt(),
-            (false, true) => away[k] * (m * second_own).sqrt() + (second * second_own).sqrt(),
-            (false, false) => m * away[k] * away[l] + (away[k] + away[l]) * spread + second,
-        };
-        let first = (0..n).map(first).collect();
-        let second = (0..n * n).map(|i| product(i / n, i % n)).collect();
-        Self { turns, slides, first, second }
+        let empty = (mass.mass_kg, mass.center, second_moments(mass, &axis));
+        let (first, second) = (vec![0.0; n], vec![0.0; n * n]);
+        let mut carried = Self { turns, slides, away, axis, empty, mass_kg: mass.mass_kg, first, second };
+        carried.carry(&Payload::EMPTY);
+        carried
+    }
+
+    /// The tables with what the body carries. A point adds its second moments to the body's. Never allocates.
+    fn carry(&mut self, payload: &Payload) {
+        let (mut m, mut center, [mut second, mut second_own]) = self.empty;
+        let &Payload { mass_kg, center: at } = payload;
+        if mass_kg > 0.0 {
+            center = (center * m + at * mass_kg) / (m + mass_kg);
+            m += mass_kg;
+            second += mass_kg * at.norm_squared();
+            second_own += mass_kg * self.axis.cross(&at).norm_squared();
+        }
+        self.mass_kg = m;
+        let spread = (m * second).sqrt();
+        let (n, away) = (self.turns.len(), &self.away);
+        for k in 0..n {
+            self.first[k] =
+                if k + 1 == n { m * self.axis.cross(&center).norm() } else { m * (away[k] + center.norm()) };
+            for l in 0..n {
+                self.second[k * n + l] = match (k + 1 == n, l + 1 == n) {
+                    (true, true) => second_own,
+                    (true, false) => away[l] * (m * second_own).sqrt() + (second * second_own).sqrt(),
+                    (false, true) => away[k] * (m * second_own).sqrt() + (second * second_own).sqrt(),
+                    (false, false) => m * away[k] * away[l] + (away[k] + away[l]) * spread + second,
+                };
+            }
+        }
     }
 }
 
@@ -104,8 +128,24 @@ impl Curves {
             }
         }
         let bodies: Vec<Carried> = (0..BODIES).map(|b| Carried::new(chain, b, &masses[b])).collect();
+        let (parent, prismatic) = (chain.links().map(|link| link.parent), chain.links().map(|link| link.prismatic));
+        let mut curves = Self { parent, prismatic, bodies, matrix: [[0.0; JOINTS]; JOINTS] };
+        curves.bound_matrix();
+        Ok(curves)
+    }
+
+    /// What the hands carry from now on. Never allocates.
+    pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
+        for (hand, payload) in HANDS.into_iter().zip(payload) {
+            self.bodies[hand].carry(payload);
+        }
+        self.bound_matrix();
+    }
+
+    /// Sums what the bodies add to each bound of the mass matrix.
+    fn bound_matrix(&mut self) {
         let mut matrix = [[0.0; JOINTS]; JOINTS];
-        for (body, mass) in bodies.iter().zip(masses) {
+        for body in &self.bodies {
             let n = body.turns.len();
             for (i, &j) in body.turns.iter().enumerate() {
                 for (l, &k) in body.turns.iter().enumerate() {
@@ -118,12 +158,11 @@ impl Curves {
             }
             for &j in &body.slides {
                 for &k in &body.slides {
-                    matrix[j][k] += mass.mass_kg;
+                    matrix[j][k] += body.mass_kg;
                 }
             }
         }
-        let (parent, prismatic) = (chain.links().map(|link| link.parent), chain.links().map(|link| link.prismatic));
-        Ok(Self { parent, prismatic, bodies, matrix })
+        self.matrix = matrix;
     }
 
     /// How far each torque of `open` may leave its chord over a segment of `dt` seconds, N m or N: by what curves, and by

@@ -63,8 +63,11 @@
 //! limits; what is proved is proved anew from the present state whenever a joint takes a decision.
 //!
 //! Segments are halved, or cut at the sharpest kink where kinks are what leaves most, until they are proved; the motion is
-//! rejected once they would be shorter than 1.2 ms or after a fixed number of evaluations: fewer proofs, never false ones. It is the torque of the rigid links of the URDF: motors'
-//! rotors and friction are for the rest of the effort limit.
+//! rejected once they would be shorter than 1.2 ms or after a fixed number of evaluations: fewer proofs, never false ones. It is the torque of the rigid links of the URDF
+//! and of what the hands carry, a point mass in each: motors' rotors and friction are for the rest of the effort limit.
+//!
+//! *Payload.* What a hand carries is a point mass on its body. It may change at rest, if the posture can still be held: then
+//! the constant plan is proved with it, and the induction begins anew.
 
 mod curve;
 #[cfg(test)]
@@ -74,9 +77,10 @@ use crate::chain::{BODIES, Chain, JointSet};
 use crate::config::WbcError;
 use crate::dynamics::{Dynamics, Mass, PerJoint};
 use crate::motion::{Arc, Motion};
-use crate::plan::JointState;
+use crate::plan::{JointState, Planned};
 use curve::Curves;
 use messages::JOINTS;
+use robot::Payload;
 
 /// Share of each effort limit that a motion may ask for. The rest is for rotors, friction, and the servo's corrections.
 pub const SHARE: f64 = 0.85;
@@ -97,6 +101,8 @@ pub(crate) struct Load {
     curves: Curves,
     /// [`SHARE`] of the effort limits, N m or N.
     pub(crate) limit: PerJoint,
+    /// What the hands carry.
+    payload: [Payload; 2],
     /// Joints that have to do with the torque of each: those that carry it, itself, and those that it carries.
     related: [JointSet; JOINTS],
 }
@@ -108,7 +114,36 @@ impl Load {
             below.fold(chain.ancestors(j + 1), |set, k| set | 1 << k)
         });
         let (dynamics, curves) = (Dynamics::new(masses), Curves::new(chain, masses)?);
-        Ok(Self { dynamics, curves, limit: effort_max.map(|effort| SHARE * effort), related })
+        Ok(Self {
+            dynamics,
+            curves,
+            limit: effort_max.map(|effort| SHARE * effort),
+            payload: [Payload::EMPTY; 2],
+            related,
+        })
+    }
+
+    /// What the hands carry from now on. Never allocates.
+    pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
+        self.payload = *payload;
+        self.dynamics.carry(payload);
+        self.curves.carry(payload);
+    }
+
+    /// What the hands carry.
+    pub(crate) fn payload(&self) -> &[Payload; 2] {
+        &self.payload
+    }
+
+    /// The first joint that asks for more than its limit to hold `q` at rest, with its torque and the limit, N m or N.
+    pub(crate) fn overloaded_at_rest(&self, chain: &Chain, q: &PerJoint) -> Option<(usize, f64, f64)> {
+        let still = Planned::at_rest(*q);
+        let torques = self.torques(chain, &std::array::from_fn(|j| still.joint(j)));
+        let over = (0..JOINTS).find(|&j| {
+            let kept = torques[j].abs() <= self.limit[j];
+            !kept
+        })?;
+        Some((over, torques[over], self.limit[over]))
     }
 
     /// Joints whose torque depends on one of `fresh`.

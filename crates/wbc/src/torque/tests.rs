@@ -37,8 +37,20 @@ fn state(bounds: &[Bounds; JOINTS], rng: &mut Pcg64) -> Planned {
 /// so wide that this says nothing.
 #[test]
 fn torques_between_samples_are_within_the_bound() {
+    samples_are_within_the_bound(&[Payload::EMPTY; 2]);
+}
+
+/// The same with what hands may carry, far off their axes.
+#[test]
+fn torques_of_laden_hands_are_within_the_bound() {
+    let center = nalgebra::Vector3::new(0.2, -0.1, 0.4);
+    samples_are_within_the_bound(&[Payload { mass_kg: 3.0, center }, Payload { mass_kg: 1.0, center: -center }]);
+}
+
+fn samples_are_within_the_bound(payload: &[Payload; 2]) {
     let config = shipped();
-    let (load, chain) = (config.load.as_ref().unwrap(), &config.geometry.chain);
+    let (mut load, chain) = (config.load.clone().unwrap(), &config.geometry.chain);
+    load.carry(payload);
     let mut rng = Pcg64::seed_from_u64(3);
     let all = (1 << JOINTS) - 1;
     let mut closest = [0.0_f64; JOINTS];

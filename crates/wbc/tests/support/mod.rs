@@ -153,6 +153,7 @@ pub fn parts() -> Parts {
         d_min_m: D_MIN_M,
         tasks: Tasks::JOINTS_ALIKE,
         masses: [Mass::default(); JOINTS + 1],
+        payload: [robot::Payload::EMPTY; 2],
         effort_max: [f64::INFINITY; JOINTS],
         stop_time_max_s: 0.5,
     }

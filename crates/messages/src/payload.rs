@@ -1,0 +1,53 @@
+//! What a hand carries, as an operator says it, and why `control` does not take it.
+
+/// What an operator says of one hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PayloadOrder {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the hand's frame, m; none for that of the robot file.
+    pub centre_m: Option<[f64; 3]>,
+}
+
+/// Why a payload was refused. The payload before it stays in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum PayloadRefusal {
+    /// The robot is not Disengaged.
+    NotDisengaged = 1,
+    /// The robot is not at rest.
+    Moving = 2,
+    /// The mass is out of range.
+    Mass = 3,
+    /// The centre is out of range.
+    Centre = 4,
+    /// Neither the order nor the robot file says where the mass is.
+    NoCentre = 5,
+    /// A joint cannot hold this posture with it.
+    Overload = 6,
+}
+
+impl PayloadRefusal {
+    const ALL: [Self; 6] =
+        [Self::NotDisengaged, Self::Moving, Self::Mass, Self::Centre, Self::NoCentre, Self::Overload];
+
+    /// The refusal of this number.
+    pub fn from_u32(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&refusal| refusal as u32 == number)
+    }
+
+    /// What it means, and what helps.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::NotDisengaged => "the robot is not Disengaged; release it first",
+            Self::Moving => "the robot is not at rest; wait until it stands",
+            Self::Mass => "the mass is out of range: 0 to 5 kg are allowed",
+            Self::Centre => "the centre is out of range: at most 0.5 m from the origin of the hand's frame",
+            Self::NoCentre => "the robot file names no centre for this hand; say it with --centre",
+            Self::Overload => {
+                "a joint would need more than its share of the effort limit to hold this posture with it; bring the arm \
+                 closer to the body, or carry less"
+            }
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! Says what a hand carries, and waits for the answer of `control`.
+
+use crate::cli::PayloadArgs;
+use crate::{EFFECT_WITHIN, HEARTBEAT};
+use messages::{PayloadOrder, Status};
+use operator::{Client, OperatorError};
+use pipeline::Names;
+use rt::{err, out};
+use std::path::Path;
+use std::time::Instant;
+
+/// Whether `control` took it.
+pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bool, OperatorError> {
+    let answers = |status: &Status| (status.payloads_taken, status.payloads_refused);
+    let before = answers(&client.heartbeat()?);
+    let order = PayloadOrder { mass_kg: args.mass_kg, centre_m: args.centre };
+    client.payload(args.hand as usize, &order);
+    let begun = Instant::now();
+    loop {
+        let status = client.heartbeat()?;
+        let (taken, refused) = answers(&status);
+        if refused != before.1 {
+            let names = Names::read(run_dir);
+            let why = pipeline::payload_refused(&status, &names).unwrap_or_default();
+            err!("teleopctl: refused: {why}. The hands count as before: {}", pipeline::payload(&status));
+            return Ok(false);
+        }
+        if taken != before.0 {
+            out!("the hands carry   {}", pipeline::payload(&status));
+            return Ok(true);
+        }
+        if begun.elapsed() > EFFECT_WITHIN {
+            err!("teleopctl: control did not answer within {} s; the payload is unknown", EFFECT_WITHIN.as_secs());
+            return Ok(false);
+        }
+        std::thread::sleep(HEARTBEAT);
+    }
+}
