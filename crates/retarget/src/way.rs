@@ -29,6 +29,7 @@ const RATE_MAX_RAD_PER_S: f64 = 20.0;
 
 /// What is to be expected of an arm beyond its newest skeleton.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "it lies in a track, and a tick allocates nothing")]
 pub enum Expected {
     /// Both limbs turn on at these rates, rad/s, ever less.
     Fading([Vector3<f64>; 2]),
