@@ -49,6 +49,9 @@ struct Payloads {
     right: Option<PayloadRow>,
 }
 
+/// Mass (kg) and place (m).
+pub(crate) type PointMass = (f64, [f64; 3]);
+
 /// A point mass in a hand.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -201,7 +204,7 @@ impl RobotFile {
     }
 
     /// Mass (kg) and place (m, in the frame of the last link of the arm) of what the left and the right hand carry.
-    pub(crate) fn payloads(&self, file: &str) -> Result<[Option<(f64, [f64; 3])>; 2], PlantError> {
+    pub(crate) fn payloads(&self, file: &str) -> Result<[Option<PointMass>; 2], PlantError> {
         let mut all = [None; 2];
         let rows = [("left", self.payload.left), ("right", self.payload.right)];
         for (found, (side, row)) in all.iter_mut().zip(rows) {

@@ -1,6 +1,6 @@
 //! Two independent readers of the same files come to the same robot.
 
-use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
+use crate::support::{GRIPPERS, HANDS, body, uniform};
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use plant::{Body, Frames, JointKind, Options};
 use rand::SeedableRng;
