@@ -78,7 +78,8 @@ impl Bearing {
     fn take_shares(&mut self, load: &Load, arm: JointSet) {
         for j in joints(arm) {
             let room = |sign: f64| {
-                let h = [self.moving[j], self.still[j], self.ended[j]].into_iter().map(|h| sign * h).fold(0.0, f64::max);
+                let h =
+                    [self.moving[j], self.still[j], self.ended[j]].into_iter().map(|h| sign * h).fold(0.0, f64::max);
                 (PLANNED * load.limit[j] - h).max(0.0)
             };
             for sign in [1.0, -1.0] {
