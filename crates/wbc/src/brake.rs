@@ -7,10 +7,10 @@
 //! e_j = sum_k max(0, +-M_jk p_k),    p_k = min(A_k, sqrt(J_k |c_k|)) against the coasting velocity c_k
 //! ```
 //!
-//! whichever of the joints brake at a time. So the share b = (limit_j - |h_j|) / e_j of it, the least of all joints, is what
-//! the arm can brake with. h is taken where the robot is, moving and at rest, and where its plan comes to rest. A gentler
-//! stop takes longer; none may take longer than the robot file says, so no brake is gentler than that, and no joint is asked
-//! to be faster than it could be stopped with the share.
+//! whichever of the joints brake at a time. So the joints that ask j for torque can brake with the share b = (limit_j -
+//! |h_j|) / e_j of it, and each joint with the least share of those that it loads. h is taken where the robot is, moving and
+//! at rest, and where its plan comes to rest. A gentler stop takes longer; none may take longer than the robot file says, so
+//! no brake is gentler than that, and no joint is asked to be faster than it could be stopped with the share.
 //!
 //! Accelerations are held back in the same way: of the step from the plan's to the wished ones the share is taken that
 //! keeps h + M a within the limits.
@@ -40,7 +40,7 @@ pub(crate) struct Bearing {
     moving: PerJoint,
     still: PerJoint,
     ended: PerJoint,
-    /// The share of the brake that each joint's arm can have.
+    /// The share of its brake that each joint can have.
     share: PerJoint,
     /// The deceleration that each joint's stop reaches if nothing holds it back.
     peak: PerJoint,
