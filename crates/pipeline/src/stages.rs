@@ -58,8 +58,7 @@ pub(crate) fn sim_config_of(
 }
 
 impl SafetySettings {
-    /// Bounds of the tracking error are multiplied by `tracking`.
-    pub(crate) fn thresholds(&self, tracking: f64) -> engage::Settings {
+    pub(crate) fn thresholds(&self) -> engage::Settings {
         engage::Settings {
             target_stale_ms: self.target_stale_ms,
             target_late_ms: self.target_late_ms,
@@ -70,10 +69,10 @@ impl SafetySettings {
             operator_silent_ms: self.operator_silent_ms,
             enable_released_ms: self.enable_released_ms,
             hold_timeout_ms: self.hold_timeout_ms,
-            tracking_error_rad: self.tracking_error_rad * tracking,
-            tracking_error_now_rad: self.tracking_error_now_rad * tracking,
-            tracking_error_m: self.tracking_error_m * tracking,
-            tracking_error_now_m: self.tracking_error_now_m * tracking,
+            tracking_error_rad: self.tracking_error_rad,
+            tracking_error_now_rad: self.tracking_error_now_rad,
+            tracking_error_m: self.tracking_error_m,
+            tracking_error_now_m: self.tracking_error_now_m,
             tracking_error_ms: self.tracking_error_ms,
             target_jump_slow_ms: self.target_jump_slow_ms,
             target_jump_hold_ms: self.target_jump_hold_ms,

@@ -5,6 +5,7 @@ mod environment;
 mod files;
 mod input_faults;
 mod layouts;
+mod noise;
 mod payload;
 mod recovery;
 mod reduced;

@@ -31,8 +31,12 @@ pub fn write(config: &Path, changes: &Changes, kind: Kind, copy: &Path) -> Resul
     let folder = config.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let folder = folder.canonicalize().map_err(|error| refuse(error.to_string()))?;
     for name in ["robot", "weights"] {
-        let path = absolute(&folder, &table, name).ok_or_else(|| refuse(format!("{name}.file is missing")))?;
+        let path = absolute(&folder, &table, name, "file").ok_or_else(|| refuse(format!("{name}.file is missing")))?;
         set(&mut table, name, "file", Value::String(path)).map_err(&refuse)?;
+    }
+    // An empty name is none.
+    if let Some(path) = absolute(&folder, &table, "retarget", "prediction") {
+        set(&mut table, "retarget", "prediction", Value::String(path)).map_err(&refuse)?;
     }
     let hand_off = if kind == Kind::Polled { "polled" } else { "events" };
     set(&mut table, "realtime", "hand_off", Value::String(hand_off.into())).map_err(&refuse)?;
@@ -55,8 +59,8 @@ pub fn write(config: &Path, changes: &Changes, kind: Kind, copy: &Path) -> Resul
     std::fs::write(copy, table.to_string()).map_err(|error| LatencyError::write(copy, error))
 }
 
-fn absolute(folder: &Path, table: &Table, name: &str) -> Option<String> {
-    let file = table.get(name)?.get("file")?.as_str()?;
+fn absolute(folder: &Path, table: &Table, name: &str, key: &str) -> Option<String> {
+    let file = table.get(name)?.get(key)?.as_str().filter(|file| !file.is_empty())?;
     let path: PathBuf = folder.join(file);
     path.to_str().map(str::to_owned)
 }
@@ -89,6 +93,7 @@ mod tests {
         let mut events = loaded(&Changes::default(), Kind::Events);
         events.robot = original.robot.clone();
         events.weights = original.weights.clone();
+        events.retarget.prediction = original.retarget.prediction.clone();
         assert_eq!(events, original);
         let polled = loaded(&Changes::default(), Kind::Polled);
         assert_ne!(polled.realtime, original.realtime);

@@ -65,7 +65,8 @@ impl ControlConfig {
         let options = wbc::Options::default().interface(sim.interface.certified()).hand_speed_m_per_s(hand_speed);
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         Ok(Self {
-            engage: engage::Config::relaxed(&safety.thresholds(tracking), factor)
+            engage: engage::Config::relaxed(&safety.thresholds(), factor)
+                .map(|engage| engage.with_tracking_factor(tracking))
                 .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
             wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))

@@ -156,13 +156,25 @@ impl Settings {
 }
 
 impl Config {
+    /// Bounds of the tracking error times `factor`, for a simulated robot with drives that are softer than real ones.
+    #[must_use]
+    pub fn with_tracking_factor(self, factor: f64) -> Self {
+        Self {
+            tracking_error_rad: self.tracking_error_rad * factor,
+            tracking_error_now_rad: self.tracking_error_now_rad * factor,
+            tracking_error_m: self.tracking_error_m * factor,
+            tracking_error_now_m: self.tracking_error_now_m * factor,
+            ..self
+        }
+    }
+
     /// Thresholds for real-time scheduling.
     pub fn new(settings: &Settings) -> Result<Self, ConfigError> {
         Self::relaxed(settings, 1.0)
     }
 
     /// Thresholds with `factor` (1 to 100) times the patience towards the 1500 Hz streams and the own deadlines, for a
-    /// simulated driver without real-time scheduling. Human-scale times and tracking bounds are never relaxed.
+    /// simulated driver without real-time scheduling. Human-scale times and tracking bounds are not.
     pub fn relaxed(settings: &Settings, factor: f64) -> Result<Self, ConfigError> {
         settings.validate()?;
         if !(1.0..=RELAX_MAX).contains(&factor) {
