@@ -425,7 +425,7 @@ fn f097_f098_a_typo_in_the_settings_is_refused_with_its_key() {
     assert_eq!(check(text.clone()).0, Some(0));
     for (from, to, named) in [
         ("hold_timeout_ms", "hold_timeout_s", "hold_timeout_s"),
-        ("tracking_error_rad = 0.05", "tracking_error_rad = 0.4", "tracking_error_rad"),
+        ("tracking_error_rad = 0.005", "tracking_error_rad = 0.4", "tracking_error_rad"),
         ("target_stale_ms = 10.0", "target_stale_ms = nan", "target_stale_ms"),
         ("grace_us = 150.0", "grace_us = -1.0", "control.grace_us"),
         ("seed = 1 ", "", "seed"),

@@ -27,6 +27,14 @@ pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bo
         }
         if taken != before.0 {
             out!("the hands carry   {}", pipeline::payload(&status));
+            if status.payload_kg[args.hand as usize].to_bits() != args.mass_kg.to_bits() {
+                err!("teleopctl: another operator said otherwise at the same time");
+                return Ok(false);
+            }
+            if let Some(why) = pipeline::payload_refused(&status, &Names::read(run_dir)) {
+                err!("teleopctl: {why}");
+                return Ok(false);
+            }
             return Ok(true);
         }
         if begun.elapsed() > EFFECT_WITHIN {

@@ -72,7 +72,7 @@ pub(crate) const DRIVER: &[Hazard] = &[
         "f055",
         "the robot does not follow, swings, runs away or sinks",
         "stop, latched; only a robot that is measured at rest is enabled or reset",
-        "100 ms, at once beyond 0.15 rad; 0.3 s for a swing of 0.145 rad, + B",
+        "100 ms beyond 5 mrad (simulated 35), at once beyond 7 (49); 0.3 s for a swing of 0.145 rad, + B",
     ),
     does("f056", "a joint turns the wrong way", "stop, latched", "0.02 rad of travel"),
     does("f057", "a command is not executed", "the driver latches; nothing is sent again", "4 ticks"),

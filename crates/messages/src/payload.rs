@@ -9,7 +9,7 @@ pub struct PayloadOrder {
     pub centre_m: Option<[f64; 3]>,
 }
 
-/// Why a payload was refused. The payload before it stays in force.
+/// Why a payload was refused; the payload before it stays in force. `Overload` alone is taken, with this warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PayloadRefusal {
@@ -39,14 +39,14 @@ impl PayloadRefusal {
     /// What it means, and what helps.
     pub const fn meaning(self) -> &'static str {
         match self {
-            Self::NotDisengaged => "the robot is not Disengaged; release it first",
+            Self::NotDisengaged => "the robot is not Disengaged; release it first, or reset it",
             Self::Moving => "the robot is not at rest; wait until it stands",
             Self::Mass => "the mass is out of range: 0 to 5 kg are allowed",
             Self::Centre => "the centre is out of range: at most 0.5 m from the origin of the hand's frame",
             Self::NoCentre => "the robot file names no centre for this hand; say it with --centre",
             Self::Overload => {
-                "a joint would need more than its share of the effort limit to hold this posture with it; bring the arm \
-                 closer to the body, or carry less"
+                "it counts, but needs more than its share of the effort limit to hold this posture, so the robot does not \
+                 start; take the load off, then say so"
             }
         }
     }

@@ -82,7 +82,8 @@ impl Client {
         self
     }
 
-    /// Says what a hand carries, with the next heartbeat: 0 is the left hand, 1 the right one.
+    /// Says what a hand carries, with the next heartbeat: 0 is the left hand, 1 the right one. Of several
+    /// before a heartbeat the last one is said.
     pub fn payload(&mut self, hand: usize, order: &PayloadOrder) -> &mut Self {
         let right = if hand == 0 { 0 } else { payload_flag::RIGHT };
         let said = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };

@@ -1,9 +1,7 @@
 //! The bytes on the socket: the fields of the message in their order (`doors::Fields`).
 
 use doors::{Fields, Put, Take};
-use messages::{
-    HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition, payload_flag,
-};
+use messages::{HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
@@ -103,17 +101,15 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     bytes
 }
 
-/// The request in `bytes`; `None` if the length or the version is not ours, if the level or a flag
-/// is unknown, or if a number is NaN or infinite.
+/// The request in `bytes`; `None` if the length or the version is not ours, or if the level is unknown. What is said of a
+/// payload is for `control` to refuse: it must not keep an emergency stop from being heard.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let mut request = OperatorRequest::ZERO;
     if bytes.len() != REQUEST_BYTES {
         return None;
     }
     request_fields(&mut Take::new(bytes), &mut request);
-    let known = request.enable_level <= HOLDS_RECOVERY && request.payload_flags <= payload_flag::ALL;
-    let finite = request.payload_centre_m.iter().chain([&request.payload_kg]).all(|number| number.is_finite());
-    (request.version == OPERATOR_VERSION && known && finite).then_some(request)
+    (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
 }
 
 /// The bytes of a status.

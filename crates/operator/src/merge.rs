@@ -168,8 +168,14 @@ impl Merge {
         }
         let has = |flag: u32| request.payload_flags & flag != 0;
         let hand = usize::from(has(payload_flag::RIGHT));
-        let centre_m = has(payload_flag::CENTRE).then_some(request.payload_centre_m);
-        self.view.payload[hand] = Some(PayloadOrder { mass_kg: request.payload_kg, centre_m });
+        let numbers = request.payload_centre_m.iter().chain([&request.payload_kg]).all(|number| number.is_finite());
+        let order = PayloadOrder {
+            mass_kg: request.payload_kg,
+            centre_m: has(payload_flag::CENTRE).then_some(request.payload_centre_m),
+        };
+        // What is no number, or has a flag that is not known, is passed on as a mass that `control` refuses.
+        let known = numbers && request.payload_flags <= payload_flag::ALL;
+        self.view.payload[hand] = Some(if known { order } else { PayloadOrder { mass_kg: -1.0, centre_m: None } });
         self.view.payload_edges[hand] += u64::from(edges);
     }
 

@@ -108,8 +108,10 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     if now.payloads_taken != before.payloads_taken {
         all.push(say(Gravity::Note, format!("The hands carry {}.", payload(now))));
     }
-    if let Some(why) = payload_refused(now, names).filter(|_| now.payloads_refused != before.payloads_refused) {
-        all.push(say(Gravity::Warning, format!("The payload was refused: {why}.")));
+    let answered = [now.payloads_taken != before.payloads_taken, now.payloads_refused != before.payloads_refused];
+    if let Some(why) = payload_refused(now, names).filter(|_| answered.contains(&true)) {
+        let what = if answered[1] { "was refused" } else { "is too much" };
+        all.push(say(Gravity::Warning, format!("The payload {what}: {why}.")));
     }
     for (flag, name) in reduced_flag::NAMES {
         if now.reduced & flag != 0 && before.reduced & flag == 0 {
@@ -231,7 +233,7 @@ pub fn payload(status: &Status) -> String {
     format!("{left:.3} kg left, {right:.3} kg right")
 }
 
-/// Why a payload was refused last, with the joint; none if none was.
+/// Why the last payload was refused, or is too much to start with, and the joint; none if neither.
 pub fn payload_refused(status: &Status, names: &Names) -> Option<String> {
     let why = PayloadRefusal::from_u32(status.payload_refused_why)?.meaning();
     let joint = status.payload_refused_joint.checked_sub(1).map(|joint| names.joint(joint as usize));

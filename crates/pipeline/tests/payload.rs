@@ -108,16 +108,30 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
 }
 
 #[test]
-fn payload_that_a_joint_cannot_hold_is_refused_by_its_name() {
+fn payload_that_a_joint_cannot_hold_counts_and_nothing_starts() {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, stretched(&loaded.model), 1);
     bench.settle();
-    assert_eq!(say(&mut bench, 0, kilograms(1.0)), Some(PayloadRefusal::Overload));
+    assert_eq!(say(&mut bench, 0, kilograms(1.0)), None);
+    assert_eq!(bench.status.payload_kg, [1.0, 0.0]);
+    assert_eq!(bench.status.payload_refused_why, PayloadRefusal::Overload as u32);
     let why = payload_refused(&bench.status, &Names::of(&loaded.model)).expect("a reason");
     assert!(why.starts_with("arm_left_2_joint: ") && why.contains("share of the effort limit"), "{why}");
-    assert!(!Faults(bench.status.faults).has(Fault::StartOutsideLimits), "it stands as before");
-    // The other arm is at home, and holds it.
-    assert_eq!(say(&mut bench, 1, kilograms(1.0)), None);
+    bench.step();
+    assert!(Faults(bench.status.faults).has(Fault::StartOutsideLimits));
+    bench.target = Some(loaded.model.home);
+    bench.press_enable();
+    for _ in 0..TICK_HZ {
+        bench.step();
+        assert_eq!(bench.mode(), Mode::Disengaged);
+    }
+    bench.let_go();
+    // Both hands at once, and one after the other: what relieves is always taken.
+    assert_eq!(say(&mut bench, 0, kilograms(0.9)), None);
+    assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
+    assert_eq!(bench.status.payload_refused_why, 0);
+    bench.step();
+    assert!(!Faults(bench.status.faults).has(Fault::StartOutsideLimits));
 }
 
 /// The robot file says that the hand carries what the posture does not bear: no start, until the hand is said to be empty.

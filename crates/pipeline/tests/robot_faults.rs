@@ -110,7 +110,7 @@ fn f055_a_joint_that_does_not_follow_stops_all() {
     for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
         let mut bench = moving();
         bench.robot.inject(injection);
-        // 0.25 of 0.82 rad/s on the average; that comes before 0.05 rad and 100 ms.
+        // 0.25 of 0.82 rad/s on the average; that comes before 100 ms of a tracking error.
         stops(bench, TICK_HZ / 4, Fault::VelocityError);
     }
 }
@@ -399,6 +399,7 @@ fn f055_a_tracking_error_of_one_joint_stays_within_the_clearance() {
         }
     }
     assert!((0.6..1.0).contains(&reach_m), "{reach_m} m");
-    assert!(reach_m * safety.tracking_error_now_rad <= model.d_min_m, "{reach_m} m");
-    assert!(safety.tracking_error_now_m <= model.d_min_m);
+    let margin_m = model.d_min_m - model.d_measured_min_m;
+    assert!(reach_m * safety.tracking_error_now_rad <= margin_m, "{reach_m} m, {margin_m} m");
+    assert!(safety.tracking_error_now_m <= margin_m);
 }

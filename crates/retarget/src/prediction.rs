@@ -3,7 +3,7 @@
 //! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the directions of
 //! the arm's limbs: gravity and the ranges of the joints lie in these. There is no constant input, so whoever stands is
 //! expected to stand. The outputs are the turns log(R(t + h) R(t)^-1) of the arm's own limbs at a few horizons. Ages and
-//! horizons are seconds: any frame rate will do.
+//! horizons are seconds: any frame rate from 20 to 240 Hz will do.
 
 use crate::arm::Limbs;
 use nalgebra::{UnitQuaternion, Vector3};

@@ -27,8 +27,6 @@ use messages::{JOINTS, TICK_S};
 const PLANNED: f64 = 0.95;
 /// Share of the longest stop that is planned with: a tick passes until it begins.
 const PLANNED_TIME: f64 = 0.98;
-/// A joint that asks a motor for less than this share of all that is asked of it is spared: it would gain nothing.
-const SPARED: f64 = 0.02;
 /// The gentlest brake, as a share of the acceleration limit, whatever the motors can give: a joint that stands can start.
 const GENTLEST: f64 = 0.05;
 
@@ -87,7 +85,7 @@ impl Bearing {
                 let asked: f64 = joints(arm).map(asks).sum();
                 let share = room(sign) / asked;
                 if share < 1.0 {
-                    for k in joints(arm).filter(|&k| asks(k) > SPARED * asked) {
+                    for k in joints(arm).filter(|&k| asks(k) > 0.0) {
                         self.share[k] = self.share[k].min(share);
                     }
                 }

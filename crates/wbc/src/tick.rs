@@ -141,21 +141,18 @@ impl State {
         self.planned = *planned;
     }
 
-    /// What the hands carry from now on, if the robot is at rest and can hold its posture with it. Never allocates.
+    /// What the hands carry from now on, if the robot is at rest. The joint that asks for more than its share to hold the posture
+    /// with it, if any: then no decision is taken. Never allocates.
     ///
     /// # Errors
-    /// `Moving` where the last command or its plan is not at rest, `Overload` with the joint that could not hold it. Then what
-    /// they carried before stays in force.
-    pub fn carry(&mut self, config: &Config, payload: &[Payload; 2]) -> Result<(), (PayloadRefusal, Option<usize>)> {
+    /// `Moving` where the last command or its plan is not at rest. Then what they carried before stays in force.
+    pub fn carry(&mut self, config: &Config, payload: &[Payload; 2]) -> Result<Option<usize>, PayloadRefusal> {
         if !self.planned.is_at_rest() {
-            return Err((PayloadRefusal::Moving, None));
+            return Err(PayloadRefusal::Moving);
         }
-        let Some(load) = &mut self.load else { return Ok(()) };
-        let before = *load.payload();
+        let Some(load) = &mut self.load else { return Ok(None) };
         load.carry(payload);
-        let Some((joint, ..)) = load.overloaded_at_rest(&config.geometry.chain, &self.planned.q) else { return Ok(()) };
-        load.carry(&before);
-        Err((PayloadRefusal::Overload, Some(joint)))
+        Ok(load.overloaded_at_rest(&config.geometry.chain, &self.planned.q).map(|(joint, ..)| joint))
     }
 
     /// What the hands carry; of a configuration that proves nothing of torques, nothing.

@@ -5,9 +5,9 @@ use crate::oracle::Seen;
 use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 
-/// How far a joint may be from where it is told to be, rad, and for how many ticks: the shipped bounds (0.15 at once, 0.05
-/// for 100 ms), what a servo lags behind at its largest speed, and what a message and a stop take.
-const AWAY: [(f64, u64); 2] = [(0.27, 30), (0.17, TICK_HZ / 10 + 60)];
+/// How far a joint may be from where it is told to be, rad, and for how many ticks: the bounds of the simulated robot (0.049 at
+/// once, 0.035 for 100 ms), 0.12 that a servo lags behind at its largest speed, and what a message and a stop take.
+const AWAY: [(f64, u64); 2] = [(0.17, 30), (0.155, TICK_HZ / 10 + 60)];
 /// The same of a joint that slides, as a share.
 const SLIDES: f64 = 0.2;
 /// A measurement that moves by more than this, rad or m, besides three times what its joint can do, jumped.

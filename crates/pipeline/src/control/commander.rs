@@ -39,15 +39,15 @@ impl Commander {
         self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
     }
 
-    /// What the hands carry from now on, if the robot can hold its posture with it; see [`wbc::State::carry`].
+    /// What the hands carry from now on; see [`wbc::State::carry`].
     ///
     /// # Errors
-    /// Why it is not taken, and the joint that could not hold it.
+    /// Why it is not taken.
     pub fn carry(
         &mut self,
         config: &wbc::Config,
         payload: &[robot::Payload; 2],
-    ) -> Result<(), (PayloadRefusal, Option<usize>)> {
+    ) -> Result<Option<usize>, PayloadRefusal> {
         self.wbc.carry(config, payload)
     }
 

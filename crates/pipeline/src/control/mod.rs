@@ -23,8 +23,8 @@ use robot::{Frames, Model};
 use safety::engage::{self, MotionView, OperatorView, RobotView, TargetView};
 use safety::{gate, monitor};
 
-/// A command is aligned with its target when no valid joint is farther from it than this, rad: a tenth of the tracking
-/// error that stops, so that the end of the blend cannot be felt.
+/// A command is aligned with its target when no valid joint is farther from it than this, rad: 1.1 degrees, so that the end of
+/// the blend cannot be felt. Assumption.
 const ALIGNED_RAD: f64 = 0.02;
 
 /// An `ingest` that has said nothing for so long is not believed any more, ns: ten of its periods.

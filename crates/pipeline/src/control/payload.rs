@@ -5,9 +5,6 @@ use messages::{Mode, PayloadOrder, PayloadRefusal, Status};
 use robot::Payload;
 use safety::engage;
 
-/// Why an order was refused, and the joint that could not hold the posture.
-type Refused = (PayloadRefusal, Option<usize>);
-
 impl ControlState {
     /// Takes what was said of the hands, or refuses it. A payload changes only while the robot is Disengaged and at rest, so
     /// no proof of a motion was made with another one.
@@ -19,15 +16,17 @@ impl ControlState {
     ) {
         for (hand, order) in orders.iter().enumerate() {
             let Some(order) = order else { continue };
-            match self.carry(config, hand, order, decided) {
-                Ok(()) => self.status.payloads_taken = self.status.payloads_taken.wrapping_add(1),
-                Err((why, joint)) => {
-                    let status = &mut self.status;
-                    status.payloads_refused = status.payloads_refused.wrapping_add(1);
-                    status.payload_refused_why = why as u32;
-                    status.payload_refused_joint = joint.map_or(0, |joint| joint as u32 + 1);
-                }
-            }
+            let taken = self.carry(config, hand, order, decided);
+            let status = &mut self.status;
+            let (count, why, joint) = match taken {
+                Ok(None) => (&mut status.payloads_taken, 0, None),
+                // It is in the hand whether the arm can hold it or not: it counts, and nothing starts.
+                Ok(joint) => (&mut status.payloads_taken, PayloadRefusal::Overload as u32, joint),
+                Err(why) => (&mut status.payloads_refused, why as u32, None),
+            };
+            *count = count.wrapping_add(1);
+            status.payload_refused_why = why;
+            status.payload_refused_joint = joint.map_or(0, |joint| joint as u32 + 1);
         }
     }
 
@@ -37,20 +36,19 @@ impl ControlState {
         hand: usize,
         order: &PayloadOrder,
         decided: &engage::Output,
-    ) -> Result<(), Refused> {
-        let refuse = |why: PayloadRefusal| (why, None);
+    ) -> Result<Option<usize>, PayloadRefusal> {
         let said = order.centre_m.map(Into::into).or(config.model.payload[hand].map(|payload| payload.center));
         // Where nothing is, it needs no place.
         let center = said.or((order.mass_kg == 0.0).then(Default::default));
-        let one = Payload::new(order.mass_kg, center.unwrap_or_default()).map_err(refuse)?;
+        let one = Payload::new(order.mass_kg, center.unwrap_or_default())?;
         if center.is_none() {
-            return Err(refuse(PayloadRefusal::NoCentre));
+            return Err(PayloadRefusal::NoCentre);
         }
         if decided.mode != Mode::Disengaged {
-            return Err(refuse(PayloadRefusal::NotDisengaged));
+            return Err(PayloadRefusal::NotDisengaged);
         }
         if !decided.at_rest {
-            return Err(refuse(PayloadRefusal::Moving));
+            return Err(PayloadRefusal::Moving);
         }
         let mut payload = self.commander.wbc().payload();
         payload[hand] = one;

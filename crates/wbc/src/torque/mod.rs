@@ -66,8 +66,8 @@
 //! rejected once they would be shorter than 1.2 ms or after a fixed number of evaluations: fewer proofs, never false ones. It is the torque of the rigid links of the URDF
 //! and of what the hands carry, a point mass in each: motors' rotors and friction are for the rest of the effort limit.
 //!
-//! *Payload.* What a hand carries is a point mass on its body. It may change at rest, if the posture can still be held: then
-//! the constant plan is proved with it, and the induction begins anew.
+//! *Payload.* What a hand carries is a point mass on its body. It may change at rest. If the posture can be held with it,
+//! the constant plan is proved and the induction begins anew; if not, no decision is taken, as above.
 
 mod curve;
 #[cfg(test)]
