@@ -302,7 +302,7 @@ fn a_payload_is_not_taken_in_motion() {
     for (k, permit) in (0..).zip([Permit::Follow { speed_scale: 1.0 }, Permit::Stop].iter().flat_map(|p| [*p; 20])) {
         tick(&config, &mut state, Stamp(0), Input { k, target, permit });
         let at_rest = state.planned().is_at_rest();
-        let refused = state.carry(&config, &told(&model, 0.1)) == Err((PayloadRefusal::Moving, None));
+        let refused = state.carry(&config, &told(&model, 0.1)) == Err(PayloadRefusal::Moving);
         assert_eq!(refused, !at_rest, "tick {k}");
         assert!(!at_rest || k > 20, "it moves");
     }
