@@ -1,5 +1,4 @@
 //! No tick allocates, whatever it is asked.
-#![allow(unsafe_code, reason = "a counting allocator has to implement GlobalAlloc")]
 
 mod support;
 
@@ -8,35 +7,19 @@ use follow::arm::ArmVector;
 use messages::ALL_JOINTS;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use support::{FREE, Robot, arm, random_q, way};
 
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: forwards to the system allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// New blocks of this thread since it is watched.
+fn allocated() -> u64 {
+    rt::allocations().0.allocated
+}
 
 #[test]
 fn ten_thousand_ticks_allocate_nothing() {
+    rt::watch_allocations();
     let mut rng = Pcg64::seed_from_u64(77);
     let mut robot = Robot::at(&FREE, Weights::default());
     let mut person = [arm().limbs(&ArmVector::from(FREE)); 2];
@@ -52,10 +35,10 @@ fn ten_thousand_ticks_allocate_nothing() {
             way[rng.random_range(0..24)] = [[f32::NAN; 4]; 4];
         }
         let missed = if k % 11 == 0 { rng.random_range(1..40) } else { 1 };
-        let before = COUNT.with(Cell::get);
+        let before = allocated();
         robot.step_after(missed, &way, first);
-        in_ticks += COUNT.with(Cell::get) - before;
+        in_ticks += allocated() - before;
     }
     assert_eq!(in_ticks, 0);
-    assert!(COUNT.with(Cell::get) > 0, "the counter counts");
+    assert!(allocated() > 0, "the counter counts");
 }

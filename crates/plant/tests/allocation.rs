@@ -1,40 +1,23 @@
 //! After construction nothing allocates.
-#![allow(unsafe_code, reason = "a counting allocator has to implement GlobalAlloc")]
 
 #[allow(dead_code)]
 mod support;
 
 use plant::{Injection, Judge, Obstacle, Options, Plant, Reaction};
 use rand::SeedableRng;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use support::{HANDS, START, Sines, TICK_NS, config};
 
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: forwards to the system allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// New blocks of this thread since it is watched.
+fn allocated() -> u64 {
+    rt::allocations().0.allocated
+}
 
 #[test]
 fn motion_silence_and_faults_allocate_nothing() {
+    rt::watch_allocations();
     for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
         let half_m = nalgebra::Vector3::new(0.3, 0.5, 0.02);
         let table = Obstacle::Box { center: nalgebra::Vector3::z(), r: nalgebra::Matrix3::identity(), half_m };
@@ -43,7 +26,7 @@ fn motion_silence_and_faults_allocate_nothing() {
         let sines = Sines::bearable(&config, &mut rng, 1.0);
         let mut plant = Plant::new(&config, START, &sines.centre, 1);
         let mut judge = Judge::new(&config, &sines.centre);
-        let before = COUNT.with(Cell::get);
+        let before = allocated();
         let (mut taken, mut reacted) = (0, 0);
         for k in 0..4000 {
             let now = START.plus_ns(k * TICK_NS);
@@ -56,7 +39,7 @@ fn motion_silence_and_faults_allocate_nothing() {
             plant.advance_judged(&config, now, &mut judge);
             reacted += u64::from(plant.measure(&config, now).reacting);
         }
-        assert_eq!(COUNT.with(Cell::get), before);
+        assert_eq!(allocated(), before);
         assert!(taken >= 900 && reacted > 80 && judge.report().looks > 1000, "{taken} {reacted}");
     }
 }

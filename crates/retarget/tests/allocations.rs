@@ -1,10 +1,6 @@
 //! Ten thousand ticks allocate nothing, and nothing that a skeleton can hold makes a tick panic or leave the limits.
-#![allow(unsafe_code, reason = "a global allocator that counts cannot be written without")]
 
 mod support;
-
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 
 use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
@@ -12,28 +8,13 @@ use rand_pcg::Pcg64;
 use retarget::{Config, Input, Method, Options, State, tick};
 use support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 
-struct Counting;
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is handed to the system allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.set(COUNT.get() + 1);
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: `pointer` came from `alloc` above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
 #[global_allocator]
-static COUNTING: Counting = Counting;
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// New blocks of this thread since it is watched.
+fn allocated() -> u64 {
+    rt::allocations().0.allocated
+}
 
 fn config(method: Method, delay_ms: f64) -> Config {
     let options = Options { method: Some(method), following_delay_ms: delay_ms, ..Options::default() };
@@ -42,6 +23,7 @@ fn config(method: Method, delay_ms: f64) -> Config {
 
 #[test]
 fn ten_thousand_ticks_allocate_nothing() {
+    rt::watch_allocations();
     let mut rng = Pcg64::seed_from_u64(31);
     for method in [Method::Network, Method::ClosedForm] {
         for delay_ms in [0.0, 120.0, 250.0] {
@@ -53,22 +35,23 @@ fn ten_thousand_ticks_allocate_nothing() {
                 })
                 .collect();
             let mut state = State::default();
-            let before = COUNT.get();
+            let before = allocated();
             for k in 0..10_000_u64 {
                 let newest = &skeletons[(k / 15) as usize];
                 let out = tick(&config, &mut state, deadline(3000 + k), Input { k: 3000 + k, skeleton: Some(newest) });
                 std::hint::black_box(out);
             }
-            assert_eq!(COUNT.get() - before, 0, "{method:?} {delay_ms} ms");
+            assert_eq!(allocated() - before, 0, "{method:?} {delay_ms} ms");
         }
     }
 }
 
 #[test]
 fn the_counter_counts() {
-    let before = COUNT.get();
+    rt::watch_allocations();
+    let before = allocated();
     std::hint::black_box(Box::new(1));
-    assert_eq!(COUNT.get() - before, 1);
+    assert_eq!(allocated() - before, 1);
 }
 
 /// A number that hurts: random bits, or one of the usual suspects.

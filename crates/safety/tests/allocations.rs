@@ -2,9 +2,6 @@
 
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
 use messages::Stamp;
 use rand::{Rng, SeedableRng};
 use robot::{Frames, Pose};
@@ -13,40 +10,25 @@ use safety::monitor;
 use support::motion::resting;
 use support::{Bench, model};
 
-struct Counting;
-
-thread_local! {
-    /// Of this thread only: the harness has threads of its own.
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-#[allow(unsafe_code)]
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+
+/// New blocks of this thread since it is watched.
+fn allocated() -> u64 {
+    rt::allocations().0.allocated
+}
 
 #[test]
 fn the_counter_counts() {
-    let before = ALLOCATIONS.get();
+    rt::watch_allocations();
+    let before = allocated();
     drop(std::hint::black_box(Box::new(1)));
-    assert_eq!(ALLOCATIONS.get(), before + 1);
+    assert_eq!(allocated(), before + 1);
 }
 
 #[test]
 fn ten_thousand_ticks_allocate_nothing() {
+    rt::watch_allocations();
     let model = model();
     let config = Config::new(&model).unwrap();
     let mut gate = State::at_rest(model.home);
@@ -54,7 +36,7 @@ fn ten_thousand_ticks_allocate_nothing() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     let mut near = monitor::Near::new();
     let mut frames = Frames { base_from_body: [Pose::identity(); messages::JOINTS + 1] };
-    let before = ALLOCATIONS.get();
+    let before = allocated();
     for k in 1..=10_000 {
         bench.input.motion.gate_denied = k % 7 == 0;
         bench.input.operator.estop_edge = k % 1000 == 0;
@@ -68,5 +50,5 @@ fn ten_thousand_ticks_allocate_nothing() {
         monitor::outside_limits(&model, &proposed.q);
         monitor::tracking_error(&model, &proposed.q, &proposed.v, &proposed.q, 0.0);
     }
-    assert_eq!(ALLOCATIONS.get(), before);
+    assert_eq!(allocated(), before);
 }
