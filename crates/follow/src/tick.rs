@@ -23,9 +23,6 @@ const OFF_RAD_PER_S: f64 = 0.3;
 /// Distance kept from position limits, rad: what whole-body control keeps as well.
 const INSET_RAD: f64 = 1e-3;
 
-/// Share of the speed limits that is used: what whole-body control plans with.
-const SPEED_SHARE: f64 = 0.98;
-
 /// What one joint should do in the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
@@ -46,14 +43,14 @@ pub struct Config {
 }
 
 impl Config {
-    /// Following with the robot's arms within shares of their limits.
-    pub fn new(model: &Model, weights: Weights) -> Self {
+    /// Following with the robot's arms within their limits, and within a share of their speeds.
+    pub fn new(model: &Model, speed_share: f64, weights: Weights) -> Self {
         let bounds = FIRST.map(|first| {
             let of = |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
             Bounds {
                 q_min: of(|l| l.q_min + INSET_RAD),
                 q_max: of(|l| l.q_max - INSET_RAD),
-                v_max: of(|l| SPEED_SHARE * l.v_max),
+                v_max: of(|l| l.v_max) * speed_share,
                 a_max: of(|l| l.a_max),
             }
         });

@@ -121,7 +121,7 @@ impl Robot {
             all[first..first + LIMB_JOINTS].copy_from_slice(q);
         }
         Self {
-            config: Config::new(&model, weights),
+            config: Config::new(&model, 0.98, weights),
             state: State::new(),
             k: 7_500_017,
             q: all,

@@ -72,7 +72,7 @@ impl ControlConfig {
             gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))
                 .and_then(|gate| gate.with_hand_speed(hand_speed))
                 .map_err(|error| ConfigError::stage("gate", error))?,
-            follow: follow::Config::new(&model, follow::Weights::default()),
+            follow: follow::Config::new(&model, wbc::PLANNED_SPEED_SHARE, follow::Weights::default()),
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
             tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
