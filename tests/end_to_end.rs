@@ -23,7 +23,6 @@ fn engages_follows_and_stops_at_rest() {
     let control = rig.end("control");
     let sim = rig.end("sim");
     assert_no_violations(&sim);
-    assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
     let step = sim["engage"]["max_step_rad"].as_f64().unwrap();
     assert!(step < 1e-4, "the first step of engaging was {step} rad");
     let ratio = sim["engage"]["first_second_velocity_ratio"].as_f64().unwrap();

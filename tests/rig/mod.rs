@@ -19,8 +19,9 @@ use std::time::{Duration, Instant};
 const DRIVER: &str = "sim";
 const ROBOT: &str = "robot";
 
-/// Instances at a time: five real-time processes each are enough for a small machine.
-const AT_A_TIME: usize = 2;
+/// Processors for each instance that runs at a time: its real-time processes share one and take half of it. Two instances on
+/// one processor are throttled by the kernel for 50 ms in each second, which the driver takes for a suspension.
+const PROCESSORS_EACH: usize = 2;
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 /// One of the instances that may run.
@@ -28,8 +29,9 @@ struct Turn;
 
 impl Turn {
     fn take() -> Self {
+        let at_a_time = (std::thread::available_parallelism().map_or(1, usize::from) / PROCESSORS_EACH).max(1);
         let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = RUNNING.1.wait_while(running, |running| *running >= AT_A_TIME);
+        let waited = RUNNING.1.wait_while(running, |running| *running >= at_a_time);
         *waited.unwrap_or_else(PoisonError::into_inner) += 1;
         Self
     }
@@ -417,12 +419,25 @@ impl Hand {
         self.wait(mode.name(), |status| status.mode == mode as u32)
     }
 
-    /// Waits until nothing inhibits, enables, and waits for `mode`.
+    /// Waits until nothing inhibits, enables, and waits for `mode`. A machine that stands still meanwhile latches the driver:
+    /// the operator resets it and begins again, a few times.
     pub fn engage_until(&self, mode: Mode) {
-        // Half a second of a released enable, and a fresh target.
-        self.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-        self.enable();
-        self.wait_mode(mode);
+        let paused = |status: &Status| {
+            status.mode == Mode::Faulted as u32 && status.faults == Faults::NONE.with(Fault::DriverFault).0
+        };
+        for _ in 0..4 {
+            // Half a second of a released enable, and a fresh target.
+            self.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
+            self.enable();
+            if !paused(&self.wait(mode.name(), |status| status.mode == mode as u32 || paused(status))) {
+                return;
+            }
+            self.release();
+            self.wait("measured at rest", |status| status.moving == 0);
+            self.reset();
+            self.wait_mode(Mode::Disengaged);
+        }
+        panic!("never {}: the machine stands still too often", mode.name());
     }
 
     pub fn raised(&self, fault: Fault) -> u32 {
