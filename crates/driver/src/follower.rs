@@ -30,7 +30,7 @@ pub const STILL_TICKS: u64 = TICK_HZ / 20;
 const NEAR_S: f64 = 0.06;
 
 /// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
-const ENCODER_NOISE: f64 = 4e-4;
+pub(crate) const ENCODER_NOISE: f64 = 4e-4;
 
 /// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
 /// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
@@ -343,7 +343,7 @@ impl State {
     }
 
     /// Plays `ticks` ticks of the plan; those at rest count as one step.
-    fn play(&mut self, ticks: u64, each: &mut impl FnMut(&Step)) {
+    pub(crate) fn play(&mut self, ticks: u64, each: &mut impl FnMut(&Step)) {
         let mut left = ticks;
         while left > 0 {
             let at_rest = self.motion.at_rest();

@@ -24,10 +24,10 @@
 //! When an index is due and no command for it is there, one tick of the plan is played instead. So what is executed is
 //! continuous whatever the two processes' timing, which `tests/model.rs` shows.
 //!
-//! A driver that was suspended for longer while the robot moved does not know where the robot is. It neither takes a command
-//! of its old chain nor plays the missed ticks of its plan in one step: it begins where the robot is measured, and stops
-//! from there within the limits. It latches if the pause was as long as the silence that latches. So no setpoint is farther
-//! from the one before than the limits allow in the time between the two writes.
+//! A driver that was suspended for longer while the robot moved does not take a command of its old chain. If the robot is
+//! measured where the plan has come to meanwhile, it goes on with the plan. Otherwise it begins where the robot is measured,
+//! and stops from there within the limits. It latches if the pause was as long as the silence that latches. So no setpoint is
+//! farther from the one before than the limits allow in the time between the two writes.
 //!
 //! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
 //!

@@ -7,8 +7,8 @@ use crate::acceptance::Refusal;
 /// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
 const ROUNDING: f64 = 1e-9;
 
-/// Halvings of an interval of speeds: what is left of 3 rad/s is less than 1e-9.
-const HALVINGS: usize = 32;
+/// Halvings of an interval: what is left of 3 rad/s or 25 rad/s^2 is less than 1e-10.
+const HALVINGS: usize = 40;
 
 /// The limits of one joint. All of them are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,8 +63,8 @@ impl JointLimits {
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
     }
 
-    /// The speed nearest to `v` from which [`JointLimits::stop_from`] ends inside the position limits. Its way is
-    /// v (v / A + t) / 2, with t = A / J the length of a ramp, and v t below A t.
+    /// The speed nearest to `v` from which [`JointLimits::stop_from`] ends inside the position limits. Its way without braking
+    /// at the start is v (v / A + t) / 2, with t = A / J the length of a ramp, and at most v t below A t.
     pub(crate) fn speed_inside(&self, q: f64, v: f64) -> f64 {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };
         let ramp_s = self.a_max / self.j_max;
@@ -72,26 +72,41 @@ impl JointLimits {
             if speed > self.a_max * ramp_s { speed * (speed / self.a_max + ramp_s) / 2.0 } else { speed * ramp_s }
         };
         let wished = v.abs().min(self.v_max);
-        if way(wished) <= room {
-            return wished.copysign(v);
-        }
-        let (mut low, mut high) = (0.0, wished);
-        for _ in 0..HALVINGS {
-            let middle = (low + high) / 2.0;
-            *(if way(middle) <= room { &mut low } else { &mut high }) = middle;
-        }
-        low.copysign(v)
+        largest(wished, |speed| way(speed) <= room).copysign(v)
     }
 
-    /// The stop from speed `v` without acceleration: jerk and duration of its three phases.
+    /// The shortest stop from speed `v` that brakes at `braking` already, both positive along the motion: jerk and duration of
+    /// its three phases. Braking counts as far as the jerk limit J lets it end with the speed, b = min(braking, A, sqrt(2 J v)).
     ///
-    /// With t = A / J and v >= A t the joint takes t seconds of jerk -J, v / A - t seconds at -A, and t seconds of jerk J.
-    /// Below that it takes t seconds of jerk -v / t^2 and as long of the opposite. A speed beyond the limit takes longer:
-    /// it is no reason to brake harder.
-    pub(crate) fn stop_from(&self, v: f64) -> ([f64; 3], [f64; 3]) {
-        let ramp_s = self.a_max / self.j_max;
-        let hold_s = (v.abs() / self.a_max - ramp_s).max(0.0);
-        let jerk = if hold_s > 0.0 { self.j_max.copysign(v) } else { v / (ramp_s * ramp_s) };
-        ([-jerk, 0.0, jerk], [ramp_s, hold_s, ramp_s])
+    /// ```text
+    /// p  = min(A, sqrt(J v + b^2 / 2))            the strongest braking
+    /// t1 = (p - b) / J,  t3 = p / J               at jerk -J and J
+    /// t2 = v / p - (p^2 - b^2 / 2) / (J p)        at acceleration -p, and 0 where p is below A
+    /// ```
+    ///
+    /// Returns b too. A speed beyond the limit takes longer: it is no reason to brake harder.
+    pub(crate) fn stop_from(&self, v: f64, braking: f64) -> (f64, [f64; 3], [f64; 3]) {
+        let (speed, jerk) = (v.abs(), self.j_max);
+        if speed <= ROUNDING {
+            return (0.0, [0.0; 3], [0.0; 3]);
+        }
+        let b = largest(braking.clamp(0.0, self.a_max), |b| b * b <= 2.0 * jerk * speed);
+        let p = largest(self.a_max, |p| p * p <= jerk * speed + b * b / 2.0);
+        let hold_s = speed / p - (p * p - b * b / 2.0) / (jerk * p);
+        let jerk = jerk.copysign(v);
+        (b, [-jerk, 0.0, jerk], [(p - b).max(0.0) / self.j_max, hold_s.max(0.0), p / self.j_max])
     }
+}
+
+/// The largest number from zero to `high` that `fits`, if all below it do. `high` itself is tried first.
+fn largest(high: f64, fits: impl Fn(f64) -> bool) -> f64 {
+    if fits(high) {
+        return high;
+    }
+    let (mut low, mut high) = (0.0, high);
+    for _ in 0..HALVINGS {
+        let middle = (low + high) / 2.0;
+        *(if fits(middle) { &mut low } else { &mut high }) = middle;
+    }
+    low
 }

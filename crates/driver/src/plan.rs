@@ -24,12 +24,20 @@ impl Motion {
     }
 
     /// At `q`, with a stop within the limits from the speeds `v` (rad/s, m/s), or from less where the stop would leave the
-    /// position limits. No certificate covers it: it is for a robot that moved on without its driver.
-    pub(crate) fn stopping(limits: &[JointLimits; JOINTS], q: [f64; JOINTS], v: &[f64; JOINTS]) -> Self {
+    /// position limits. What brakes at the accelerations `a` (rad/s^2, m/s^2) already goes on to. No certificate covers the stop:
+    /// it is for a robot that moved on without its driver.
+    pub(crate) fn stopping(
+        limits: &[JointLimits; JOINTS],
+        q: [f64; JOINTS],
+        v: &[f64; JOINTS],
+        a: &[f64; JOINTS],
+    ) -> Self {
         let mut motion = Self::rest(q);
         for (j, limits) in limits.iter().enumerate() {
-            motion.v[j] = limits.speed_inside(q[j], v[j]);
-            (motion.plan.jerk[j], motion.plan.duration_s[j]) = limits.stop_from(motion.v[j]);
+            let v = limits.speed_inside(q[j], v[j]);
+            let (braking, jerk, duration_s) = limits.stop_from(v, -a[j] * v.signum());
+            (motion.v[j], motion.a[j]) = (v, -braking.copysign(v));
+            (motion.plan.jerk[j], motion.plan.duration_s[j]) = (jerk, duration_s);
         }
         motion
     }

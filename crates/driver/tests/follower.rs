@@ -204,6 +204,7 @@ fn a_suspended_driver_begins_where_the_robot_is_measured() {
         let before = bench.state.motion.q[3];
         let k = K + 5 + gap;
         let newest = bench.command(k);
+        // Slower than the plan can have become.
         let (q, v) = (before + 0.004, 0.3);
         // Joint 5 stands: what is measured of its speed is noise.
         let mut now = measured_at(k, q, v);
@@ -229,6 +230,63 @@ fn a_suspended_driver_begins_where_the_robot_is_measured() {
         assert!((10..300).contains(&ticks), "{ticks}");
         assert!(bench.state.motion.q[3] > q && bench.state.motion.q[3] < q + 0.05);
     }
+}
+
+#[test]
+fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
+    for gap in [GAP_MAX_TICKS + 1, SILENCE_TICKS, SILENCE_TICKS + 1, 40, 600] {
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        let mut planned = bench.state.motion;
+        planned.play(gap);
+        let k = K + 5 + gap;
+        // A robot stays behind its setpoints by some ms.
+        let mut now = measured_at(k, 0.0, 0.0);
+        (now.q, now.dq) = (planned.q, planned.v);
+        now.q[3] -= 0.008 * bench.state.motion.v[3];
+        let newest = bench.command(k);
+        let input = Input { due_k: k, command: Some(&newest), port_fault: false, measured: Some(&now) };
+        let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+        assert_eq!(bench.state.motion, planned, "{gap}");
+        assert_eq!((out.suspended_ticks, out.advanced, out.accepted), (Some(gap), gap, None));
+        assert_eq!(out.faults.has(Fault::DriverFault), gap > SILENCE_TICKS, "{gap}");
+        // One joint that is elsewhere, or has another speed, and the driver begins where all of them are measured.
+        for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.35), (0.0, -0.35)] {
+            let mut bench = Bench::new();
+            bench.follow(K + 5);
+            let mut elsewhere = now;
+            (elsewhere.q[5], elsewhere.dq[5]) = (now.q[5] + q, now.dq[5] + v);
+            let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&elsewhere) };
+            let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+            assert_eq!(out.executed.q, elsewhere.q, "{gap}: {q}, {v}");
+        }
+    }
+}
+
+/// A joint that brakes already when its driver returns goes on to brake: its stop is no longer than that of a joint that has to
+/// begin, and keeps the limits.
+#[test]
+fn a_suspended_driver_goes_on_braking() {
+    let (gap, v) = (30, 1.0);
+    let mut bench = Bench::new();
+    bench.follow(K + 5);
+    let mut planned = bench.state.motion;
+    planned.play(gap);
+    assert!(planned.a[3] < -1.0, "the plan brakes by then: {planned:?}");
+    let now = measured_at(K + 5 + gap, bench.state.motion.q[3] - 0.05, v);
+    let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
+    let out = tick(&CONFIG, &mut bench.state, deadline(K + 5 + gap), input);
+    assert_eq!((out.executed.q[3], out.executed.v[3], out.executed.a[3]), (now.q[3], v, planned.a[3]));
+    let (mut end, mut largest) = (bench.state.motion, 0.0_f64);
+    while !end.at_rest() {
+        end.play(1);
+        largest = largest.max(end.a[3].abs());
+    }
+    assert!(largest <= LIMITS.a_max + 1e-9);
+    // Begun without acceleration the way is v (v / A + A / J) / 2.
+    let unbraked = v * (v / LIMITS.a_max + LIMITS.a_max / LIMITS.j_max) / 2.0;
+    let way = end.q[3] - now.q[3];
+    assert!(way > 0.0 && way < unbraked, "{way}, {unbraked}");
 }
 
 #[test]

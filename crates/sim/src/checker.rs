@@ -19,11 +19,14 @@
 //! Elbows and hands of the driver's steps are checked by the way that they make from index to index, whatever the interface.
 //!
 //! The torque of every executed point is computed by the body's own dynamics ([`plant`]) from its position, velocity and
-//! acceleration, links alone, and held against the whole effort limit; not while the driver stops by itself from where it
-//! found the robot after a pause.
+//! acceleration, links alone, and held against the whole effort limit.
 //!
-//! A robot that may start outside its limits or too close to itself (`Options::initial_outside`) violates nothing by
-//! being there; to go further out, or closer, is a violation.
+//! A driver that begins where it finds the robot stops by itself, and nobody proved that stop. Until it has ended no torque is
+//! judged, and the clearance as that of the joints' true motion ([`plant::CLEARANCE_MARGIN_M`] below the least one). Afterwards
+//! the robot may stand as close as it came to rest, and may only open.
+//!
+//! A robot that may start outside its limits (`Options::initial_outside`) violates nothing by being there; to go further out
+//! is a violation.
 
 use crate::clearance::Workspace;
 use crate::config::Config;
@@ -31,6 +34,7 @@ use crate::interface::{Interface, spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
+use plant::CLEARANCE_MARGIN_M;
 use robot::Frames;
 
 // The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in doubles
@@ -65,11 +69,11 @@ pub struct Checker {
     /// Index at which Engaging last began from rest.
     engaged_k: Option<u64>,
     room: Workspace,
-    /// Clearance of the last posture, m.
-    clearance_m: f64,
+    /// Least clearance that is no violation, m.
+    allowed_m: f64,
     frames: Frames,
-    /// The driver stops by itself, from where it found the robot: nobody proved that.
-    own_stop: bool,
+    /// The index by which the driver's own stop, from where it found the robot, has ended: nobody proved that.
+    own_stop_until_k: u64,
     /// Elbows and hands at what the driver executed last, in the base frame, m.
     points: Points,
 }
@@ -80,24 +84,20 @@ impl Checker {
     /// Begins with what is held at the start.
     pub fn new(config: &Config, held: Setpoint) -> Self {
         let mut room = config.body.workspace();
-        let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut room);
+        let allowed_m = allowed(config, &held, &mut room);
         let mut frames = Frames::default();
         let points = points(config, &mut frames, &held.q);
         let mode = Mode::Disengaged as u32;
-        Self { last: held, splined: held, mode, engaged_k: None, room, clearance_m, frames, own_stop: false, points }
+        let own_stop_until_k = own_stop_end(config, &held);
+        Self { last: held, splined: held, mode, engaged_k: None, room, allowed_m, frames, own_stop_until_k, points }
     }
 
     /// Begins anew at `held`: where a robot without drives was found is no motion that anybody commanded.
     pub fn hold(&mut self, config: &Config, held: &Setpoint) {
-        let (clearance_m, _) = config.body.clearance(&config.model, &held.q, &mut self.room);
-        (self.last, self.splined, self.engaged_k, self.clearance_m) = (*held, *held, None, clearance_m);
+        self.allowed_m = allowed(config, held, &mut self.room);
+        (self.last, self.splined, self.engaged_k) = (*held, *held, None);
         self.points = points(config, &mut self.frames, &held.q);
-        self.own_stop = true;
-    }
-
-    /// The next step is a command's.
-    pub(crate) fn obey(&mut self) {
-        self.own_stop = false;
+        self.own_stop_until_k = own_stop_end(config, held);
     }
 
     /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
@@ -116,7 +116,7 @@ impl Checker {
             self.keep_clear(config, report, to);
         }
         self.check_hands(config, report, to);
-        if !self.own_stop {
+        if to.k > self.own_stop_until_k {
             check_torques(config, report, to);
         }
         self.engage(config, report, to, mode);
@@ -136,13 +136,13 @@ impl Checker {
     fn keep_clear(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
-        let least_m =
-            if config.initial_outside { self.clearance_m.min(config.body.d_min_m) } else { config.body.d_min_m };
-        let clear = clearance_m >= least_m - TOLERANCE_CLEARANCE_M;
+        let clear = clearance_m >= self.allowed_m - TOLERANCE_CLEARANCE_M;
         if !clear {
-            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, least_m);
+            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, self.allowed_m);
         }
-        self.clearance_m = clearance_m;
+        if to.k > self.own_stop_until_k {
+            self.allowed_m = self.allowed_m.max(clearance_m.min(config.body.d_min_m));
+        }
     }
 
     /// The mean speed of elbows and hands over the step: no more than the largest on the way.
@@ -181,6 +181,22 @@ impl Checker {
             report.engage_velocity_ratio = (0..JOINTS).map(ratio).fold(report.engage_velocity_ratio, f64::max);
         }
     }
+}
+
+/// The least clearance of a stop that nobody proved, from `held`, m: as the joints' true motion is judged, or what it is.
+fn allowed(config: &Config, held: &Setpoint, room: &mut Workspace) -> f64 {
+    let (clearance_m, _) = config.body.clearance(&config.model, &held.q, room);
+    clearance_m.min(config.body.d_min_m - CLEARANCE_MARGIN_M)
+}
+
+/// The index by which a driver that stops from `held` by itself stands: no joint takes longer than |v| / A + 2 A / J.
+fn own_stop_end(config: &Config, held: &Setpoint) -> u64 {
+    let took_s = |j: usize| {
+        let limits = &config.limits[j];
+        held.v[j].abs() / limits.a_max + 2.0 * limits.a_max / limits.j_max
+    };
+    let longest_s = (0..JOINTS).map(took_s).fold(0.0, f64::max);
+    held.k.saturating_add((longest_s * TICK_HZ as f64) as u64 + 1)
 }
 
 fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS]) -> Points {

@@ -200,7 +200,6 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
-            checker.obey();
         }
         if step.kind == StepKind::Measured {
             // Nobody commanded that.
