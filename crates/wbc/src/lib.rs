@@ -47,7 +47,10 @@ pub mod torque;
 pub mod track;
 
 pub use barrier::Program;
-pub use config::{Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, PLANNED_SPEED_SHARE, Parts, Tasks, WbcError};
+pub use config::{
+    Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, PLANNED_SPEED_SHARE, PLANNED_WRIST_SPEED_SHARE, Parts, Tasks,
+    WbcError,
+};
 pub use interface::{Interface, Interpolation};
 pub use plan::{JointState, JointStop, Planned};
 pub use tick::{

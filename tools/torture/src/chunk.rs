@@ -113,6 +113,8 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
     figures.torque_share_max = report.largest_torque_share().0;
     let judged = run.robot.judged();
     figures.true_violations = judged.counts;
+    figures.true_speed_ratio_max = judged.speed_ratio_max.into_iter().fold(0.0, f64::max);
+    figures.true_clearance_min_m = judged.clearance_min_m;
     figures.first_true = judged.first.map(|first| (first, part));
     figures.first = report.first_violation().map(|violation| Place { violation: *violation, part, seed });
     figures
@@ -254,7 +256,13 @@ impl<'a> Part<'a> {
         let out = sim::tick(&self.subject.sim, &mut self.robot, deadline(k), input);
         self.echo = out.state;
         self.figures.latches += u64::from(!was_latched && self.latched());
-        self.figures.refusals += u64::from(out.refused.is_some_and(|refusal| refusal != Refusal::Latched));
+        // A driver that slept through two disturbances in a row was suspended, and rightly takes no command of its old chain.
+        let refused = out.refused.filter(|&refusal| refusal != Refusal::Latched && out.suspended_ticks.is_none());
+        if let Some(refusal) = refused {
+            self.figures.refusals += 1;
+            let words = || (0, format!("part {}, tick {k}", self.part));
+            self.figures.refused_for.entry(format!("{refusal:?}")).or_insert_with(words).0 += 1;
+        }
         for j in (0..JOINTS).filter(|&j| !self.subject.model.prismatic[j]) {
             self.figures.travelled_rad += (out.state.q[j] - self.last_q[j]).abs();
         }

@@ -111,6 +111,10 @@ pub struct Figures {
     pub true_violations: [u64; TRUE_KINDS],
     /// The first of all, with its part.
     pub first_true: Option<(plant::Violation, u64)>,
+    /// Greatest true speed over its limit.
+    pub true_speed_ratio_max: f64,
+    /// Least true clearance, m.
+    pub true_clearance_min_m: f64,
     /// Least clearance over executed steps and rolled-out plans, m.
     pub min_clearance_m: f64,
     /// Durations of both stages.
@@ -127,8 +131,10 @@ pub struct Figures {
     pub denials: u64,
     /// Those by reason, each with the first one in words.
     pub denied_for: BTreeMap<String, (u64, String)>,
-    /// Commands that the driver refused though its fault was not latched.
+    /// Commands that the driver refused though its fault was not latched and it was not suspended.
     pub refusals: u64,
+    /// Those by reason, each with the first one in words.
+    pub refused_for: BTreeMap<String, (u64, String)>,
     /// Ticks in which control did not run.
     pub missed: u64,
     /// Commands that never arrived.
@@ -166,6 +172,8 @@ impl Default for Figures {
             first: None,
             true_violations: [0; TRUE_KINDS],
             first_true: None,
+            true_speed_ratio_max: 0.0,
+            true_clearance_min_m: f64::INFINITY,
             min_clearance_m: f64::INFINITY,
             tick: Durations::default(),
             fallbacks: 0,
@@ -175,6 +183,7 @@ impl Default for Figures {
             denials: 0,
             denied_for: BTreeMap::new(),
             refusals: 0,
+            refused_for: BTreeMap::new(),
             missed: 0,
             lost: 0,
             overslept: 0,
@@ -208,19 +217,10 @@ impl Figures {
         self.violations[kind as usize]
     }
 
-    /// Violations of the joints' true motion that no servo excuses: an effort, a step of the setpoints. Hostile motion at all
-    /// limits at once, with ticks dropped, makes the simulated servo overshoot a position, a speed or a clearance by more than
-    /// the judge grants; that is told, and is the servo's.
-    fn true_violations_of_commands(&self) -> u64 {
-        use plant::ViolationKind::{Clearance, Position, Velocity};
-        let servo = [Position, Velocity, Clearance].map(|kind| self.true_violations[kind as usize]);
-        self.true_violations_total() - servo.iter().sum::<u64>()
-    }
-
-    /// Whether every promise was kept: no violation of a command, none of the true motion but the servo's overshoot, no stop
-    /// beyond its bound, and no command that the driver could not take.
+    /// Whether every promise was kept: no violation of a command or of the true motion, no stop beyond its bound, and no
+    /// command that the driver could not take.
     pub fn kept(&self) -> bool {
-        let violations = self.violations_total() + self.true_violations_of_commands();
+        let violations = self.violations_total() + self.true_violations_total();
         violations == 0 && self.late_stops == 0 && self.refusals == 0
     }
 
@@ -234,6 +234,8 @@ impl Figures {
             *mine += theirs;
         }
         self.first_true = self.first_true.or(other.first_true);
+        self.true_speed_ratio_max = self.true_speed_ratio_max.max(other.true_speed_ratio_max);
+        self.true_clearance_min_m = self.true_clearance_min_m.min(other.true_clearance_min_m);
         self.ticks += other.ticks;
         self.first = self.first.or(other.first);
         self.min_clearance_m = self.min_clearance_m.min(other.min_clearance_m);
@@ -247,6 +249,9 @@ impl Figures {
             self.denied_for.entry(reason).or_insert((0, first)).0 += count;
         }
         self.refusals += other.refusals;
+        for (reason, (count, first)) in other.refused_for {
+            self.refused_for.entry(reason).or_insert((0, first)).0 += count;
+        }
         self.missed += other.missed;
         self.lost += other.lost;
         self.overslept += other.overslept;

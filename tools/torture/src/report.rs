@@ -31,7 +31,11 @@ fn true_in_words(f: &Figures) -> String {
     let first = f.first_true.map_or_else(String::new, |(v, part)| {
         format!("\n  first: {}, part {part}, joint or pair {}: {} against {}", v.kind.name(), v.which, v.value, v.bound)
     });
-    format!("true motion       {}{first}", kinds.join(", "))
+    let (ratio, clearance_mm) = (f.true_speed_ratio_max, f.true_clearance_min_m * 1e3);
+    format!(
+        "true motion       {}\n  speed at most {ratio:.3} of its limit, clearance at least {clearance_mm:.2} mm{first}",
+        kinds.join(", ")
+    )
 }
 
 fn durations(of: &Durations) -> Value {
@@ -87,6 +91,8 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "true_violations": true_by_kind(&figures.true_violations),
         "first_true_violation": figures.first_true.map(|(v, part)| json!({ "kind": v.kind.name(), "which": v.which,
             "value": v.value, "bound": v.bound, "part": part })),
+        "true_speed_ratio_max": figures.true_speed_ratio_max,
+        "true_clearance_min_mm": figures.true_clearance_min_m * 1e3,
         "min_clearance_mm": figures.min_clearance_m * 1e3,
         "clearance_required_mm": model.d_min_m * 1e3,
         "tick_us": durations(&figures.tick),
@@ -166,6 +172,9 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
         "disturbed         {} ticks missed, {} commands lost, {} ticks overslept by the driver, {} latches, {} reseeds, {} refused",
         f.missed, f.lost, f.overslept, f.latches, f.reseeds, f.refusals
     );
+    for (reason, (count, first)) in &f.refused_for {
+        let _ = writeln!(out, "  refused for {reason}: {count}, first {first}");
+    }
     let _ = writeln!(out, "travelled         {:.0} rad", f.travelled_rad);
     out += &by_attack(f);
     if goals.goals > 0 {
