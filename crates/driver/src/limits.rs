@@ -7,6 +7,10 @@ use crate::acceptance::Refusal;
 /// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
 const ROUNDING: f64 = 1e-9;
 
+/// Share of acceleration and jerk limits that a stop of the driver's own uses. `control` takes such a stop over on the grid of its
+/// positions, 2^-40 rad, which adds up to 0.01 rad/s^3.
+const OWN_STOP_SHARE: f64 = 0.995;
+
 /// Halvings of an interval: what is left of 3 rad/s or 25 rad/s^2 is less than 1e-10.
 const HALVINGS: usize = 40;
 
@@ -67,16 +71,19 @@ impl JointLimits {
     /// at the start is v (v / A + t) / 2, with t = A / J the length of a ramp, and at most v t below A t.
     pub(crate) fn speed_inside(&self, q: f64, v: f64) -> f64 {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };
-        let ramp_s = self.a_max / self.j_max;
+        let (a_max, ramp_s) = (OWN_STOP_SHARE * self.a_max, self.a_max / self.j_max);
         let way = |speed: f64| {
-            if speed > self.a_max * ramp_s { speed * (speed / self.a_max + ramp_s) / 2.0 } else { speed * ramp_s }
+            if speed > a_max * ramp_s { speed * (speed / a_max + ramp_s) / 2.0 } else { speed * ramp_s }
         };
         let wished = v.abs().min(self.v_max);
-        largest(wished, |speed| way(speed) <= room).copysign(v)
+        let speed = largest(wished, |speed| way(speed) <= room);
+        // So little is rounding.
+        if speed <= ROUNDING { 0.0 } else { speed.copysign(v) }
     }
 
     /// The shortest stop from speed `v` that brakes at `braking` already, both positive along the motion: jerk and duration of
-    /// its three phases. Braking counts as far as the jerk limit J lets it end with the speed, b = min(braking, A, sqrt(2 J v)).
+    /// its three phases, with [`OWN_STOP_SHARE`] of the limits A and J. Braking counts as far as the jerk lets it end with the
+    /// speed, b = min(braking, A, sqrt(2 J v)).
     ///
     /// ```text
     /// p  = min(A, sqrt(J v + b^2 / 2))            the strongest braking
@@ -86,15 +93,16 @@ impl JointLimits {
     ///
     /// Returns b too. A speed beyond the limit takes longer: it is no reason to brake harder.
     pub(crate) fn stop_from(&self, v: f64, braking: f64) -> (f64, [f64; 3], [f64; 3]) {
-        let (speed, jerk) = (v.abs(), self.j_max);
-        if speed <= ROUNDING {
+        let (speed, a_max, jerk) = (v.abs(), OWN_STOP_SHARE * self.a_max, OWN_STOP_SHARE * self.j_max);
+        if speed == 0.0 {
             return (0.0, [0.0; 3], [0.0; 3]);
         }
-        let b = largest(braking.clamp(0.0, self.a_max), |b| b * b <= 2.0 * jerk * speed);
-        let p = largest(self.a_max, |p| p * p <= jerk * speed + b * b / 2.0);
+        let b = largest(braking.clamp(0.0, a_max), |b| b * b <= 2.0 * jerk * speed);
+        let p = largest(a_max, |p| p * p <= jerk * speed + b * b / 2.0);
         let hold_s = speed / p - (p * p - b * b / 2.0) / (jerk * p);
+        let duration_s = [(p - b).max(0.0) / jerk, hold_s.max(0.0), p / jerk];
         let jerk = jerk.copysign(v);
-        (b, [-jerk, 0.0, jerk], [(p - b).max(0.0) / self.j_max, hold_s.max(0.0), p / self.j_max])
+        (b, [-jerk, 0.0, jerk], duration_s)
     }
 }
 

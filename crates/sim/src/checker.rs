@@ -186,7 +186,8 @@ impl Checker {
 /// The least clearance of a stop that nobody proved, from `held`, m: as the joints' true motion is judged, or what it is.
 fn allowed(config: &Config, held: &Setpoint, room: &mut Workspace) -> f64 {
     let (clearance_m, _) = config.body.clearance(&config.model, &held.q, room);
-    clearance_m.min(config.body.d_min_m - CLEARANCE_MARGIN_M)
+    let margin_m = if held.v == [0.0; JOINTS] { 0.0 } else { CLEARANCE_MARGIN_M };
+    clearance_m.min(config.body.d_min_m - margin_m)
 }
 
 /// The index by which a driver that stops from `held` by itself stands: no joint takes longer than |v| / A + 2 A / J.
@@ -195,8 +196,8 @@ fn own_stop_end(config: &Config, held: &Setpoint) -> u64 {
         let limits = &config.limits[j];
         held.v[j].abs() / limits.a_max + 2.0 * limits.a_max / limits.j_max
     };
-    let longest_s = (0..JOINTS).map(took_s).fold(0.0, f64::max);
-    held.k.saturating_add((longest_s * TICK_HZ as f64) as u64 + 1)
+    let longest_s = (0..JOINTS).filter(|&j| held.v[j] != 0.0).map(took_s).fold(0.0, f64::max);
+    held.k.saturating_add((longest_s * TICK_HZ as f64).ceil() as u64)
 }
 
 fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS]) -> Points {

@@ -13,12 +13,20 @@ use messages::{JOINTS, TICK_HZ};
 use robot::Model;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 use wbc::interval::Bounds;
 
 fn by_kind(counts: &[u64; KINDS]) -> Value {
     Value::Object(ViolationKind::ALL.iter().map(|&k| (k.name().to_owned(), json!(counts[k as usize]))).collect())
+}
+
+fn by_reason(counts: &BTreeMap<String, (u64, String)>) -> Value {
+    let row = |(reason, (count, first)): (&String, &(u64, String))| {
+        (reason.clone(), json!({ "count": count, "first": first }))
+    };
+    Value::Object(counts.iter().map(row).collect())
 }
 
 fn true_by_kind(counts: &[u64; TRUE_KINDS]) -> Value {
@@ -71,11 +79,6 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         json!({ "kind": v.kind.name(), "k": v.k, "which": v.which, "value": v.value, "limit": v.limit,
                 "part": place.part, "seed_of_part": place.seed })
     });
-    let denied_for: Map<String, Value> = figures
-        .denied_for
-        .iter()
-        .map(|(reason, (count, first))| (reason.clone(), json!({ "count": count, "first": first })))
-        .collect();
     json!({
         "robot": model.name,
         "seed": args.seed,
@@ -100,7 +103,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max,
         "torque_share_max_of_plans": figures.rollout_torque_share,
         "denials": figures.denials,
-        "denied_for": denied_for,
+        "denied_for": by_reason(&figures.denied_for),
         "goals": goals.goals,
         "goals_reached": goals.share(),
         "returned_home": if goals.goals == 0 { 1.0 } else { goals.returned as f64 / goals.goals as f64 },
@@ -112,6 +115,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "rollouts": figures.rollouts,
         "rollout_violations": by_kind(&figures.rollout_violations),
         "commands_refused": figures.refusals,
+        "refused_for": by_reason(&figures.refused_for),
         "missed_ticks": figures.missed, "lost_commands": figures.lost,
         "overslept_ticks": figures.overslept,
         "driver_latched": figures.latches, "reseeds": figures.reseeds,
