@@ -254,12 +254,9 @@ fn a_silent_operator_releases() {
     assert_no_violations(&rig.end("sim"));
 }
 
-/// What a panic does: release builds abort.
+/// What a panic does (`rt::abort_on_panic`).
 #[test]
 fn f075_a_control_that_aborts_leaves_the_robot_on_its_certified_stop() {
-    let manifest = std::fs::read_to_string(repository().join("Cargo.toml")).unwrap();
-    let release = manifest.split("[profile.release]").nth(1).and_then(|rest| rest.split("\n[").next()).unwrap();
-    assert!(release.contains("panic = \"abort\""), "{release}");
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let _client = rig.client(&motion::builtin(), 11);

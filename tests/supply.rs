@@ -153,3 +153,38 @@ fn f113_nothing_that_is_banned_is_built() {
         assert!(!banned.contains(name), "{name} is banned by deny.toml");
     }
 }
+
+/// The crates that these packages are built from, each with its features.
+fn built_with(packages: &[&str]) -> BTreeSet<String> {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["tree", "--locked", "--offline", "--edges", "normal,build", "--prefix", "none", "--format", "{p} {f}"])
+        .args(packages)
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "cargo tree: {}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8_lossy(&output.stdout);
+    lines.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
+/// Otherwise cargo builds them again for that program: see crates/features.
+#[test]
+fn every_program_is_built_with_the_features_of_the_workspace() {
+    let whole = built_with(&["--workspace"]);
+    assert!(whole.len() > 200, "{}", whole.len());
+    let packages = metadata()["packages"].as_array().expect("packages").clone();
+    let programs = packages.iter().filter(|package| {
+        let bin = |target: &Value| target["kind"] == serde_json::json!(["bin"]);
+        package["source"].is_null() && package["targets"].as_array().is_some_and(|targets| targets.iter().any(bin))
+    });
+    let mut seen = 0;
+    for program in programs {
+        seen += 1;
+        let name = text(program, "name");
+        let own = built_with(&["--package", name]);
+        let others: Vec<_> = own.difference(&whole).collect();
+        assert!(others.is_empty(), "{name} needs other features, name them in crates/features: {others:#?}");
+    }
+    assert!(seen > 10, "{seen}");
+}

@@ -29,6 +29,7 @@ const EFFECT_WITHIN: Duration = Duration::from_secs(5);
 const RESET_EVERY: Duration = Duration::from_millis(100);
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let cli = Cli::parse();
     let socket = cli.run_dir.join("operator.sock");
     let outcome = match cli.command {

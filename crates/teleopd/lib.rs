@@ -34,6 +34,7 @@ pub use report::Report;
 
 /// Does what the command line says; the exit code is one of `Exit`.
 pub fn main() -> ExitCode {
+    rt::abort_on_panic();
     // Before any thread starts: the stages count the same way here as in every tool. The processes report the outcome.
     let _ = rt::flush_denormals();
     let outcome = match Cli::parse().command {

@@ -15,6 +15,7 @@ const EX_CONFIG: u8 = 78;
 const BY_SIGNAL: u8 = 128;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let cli = Cli::parse();
     // As the daemon does, before any other thread starts.
     let _ = rt::flush_denormals();

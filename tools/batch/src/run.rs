@@ -195,7 +195,7 @@ pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(us
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
         for worker in workers {
-            // A worker that panics ends the process (panic = abort).
+            // A worker that panics ends the process (`rt::abort_on_panic`).
             for (i, result) in worker.join().unwrap_or_default() {
                 all[i] = Some(result);
             }

@@ -1,0 +1,39 @@
+//! How a process ends that has found a bug in itself.
+
+/// From now on a panic of any thread ends the process at once (SIGABRT), after its message. Nothing is unwound and nothing is
+/// sent any more: a process that goes on after a bug is worse than one that is silent, and silence stops the robot.
+pub fn abort_on_panic() {
+    let told = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        told(panic);
+        std::process::abort();
+    }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::abort_on_panic;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
+
+    const ROLE: &str = "RT_TEST_PANICS";
+
+    /// No test by itself: the process that panics in another thread than its first.
+    #[test]
+    fn a_process_that_panics() {
+        if std::env::var_os(ROLE).is_some() {
+            abort_on_panic();
+            let _ = std::thread::spawn(|| panic!("a bug")).join();
+        }
+    }
+
+    #[test]
+    fn a_panic_of_any_thread_ends_the_process_and_says_why() {
+        let this = std::env::current_exe().expect("a test program");
+        let test = "panic::tests::a_process_that_panics";
+        let output =
+            Command::new(this).args(["--exact", test, "--nocapture"]).env(ROLE, "1").output().expect("it runs");
+        assert_eq!(output.status.signal(), Some(6), "SIGABRT: {output:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("a bug"), "{output:?}");
+    }
+}
