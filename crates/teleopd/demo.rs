@@ -93,7 +93,14 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Ok(Exit::Interrupted);
     }
     trouble.extend(report.complaints());
-    if trouble.is_empty() { Ok(Exit::Ok) } else { Err(Failure::new(Exit::Failed, trouble.join("; "))) }
+    match (trouble.is_empty(), report.advice()) {
+        (true, None) => Ok(Exit::Ok),
+        (true, Some(advice)) => Err(Failure::new(Exit::Held, advice)),
+        (false, advice) => {
+            trouble.extend(advice);
+            Err(Failure::new(Exit::Failed, trouble.join("; ")))
+        }
+    }
 }
 
 /// Everything that a run reads, and whether its report can be written.
@@ -184,6 +191,9 @@ impl Run<'_> {
                  what to do",
                 if self.missing.is_empty() { "real-time rights".to_owned() } else { self.missing.join(", ") }
             );
+        }
+        if self.shutdown.requested() {
+            return Ok(());
         }
         self.operator.enable();
         let enabled = Instant::now();

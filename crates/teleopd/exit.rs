@@ -13,6 +13,8 @@ pub enum Exit {
     Ok = 0,
     /// The run ended, and something in it was not as it must be.
     Failed = 1,
+    /// Nothing was broken, and the robot held for most of the time in which it was meant to follow.
+    Held = 2,
     /// EX_USAGE: an argument that makes no sense.
     Usage = 64,
     /// EX_NOINPUT: a file to read is missing or malformed.

@@ -15,6 +15,9 @@ const UNITS_PER_DEGREE: f64 = 1e6;
 pub struct Following {
     target: ErrorSums,
     measured: ErrorSums,
+    /// As `measured`, whether the robot followed or not: from the first time it did, while it was meant to.
+    throughout: ErrorSums,
+    meant: bool,
     tracking_squares: f64,
     tracking_max: f64,
     tracking_count: u64,
@@ -41,8 +44,10 @@ impl ErrorSums {
     }
 
     fn to_json(&self) -> Value {
-        let mean = if self.count > 0 { (self.sum_rad / self.count as f64).to_degrees() } else { 0.0 };
-        json!({ "mean": mean, "p95": self.spread.quantile_us(0.95) * 1e3 / UNITS_PER_DEGREE, "count": self.count })
+        let known = self.count > 0;
+        let mean = known.then(|| (self.sum_rad / self.count as f64).to_degrees());
+        let p95 = known.then(|| self.spread.quantile_us(0.95) * 1e3 / UNITS_PER_DEGREE);
+        json!({ "mean": mean, "p95": p95, "count": self.count })
     }
 }
 
@@ -52,6 +57,8 @@ impl Following {
         Self {
             target: ErrorSums::new(),
             measured: ErrorSums::new(),
+            throughout: ErrorSums::new(),
+            meant: false,
             tracking_squares: 0.0,
             tracking_max: 0.0,
             tracking_count: 0,
@@ -69,6 +76,12 @@ impl Following {
         }
         if out.transition.is_some_and(|transition| transition.to == Mode::Engaging as u32) {
             self.before_engaging.get_or_insert(out.status.fault_counts);
+        }
+        if let Some(transition) = out.transition {
+            self.meant = is_meant(self.meant, &transition);
+        }
+        if self.meant {
+            self.throughout.add(out.status.limb_error_measured_rad);
         }
         if out.status.mode != Mode::Engaged as u32 {
             return;
@@ -104,7 +117,11 @@ impl Following {
             })
             .collect();
         json!({
-            "limb_error_deg": { "target": self.target.to_json(), "measured": self.measured.to_json() },
+            "limb_error_deg": {
+                "target": self.target.to_json(),
+                "measured": self.measured.to_json(),
+                "throughout": self.throughout.to_json(),
+            },
             "tracking_error_rad": { "rms": rms, "max": self.tracking_max },
             "mode_transitions": transitions,
             "faults_before_engaging": self.before_engaging.map(counted),
@@ -112,8 +129,36 @@ impl Following {
     }
 }
 
+/// Whether the robot is meant to follow after this transition: from Engaged on, through every hold, until the operator lets it go
+/// or it is disengaged.
+fn is_meant(before: bool, transition: &Transition) -> bool {
+    let let_go = transition.why == Transition::RELEASED || transition.to == Mode::Disengaged as u32;
+    !let_go && (before || transition.to == Mode::Engaged as u32)
+}
+
 /// The faults that were raised at all, and how often.
 fn counted(counts: [u32; FAULTS.len()]) -> Value {
     let raised = FAULTS.iter().map(|row| (row.name, counts[row.fault.index()])).filter(|(_, count)| *count > 0);
     Value::Object(raised.map(|(name, count)| (name.to_owned(), json!(count))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    #[test]
+    fn a_robot_is_meant_to_follow_through_its_holds_until_it_is_let_go() {
+        let mut meant = false;
+        let mut after = |to: Mode, why: u32| {
+            meant = is_meant(meant, &Transition { to: to as u32, why, ..Transition::ZERO });
+            meant
+        };
+        assert!(!after(Mode::Engaging, Transition::ENABLED), "it has yet to come to the person");
+        assert!(after(Mode::Engaged, Transition::ALIGNED));
+        assert!(after(Mode::Holding, 0) && after(Mode::Engaging, Transition::SETTLED) && after(Mode::Engaged, 0));
+        assert!(!after(Mode::Holding, Transition::RELEASED) && !after(Mode::Disengaged, Transition::AT_REST));
+        assert!(!after(Mode::Engaging, Transition::ENABLED) && after(Mode::Engaged, Transition::ALIGNED));
+        assert!(!after(Mode::Disengaged, 0), "a hold that lasted too long");
+    }
 }

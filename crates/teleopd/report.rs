@@ -2,7 +2,7 @@
 
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
-use messages::{FAULTS, Response, TICK_HZ};
+use messages::{FAULTS, Fault, Response, TICK_HZ};
 use pipeline::Instance;
 use rt::out;
 use serde_json::{Map, Value, json};
@@ -11,6 +11,8 @@ use serde_json::{Map, Value, json};
 const VIOLATIONS: [&str; 7] = ["position", "velocity", "acceleration", "jerk", "clearance", "hand speed", "torque"];
 /// The kinds of violation that the judge of the joints' true motion counts.
 const TRUE_VIOLATIONS: [plant::ViolationKind; 7] = plant::ViolationKind::ALL;
+/// A robot that follows for a smaller share of the motion is not one that follows. Assumption.
+const FOLLOWED_MIN: f64 = 0.5;
 /// The percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
@@ -53,6 +55,7 @@ impl Report {
                 "from": transition["from"], "to": transition["to"], "why": transition["why"],
             });
         }
+        let followed = followed(&transitions, length as f64 / TICK_HZ as f64);
         let limb = |which: &str| json!({ "mean": control["limb_error_deg"][which]["mean"], "p95": control["limb_error_deg"][which]["p95"] });
         let value = json!({
             "seconds": length as f64 / TICK_HZ as f64,
@@ -70,9 +73,13 @@ impl Report {
                 "min_clearance_mm": robot["min_clearance_mm"], "speed_ratio_max": robot["speed_ratio_max"],
                 "effort_ratio_max": robot["effort_ratio_max"],
             },
-            "limb_error_deg": { "target": limb("target"), "measured": limb("measured") },
+            "followed": followed,
+            "limb_error_deg": {
+                "target": limb("target"), "measured": limb("measured"), "throughout": limb("throughout"),
+            },
             "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
             "engage": sim["engage"],
+            "first_latch": sim["first_latch"],
             "faults": control["status"]["fault_counts"],
             "faults_before_engaging": control["faults_before_engaging"],
             "mode_transitions": transitions,
@@ -104,13 +111,32 @@ impl Report {
         }
         for row in FAULTS.iter().filter(|row| row.response == Response::Stop) {
             if self.value["faults"].get(row.name).is_some() {
-                complaints.push(format!("{}: {}", row.name, row.meaning));
+                let latch = self.value["first_latch"].as_str().filter(|_| row.fault == Fault::DriverFault);
+                let why = latch.map_or(String::new(), |why| format!(" First, {why}."));
+                complaints.push(format!("{}: {}{why}", row.name, row.meaning));
             }
         }
         if !self.engaged() {
             complaints.push("the robot was never engaged".into());
         }
         complaints
+    }
+
+    /// What to do about a robot that followed for less than half of the time in which it was meant to; none if it followed.
+    pub fn advice(&self) -> Option<String> {
+        let followed = &self.value["followed"];
+        let share = followed["share"].as_f64()?;
+        let holds = followed["holds"].as_array().map_or(&[][..], Vec::as_slice);
+        let most = holds.iter().max_by_key(|hold| hold["times"].as_u64());
+        let why = most.and_then(|hold| hold["why"].as_str()).unwrap_or("unknown");
+        let meaning = FAULTS.iter().find(|row| row.name == why).map_or("", |row| row.meaning);
+        (share < FOLLOWED_MIN).then(|| {
+            format!(
+                "the robot followed for {:.0} % of the motion only, and held most often for {why}: {meaning} On a busy machine \
+                 close other programs; `teleopd doctor` says what else helps",
+                share * 100.0
+            )
+        })
     }
 
     fn engaged(&self) -> bool {
@@ -137,15 +163,19 @@ impl Report {
             let [p50, p99, p99_9, max] = PERCENTILES.map(|name| number(&row[name]));
             out!("{label:<34} {p50:>10.0} {p99:>10.0} {p99_9:>10.0} {max:>10.0}");
         }
+        print_followed(&v["followed"]);
         out!("\n{:<34} {:>10} {:>10}", "limb error, deg", "mean", "p95");
-        for which in ["target", "measured"] {
+        let rows =
+            [("target", "target"), ("measured", "measured, while engaged"), ("throughout", "measured, throughout")];
+        for (which, label) in rows {
             let row = &v["limb_error_deg"][which];
-            out!("{which:<34} {:>10.2} {:>10.2}", number(&row["mean"]), number(&row["p95"]));
+            let degrees = |value: &Value| value.as_f64().map_or("-".into(), |degrees| format!("{degrees:.2}"));
+            out!("{label:<34} {:>10} {:>10}", degrees(&row["mean"]), degrees(&row["p95"]));
         }
         out!(
-            "(between the person's upper arms and forearms and the robot's: in its targets, and as measured, a mean of the four;"
+            "(mean of four angles: the person's upper arms and forearms against the robot's, in its targets and as measured;"
         );
-        out!(" p95: 95 of 100 ticks lie below)");
+        out!(" throughout: holds count too; p95: 95 of 100 ticks lie below)");
         let tracking = &v["tracking_error_rad"];
         out!(
             "\n{:<34} {:>10.4} rms {:>10.4} max",
@@ -181,6 +211,50 @@ impl Report {
     }
 }
 
+/// How long the robot was meant to follow (from the first Engaged on, until it was let go), for how long of it it did, and why it
+/// held, of a run that ended at `end_s`. `share` is null where it never was engaged.
+fn followed(transitions: &[Value], end_s: f64) -> Value {
+    let (mut meant_since, mut engaged_since): (Option<f64>, Option<f64>) = (None, None);
+    let (mut meant_s, mut engaged_s) = (0.0, 0.0);
+    let mut holds: Vec<(String, u64)> = Vec::new();
+    for one in transitions {
+        let at_s = one["t_s"].as_f64().unwrap_or(end_s);
+        let (to, why) = (one["to"].as_str().unwrap_or("?"), one["why"].as_str().unwrap_or("?"));
+        engaged_s += engaged_since.take().map_or(0.0, |since| at_s - since);
+        if to == "Engaged" {
+            engaged_since = Some(at_s);
+            meant_since = meant_since.or(engaged_since);
+        } else if why == "released" || to == "Disengaged" {
+            meant_s += meant_since.take().map_or(0.0, |since| at_s - since);
+        } else if meant_since.is_some() && (to == "Holding" || to == "Faulted") {
+            match holds.iter_mut().find(|(name, _)| name == why) {
+                Some((_, times)) => *times += 1,
+                None => holds.push((why.into(), 1)),
+            }
+        }
+    }
+    engaged_s += engaged_since.map_or(0.0, |since| end_s - since);
+    meant_s += meant_since.map_or(0.0, |since| end_s - since);
+    let holds: Vec<_> = holds.into_iter().map(|(why, times)| json!({ "why": why, "times": times })).collect();
+    json!({
+        "meant_s": meant_s, "engaged_s": engaged_s,
+        "share": (meant_s > 0.0).then(|| engaged_s / meant_s), "holds": holds,
+    })
+}
+
+fn print_followed(followed: &Value) {
+    let number = |key: &str| followed[key].as_f64().unwrap_or(f64::NAN);
+    let Some(share) = followed["share"].as_f64() else {
+        return out!("\n{:<34} {:>10}", "followed", "never");
+    };
+    let holds = followed["holds"].as_array().into_iter().flatten();
+    let holds: Vec<_> =
+        holds.map(|hold| format!("{} x {}", hold["why"].as_str().unwrap_or("?"), hold["times"])).collect();
+    let held = if holds.is_empty() { String::new() } else { format!("; held for {}", holds.join(", ")) };
+    let (engaged_s, meant_s) = (number("engaged_s"), number("meant_s"));
+    out!("\n{:<34} {:>10.1} % of {meant_s:.1} s ({engaged_s:.1} s){held}", "followed", share * 100.0);
+}
+
 /// The faults before the robot was first engaged, and those since; all of them are before where it never was.
 fn faults(all: &Value, before: &Value) -> (Vec<String>, Vec<String>) {
     let (mut early, mut since) = (Vec::new(), Vec::new());
@@ -213,5 +287,34 @@ mod tests {
         assert_eq!(faults(&all, &before), (names(&["NoTarget x 1", "InputStale x 1"]), names(&["InputStale x 2"])));
         assert_eq!(faults(&all, &Value::Null), (names(&["NoTarget x 1", "InputStale x 3"]), vec![]), "never engaged");
         assert_eq!(faults(&all, &json!({})).0, names(&[]));
+    }
+
+    #[test]
+    fn what_was_not_followed_counts() {
+        let at = |t_s: f64, to: &str, why: &str| json!({ "t_s": t_s, "to": to, "why": why });
+        let run = [
+            at(1.0, "Engaging", "enabled"),
+            at(3.0, "Engaged", "aligned"),
+            at(5.0, "Holding", "InputStale"),
+            at(6.0, "Engaging", "settled"),
+            at(8.0, "Engaged", "aligned"),
+            at(9.0, "Holding", "InputStale"),
+            at(12.0, "Engaged", "aligned"),
+            at(13.0, "Holding", "released"),
+            at(13.2, "Disengaged", "at rest"),
+        ];
+        let all = followed(&run, 20.0);
+        assert_eq!((&all["meant_s"], &all["engaged_s"], &all["share"]), (&json!(10.0), &json!(4.0), &json!(0.4)));
+        assert_eq!(all["holds"], json!([{ "why": "InputStale", "times": 2 }]));
+        let report = Report { value: json!({ "followed": all }) };
+        let advice = report.advice().expect("less than half");
+        assert!(advice.contains("40 %") && advice.contains("InputStale"), "{advice}");
+        // Still held at the end of the run.
+        assert_eq!(followed(&run[..3], 7.0)["share"], json!(0.5));
+        assert_eq!(followed(&run[..1], 7.0)["share"], Value::Null);
+        assert!(
+            Report { value: json!({ "followed": followed(&[], 7.0) }) }.advice().is_none(),
+            "never engaged is told apart"
+        );
     }
 }

@@ -35,11 +35,13 @@ pub(crate) const ENCODER_NOISE: f64 = 4e-4;
 /// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
 /// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
 /// Assumption.
-const STANDING: f64 = 0.15;
+pub(crate) const STANDING: f64 = 0.15;
 
 /// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
 /// As `safety` judges measurements.
 const FALL_FACTOR: f64 = 3.0;
+/// A robot without its driver moves for so many ticks at most: 500 ms, the longest stop of the robots.
+const MOVES_TICKS: u64 = TICK_HZ / 2;
 /// Noise of a measurement, rad or m; as `safety` judges it.
 pub(crate) const NOISE: f64 = 0.005;
 
@@ -50,12 +52,14 @@ pub struct Config {
     pub silence_ticks: u64,
     /// The limits of every joint: a command beyond them does not continue anything.
     pub limits: [JointLimits; JOINTS],
+    /// Delay that the robot's interface adds to that of its servos, ticks: a robot that follows is so much farther behind.
+    pub interface_delay_ticks: u64,
 }
 
 impl Config {
     /// The follower of a robot with these limits.
     pub const fn new(limits: [JointLimits; JOINTS]) -> Self {
-        Self { silence_ticks: SILENCE_TICKS, limits }
+        Self { silence_ticks: SILENCE_TICKS, limits, interface_delay_ticks: 0 }
     }
 }
 
@@ -385,7 +389,7 @@ impl State {
     /// believed. An encoder that lies while there is no power must not become the setpoint that power finds.
     pub(crate) fn believe(&mut self, config: &Config, measured: &Measured) -> Option<[f64; JOINTS]> {
         let (last, k) = self.believed;
-        let dt_s = self.index().saturating_sub(k).max(1) as f64 * TICK_S;
+        let dt_s = self.index().saturating_sub(k).clamp(1, MOVES_TICKS) as f64 * TICK_S;
         let reach = |j: usize| FALL_FACTOR * config.limits[j].v_max * dt_s + NOISE;
         // What is no number is within no reach.
         let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));

@@ -6,12 +6,15 @@ use crate::plan::Motion;
 use crate::port::Measured;
 use messages::{JOINTS, Stamp, TICK_S, known_bug};
 
-/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
-const SPEED_NOISE: f64 = 0.036;
+/// The longest delay of a robot that follows its setpoints, ticks: 10 ms. The simulated drives (15 Hz, 1 ms of transport) stay
+/// 20 mrad behind at 2 rad/s. Assumption.
+const FOLLOWING_DELAY_TICKS: u64 = 15;
 
-/// Delay of a robot that follows its setpoints, s. The simulated drives (15 Hz, 1 ms of transport) stay 20 mrad behind at
-/// 2 rad/s. Assumption.
-const FOLLOWING_DELAY_S: f64 = 0.010;
+/// How much faster than its limit a sound joint may be measured. As `safety` judges measurements.
+const OVERSPEED: f64 = 1.25;
+
+/// A robot that stops by itself brakes this much harder than its limit at most. Assumption.
+const BRAKING_FACTOR: f64 = 5.0;
 
 /// Age of a measurement, ns, beyond which it does not say where the robot stands now: 10 ms, the silence after which its
 /// drives act by themselves.
@@ -20,17 +23,32 @@ const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
 impl State {
     /// Begins at index `k` where the robot is measured: a robot whose last driver died may still move, and drives that
     /// follow at once would take a standing setpoint as a step of the velocity. Joints that move stop from their measured
-    /// speed within the limits; no certificate covers that stop. Returns `None` if a number is not finite.
-    pub fn begin(config: &Config, k: u64, measured: &Measured) -> Option<Self> {
+    /// speed within the limits, latched; no certificate covers that stop. A speed is believed where the positions of an
+    /// `earlier` measurement confirm it; otherwise what is measured is held. Returns `None` if a number is not finite.
+    pub fn begin(config: &Config, k: u64, earlier: &Measured, measured: &Measured) -> Option<Self> {
         let mut state = Self::hold(k, &measured.q)?;
-        let moves = |v: f64| if v.abs() <= SPEED_NOISE { 0.0 } else { v };
-        let v = measured.dq.map(moves);
-        if !v.iter().all(|v| v.is_finite()) {
+        if !measured.dq.iter().all(|v| v.is_finite()) {
             return None;
         }
-        if v.iter().any(|&v| v != 0.0) {
-            state.motion = Motion::stopping(&config.limits, measured.q, &v, &[0.0; JOINTS]);
+        let elapsed_s = measured.stamp.since(earlier.stamp) as f64 * 1e-9;
+        let v: [f64; JOINTS] = core::array::from_fn(|j| {
+            let (limits, v) = (&config.limits[j], measured.dq[j]);
+            if v.abs() <= limits.speed_noise() { 0.0 } else { v }
+        });
+        let confirmed = (0..JOINTS).all(|j| {
+            let limits = &config.limits[j];
+            let unlike = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s).abs();
+            let allowed = ENCODER_NOISE
+                + limits.speed_noise() * elapsed_s
+                + BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
+            v[j] == 0.0 || (v[j].abs() <= OVERSPEED * limits.v_max && elapsed_s > 0.0 && unlike <= allowed)
+        });
+        if confirmed && v.iter().any(|&v| v != 0.0) {
+            let delay_s = config.interface_delay_ticks as f64 * TICK_S;
+            let q = core::array::from_fn(|j| measured.q[j] + delay_s * v[j]);
+            state.motion = Motion::stopping(&config.limits, q, &v, &[0.0; JOINTS]);
             state.holds_measured = false;
+            state.latched = true;
         }
         Some(state)
     }
@@ -44,8 +62,8 @@ impl State {
     /// The driver was suspended for `ticks` while the robot moved. A robot that carried on by itself is measured where the
     /// certified stop has come to meanwhile: then the driver goes on with that stop. Otherwise neither the plan nor a command says
     /// where the robot is, so the motion begins again where it is measured, stops from there within the limits, and has a new
-    /// identity. If the driver missed as many ticks as the silence that latches, or has no measurement to believe, it latches.
-    /// Without a measurement the last setpoint is held.
+    /// identity. If the driver missed more ticks than the silence that latches, or has no measurement to believe, it latches.
+    /// Without a measurement it goes on with the certified stop, which is where the limits allow the robot to be.
     pub(crate) fn begin_again(
         &mut self,
         config: &Config,
@@ -59,7 +77,7 @@ impl State {
         let measured = input.measured.filter(fresh).filter(finite);
         let mut planned = self.motion;
         planned.play(ticks);
-        if measured.is_some_and(|measured| self.is_on_plan(config, &planned, measured)) {
+        if measured.is_some_and(|measured| self.is_on_plan(config, ticks, &planned, measured)) {
             self.latched |= ticks > config.silence_ticks;
             self.play(ticks, each);
             return;
@@ -68,37 +86,52 @@ impl State {
         // Each joint carried on or braked: its speed lies between the last one and rest, and is no farther from the last one
         // than the limit of acceleration allows, but for noise. A robot that braked harder is believed.
         let speed = |measured: &Measured, j: usize| {
-            let (v, change) = (self.motion.v[j], config.limits[j].a_max * ticks as f64 * TICK_S);
-            let between = measured.dq[j].clamp(v.min(0.0), v.max(0.0));
+            let (v, ahead) = (self.motion.v[j], planned.v[j]);
+            let change = config.limits[j].a_max * ticks as f64 * TICK_S;
+            let between = measured.dq[j].clamp(v.min(ahead).min(0.0), v.max(ahead).max(0.0));
             let allowed = between.clamp(v - change, v + change);
-            if (allowed - between).abs() <= SPEED_NOISE { allowed } else { between }
+            if (allowed - between).abs() <= config.limits[j].speed_noise() { allowed } else { between }
         };
         let speeds = measured.map(|measured| core::array::from_fn(|j| speed(measured, j)));
-        // A servo may stand a little beyond a limit; no setpoint does.
-        let inside = |q: [f64; JOINTS]| {
-            core::array::from_fn(|j| {
-                let nearest = q[j].clamp(config.limits[j].q_min, config.limits[j].q_max);
-                if (nearest - q[j]).abs() <= NOISE { nearest } else { q[j] }
-            })
+        // Behind an interface what is told now arrives where the robot will be. A servo may stand a little beyond a limit; no
+        // setpoint does.
+        let delay_s = config.interface_delay_ticks as f64 * TICK_S;
+        let inside = |(q, v): ([f64; JOINTS], [f64; JOINTS])| {
+            let q = core::array::from_fn(|j| {
+                let there = q[j] + delay_s * v[j];
+                let nearest = there.clamp(config.limits[j].q_min, config.limits[j].q_max);
+                if (nearest - there).abs() <= NOISE + delay_s * v[j].abs() { nearest } else { there }
+            });
+            (q, v)
         };
-        let place = measured.and_then(|measured| self.believe(config, measured)).map(inside).zip(speeds);
+        let place = measured.and_then(|measured| self.believe(config, measured)).zip(speeds).map(inside);
         // The index that is due is not missed: it is executed now.
         self.latched |= ticks > config.silence_ticks || place.is_none();
         self.motion = match place {
             Some((q, v)) => Motion::stopping(&config.limits, q, &v, &planned.a),
-            None => Motion::rest(self.motion.q),
+            None => planned,
         };
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// Whether every joint is measured where it is if it follows the plan, which has come to `planned` since the last setpoint:
-    /// behind by the way of [`FOLLOWING_DELAY_S`] at most, and as fast but for what may change in that time.
-    fn is_on_plan(&self, config: &Config, planned: &Motion, measured: &Measured) -> bool {
+    /// Whether every joint is measured where it is if it follows the plan, which has come to `planned` in `ticks` since the last
+    /// setpoint: between there and where the plan was [`FOLLOWING_DELAY_TICKS`] before, in position and in speed.
+    fn is_on_plan(&self, config: &Config, ticks: u64, planned: &Motion, measured: &Measured) -> bool {
+        let mut behind = self.motion;
+        // An interface delays by its mean, or by twice as much, or not at all.
+        let delay_ticks = FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks;
+        behind.play(ticks.saturating_sub(delay_ticks));
+        // Before the last setpoint the robot came with its speed.
+        let sooner_s = delay_ticks.saturating_sub(ticks) as f64 * TICK_S;
         (0..JOINTS).all(|j| {
-            let way = FOLLOWING_DELAY_S * self.motion.v[j].abs().max(planned.v[j].abs());
-            let change = FOLLOWING_DELAY_S * config.limits[j].a_max;
-            (measured.q[j] - planned.q[j]).abs() <= way + ENCODER_NOISE
-                && (measured.dq[j] - planned.v[j]).abs() <= change + SPEED_NOISE
+            let limits = &config.limits[j];
+            let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
+            let (ahead, faster) = (planned.q[j], planned.v[j]);
+            let noise = limits.speed_noise() + sooner_s * limits.a_max;
+            measured.q[j] >= q.min(ahead) - ENCODER_NOISE
+                && measured.q[j] <= q.max(ahead) + ENCODER_NOISE
+                && measured.dq[j] >= v.min(faster) - noise
+                && measured.dq[j] <= v.max(faster) + noise
         })
     }
 }

@@ -240,10 +240,13 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
         let mut planned = bench.state.motion;
         planned.play(gap);
         let k = K + 5 + gap;
-        // A robot stays behind its setpoints by some ms.
+        // A robot stays behind its setpoints by 8 ms.
         let mut now = measured_at(k, 0.0, 0.0);
         (now.q, now.dq) = (planned.q, planned.v);
-        now.q[3] -= 0.008 * bench.state.motion.v[3];
+        let mut before = bench.state.motion;
+        before.play(gap.saturating_sub(12));
+        let sooner_s = 12_u64.saturating_sub(gap) as f64 * TICK_S;
+        (now.q[3], now.dq[3]) = (before.q[3] - sooner_s * before.v[3], before.v[3]);
         let newest = bench.command(k);
         let input = Input { due_k: k, command: Some(&newest), port_fault: false, measured: Some(&now) };
         let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
@@ -302,12 +305,53 @@ fn a_suspended_driver_believes_no_measurement_that_cannot_be() {
     ] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
-        let held = bench.state.motion.q;
+        let mut end = bench.state.motion;
+        end.play(600);
         let input = Input { due_k: k, command: None, port_fault: false, measured: now.as_ref() };
         let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
-        assert_eq!((out.executed.q, out.executed.v), (held, [0.0; JOINTS]), "{why}: the last setpoint is held");
+        assert_eq!((out.executed.q, out.executed.v), (end.q, end.v), "{why}: it goes on with the certified stop");
         assert!(out.faults.has(Fault::DriverFault), "{why}");
     }
+}
+
+/// A robot that stopped by itself long ago stands before the end of the certified stop: nothing moves it there.
+#[test]
+fn a_suspended_driver_leads_no_robot_to_the_end_of_a_stop_that_it_did_not_play() {
+    for gap in [200, 600, 2250] {
+        for short in [0.001, 0.005, 0.01] {
+            let mut bench = Bench::new();
+            bench.follow(K + 5);
+            let mut planned = bench.state.motion;
+            planned.play(gap);
+            assert!(planned.at_rest());
+            let now = measured_at(K + 5 + gap, planned.q[3] - short, 0.0);
+            let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
+            let out = tick(&CONFIG, &mut bench.state, now.stamp, input);
+            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS]), "{gap}, {short}");
+        }
+    }
+}
+
+#[test]
+fn a_driver_that_starts_believes_a_speed_that_positions_confirm() {
+    let elapsed_s = 9.0 * TICK_S;
+    let begun = |moved: f64, v: f64| {
+        let (earlier, now) = (measured_at(K, 0.5, v), measured_at(K + 9, 0.5 + moved, v));
+        State::begin(&CONFIG, K + 9, &earlier, &now).expect("finite").motion
+    };
+    let moving = begun(1.5 * elapsed_s, 1.5);
+    assert_eq!((moving.q[3], moving.v[3]), (0.5 + 1.5 * elapsed_s, 1.5), "it stops from there");
+    for (moved, v, why) in [
+        (0.0, 1.5, "it stands"),
+        (0.0, -50.0, "it stands, and no joint is so fast"),
+        (-1.5 * elapsed_s, 1.5, "it goes the other way"),
+        (2.6 * elapsed_s, 2.6, "faster than any joint"),
+    ] {
+        assert_eq!(begun(moved, v), Motion::rest(measured_at(K, 0.5 + moved, v).q), "{why}");
+    }
+    let (earlier, now) = (measured_at(K, 0.5, 1.5), measured_at(K + 9, 0.5 + 1.5 * elapsed_s, 1.5));
+    assert!(State::begin(&CONFIG, K + 9, &earlier, &now).unwrap().latched, "nobody proved that stop");
+    assert_eq!(State::begin(&CONFIG, K + 9, &now, &now).unwrap().motion.v, [0.0; JOINTS], "one look confirms nothing");
 }
 
 #[test]

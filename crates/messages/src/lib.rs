@@ -38,6 +38,6 @@ pub use skeleton::{
     CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT,
     Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
 };
-pub use status::{Status, TRANSITIONS_KEPT, Transition, reduced_flag};
+pub use status::{FollowingLimit, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 pub use subject::Subject;
 pub use time::{Header, Stamp, TICK_HZ, TICK_S, comes_after, deadline, tick_at};

@@ -79,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 6 size 816 {
+    pub struct Status v 7 size 824 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -173,5 +173,35 @@ message! {
         pub payload_refused_why: u32,
         /// One more than the index of the joint that could not hold it; zero where no joint was the reason.
         pub payload_refused_joint: u32,
+        /// A `FollowingLimit`: what keeps the command from the person, while Engaged.
+        pub limited_why: u32,
+        /// What that is about: code of a `Subject`, zero for none.
+        pub limited_about: u32,
+    }
+}
+
+/// What keeps a command from the person that it follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum FollowingLimit {
+    /// Nothing that holds now: the robot is on its way, or there.
+    None = 0,
+    /// A joint moves at its highest speed.
+    Speed = 1,
+    /// Two parts are as close as they may be.
+    Clearance = 2,
+    /// A joint is at the end of its range.
+    Range = 3,
+}
+
+impl FollowingLimit {
+    /// What a number of `Status::limited_why` stands for; nothing for a number that none has.
+    pub const fn from_u32(value: u32) -> Self {
+        match value {
+            1 => Self::Speed,
+            2 => Self::Clearance,
+            3 => Self::Range,
+            _ => Self::None,
+        }
     }
 }

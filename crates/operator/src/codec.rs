@@ -89,6 +89,8 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
         &mut s.payloads_refused,
         &mut s.payload_refused_why,
         &mut s.payload_refused_joint,
+        &mut s.limited_why,
+        &mut s.limited_about,
     ] {
         fields.u32(value);
     }

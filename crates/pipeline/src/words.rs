@@ -3,8 +3,8 @@
 use crate::control::{input_age_ms, subject as about_now};
 use crate::{InputConfig, Names};
 use messages::{
-    CalibrationSource, FAULTS, Fault, Faults, Mode, PayloadRefusal, Response, Stamp, Status, Subject, TRANSITIONS_KEPT,
-    Transition, reduced_flag,
+    CalibrationSource, FAULTS, Fault, Faults, FollowingLimit, Mode, PayloadRefusal, Response, Stamp, Status, Subject,
+    TRANSITIONS_KEPT, Transition, reduced_flag,
 };
 use safety::gate::Denial;
 use skeleton::DropReason;
@@ -17,6 +17,9 @@ const TARGET_SILENT_MS: f64 = 50.0;
 
 /// A frame this old was seen just now, ms: those of the slowest client that is followed are 50 ms apart.
 const INPUT_SEEN_MS: f64 = 100.0;
+
+/// A robot that is nearer to the person than this is where it should be, deg. Less cannot be seen. Assumption.
+const BEHIND_DEG: f64 = 3.0;
 
 /// How grave a sentence is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -153,9 +156,35 @@ pub fn why(status: &Status, names: &Names) -> String {
     why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
         Some(Mode::Recovering) => "The robot is brought back.".into(),
         Some(Mode::Engaging) => "The robot comes to the person, slowly.".into(),
-        Some(mode) if moves(mode) => "The robot follows.".into(),
+        Some(mode) if moves(mode) => follows(status, names),
         _ => "The robot waits to be engaged.".into(),
     })
+}
+
+/// How closely the robot follows, and what keeps it from the person.
+fn follows(status: &Status, names: &Names) -> String {
+    let degrees = status.limb_error_measured_rad.to_degrees();
+    if degrees.is_nan() || degrees < BEHIND_DEG {
+        return "The robot follows.".into();
+    }
+    let about = subject(Subject::of(status.limited_about), names);
+    let limit = about.and_then(|about| match FollowingLimit::from_u32(status.limited_why) {
+        FollowingLimit::None => None,
+        FollowingLimit::Speed => Some(format!(": {about} is at its highest speed")),
+        FollowingLimit::Clearance => Some(format!(": {about} are as close as they may be")),
+        FollowingLimit::Range => Some(format!(": {about} is at the end of its range")),
+    });
+    format!("The robot follows, {degrees:.0} degrees behind{}.", limit.unwrap_or_default())
+}
+
+/// Name of what keeps the command from the person, in reports.
+pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
+    match FollowingLimit::from_u32(status.limited_why) {
+        FollowingLimit::None => None,
+        FollowingLimit::Speed => Some("speed"),
+        FollowingLimit::Clearance => Some("clearance"),
+        FollowingLimit::Range => Some("range"),
+    }
 }
 
 /// What a fault means; while it is there, with the joint or the pair that it is about, and what helps.
@@ -399,6 +428,14 @@ mod tests {
         (status.moving, status.unsteady_joint) = (0, 0);
         status.mode = Mode::Engaged as u32;
         assert_eq!(super::why(&status, &names), "The robot follows.");
+        status.limb_error_measured_rad = 0.41;
+        assert_eq!(super::why(&status, &names), "The robot follows, 23 degrees behind.");
+        (status.limited_why, status.limited_about) = (FollowingLimit::Speed as u32, Subject::Joint(3).code());
+        assert_eq!(
+            super::why(&status, &names),
+            "The robot follows, 23 degrees behind: joint 3 is at its highest speed."
+        );
+        (status.limited_why, status.limited_about) = (0, 0);
         status.mode = Mode::Engaging as u32;
         assert_eq!(super::why(&status, &names), "The robot comes to the person, slowly.");
         status.reduced = reduced_flag::NAMES[0].0;

@@ -86,6 +86,9 @@ pub struct Truth {
     pub v: [f64; JOINTS],
     /// Motor torques or forces in the step before, N m or N. Zero where a brake holds.
     pub tau: [f64; JOINTS],
+    /// What the setpoints asked of the motors in the step before, N m or N: more than `tau` where a motor could not give it. Zero
+    /// while the robot reacts by itself.
+    pub asked: [f64; JOINTS],
 }
 
 /// What the drives do at present.
@@ -142,7 +145,7 @@ impl Plant {
         };
         let drives = Drives { emergency_stop: false, fault: false, powered: true };
         let mut plant = Self {
-            truth: Truth { stamp: now, q: *q, v: zero, tau: zero },
+            truth: Truth { stamp: now, q: *q, v: zero, tau: zero, asked: zero },
             steps: 0,
             mode: Mode::Holding { reacting: false },
             last: rest,
@@ -365,7 +368,7 @@ impl Plant {
         let pushes = std::array::from_fn(|j| {
             let (motor, q, v) = (&config.motors[j], self.truth.q[j], self.truth.v[j]);
             if let Some(speed) = self.injected.braked_to(j) {
-                self.truth.tau[j] = 0.0;
+                (self.truth.tau[j], self.truth.asked[j]) = (0.0, 0.0);
                 return Drive::Acceleration(((speed - v) / STEP_S).clamp(-motor.braking, motor.braking));
             }
             let (wish, help) = match self.reference(j) {
@@ -377,6 +380,7 @@ impl Plant {
             };
             let torque = diagonal[j] * wish + gravity[j] + help;
             self.truth.tau[j] = torque.clamp(-motor.effort_max, motor.effort_max);
+            self.truth.asked[j] = if self.mode == Mode::Following { torque } else { 0.0 };
             Drive::Torque(self.truth.tau[j] - motor.friction(v))
         });
         (posture, pushes)

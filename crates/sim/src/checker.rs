@@ -100,6 +100,15 @@ impl Checker {
         self.own_stop_until_k = own_stop_end(config, held);
     }
 
+    /// The step to index `k` is a new motion that `control` has proved: no stop of the driver's own excuses it.
+    pub(crate) fn obey(&mut self, config: &Config, k: u64) {
+        if k <= self.own_stop_until_k {
+            self.own_stop_until_k = k.saturating_sub(1);
+            let (clearance_m, _) = config.body.clearance(&config.model, &self.last.q, &mut self.room);
+            self.allowed_m = self.allowed_m.max(clearance_m.min(config.body.d_min_m));
+        }
+    }
+
     /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
     pub fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;

@@ -158,6 +158,7 @@ impl Config {
             interface: options.interface,
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
+                interface_delay_ticks: (options.interface.delay_s() * TICK_HZ as f64) as u64,
                 ..driver::Config::new(limits.map(last_hop))
             },
             limits,

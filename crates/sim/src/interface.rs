@@ -89,14 +89,14 @@ impl Controllers {
         let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
         Self {
             delay_ticks: std::array::from_fn(|_| rng.random_range(0.0..=POINT_TICKS as f64)),
-            points: [Point { q: held.q, v: held.v }; 3],
+            points: points_before(held),
             last: *held,
         }
     }
 
-    /// At rest at `held`, without moving there: what controllers do whose drives were off.
+    /// At `held`, without moving there, as if it had come with its speed: what controllers do whose drives were off.
     pub(crate) fn hold(&mut self, held: &Setpoint) {
-        self.points = [Point { q: held.q, v: held.v }; 3];
+        self.points = points_before(held);
         self.last = *held;
     }
 
@@ -145,6 +145,14 @@ impl Controllers {
         }
         out
     }
+}
+
+/// The last three points of a motion that came to `held` with its speed.
+fn points_before(held: &Setpoint) -> [Point; 3] {
+    std::array::from_fn(|n| {
+        let before_s = (held.k % POINT_TICKS + (2 - n as u64) * POINT_TICKS) as f64 * TICK_S;
+        Point { q: std::array::from_fn(|j| held.q[j] - before_s * held.v[j]), v: held.v }
+    })
 }
 
 fn between(from: &Setpoint, to: &Setpoint, share: f64) -> Point {

@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::interface::{CONTROLLERS, Controllers, Interface};
 use crate::report::Report;
 use driver::{Accepted, Driver, Measured, Refusal, Setpoint, StepKind};
-use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, StopPlan, deadline};
+use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, StopPlan, command_flag, deadline};
 use plant::Injection;
 
 /// The driver and everything between it and the robot's body.
@@ -22,24 +22,41 @@ pub struct DriverState {
     measured: Measured,
     /// What the joints were told last.
     told: Setpoint,
+    /// Why the driver latched first; `None` if it never did.
+    first_latch: Option<&'static str>,
 }
 
 impl DriverState {
-    /// A driver that starts at index `k` on a robot that measures this; `None` if a number of it is not finite. `seed` is
-    /// that of the controllers' delays.
-    pub fn new(config: &Config, k: u64, measured: &Measured, seed: u64) -> Option<Self> {
-        let follower = driver::State::begin(&config.follower, k, measured)?;
+    /// A driver that starts at index `k` on a robot that measures this now, and measured that `earlier`; `None` if a number of it
+    /// is not finite. `seed` is that of the controllers' delays.
+    pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured, seed: u64) -> Option<Self> {
+        let follower = driver::State::begin(&config.follower, k, earlier, measured)?;
         let held = follower.setpoint();
         let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
         let checker = Checker::new(config, held);
         let report = Report::new(config.model.prismatic);
         let measured = *measured;
-        Some(Self { follower, controllers, checker, report, sequence: 0, port_fault: false, measured, told: held })
+        Some(Self {
+            follower,
+            controllers,
+            checker,
+            report,
+            sequence: 0,
+            port_fault: false,
+            measured,
+            told: held,
+            first_latch: None,
+        })
     }
 
     /// What the commands of the run amount to so far.
     pub fn report(&self) -> &Report {
         &self.report
+    }
+
+    /// Why the driver latched first, in words; `None` if it never did.
+    pub fn first_latch(&self) -> Option<&'static str> {
+        self.first_latch
     }
 
     /// The follower.
@@ -80,14 +97,14 @@ impl State {
         }
         let mut body = Body::new(config, deadline(k), q, seed);
         let measured = Port { config, body: &mut body }.read(deadline(k));
-        Some(Self { driver: DriverState::new(config, k, &measured, seed)?, body })
+        Some(Self { driver: DriverState::new(config, k, &measured, &measured, seed)?, body })
     }
 
     /// Replaces the driver by one that starts at index `k` on the robot as it is; false, and nothing happens, if what it
     /// measures is no posture.
     pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
         let measured = Port { config, body: &mut self.body }.read(now);
-        let restarted = DriverState::new(config, k, &measured, seed);
+        let restarted = DriverState::new(config, k, &self.driver.measured, &measured, seed);
         let found = restarted.is_some();
         if let Some(mut restarted) = restarted {
             restarted.report = self.driver.report.clone();
@@ -186,20 +203,24 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 
 /// The driver's side of [`tick`], before any robot.
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
-    let DriverState { follower, controllers, checker, report, port_fault, measured, told, .. } = state;
+    let DriverState { follower, controllers, checker, report, port_fault, measured, told, first_latch, .. } = state;
     *measured = port.read(now);
+    let (port_refused, was_latched) = (*port_fault, follower.latched);
     let unheard = now.since(measured.stamp) > config.measured_age_max_ns;
     let mut mode = follower.mode;
     let follow = driver::Input {
         due_k: input.due_k,
         command: input.command,
-        port_fault: *port_fault || unheard,
+        port_fault: port_refused || unheard,
         measured: Some(&*measured),
     };
     let mut moved = false;
     let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
         if step.kind == StepKind::Command {
             mode = input.command.map_or(mode, |command| command.mode);
+            if input.command.is_some_and(|command| command.flags & command_flag::ON_PLAN == 0) {
+                checker.obey(config, step.setpoint.k);
+            }
         }
         if step.kind == StepKind::Measured {
             // Nobody commanded that.
@@ -223,6 +244,17 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
         // Trajectory controllers know their points and no stop.
         let plan = if controllers.is_none() { &follower.motion.plan } else { &StopPlan::ZERO };
         *port_fault = !port.write(now, told, plan);
+    }
+    if follower.latched && !was_latched {
+        first_latch.get_or_insert(match () {
+            () if port_refused => "the robot refused a setpoint",
+            () if unheard => "nothing was heard of the robot",
+            () if !measured.drives.are_sound() => "a drive was not sound, or had no power",
+            () if out.suspended_ticks.is_some() => {
+                "the driver stood still for too long, or found no measurement to believe"
+            }
+            () => "no command came",
+        });
     }
     if out.advanced > 0 {
         report.tracking_samples += 1;

@@ -4,7 +4,7 @@ mod support;
 
 use driver::GAP_MAX_TICKS;
 use messages::{Fault, JOINTS, TICK_HZ, deadline};
-use sim::{Injection, Options, Reaction};
+use sim::{Injection, Interface, Options, Reaction};
 use support::{Bench, ELBOW};
 
 /// Accelerates the elbow to 0.12 rad/s, by 2.4 rad/s^2.
@@ -111,6 +111,45 @@ fn a_suspended_driver_leads_the_robot_nowhere_else() {
             let (told, truth) = (bench.state.told(), bench.state.truth());
             assert!(bench.state.at_rest() && truth.v.iter().all(|v| v.abs() < 1e-3), "{reaction:?} {gap}: {truth:?}");
             assert!((told.q[ELBOW] - truth.q[ELBOW]).abs() < 2e-3, "{reaction:?} {gap}");
+        }
+    }
+}
+
+/// The same at 1.8 rad/s, where the certified stop brakes as hard as it may, and behind trajectory controllers too. What the
+/// robot does by itself stays as it is: nothing leads it on once it stands.
+#[test]
+fn a_suspended_driver_leads_a_fast_robot_nowhere_else() {
+    let (brake, jerk) = (9.8, 392.0);
+    for interface in [Interface::Direct, Interface::Jtc100] {
+        for gap in [9, 12, 15, 16, 20, 30, 45, 90, 150, 400, 600, 2250] {
+            let mut bench = Bench::new(&Options { interface, ..Options::default() }, gap);
+            bench.drive(ELBOW, 390.0, 37);
+            bench.drive(ELBOW, 0.0, 250);
+            bench.drive(ELBOW, -390.0, 37);
+            bench.command.a[ELBOW] = 0.0;
+            bench.drive(ELBOW, 0.0, 30);
+            bench.next(ELBOW, 0.0);
+            let (v, ramp_s) = (bench.command.v[ELBOW], brake / jerk);
+            assert!(v > 1.7);
+            bench.command.plan.jerk[ELBOW] = [-jerk, 0.0, jerk];
+            bench.command.plan.duration_s[ELBOW] = [ramp_s, v / brake - ramp_s, ramp_s];
+            let command = bench.command;
+            assert_eq!(bench.tick(command.k, Some(&command)).refused, None);
+            let k = command.k + gap;
+            bench.state.advance(&bench.config, deadline(k));
+            let stood = *bench.state.truth();
+            let out = bench.tick(k, None);
+            assert_eq!(out.suspended_ticks, Some(gap));
+            for n in 1..TICK_HZ {
+                bench.tick(k + n, None);
+            }
+            let judged = bench.state.judged();
+            assert_eq!(judged.total(), 0, "{interface:?} {gap}: {:?}", judged.first);
+            let truth = bench.state.truth();
+            assert!(truth.v.iter().all(|v| v.abs() < 1e-3), "{interface:?} {gap}: {truth:?}");
+            let moved = (truth.q[ELBOW] - stood.q[ELBOW]).abs();
+            let rested = stood.v[ELBOW].abs() < 1e-3;
+            assert!(!rested || moved < 1e-3, "{interface:?} {gap}: it stood, and was led on by {moved} rad");
         }
     }
 }

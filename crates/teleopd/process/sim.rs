@@ -16,6 +16,9 @@ use serde_json::{Map, Value, json};
 use std::time::Duration;
 use telemetry::{Metric, Probe};
 
+/// Time between two measurements, the second of which has to confirm the speeds that a driver finds when it starts.
+const CONFIRM: Duration = Duration::from_millis(6);
+
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
@@ -116,8 +119,10 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
+    let earlier = robot.read(rt::now());
+    std::thread::sleep(CONFIRM);
     let now = rt::now();
-    let mut state = sim::DriverState::new(&config, due(now) + 3, &robot.read(now), seed)
+    let mut state = sim::DriverState::new(&config, due(now) + 3, &earlier, &robot.read(now), seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
     process.ready()?;
     let mut ending: Option<Stamp> = None;
@@ -207,6 +212,7 @@ fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, old
         "commands_accepted": state.follower().accepted,
         "oldest_command_us": oldest_command_ns as f64 * 1e-3,
         "ended_at_rest": state.at_rest(),
+        "first_latch": state.first_latch(),
         "interface": process.loaded.settings.sim.interface.name(),
     });
     if let Some(delays_s) = state.delays_s() {

@@ -3,6 +3,7 @@
 mod chain;
 mod commander;
 mod following;
+mod limited;
 mod payload;
 mod status;
 
@@ -336,6 +337,8 @@ fn command(
     };
     state.status.clearance_command_m = proposed.clearance_m;
     state.status.nearest_pair = proposed.nearest_pair;
+    let engaged = decided.mode == Mode::Engaged;
+    limited::note(&mut state.status, engaged, &motion, config.wbc.bounds(), config.model.d_min_m);
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     if proposed.fallbacks > 0 {
         // A motion that was refused for the speed of a hand is about no pair.

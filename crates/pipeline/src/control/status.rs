@@ -61,6 +61,11 @@ fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
+/// What keeps the command from the person.
+fn limited(status: &Status, names: &Names) -> Value {
+    json!({ "by": words::limit_name(status), "about": words::subject(Subject::of(status.limited_about), names) })
+}
+
 /// What a fault is about now, if it is a joint or a pair.
 pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
     let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
@@ -99,7 +104,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         .map(|n| status.transitions[(n % kept) as usize])
         .map(|t| json!({ "k": t.k, "from": mode(t.from), "to": mode(t.to), "why": t.why_name() }))
         .collect();
-    json!({
+    let mut all = json!({
         "k": status.k,
         "mode": mode(status.mode),
         "why": words::why(status, names),
@@ -141,7 +146,9 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "resets_refused": status.resets_refused,
         "realtime": status.realtime == 1,
         "transitions": transitions,
-    })
+    });
+    all["limited"] = limited(status, names);
+    all
 }
 
 #[cfg(test)]
