@@ -35,7 +35,7 @@ pub(crate) const ENCODER_NOISE: f64 = 4e-4;
 /// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
 /// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
 /// Assumption.
-pub(crate) const STANDING: f64 = 0.15;
+const STANDING: f64 = 0.15;
 
 /// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
 /// As `safety` judges measurements.

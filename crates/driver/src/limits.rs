@@ -2,14 +2,10 @@
 //! driver checks again what `control` has checked, with arithmetic of its own.
 
 use crate::acceptance::Refusal;
-use crate::follower::STANDING;
 
 /// Rounding of a position (rad, m), a speed or an acceleration: positions of some radians in doubles err by less than
 /// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
 const ROUNDING: f64 = 1e-9;
-
-/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
-const SPEED_NOISE: f64 = 0.036;
 
 /// Share of acceleration and jerk limits that a stop of the driver's own uses. `control` takes such a stop over on the grid of its
 /// positions, 2^-40 rad, which adds up to 0.01 rad/s^3.
@@ -69,11 +65,6 @@ impl JointLimits {
             && velocity <= self.j_max * dt_s * dt_s / 4.0 + ROUNDING
             && position <= self.j_max * dt_s * dt_s * dt_s / 12.0 + ROUNDING;
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
-    }
-
-    /// Largest noise of a measured speed of this joint, rad/s or m/s: no more than what a standing joint may show.
-    pub(crate) fn speed_noise(&self) -> f64 {
-        SPEED_NOISE.min(STANDING * self.v_max)
     }
 
     /// The speed nearest to `v` from which [`JointLimits::stop_from`] ends inside the position limits. Its way without braking

@@ -6,6 +6,9 @@ use crate::plan::Motion;
 use crate::port::Measured;
 use messages::{JOINTS, Stamp, TICK_S, known_bug};
 
+/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
+const SPEED_NOISE: f64 = 0.036;
+
 /// The longest delay of a robot that follows its setpoints, ticks: 10 ms. The simulated drives (15 Hz, 1 ms of transport) stay
 /// 20 mrad behind at 2 rad/s. Assumption.
 const FOLLOWING_DELAY_TICKS: u64 = 15;
@@ -31,16 +34,12 @@ impl State {
             return None;
         }
         let elapsed_s = measured.stamp.since(earlier.stamp) as f64 * 1e-9;
-        let v: [f64; JOINTS] = core::array::from_fn(|j| {
-            let (limits, v) = (&config.limits[j], measured.dq[j]);
-            if v.abs() <= limits.speed_noise() { 0.0 } else { v }
-        });
+        let v = measured.dq.map(|v| if v.abs() <= SPEED_NOISE { 0.0 } else { v });
         let confirmed = (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
             let unlike = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s).abs();
-            let allowed = ENCODER_NOISE
-                + limits.speed_noise() * elapsed_s
-                + BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
+            let allowed =
+                ENCODER_NOISE + SPEED_NOISE * elapsed_s + BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
             v[j] == 0.0 || (v[j].abs() <= OVERSPEED * limits.v_max && elapsed_s > 0.0 && unlike <= allowed)
         });
         if confirmed && v.iter().any(|&v| v != 0.0) {
@@ -90,7 +89,7 @@ impl State {
             let change = config.limits[j].a_max * ticks as f64 * TICK_S;
             let between = measured.dq[j].clamp(v.min(ahead).min(0.0), v.max(ahead).max(0.0));
             let allowed = between.clamp(v - change, v + change);
-            if (allowed - between).abs() <= config.limits[j].speed_noise() { allowed } else { between }
+            if (allowed - between).abs() <= SPEED_NOISE { allowed } else { between }
         };
         let speeds = measured.map(|measured| core::array::from_fn(|j| speed(measured, j)));
         // Behind an interface what is told now arrives where the robot will be. A servo may stand a little beyond a limit; no
@@ -127,7 +126,7 @@ impl State {
             let limits = &config.limits[j];
             let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
             let (ahead, faster) = (planned.q[j], planned.v[j]);
-            let noise = limits.speed_noise() + sooner_s * limits.a_max;
+            let noise = SPEED_NOISE + sooner_s * limits.a_max;
             measured.q[j] >= q.min(ahead) - ENCODER_NOISE
                 && measured.q[j] <= q.max(ahead) + ENCODER_NOISE
                 && measured.dq[j] >= v.min(faster) - noise

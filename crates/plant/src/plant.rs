@@ -75,6 +75,9 @@ pub struct Measured {
     pub reacting: bool,
 }
 
+/// What a reaction of the robot leaves has settled by then, ns: 200 ms, three periods of the position loop. Assumption.
+const SETTLED_NS: u64 = 200_000_000;
+
 /// What the joints truly do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
@@ -87,7 +90,7 @@ pub struct Truth {
     /// Motor torques or forces in the step before, N m or N. Zero where a brake holds.
     pub tau: [f64; JOINTS],
     /// What the setpoints asked of the motors in the step before, N m or N: more than `tau` where a motor could not give it. Zero
-    /// while the robot reacts by itself.
+    /// while the robot reacts by itself, and until what its reaction left has settled.
     pub asked: [f64; JOINTS],
 }
 
@@ -119,6 +122,8 @@ pub struct Plant {
     /// The setpoint in force, and when it came into force.
     last: Setpoint,
     last_at: Stamp,
+    /// When setpoints began to be followed, at the start or after a reaction.
+    following_since: Stamp,
     /// The reference of [`Mode::Holding`]: positions and velocities.
     held: ([f64; JOINTS], [f64; JOINTS]),
     /// Setpoints under way with the time of their arrival, oldest first from `first`.
@@ -150,6 +155,7 @@ impl Plant {
             mode: Mode::Holding { reacting: false },
             last: rest,
             last_at: now,
+            following_since: now,
             held: (*q, zero),
             under_way: [(now, rest); UNDER_WAY_MAX],
             first: 0,
@@ -336,7 +342,9 @@ impl Plant {
             (self.last_at, self.last) = self.under_way[self.first];
             self.first = (self.first + 1) % UNDER_WAY_MAX;
             self.waiting -= 1;
-            self.mode = Mode::Following;
+            if self.mode != Mode::Following {
+                (self.mode, self.following_since) = (Mode::Following, now);
+            }
         }
         let silent = self.waiting == 0 && now.since(self.last_at) > config.watchdog_ns;
         if self.mode == Mode::Following && silent {
@@ -380,7 +388,8 @@ impl Plant {
             };
             let torque = diagonal[j] * wish + gravity[j] + help;
             self.truth.tau[j] = torque.clamp(-motor.effort_max, motor.effort_max);
-            self.truth.asked[j] = if self.mode == Mode::Following { torque } else { 0.0 };
+            let settled = self.truth.stamp.since(self.following_since) > SETTLED_NS;
+            self.truth.asked[j] = if self.mode == Mode::Following && settled { torque } else { 0.0 };
             Drive::Torque(self.truth.tau[j] - motor.friction(v))
         });
         (posture, pushes)

@@ -47,21 +47,6 @@ fn one(joint: usize, v: f64) -> [f64; JOINTS] {
     std::array::from_fn(|j| if j == joint { v } else { 0.0 })
 }
 
-/// A plug that is loose: every second or third sample is off.
-#[test]
-fn f053_an_encoder_that_is_wrong_now_and_then_is_invalid() {
-    for period in [2, 3, 20, 100] {
-        let mut bench = Bench::new();
-        let v = one(4, 0.1);
-        let seen = (1..1000_u32).find(|n| bench.step(&v, |q| q[4] += if n % period == 0 { 1.0 } else { 0.0 }).invalid);
-        assert_eq!(seen, Some(2 * period), "the second one");
-    }
-    // Once in a second is a single error of a transfer each time.
-    let mut bench = Bench::new();
-    let v = one(4, 0.1);
-    assert!((1..6000_u32).all(|n| !bench.step(&v, |q| q[4] += if n % 1500 == 0 { 1.0 } else { 0.0 }).invalid));
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 

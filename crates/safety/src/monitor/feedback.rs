@@ -44,9 +44,6 @@ pub struct Sample<'a> {
     pub begins: bool,
 }
 
-/// A sample that is off soon after another one is no single error of a transfer, ticks: 100 ms. Assumption.
-const OFF_AGAIN_TICKS: u64 = TICK_HZ / 10;
-
 /// What is made of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
@@ -72,8 +69,8 @@ struct Before {
 pub struct Feedback {
     /// The last good sample and its index.
     last: Option<([f64; JOINTS], u64)>,
-    /// The index of the last sample that was off.
-    suspect_k: Option<u64>,
+    /// The last sample was off.
+    suspect: bool,
     joints: [Before; JOINTS],
 }
 
@@ -81,7 +78,7 @@ impl Feedback {
     /// Judges a new sample; to be called once for each. `servo_lag_s` is the known lag of a sound servo, s.
     ///
     /// Off is a joint that moved by more than 3 v_max dt and the margin of noise since the last good sample. One such
-    /// sample is passed over; a second within [`OFF_AGAIN_TICKS`] is invalid, and so is an encoder that is wrong now and then. Invalid is a measurement that stays the very same for 50 ms
+    /// sample is passed over, a second in a row is invalid. Invalid is a measurement that stays the very same for 50 ms
     /// while its joint is sent on by 0.02 rad, and one that goes away from where its joint is sent and shows less than a
     /// fifth of the first 0.015 rad of a motion that begins. What is not finite is invalid at once.
     pub fn judge(&mut self, model: &Model, sample: &Sample<'_>, servo_lag_s: f64) -> Judged {
@@ -90,13 +87,11 @@ impl Feedback {
             return Judged { q_measured: *sample.q_measured, invalid: true };
         }
         let off = self.is_off(model, sample) && !known_bug!(EncoderJumpIgnored);
-        let again = self.suspect_k.is_some_and(|k| sample.k.saturating_sub(k) <= OFF_AGAIN_TICKS);
-        if off {
-            self.suspect_k = Some(sample.k);
-        }
-        if let (true, false, Some((last, _))) = (off, again, self.last) {
+        if let (true, false, Some((last, _))) = (off, self.suspect, self.last) {
+            self.suspect = true;
             return Judged { q_measured: last, invalid: false };
         }
+        self.suspect = false;
         self.last = Some((*sample.q_measured, sample.k));
         let mut invalid = off;
         for j in 0..JOINTS {
