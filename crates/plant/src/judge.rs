@@ -80,7 +80,7 @@ impl Judge {
     pub fn look(&mut self, config: &Config, truth: &Truth) {
         self.report.looks += 1;
         for (j, joint) in config.body.joints.iter().enumerate() {
-            let (q, v, tau) = (truth.q[j], truth.v[j], truth.asked[j]);
+            let (q, v, tau) = (truth.q[j], truth.v[j], truth.tau[j]);
             let report = &mut self.report;
             let margin = config.by_kind(j, SERVO_MARGIN_RAD, SERVO_MARGIN_M);
             let rows = [(ViolationKind::Stop, &joint.urdf, ROUNDING), (ViolationKind::Position, &joint.limits, margin)];

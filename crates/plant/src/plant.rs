@@ -75,9 +75,6 @@ pub struct Measured {
     pub reacting: bool,
 }
 
-/// What a reaction of the robot leaves has settled by then, ns: 200 ms, three periods of the position loop. Assumption.
-const SETTLED_NS: u64 = 200_000_000;
-
 /// What the joints truly do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
@@ -89,9 +86,6 @@ pub struct Truth {
     pub v: [f64; JOINTS],
     /// Motor torques or forces in the step before, N m or N. Zero where a brake holds.
     pub tau: [f64; JOINTS],
-    /// What the setpoints asked of the motors in the step before, N m or N: more than `tau` where a motor could not give it. Zero
-    /// while the robot reacts by itself, and until what its reaction left has settled.
-    pub asked: [f64; JOINTS],
 }
 
 /// What the drives do at present.
@@ -122,8 +116,6 @@ pub struct Plant {
     /// The setpoint in force, and when it came into force.
     last: Setpoint,
     last_at: Stamp,
-    /// When setpoints began to be followed, at the start or after a reaction.
-    following_since: Stamp,
     /// The reference of [`Mode::Holding`]: positions and velocities.
     held: ([f64; JOINTS], [f64; JOINTS]),
     /// Setpoints under way with the time of their arrival, oldest first from `first`.
@@ -150,12 +142,11 @@ impl Plant {
         };
         let drives = Drives { emergency_stop: false, fault: false, powered: true };
         let mut plant = Self {
-            truth: Truth { stamp: now, q: *q, v: zero, tau: zero, asked: zero },
+            truth: Truth { stamp: now, q: *q, v: zero, tau: zero },
             steps: 0,
             mode: Mode::Holding { reacting: false },
             last: rest,
             last_at: now,
-            following_since: now,
             held: (*q, zero),
             under_way: [(now, rest); UNDER_WAY_MAX],
             first: 0,
@@ -342,9 +333,7 @@ impl Plant {
             (self.last_at, self.last) = self.under_way[self.first];
             self.first = (self.first + 1) % UNDER_WAY_MAX;
             self.waiting -= 1;
-            if self.mode != Mode::Following {
-                (self.mode, self.following_since) = (Mode::Following, now);
-            }
+            self.mode = Mode::Following;
         }
         let silent = self.waiting == 0 && now.since(self.last_at) > config.watchdog_ns;
         if self.mode == Mode::Following && silent {
@@ -376,7 +365,7 @@ impl Plant {
         let pushes = std::array::from_fn(|j| {
             let (motor, q, v) = (&config.motors[j], self.truth.q[j], self.truth.v[j]);
             if let Some(speed) = self.injected.braked_to(j) {
-                (self.truth.tau[j], self.truth.asked[j]) = (0.0, 0.0);
+                self.truth.tau[j] = 0.0;
                 return Drive::Acceleration(((speed - v) / STEP_S).clamp(-motor.braking, motor.braking));
             }
             let (wish, help) = match self.reference(j) {
@@ -388,8 +377,6 @@ impl Plant {
             };
             let torque = diagonal[j] * wish + gravity[j] + help;
             self.truth.tau[j] = torque.clamp(-motor.effort_max, motor.effort_max);
-            let settled = self.truth.stamp.since(self.following_since) > SETTLED_NS;
-            self.truth.asked[j] = if self.mode == Mode::Following && settled { torque } else { 0.0 };
             Drive::Torque(self.truth.tau[j] - motor.friction(v))
         });
         (posture, pushes)

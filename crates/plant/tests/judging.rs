@@ -13,7 +13,7 @@ const ELBOW: usize = LEFT_ARM.start + 3;
 const TICK_S: f64 = 1.0 / 1500.0;
 
 fn standing(config: &Config) -> Truth {
-    Truth { stamp: START, q: *config.home(), v: [0.0; JOINTS], tau: [0.0; JOINTS], asked: [0.0; JOINTS] }
+    Truth { stamp: START, q: *config.home(), v: [0.0; JOINTS], tau: [0.0; JOINTS] }
 }
 
 fn looked(config: &Config, truth: &Truth) -> Judge {
@@ -38,7 +38,7 @@ fn each_limit_that_a_joint_breaks_is_counted() {
     let rows: [(ViolationKind, Set, f64, f64); 4] = [
         (ViolationKind::Position, |t, x| t.q[ELBOW] = x, joint.limits.q_max + 0.003, joint.limits.q_max + 0.006),
         (ViolationKind::Velocity, |t, x| t.v[ELBOW] = -x, 1.04 * joint.limits.v_max, 1.06 * joint.limits.v_max),
-        (ViolationKind::Effort, |t, x| t.asked[ELBOW] = -x, joint.limits.effort_max, 1.01 * joint.limits.effort_max),
+        (ViolationKind::Effort, |t, x| t.tau[ELBOW] = -x, joint.limits.effort_max, 1.01 * joint.limits.effort_max),
         (ViolationKind::Velocity, |t, x| t.v[ELBOW] = x, 0.0, f64::NAN),
     ];
     for (kind, set, good, bad) in rows {
