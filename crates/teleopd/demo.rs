@@ -93,6 +93,11 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Ok(Exit::Interrupted);
     }
     trouble.extend(report.complaints());
+    judged(trouble, &report)
+}
+
+/// How a run with these troubles ends.
+fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     match (trouble.is_empty(), report.advice()) {
         (true, None) => Ok(Exit::Ok),
         (true, Some(advice)) => Err(Failure::new(Exit::Held, advice)),

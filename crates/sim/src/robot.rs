@@ -246,15 +246,8 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
         *port_fault = !port.write(now, told, plan);
     }
     if follower.latched && !was_latched {
-        first_latch.get_or_insert(match () {
-            () if port_refused => "the robot refused a setpoint",
-            () if unheard => "nothing was heard of the robot",
-            () if !measured.drives.are_sound() => "a drive was not sound, or had no power",
-            () if out.suspended_ticks.is_some() => {
-                "the driver stood still for too long, or found no measurement to believe"
-            }
-            () => "no command came",
-        });
+        let sound = measured.drives.are_sound();
+        first_latch.get_or_insert(latch_cause(port_refused, unheard, sound, out.suspended_ticks.is_some()));
     }
     if out.advanced > 0 {
         report.tracking_samples += 1;
@@ -273,5 +266,20 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
         refused: out.refused,
         suspended_ticks: out.suspended_ticks,
         faults: out.faults,
+    }
+}
+
+/// Why the driver latched, in words.
+fn latch_cause(port_refused: bool, unheard: bool, sound: bool, suspended: bool) -> &'static str {
+    if port_refused {
+        "the robot refused a setpoint"
+    } else if unheard {
+        "nothing was heard of the robot"
+    } else if !sound {
+        "a drive was not sound, or had no power"
+    } else if suspended {
+        "the driver stood still for too long, or found no measurement to believe"
+    } else {
+        "no command came"
     }
 }

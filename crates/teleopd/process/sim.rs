@@ -119,8 +119,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    let earlier = robot.read(rt::now());
-    std::thread::sleep(CONFIRM);
+    let (earlier, _) = (robot.read(rt::now()), std::thread::sleep(CONFIRM));
     let now = rt::now();
     let mut state = sim::DriverState::new(&config, due(now) + 3, &earlier, &robot.read(now), seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;

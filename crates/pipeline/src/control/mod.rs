@@ -335,10 +335,8 @@ fn command(
         (Mode::Engaging, Some(wanted)) => status::torso_to_go(&config.model, wanted, &motion.q),
         _ => 0.0,
     };
-    state.status.clearance_command_m = proposed.clearance_m;
-    state.status.nearest_pair = proposed.nearest_pair;
-    let engaged = decided.mode == Mode::Engaged;
-    limited::note(&mut state.status, engaged, &motion, config.wbc.bounds(), config.model.d_min_m);
+    (state.status.clearance_command_m, state.status.nearest_pair) = (proposed.clearance_m, proposed.nearest_pair);
+    limited::note(&mut state.status, decided.mode == Mode::Engaged, &motion, config.wbc.bounds(), config.model.d_min_m);
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     if proposed.fallbacks > 0 {
         // A motion that was refused for the speed of a hand is about no pair.
