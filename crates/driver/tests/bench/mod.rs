@@ -1,0 +1,64 @@
+//! A driver's follower, and the honest command stream to it.
+
+use driver::{Chain, Config, Input, JointLimits, Motion, Output, State, tick};
+use messages::{Header, JOINTS, JointCommand, Layout, Stamp, TICK_S, deadline};
+
+pub(crate) const K: u64 = 1000;
+pub(crate) const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 25.0, j_max: 500.0 };
+pub(crate) const CONFIG: Config = Config::new([LIMITS; JOINTS]);
+
+/// A driver and the honest command stream to it.
+pub(crate) struct Bench {
+    pub(crate) state: State,
+    pub(crate) sequence: u64,
+    pub(crate) chain: Chain,
+}
+
+impl Bench {
+    /// Joint 3 moves at 1 rad/s already.
+    pub(crate) fn new() -> Self {
+        let mut bench = Self::at_rest();
+        let command = bench.command(K);
+        bench.state.motion = Motion { q: command.q, v: command.v, a: command.a, plan: command.plan };
+        bench
+    }
+
+    pub(crate) fn at_rest() -> Self {
+        let state = State::hold(K, &[0.0; JOINTS]).unwrap();
+        Self { state, sequence: 0, chain: Chain { incarnation: 1, seed_k: K, seed_played: 0 } }
+    }
+
+    /// A command of index `k`; joint 3 moves at 1 rad/s and stops within 0.1 s.
+    pub(crate) fn command(&mut self, k: u64) -> JointCommand {
+        self.sequence += 1;
+        let mut command = JointCommand {
+            header: Header { sequence: self.sequence, incarnation: self.chain.incarnation, ..Header::ZERO },
+            k,
+            seed_k: self.chain.seed_k,
+            seed_played: self.chain.seed_played,
+            ..JointCommand::ZERO
+        };
+        command.q[3] = (k - K) as f64 * TICK_S;
+        command.v[3] = 1.0;
+        command.plan.jerk[3] = [-400.0, 400.0, 0.0];
+        command.plan.duration_s[3] = [0.05, 0.05, 0.0];
+        command
+    }
+
+    /// The driver's tick at index `k`, at its grace.
+    pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
+        tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false, measured: None })
+    }
+
+    /// Follows commands up to index `k`.
+    pub(crate) fn follow(&mut self, to_k: u64) {
+        for k in self.state.index() + 1..=to_k {
+            let command = self.command(k);
+            assert!(self.tick(k, Some(&command)).accepted.is_some());
+        }
+    }
+}
+
+pub(crate) fn measured() -> driver::Measured {
+    driver::Measured { stamp: Stamp::NONE, q: [0.0; JOINTS], dq: [0.0; JOINTS], drives: driver::Drives::SOUND }
+}
