@@ -271,6 +271,24 @@ fn files_and_functions_stay_short() {
     );
 }
 
+/// Otherwise a tool goes on after one of its threads panicked, and reports what is not so.
+#[test]
+fn every_program_that_runs_threads_aborts_on_a_panic() {
+    let mut seen = 0;
+    for (name, text) in rust_files() {
+        let Some(folder) = name.strip_suffix("src/main.rs").filter(|folder| folder.starts_with("tools/")) else {
+            continue;
+        };
+        let manifest = std::fs::read_to_string(root().join(folder).join("Cargo.toml")).expect("a manifest");
+        if manifest.lines().any(|line| line.starts_with("rt.") || line.starts_with("rt =")) {
+            seen += 1;
+            let first = text.split_once("fn main() -> ExitCode {\n").map(|(_, body)| body.trim_start());
+            assert!(first.is_some_and(|body| body.starts_with("rt::abort_on_panic();")), "{name}");
+        }
+    }
+    assert!(seen > 8, "{seen} programs");
+}
+
 #[test]
 fn unsafe_stands_only_where_it_may() {
     for (name, text) in rust_files() {

@@ -23,6 +23,7 @@ const LOOK: Duration = Duration::from_millis(100);
 const TELL_EVERY_NS: u64 = 60_000_000_000;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let outcome = match Cli::parse().program {
         Program::Mvn { bind, character, to } => run(bind, &to, Mvn::new(character)),
         Program::Vmc { bind, to } => run(bind, &to, Vmc::new()),

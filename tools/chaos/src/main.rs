@@ -24,6 +24,7 @@ const EX_USAGE: u8 = 64;
 const BLOWS_OF_AN_INSTANCE: usize = 20;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     if std::env::args().nth(1).is_some_and(|role| teleopd::PROCESSES.contains(&role.as_str())) {
         return teleopd::main();
     }

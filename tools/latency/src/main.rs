@@ -19,6 +19,7 @@ static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 const EX_USAGE: u8 = 64;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let role = std::env::args().nth(1).unwrap_or_default();
     if teleopd::PROCESSES.contains(&role.as_str()) || role == "view" {
         return teleopd::main();

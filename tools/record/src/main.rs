@@ -35,6 +35,7 @@ impl Failure {
 }
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let cli = Cli::parse();
     let outcome = match (&cli.view, &cli.summary, &cli.out) {
         (Some(file), ..) => view(&cli, file),

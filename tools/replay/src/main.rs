@@ -44,6 +44,7 @@ impl Failure {
 }
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let mut cli = Cli::parse();
     // As the daemon does: the same numbers offline and live, to the bit.
     let _ = rt::flush_denormals();

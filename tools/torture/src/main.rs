@@ -25,6 +25,7 @@ const EX_CANTCREAT: u8 = 73;
 const EX_CONFIG: u8 = 78;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let cli = Cli::parse();
     // As the daemon does, before any other thread starts.
     let _ = rt::flush_denormals();
