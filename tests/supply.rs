@@ -17,16 +17,23 @@ fn toml_file(name: &str) -> toml::Table {
     text.parse().unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-fn metadata() -> Value {
+/// What cargo prints; it asks no network.
+fn cargo(args: &[&str]) -> Vec<u8> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
-    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let output = Command::new(cargo)
-        .args(["metadata", "--format-version", "1", "--locked", "--offline", "--filter-platform", &platform])
+        .args(args)
+        .args(["--locked", "--offline"])
         .current_dir(root())
         .output()
         .expect("cargo runs");
-    assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("metadata is JSON")
+    assert!(output.status.success(), "cargo {args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output.stdout
+}
+
+fn metadata() -> Value {
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let json = cargo(&["metadata", "--format-version", "1", "--filter-platform", &platform]);
+    serde_json::from_slice(&json).expect("metadata is JSON")
 }
 
 fn text<'a>(value: &'a Value, key: &str) -> &'a str {
@@ -156,15 +163,9 @@ fn f113_nothing_that_is_banned_is_built() {
 
 /// The crates that these packages are built from, each with its features.
 fn built_with(packages: &[&str]) -> BTreeSet<String> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
-    let output = Command::new(cargo)
-        .args(["tree", "--locked", "--offline", "--edges", "normal,build", "--prefix", "none", "--format", "{p} {f}"])
-        .args(packages)
-        .current_dir(root())
-        .output()
-        .expect("cargo runs");
-    assert!(output.status.success(), "cargo tree: {}", String::from_utf8_lossy(&output.stderr));
-    let lines = String::from_utf8_lossy(&output.stdout);
+    let args = ["tree", "--edges", "normal,build", "--prefix", "none", "--format", "{p} {f}"];
+    let tree = cargo(&[&args, packages].concat());
+    let lines = String::from_utf8_lossy(&tree);
     lines.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
 }
 

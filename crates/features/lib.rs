@@ -1,3 +1,3 @@
-//! Nothing but a list. Cargo builds a crate anew for each set of features that the chosen packages ask for together. Every
-//! program depends on this list, so each of them asks for the same sets, and what one built serves all. `tests/tidy.rs`
-//! compares each program's sets with the workspace's.
+//! A list of dependencies and their features; it has no code. Cargo builds a crate once for each set of features that is asked
+//! of it. Every program depends on this list, so all of them ask for the same sets, and no crate is built twice.
+//! `tests/supply.rs` compares each program's sets with the workspace's.
