@@ -43,8 +43,7 @@ impl State {
             v[j] == 0.0 || (v[j].abs() <= OVERSPEED * limits.v_max && elapsed_s > 0.0 && unlike <= allowed)
         });
         if confirmed && v.iter().any(|&v| v != 0.0) {
-            let delay_s = config.interface_delay_ticks as f64 * TICK_S;
-            let q = core::array::from_fn(|j| measured.q[j] + delay_s * v[j]);
+            let q = core::array::from_fn(|j| arrival(config, j, measured.q[j], v[j]));
             state.motion = Motion::stopping(&config.limits, q, &v, &[0.0; JOINTS]);
             state.holds_measured = false;
             state.latched = true;
@@ -92,17 +91,8 @@ impl State {
             if (allowed - between).abs() <= SPEED_NOISE { allowed } else { between }
         };
         let speeds = measured.map(|measured| core::array::from_fn(|j| speed(measured, j)));
-        // Behind an interface what is told now arrives where the robot will be. A servo may stand a little beyond a limit; no
-        // setpoint does.
-        let delay_s = config.interface_delay_ticks as f64 * TICK_S;
-        let inside = |(q, v): ([f64; JOINTS], [f64; JOINTS])| {
-            let q = core::array::from_fn(|j| {
-                let there = q[j] + delay_s * v[j];
-                let nearest = there.clamp(config.limits[j].q_min, config.limits[j].q_max);
-                if (nearest - there).abs() <= NOISE + delay_s * v[j].abs() { nearest } else { there }
-            });
-            (q, v)
-        };
+        let inside =
+            |(q, v): ([f64; JOINTS], [f64; JOINTS])| (core::array::from_fn(|j| arrival(config, j, q[j], v[j])), v);
         let place = measured.and_then(|measured| self.believe(config, measured)).zip(speeds).map(inside);
         // The index that is due is not missed: it is executed now.
         self.latched |= ticks > config.silence_ticks || place.is_none();
@@ -113,8 +103,9 @@ impl State {
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// Whether every joint is measured where it is if it follows the plan, which has come to `planned` in `ticks` since the last
-    /// setpoint: between there and where the plan was [`FOLLOWING_DELAY_TICKS`] before, in position and in speed.
+    /// Whether the robot went on with the plan while the driver was suspended. The plan has come to `planned` in the `ticks` since
+    /// the last setpoint. Every joint must be measured between `planned` and where the plan was [`FOLLOWING_DELAY_TICKS`]
+    /// before, in position and in speed.
     fn is_on_plan(&self, config: &Config, ticks: u64, planned: &Motion, measured: &Measured) -> bool {
         let mut behind = self.motion;
         // An interface delays by its mean, or by twice as much, or not at all.
@@ -133,4 +124,12 @@ impl State {
                 && measured.dq[j] <= v.max(faster) + noise
         })
     }
+}
+
+/// Where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or m. A servo may stand a
+/// little beyond a limit; a setpoint may not.
+fn arrival(config: &Config, j: usize, q: f64, v: f64) -> f64 {
+    let way = config.interface_delay_ticks as f64 * TICK_S * v;
+    let nearest = (q + way).clamp(config.limits[j].q_min, config.limits[j].q_max);
+    if (nearest - q - way).abs() <= NOISE + way.abs() { nearest } else { q + way }
 }

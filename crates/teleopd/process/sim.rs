@@ -16,8 +16,8 @@ use serde_json::{Map, Value, json};
 use std::time::Duration;
 use telemetry::{Metric, Probe};
 
-/// Time between two measurements, the second of which has to confirm the speeds that a driver finds when it starts.
-const CONFIRM: Duration = Duration::from_millis(6);
+/// A driver that starts measures twice. The second measurement has to confirm the speeds of the first. Time between them, ns.
+const CONFIRM_NS: u64 = 6_000_000;
 
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
@@ -119,7 +119,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    let (earlier, _) = (robot.read(rt::now()), std::thread::sleep(CONFIRM));
+    let earlier = robot.read(rt::now());
+    rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
     let now = rt::now();
     let mut state = sim::DriverState::new(&config, due(now) + 3, &earlier, &robot.read(now), seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
