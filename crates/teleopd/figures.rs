@@ -102,17 +102,20 @@ impl Following {
     pub fn to_json(&self) -> Value {
         let rms = (self.tracking_squares / self.tracking_count.max(1) as f64).sqrt();
         let first = self.transitions.first().map_or(0, |transition| transition.k);
+        let mut meant = false;
         let transitions: Vec<Value> = self
             .transitions
             .iter()
             .map(|transition| {
                 let name = |mode: u32| Mode::from_u32(mode).map_or("?", Mode::name);
+                meant = is_meant(meant, transition);
                 json!({
                     "t_s": (transition.k - first) as f64 / TICK_HZ as f64,
                     "k": transition.k,
                     "from": name(transition.from),
                     "to": name(transition.to),
                     "why": transition.why_name(),
+                    "meant_to_follow": meant,
                 })
             })
             .collect();
@@ -129,8 +132,8 @@ impl Following {
     }
 }
 
-/// Whether the robot is meant to follow after this transition: from Engaged on, through every hold, until the operator lets it go
-/// or it is disengaged.
+/// Whether the operator wants the robot to follow after this transition. That begins with Engaged, lasts through every hold, and
+/// ends with a release or with Disengaged.
 fn is_meant(before: bool, transition: &Transition) -> bool {
     let let_go = transition.why == Transition::RELEASED || transition.to == Mode::Disengaged as u32;
     !let_go && (before || transition.to == Mode::Engaged as u32)

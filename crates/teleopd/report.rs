@@ -53,6 +53,7 @@ impl Report {
             *transition = json!({
                 "t_s": (k as f64 - first as f64) / TICK_HZ as f64,
                 "from": transition["from"], "to": transition["to"], "why": transition["why"],
+                "meant_to_follow": transition["meant_to_follow"],
             });
         }
         let followed = followed(&transitions, length as f64 / TICK_HZ as f64);
@@ -211,8 +212,8 @@ impl Report {
     }
 }
 
-/// How long the robot was meant to follow (from the first Engaged on, until it was let go), for how long of it it did, and why it
-/// held, of a run that ended at `end_s`. `share` is null where it never was engaged.
+/// For how long the robot was meant to follow, for how much of that time it did, and why it held, of a run that ended at `end_s`.
+/// `share` is null where it never was engaged.
 fn followed(transitions: &[Value], end_s: f64) -> Value {
     let (mut meant_since, mut engaged_since): (Option<f64>, Option<f64>) = (None, None);
     let (mut meant_s, mut engaged_s) = (0.0, 0.0);
@@ -221,12 +222,13 @@ fn followed(transitions: &[Value], end_s: f64) -> Value {
         let at_s = one["t_s"].as_f64().unwrap_or(end_s);
         let (to, why) = (one["to"].as_str().unwrap_or("?"), one["why"].as_str().unwrap_or("?"));
         engaged_s += engaged_since.take().map_or(0.0, |since| at_s - since);
-        if to == "Engaged" {
-            engaged_since = Some(at_s);
-            meant_since = meant_since.or(engaged_since);
-        } else if why == "released" || to == "Disengaged" {
+        engaged_since = (to == "Engaged").then_some(at_s);
+        if one["meant_to_follow"] == json!(true) {
+            meant_since = meant_since.or(Some(at_s));
+        } else {
             meant_s += meant_since.take().map_or(0.0, |since| at_s - since);
-        } else if meant_since.is_some() && (to == "Holding" || to == "Faulted") {
+        }
+        if meant_since.is_some() && (to == "Holding" || to == "Faulted") {
             match holds.iter_mut().find(|(name, _)| name == why) {
                 Some((_, times)) => *times += 1,
                 None => holds.push((why.into(), 1)),
@@ -291,7 +293,10 @@ mod tests {
 
     #[test]
     fn what_was_not_followed_counts() {
-        let at = |t_s: f64, to: &str, why: &str| json!({ "t_s": t_s, "to": to, "why": why });
+        let at = |t_s: f64, to: &str, why: &str| {
+            let meant = (3.0..13.0).contains(&t_s);
+            json!({ "t_s": t_s, "to": to, "why": why, "meant_to_follow": meant })
+        };
         let run = [
             at(1.0, "Engaging", "enabled"),
             at(3.0, "Engaged", "aligned"),
@@ -312,9 +317,7 @@ mod tests {
         // Still held at the end of the run.
         assert_eq!(followed(&run[..3], 7.0)["share"], json!(0.5));
         assert_eq!(followed(&run[..1], 7.0)["share"], Value::Null);
-        assert!(
-            Report { value: json!({ "followed": followed(&[], 7.0) }) }.advice().is_none(),
-            "never engaged is told apart"
-        );
+        let never = Report { value: json!({ "followed": followed(&[], 7.0) }) };
+        assert!(never.advice().is_none(), "it never engaged: that is not a robot that held");
     }
 }
