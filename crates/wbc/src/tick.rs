@@ -11,7 +11,7 @@ use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, known_bug};
+use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, command_flag, known_bug};
 use robot::Payload;
 
 /// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
@@ -107,6 +107,13 @@ pub struct Output {
     pub overloaded_joint: Option<u32>,
     /// Evaluations of the kinematics and of the dynamics.
     pub evaluations: u32,
+}
+
+impl Output {
+    /// The flags of the command of this tick. A gate that `denied` it has all joints play the plan.
+    pub fn command_flags(&self, denied: bool) -> u32 {
+        if denied || self.candidate == Candidate::Plan { command_flag::ON_PLAN } else { 0 }
+    }
 }
 
 /// Everything that the stage remembers: the last command with its certified plan, and working memory.

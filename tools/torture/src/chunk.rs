@@ -7,7 +7,7 @@ use crate::rollout::Judge;
 use crate::stages::{Stages, Subject};
 use crate::stop_times;
 use driver::{Motion, Refusal};
-use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, command_flag, deadline, state_flag};
+use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
 use pipeline::{Continue, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -213,7 +213,7 @@ impl<'a> Part<'a> {
             let words = || (0, format!("part {}, tick {k}: {denial:?}", self.part));
             figures.denied_for.entry(reason(&denial)).or_insert_with(words).0 += 1;
         }
-        let on_plan = out.denied.is_some() || out.proposed.candidate == wbc::Candidate::Plan;
+        let flags = out.proposed.command_flags(out.denied.is_some());
         let Motion { q, v, a, plan } = out.motion;
         let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
         figures.worst_stop_s = figures.worst_stop_s.max(longest);
@@ -235,7 +235,7 @@ impl<'a> Part<'a> {
             plan,
             mode: Mode::Engaged as u32,
             reset_count: self.reset_count,
-            flags: if on_plan { command_flag::ON_PLAN } else { 0 },
+            flags,
             ..JointCommand::ZERO
         })
     }

@@ -217,8 +217,8 @@ impl Figures {
         self.violations[kind as usize]
     }
 
-    /// Whether every promise was kept: no violation of a command or of the true motion, no stop beyond its bound, and no
-    /// command that the driver could not take.
+    /// Whether there was no violation, of a command or of the true motion, no stop beyond its bound, and no command that the driver
+    /// refused.
     pub fn kept(&self) -> bool {
         let violations = self.violations_total() + self.true_violations_total();
         violations == 0 && self.late_stops == 0 && self.refusals == 0

@@ -17,7 +17,7 @@ use driver::Motion;
 use following::Following;
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
-    command_flag, known_bug, reduced_flag, state_flag, target_flag,
+    known_bug, reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -366,7 +366,7 @@ fn command(
         plan: motion.plan,
         target_stamp: target.map_or(Stamp::NONE, |target| target.header.stamp),
         mode: decided.mode as u32,
-        flags: if denied || proposed.candidate == wbc::Candidate::Plan { command_flag::ON_PLAN } else { 0 },
+        flags: proposed.command_flags(denied),
         reset_count: decided.reset_count,
         reserved: 0,
     }
