@@ -58,6 +58,13 @@ impl RemoteRobot {
 }
 
 impl RemoteRobot {
+    /// Two measurements, [`CONFIRM_NS`] apart.
+    fn measure_twice(&mut self) -> (Measured, Measured) {
+        let earlier = self.read(rt::now());
+        rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
+        (earlier, self.read(rt::now()))
+    }
+
     /// A driver that was suspended while the robot moved waits until a measurement is there that was made after now, but no
     /// longer than [`NEWS_WITHIN_NS`]. The robot may have been kept from its core too.
     fn wait_if_suspended(&mut self, state: &sim::DriverState, due_k: u64) {
@@ -119,10 +126,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    let earlier = robot.read(rt::now());
-    rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
-    let now = rt::now();
-    let mut state = sim::DriverState::new(&config, due(now) + 3, &earlier, &robot.read(now), seed)
+    let (earlier, measured) = robot.measure_twice();
+    let mut state = sim::DriverState::new(&config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
     process.ready()?;
     let mut ending: Option<Stamp> = None;
