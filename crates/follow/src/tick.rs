@@ -226,10 +226,10 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, off_at_end: f64, 
     problem.prior = part(input.prior, arm);
     problem.pull = config.weights.pull * off_at_end;
     let first = node_after(work.begin);
-    let mut known = Limbs::identity();
+    let mut known = config.arm.limbs(&problem.start.q);
     for i in 0..NODES {
         let node = ((first + i as u64).saturating_sub(input.way_first) as usize).min(NODES - 1);
-        // What is no rotation is what was before.
+        // In place of what is no rotation stands the node before, and before the first one the arm as it is.
         known = limbs(&input.way[node], arm).unwrap_or(known);
         problem.person[i] = known;
     }

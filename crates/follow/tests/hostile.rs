@@ -188,6 +188,19 @@ fn a_way_that_is_none_moves_no_joint_beyond_its_bounds() {
 }
 
 #[test]
+fn an_arm_without_any_way_stays_where_it_is() {
+    for nothing in [0.0, f32::NAN] {
+        let mut robot = Robot::at(&FREE, Weights::default());
+        for _ in 0..TICK_HZ {
+            let first = robot.next_first();
+            robot.step_after(1, &[[[nothing; 4]; 4]; NODES], first);
+        }
+        let moved = (robot.arm(0) - ArmVector::from(FREE)).amax();
+        assert!(moved < 1e-3, "{nothing}: {moved} rad");
+    }
+}
+
+#[test]
 fn arms_that_come_and_go_begin_at_the_command() {
     for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(300 + seed);
