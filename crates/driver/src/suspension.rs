@@ -4,7 +4,7 @@ use crate::acceptance::GAP_MAX_TICKS;
 use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind};
 use crate::plan::Motion;
 use crate::port::Measured;
-use messages::{JOINTS, Stamp, TICK_S, known_bug};
+use messages::{JOINTS, Stamp, TICK_HZ, TICK_S, known_bug};
 
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
 const SPEED_NOISE: f64 = 0.036;
@@ -75,7 +75,7 @@ impl State {
         let measured = input.measured.filter(fresh).filter(finite);
         let mut planned = self.motion;
         planned.play(ticks);
-        if measured.is_some_and(|measured| self.is_on_plan(config, ticks, &planned, measured)) {
+        if measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured)) {
             self.latched |= ticks > config.silence_ticks;
             self.play(ticks, each);
             return;
@@ -103,25 +103,25 @@ impl State {
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// Whether the robot went on with the plan while the driver was suspended. The plan has come to `planned` in the `ticks` since
-    /// the last setpoint. Every joint must be measured between `planned` and where the plan was [`FOLLOWING_DELAY_TICKS`]
-    /// before, in position and in speed.
-    fn is_on_plan(&self, config: &Config, ticks: u64, planned: &Motion, measured: &Measured) -> bool {
-        let mut behind = self.motion;
+    /// Whether the robot went on with the plan in the `ticks` since the last setpoint. Every joint must have been measured between
+    /// where the plan was then and where it was [`FOLLOWING_DELAY_TICKS`] before, in position and in speed.
+    fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {
+        let age_ticks = now.since(measured.stamp) * TICK_HZ / 1_000_000_000;
         // An interface delays by its mean, or by twice as much, or not at all.
-        let delay_ticks = FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks;
+        let delay_ticks = age_ticks + FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks;
+        let (mut ahead, mut behind) = (self.motion, self.motion);
+        ahead.play(ticks.saturating_sub(age_ticks));
         behind.play(ticks.saturating_sub(delay_ticks));
         // Before the last setpoint the robot came with its speed.
         let sooner_s = delay_ticks.saturating_sub(ticks) as f64 * TICK_S;
         (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
             let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
-            let (ahead, faster) = (planned.q[j], planned.v[j]);
             let noise = SPEED_NOISE + sooner_s * limits.a_max;
-            measured.q[j] >= q.min(ahead) - ENCODER_NOISE
-                && measured.q[j] <= q.max(ahead) + ENCODER_NOISE
-                && measured.dq[j] >= v.min(faster) - noise
-                && measured.dq[j] <= v.max(faster) + noise
+            measured.q[j] >= q.min(ahead.q[j]) - ENCODER_NOISE
+                && measured.q[j] <= q.max(ahead.q[j]) + ENCODER_NOISE
+                && measured.dq[j] >= v.min(ahead.v[j]) - noise
+                && measured.dq[j] <= v.max(ahead.v[j]) + noise
         })
     }
 }

@@ -83,6 +83,30 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
     }
 }
 
+/// The robot's process was kept from its core as well: what it measured last is older than the driver's return. It is compared
+/// with where the plan was then.
+#[test]
+fn a_suspended_driver_compares_an_old_measurement_with_the_plan_of_then() {
+    for (gap, age) in [(16, 14), (40, 14), (16, 2)] {
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        // It was accelerating before, as hard as it may: 8 ms behind, it is slower by that.
+        let behind = 12 + age;
+        let (mut before, sooner) = (bench.state.motion, u64::saturating_sub(behind, gap));
+        before.play(gap.saturating_sub(behind));
+        let sooner_s = sooner as f64 * TICK_S;
+        let mut now = measured_at(K + 5 + gap - age, 0.0, 0.0);
+        (now.q, now.dq) = (before.q, before.v);
+        now.dq[3] -= sooner_s * LIMITS.a_max;
+        now.q[3] -= sooner_s * before.v[3] - 0.5 * LIMITS.a_max * sooner_s * sooner_s;
+        let mut planned = bench.state.motion;
+        planned.play(gap);
+        let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
+        tick(&CONFIG, &mut bench.state, deadline(K + 5 + gap), input);
+        assert_eq!(bench.state.motion, planned, "{gap}, {age}");
+    }
+}
+
 /// A joint that brakes already when its driver returns goes on to brake: its stop is no longer than that of a joint that has to
 /// begin, and keeps the limits.
 #[test]
