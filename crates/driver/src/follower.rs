@@ -400,9 +400,10 @@ impl State {
     }
 
     /// Holds where the joints stand if the robot as a whole has not followed for long enough; and, once, where a drive
-    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. Joints that
-    /// still move when nothing is complained of any more come to rest first. The state is latched, so at least one tick of
-    /// a plan lies between the last accepted command and the identity that is given here: it is new.
+    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. A robot that has power
+    /// and refuses setpoints is sent the stop for as long as it is near: it may take a setpoint at any time, and its answer is
+    /// late. Joints that still move when nothing is complained of any more come to rest first. The state is latched, so at least
+    /// one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
     fn hold_undriven(
         &mut self,
         config: &Config,
@@ -411,7 +412,8 @@ impl State {
         each: &mut impl FnMut(&Step),
     ) {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
-        let undriven = (input.port_fault || !drives.powered || drives.emergency_stop) && !known_bug!(SagForgotten);
+        let powered = drives.powered && !drives.emergency_stop;
+        let undriven = (input.port_fault || !powered) && !known_bug!(SagForgotten);
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         let complained = undriven || drives.fault;
         let stands = input.measured.is_none_or(|measured| is_slow(config, measured));
@@ -424,7 +426,10 @@ impl State {
         // Setpoints that are refused meanwhile change nothing: the joints are followed until they stand.
         let settles = self.holds_measured && (undriven || !complained);
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
-        let held = stopped || settles || self.undriven >= UNDRIVEN_TICKS;
+        let near =
+            powered && !self.motion.at_rest() && input.measured.is_none_or(|measured| self.is_near(config, measured));
+        let left = self.undriven >= UNDRIVEN_TICKS && !near;
+        let held = stopped || settles || left;
         let Some(standing) = standing.filter(|_| held) else { return };
         self.holds_measured = true;
         self.motion = Motion::rest(standing);

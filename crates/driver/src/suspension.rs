@@ -103,6 +103,13 @@ impl State {
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
+    /// Whether every joint is measured as near to its setpoint as a robot is that follows.
+    pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
+        let delay_s = (FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks) as f64 * TICK_S;
+        let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
+        (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
+    }
+
     /// Whether the robot went on with the plan in the `ticks` since the last setpoint. Every joint must have been measured between
     /// where the plan was then and where it was [`FOLLOWING_DELAY_TICKS`] before, in position and in speed.
     fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {

@@ -220,6 +220,33 @@ fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
     assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
 }
 
+/// A robot with power that refuses setpoints stops by itself, and takes one again that comes near. Its answer is late: a motion that
+/// began anew by then would be a jump.
+#[test]
+fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
+    let mut bench = Bench::new();
+    bench.follow(K + 5);
+    let mut planned = bench.state.motion;
+    let mut now = measured();
+    // It stands where it was, and the plan goes on.
+    now.q[3] = planned.q[3];
+    let mut left = 0;
+    for k in K + 6..K + 60 {
+        planned.play(1);
+        let refuses = Input { due_k: k, command: None, port_fault: true, measured: Some(&now) };
+        let out = tick(&CONFIG, &mut bench.state, deadline(k), refuses);
+        assert!(out.faults.has(Fault::DriverFault));
+        // A robot that follows stays 20 mrad behind at 2 rad/s, and encoders err by 0.4.
+        if planned.q[3] - now.q[3] <= 0.0204 {
+            assert_eq!((out.executed.q, out.executed.v), (planned.q, planned.v), "tick {k}");
+        } else {
+            left += 1;
+            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS]), "tick {k}: where it is");
+        }
+    }
+    assert!(left > 10, "{left}");
+}
+
 #[test]
 fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_stands() {
     // Joint 3 goes on at 0.5 rad/s, for a while or for ever.
