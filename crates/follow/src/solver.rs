@@ -44,13 +44,15 @@ pub struct Weights {
     pub prior: f64,
     /// The same at the last node, and per rad that its limbs are off: see [`Problem::pull`].
     pub pull: f64,
+    /// By how much `pull` grows, as a share of it, in each second in which the limbs come no nearer, 1/s.
+    pub patience: f64,
     /// Position beyond its range, per rad^2.
     pub range: f64,
 }
 
 impl Default for Weights {
     fn default() -> Self {
-        Self { acceleration: 5e-3, knee: 0.08, velocity: 2e-3, prior: 2e-4, pull: 0.1, range: 30.0 }
+        Self { acceleration: 5e-3, knee: 0.08, velocity: 2e-3, prior: 2e-4, pull: 0.1, patience: 50.0, range: 30.0 }
     }
 }
 

@@ -4,7 +4,7 @@ use crate::arm::{Arm, ArmVector, Limbs};
 use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
-use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM};
+use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, TICK_S};
 use nalgebra::{Quaternion, UnitQuaternion};
 use robot::Model;
 
@@ -19,6 +19,17 @@ const FIRST: [usize; ARMS] = [LEFT_ARM.start, RIGHT_ARM.start];
 /// from the command. Twice what the tracking law leaves where nothing is in the way.
 const OFF_RAD: f64 = 0.02;
 const OFF_RAD_PER_S: f64 = 0.3;
+
+/// An arm is stalled if its limbs come nearer to the person by less than this, rad/s, where the proposed posture would be nearer
+/// by more than this, rad (both limbs together). Chosen by the test of random arms that hang, with the share of the time that is
+/// kept in each iteration once it is not stalled, and with the longest time.
+const STALLED_RAD_PER_S: f64 = 0.5;
+const STALLED_RAD: f64 = 0.2;
+const STALLED_KEPT: f64 = 0.95;
+const STALLED_MAX_S: f64 = 1.0;
+
+/// Time from one iteration of an arm to its next, s: both take turns.
+const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 
 /// Distance kept from position limits, rad: what whole-body control keeps as well.
 const INSET_RAD: f64 = 1e-3;
@@ -106,6 +117,8 @@ pub struct State {
     arm: usize,
     /// How far the limbs are off where the last iteration ends, sum of both, rad.
     off_at_end_rad: [f64; ARMS],
+    /// How long each arm has been stalled, s.
+    stalled_s: [f64; ARMS],
 }
 
 impl State {
@@ -130,12 +143,25 @@ impl State {
             step: 0,
             arm: 0,
             off_at_end_rad: [0.0; ARMS],
+            stalled_s: [0.0; ARMS],
         }
+    }
+
+    /// Notes how far the arm's limbs are off where its iteration ends, and whether they come no nearer.
+    fn judge_progress(&mut self, config: &Config, arm: usize) {
+        let work = &*self.iteration;
+        let off = |q: &ArmVector| config.arm.angles(q, &work.problem.person[NODES - 1]).iter().sum::<f64>();
+        let end = off(&work.sweep.nodes()[NODES - 1].q);
+        let before = std::mem::replace(&mut self.off_at_end_rad[arm], end);
+        let nearer = before - end >= STALLED_RAD_PER_S * EACH_S;
+        let stalled = !nearer && end > off(&work.problem.prior) + STALLED_RAD;
+        let time_s = if stalled { self.stalled_s[arm] + EACH_S } else { self.stalled_s[arm] * STALLED_KEPT };
+        self.stalled_s[arm] = time_s.min(STALLED_MAX_S);
     }
 
     /// Forgets the plans: the robot does not follow. The next tick begins from what is commanded then.
     pub fn forget(&mut self) {
-        (self.meant, self.step, self.arm) = ([false; ARMS], 0, 0);
+        (self.meant, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
     }
 }
 
@@ -182,7 +208,9 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     let work = &mut *state.iteration;
     let sweeps = ITERATION_TICKS - 2;
     if state.step == 0 {
-        prepare(config, work, &state.plans[arm], state.off_at_end_rad[arm], input, arm);
+        let pull = config.weights.pull * (1.0 + config.weights.patience * state.stalled_s[arm]);
+        work.problem.pull = pull * state.off_at_end_rad[arm];
+        prepare(config, work, &state.plans[arm], input, arm);
     } else if state.step <= sweeps {
         let share = NODES / sweeps as usize;
         let from = NODES - (state.step as usize - 1) * share;
@@ -201,8 +229,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
         if state.meant[arm] && is_finite(&plan.state) {
             state.plans[arm] = plan;
         }
-        let [upper, fore] = config.arm.angles(&work.sweep.nodes()[NODES - 1].q, &work.problem.person[NODES - 1]);
-        state.off_at_end_rad[arm] = upper + fore;
+        state.judge_progress(config, arm);
     }
     state.step = (state.step + 1) % ITERATION_TICKS;
     if state.step == 0 {
@@ -212,7 +239,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
 
 /// The problem as it will be when the iteration ends: the state then, on the plan or, where the wish did not come true,
 /// continued from the command.
-fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, off_at_end: f64, input: &Input<'_>, arm: usize) {
+fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
     work.begin = before + ITERATION_TICKS - 1;
     let commanded = solver::State { q: part(input.q, arm), v: part(input.v, arm) };
@@ -224,7 +251,6 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, off_at_end: f64, 
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
     problem.prior = part(input.prior, arm);
-    problem.pull = config.weights.pull * off_at_end;
     let first = node_after(work.begin);
     let mut known = config.arm.limbs(&problem.start.q);
     for i in 0..NODES {
