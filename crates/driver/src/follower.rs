@@ -1,6 +1,6 @@
 //! The command follower: executes commands that continue, plays the plan when there is none, and latches on silence.
 
-use crate::acceptance::{self, Refusal, Rule};
+use crate::acceptance::{self, GAP_MAX_TICKS, Refusal, Rule};
 use crate::chain::Chain;
 use crate::limits::JointLimits;
 use crate::plan::Motion;
@@ -213,7 +213,8 @@ pub struct Output {
     pub accepted: Option<Accepted>,
     /// Why the command of this tick was refused.
     pub refused: Option<Refusal>,
-    /// The driver was suspended for so many ticks while the robot moved: it began again where the robot is measured.
+    /// The driver was suspended for so many ticks while the robot moved: it went on with the certified stop, or began again where
+    /// the robot is measured.
     pub suspended_ticks: Option<u64>,
     /// `DriverFault` while latched.
     pub faults: Faults,
@@ -233,8 +234,8 @@ pub enum StepKind {
     Command,
     /// So many indices at rest, as one step.
     Rest,
-    /// The robot was on its own, because its drives did not follow or the driver was suspended: what is executed begins where
-    /// it is measured.
+    /// The robot was on its own, because its drives did not follow or the driver was suspended, and is not on its plan: what is
+    /// executed begins where it is measured.
     Measured,
 }
 
@@ -262,6 +263,8 @@ pub fn tick_each(
     mut each: impl FnMut(&Step),
 ) -> Output {
     let index_before = state.index();
+    // What was held before a pause says nothing of where the robot is now: it may have sunk meanwhile.
+    let paused = state.latched && state.holds_measured && input.due_k.saturating_sub(index_before) > GAP_MAX_TICKS;
     let driven = !input.port_fault && input.measured.is_none_or(|measured| measured.drives.are_sound());
     state.latched |= !driven;
     // A command is heard in the tick in which the joints are seen to stand.
@@ -288,8 +291,8 @@ pub fn tick_each(
     }
     if advanced > 0 {
         state.watch_standing(config, input.measured);
-        let standing = input.measured.and_then(|measured| state.believe(config, measured));
-        state.hold_undriven(config, &input, standing, &mut each);
+        let standing = input.measured.and_then(|measured| state.believe(config, state.index(), measured));
+        state.hold_undriven(config, &input, standing, paused, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
@@ -385,16 +388,16 @@ impl State {
         }
     }
 
-    /// Where the joints stand: what is measured, if every joint can have come there since the last posture that was
+    /// Where the joints stand at index `k`: what is measured, if every joint can have come there since the last posture that was
     /// believed. An encoder that lies while there is no power must not become the setpoint that power finds.
-    pub(crate) fn believe(&mut self, config: &Config, measured: &Measured) -> Option<[f64; JOINTS]> {
-        let (last, k) = self.believed;
-        let dt_s = self.index().saturating_sub(k).clamp(1, MOVES_TICKS) as f64 * TICK_S;
+    pub(crate) fn believe(&mut self, config: &Config, k: u64, measured: &Measured) -> Option<[f64; JOINTS]> {
+        let (last, last_k) = self.believed;
+        let dt_s = k.saturating_sub(last_k).clamp(1, MOVES_TICKS) as f64 * TICK_S;
         let reach = |j: usize| FALL_FACTOR * config.limits[j].v_max * dt_s + NOISE;
         // What is no number is within no reach.
         let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
         can_be.then(|| {
-            self.believed = (measured.q, self.index());
+            self.believed = (measured.q, k);
             measured.q
         })
     }
@@ -409,6 +412,7 @@ impl State {
         config: &Config,
         input: &Input<'_>,
         standing: Option<[f64; JOINTS]>,
+        paused: bool,
         each: &mut impl FnMut(&Step),
     ) {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
@@ -429,7 +433,7 @@ impl State {
         let near =
             powered && !self.motion.at_rest() && input.measured.is_none_or(|measured| self.is_near(config, measured));
         let left = self.undriven >= UNDRIVEN_TICKS && !near;
-        let held = stopped || settles || left;
+        let held = stopped || settles || left || paused;
         let Some(standing) = standing.filter(|_| held) else { return };
         self.holds_measured = true;
         self.motion = Motion::rest(standing);

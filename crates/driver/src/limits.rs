@@ -67,13 +67,18 @@ impl JointLimits {
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
     }
 
-    /// The speed nearest to `v` from which [`JointLimits::stop_from`] ends inside the position limits. Its way without braking
-    /// at the start is v (v / A + t) / 2, with t = A / J the length of a ramp, and at most v t below A t.
-    pub(crate) fn speed_inside(&self, q: f64, v: f64) -> f64 {
+    /// The speed nearest to `v` from which [`JointLimits::stop_from`] at `braking` ends inside the position limits.
+    pub(crate) fn speed_inside(&self, q: f64, v: f64, braking: f64) -> f64 {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };
-        let (a_max, ramp_s) = (OWN_STOP_SHARE * self.a_max, self.a_max / self.j_max);
         let way = |speed: f64| {
-            if speed > a_max * ramp_s { speed * (speed / a_max + ramp_s) / 2.0 } else { speed * ramp_s }
+            let (braking, jerks, durations_s) = self.stop_from(speed, braking);
+            let (mut way, mut v, mut a) = (0.0, speed, -braking);
+            for (jerk, t) in jerks.into_iter().zip(durations_s) {
+                way += t * (v + t * (a / 2.0 + t * jerk / 6.0));
+                v += t * (a + t * jerk / 2.0);
+                a += t * jerk;
+            }
+            way
         };
         let wished = v.abs().min(self.v_max);
         let speed = largest(wished, |speed| way(speed) <= room);

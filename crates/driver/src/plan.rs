@@ -34,8 +34,9 @@ impl Motion {
     ) -> Self {
         let mut motion = Self::rest(q);
         for (j, limits) in limits.iter().enumerate() {
-            let v = limits.speed_inside(q[j], v[j]);
-            let (braking, jerk, duration_s) = limits.stop_from(v, -a[j] * v.signum());
+            let braking = -a[j] * v[j].signum();
+            let v = limits.speed_inside(q[j], v[j], braking);
+            let (braking, jerk, duration_s) = limits.stop_from(v, braking);
             (motion.v[j], motion.a[j]) = (v, -braking.copysign(v));
             (motion.plan.jerk[j], motion.plan.duration_s[j]) = (jerk, duration_s);
         }
@@ -103,7 +104,8 @@ impl Motion {
                 v += t * (a + t * jerk / 2.0);
                 a += t * jerk;
             }
-            worst = worst.max(v.abs()).max(a.abs());
+            // Unlike `max`, this lets no NaN go.
+            worst = if v.is_finite() && a.is_finite() { worst.max(v.abs()).max(a.abs()) } else { f64::INFINITY };
         }
         worst
     }

@@ -13,6 +13,9 @@ const SPEED_NOISE: f64 = 0.036;
 /// 20 mrad behind at 2 rad/s. Assumption.
 const FOLLOWING_DELAY_TICKS: u64 = 15;
 
+/// A setpoint is on its way to the drives for so long, ticks: 2 ms. Assumption.
+const SETPOINT_TICKS: u64 = 3;
+
 /// How much faster than its limit a sound joint may be measured. As `safety` judges measurements.
 const OVERSPEED: f64 = 1.25;
 
@@ -37,10 +40,12 @@ impl State {
         let v = measured.dq.map(|v| if v.abs() <= SPEED_NOISE { 0.0 } else { v });
         let confirmed = (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
-            let unlike = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s).abs();
-            let allowed =
-                ENCODER_NOISE + SPEED_NOISE * elapsed_s + BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
-            v[j] == 0.0 || (v[j].abs() <= OVERSPEED * limits.v_max && elapsed_s > 0.0 && unlike <= allowed)
+            // A joint that brakes has come farther than its speed of now says, and never less far.
+            let farther = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s) * v[j].signum();
+            let noise = ENCODER_NOISE + SPEED_NOISE * elapsed_s;
+            let braked = BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
+            let alike = elapsed_s > 0.0 && (-noise..=noise + braked).contains(&farther);
+            v[j] == 0.0 || (v[j].abs() <= OVERSPEED * limits.v_max && alike)
         });
         if confirmed && v.iter().any(|&v| v != 0.0) {
             let q = core::array::from_fn(|j| arrival(config, j, measured.q[j], v[j]));
@@ -70,37 +75,43 @@ impl State {
         ticks: u64,
         each: &mut impl FnMut(&Step),
     ) {
-        let fresh = |measured: &&Measured| now.since(measured.stamp) <= MEASURED_AGE_MAX_NS;
+        let apart_ns = |measured: &Measured| now.since(measured.stamp).max(measured.stamp.since(now));
+        let fresh = |measured: &&Measured| apart_ns(measured) <= MEASURED_AGE_MAX_NS;
         let finite = |measured: &&Measured| measured.dq.iter().all(|v| v.is_finite());
         let measured = input.measured.filter(fresh).filter(finite);
-        let mut planned = self.motion;
-        planned.play(ticks);
-        if measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured)) {
-            self.latched |= ticks > config.silence_ticks;
+        let on_plan = measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured));
+        let place = measured.filter(|_| !on_plan).and_then(|measured| self.place(config, now, ticks, measured));
+        self.latched |= ticks > config.silence_ticks || !(on_plan || place.is_some());
+        let Some([q, v, a]) = place else {
             self.play(ticks, each);
             return;
-        }
+        };
+        // The index that is due is not missed: it is executed now.
         (self.executed_k, self.plan_ticks_played, self.chain) = (input.due_k, 0, None);
+        self.motion = Motion::stopping(&config.limits, q, &v, &a);
+        each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
+    }
+
+    /// Where the motion begins again after `ticks`: positions and velocities as measured, and the accelerations of the plan. None
+    /// if what is measured cannot be.
+    fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<[[f64; JOINTS]; 3]> {
+        let mut planned = self.motion;
+        planned.play(ticks);
+        let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
+        // What is measured may be of a robot that had not come as far as the last setpoint.
+        let sooner_s = (age_s + (FOLLOWING_DELAY_TICKS + SETPOINT_TICKS) as f64 * TICK_S - elapsed_s).max(0.0);
         // Each joint carried on or braked: its speed lies between the last one and rest, and is no farther from the last one
         // than the limit of acceleration allows, but for noise. A robot that braked harder is believed.
-        let speed = |measured: &Measured, j: usize| {
-            let (v, ahead) = (self.motion.v[j], planned.v[j]);
-            let change = config.limits[j].a_max * ticks as f64 * TICK_S;
+        let speed = |j: usize| {
+            let (v, ahead, a_max) = (self.motion.v[j], planned.v[j], config.limits[j].a_max);
             let between = measured.dq[j].clamp(v.min(ahead).min(0.0), v.max(ahead).max(0.0));
-            let allowed = between.clamp(v - change, v + change);
-            if (allowed - between).abs() <= SPEED_NOISE { allowed } else { between }
+            let allowed = between.clamp(v - a_max * elapsed_s, v + a_max * elapsed_s);
+            if (allowed - between).abs() <= SPEED_NOISE + a_max * sooner_s { allowed } else { between }
         };
-        let speeds = measured.map(|measured| core::array::from_fn(|j| speed(measured, j)));
-        let inside =
-            |(q, v): ([f64; JOINTS], [f64; JOINTS])| (core::array::from_fn(|j| arrival(config, j, q[j], v[j])), v);
-        let place = measured.and_then(|measured| self.believe(config, measured)).zip(speeds).map(inside);
-        // The index that is due is not missed: it is executed now.
-        self.latched |= ticks > config.silence_ticks || place.is_none();
-        self.motion = match place {
-            Some((q, v)) => Motion::stopping(&config.limits, q, &v, &planned.a),
-            None => planned,
-        };
-        each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
+        let v = core::array::from_fn(speed);
+        let believed = self.believe(config, self.index() + ticks, measured)?;
+        let q = core::array::from_fn(|j| arrival(config, j, believed[j] + age_s * v[j], v[j]));
+        Some([q, v, planned.a])
     }
 
     /// Whether every joint is measured as near to its setpoint as a robot is that follows.
@@ -125,8 +136,9 @@ impl State {
             let limits = &config.limits[j];
             let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
             let noise = SPEED_NOISE + sooner_s * limits.a_max;
-            measured.q[j] >= q.min(ahead.q[j]) - ENCODER_NOISE
-                && measured.q[j] <= q.max(ahead.q[j]) + ENCODER_NOISE
+            let apart = ENCODER_NOISE + sooner_s * sooner_s * limits.a_max / 2.0;
+            measured.q[j] >= q.min(ahead.q[j]) - apart
+                && measured.q[j] <= q.max(ahead.q[j]) + apart
                 && measured.dq[j] >= v.min(ahead.v[j]) - noise
                 && measured.dq[j] <= v.max(ahead.v[j]) + noise
         })

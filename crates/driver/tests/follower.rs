@@ -43,11 +43,12 @@ fn stopping(command: &mut JointCommand, v: f64, a: f64) {
 fn f057_f059_every_reason_to_refuse_is_met_and_counted() {
     let far = deadline(K + 6);
     type Break = fn(&mut JointCommand);
-    let cases: [(Refusal, Break); 18] = [
+    let cases: [(Refusal, Break); 19] = [
         (Refusal::NotFinite, |c| c.q[16] = f64::NAN),
         (Refusal::NotFinite, |c| c.plan.duration_s[0][2] = f64::INFINITY),
         (Refusal::NotAStop, |c| c.plan.duration_s[3][1] = 0.04),
         (Refusal::NotAStop, |c| c.plan.duration_s[0] = [-0.1, 0.1, 0.0]),
+        (Refusal::NotAStop, |c| (c.plan.jerk[0], c.plan.duration_s[0]) = ([1e308, -1e308, 0.0], [2.5, 2.5, 0.0])),
         (Refusal::NotAStop, |c| c.plan.duration_s[0] = [4.0, 4.0, 0.0]),
         (Refusal::TooFarAhead, |c| c.k = K + 9),
         (Refusal::TooFarAhead, |c| c.k = u64::MAX),

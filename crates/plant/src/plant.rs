@@ -220,13 +220,19 @@ impl Plant {
     ///
     /// - a fault refuses it, the emergency stop is pressed, or the motors have no power;
     /// - a number is not finite, or a duration is negative;
+    /// - the robot went on by itself for longer than its watchdog waits since `now`: it is for a robot that was elsewhere;
     /// - no setpoints are followed at present, at the start or after a reaction, and the setpoint does not begin near the
     ///   robot's position ([`NEAR_RAD`], [`NEAR_M`]) and speed ([`NEAR_RAD_PER_S`], [`NEAR_M_PER_S`]).
     ///
     /// Integrates until `now` first, so a judge must have been advanced before.
     pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint) -> bool {
         self.advance(config, now);
-        if self.injected.refuses() || !is_sound(setpoint) || (self.begins() && !self.is_near(config, setpoint)) {
+        let is_old = self.truth.stamp.since(now) > config.watchdog_ns;
+        if is_old
+            || self.injected.refuses()
+            || !is_sound(setpoint)
+            || (self.begins() && !self.is_near(config, setpoint))
+        {
             return false;
         }
         if self.mode == Mode::Following && setpoint.k <= self.newest_k() {

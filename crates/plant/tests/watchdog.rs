@@ -52,6 +52,18 @@ fn silence_shorter_than_the_watchdog_is_extrapolated() {
     assert!(!plant.reacting() && (plant.truth().v[ELBOW] - SPEED).abs() < 0.03);
 }
 
+/// A driver that was suspended between making a setpoint and sending it.
+#[test]
+fn a_setpoint_that_was_made_before_the_robot_went_on_by_itself_is_refused() {
+    let (config, mut plant, last, now) = moving(Reaction::Hold);
+    plant.advance(&config, now.plus_ns(600_000_000));
+    let old = Setpoint { q: plant.truth().q, v: [0.0; JOINTS], k: last.k + 1, ..last };
+    assert!(!plant.receive(&config, now.plus_ns(TICK_NS), &old), "it is near, and 0.6 s old");
+    assert!(plant.reacting());
+    let new = Setpoint { k: last.k + 900, ..old };
+    assert!(plant.receive(&config, now.plus_ns(600_000_000), &new));
+}
+
 #[test]
 fn hold_stops_within_the_braking_distance() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);

@@ -66,13 +66,16 @@ impl RemoteRobot {
     }
 
     /// A driver that was suspended while the robot moved waits until a measurement is there that was made after now, but no
-    /// longer than [`NEWS_WITHIN_NS`]. The robot may have been kept from its core too.
+    /// longer than [`NEWS_WITHIN_NS`], nor until its pause would latch. The robot may have been kept from its core too.
     fn wait_if_suspended(&mut self, state: &sim::DriverState, due_k: u64) {
         if due_k.saturating_sub(state.follower().index()) <= driver::GAP_MAX_TICKS || state.at_rest() {
             return;
         }
         let asked = rt::now();
-        while self.newest.measured < asked && rt::now().since(asked) < NEWS_WITHIN_NS {
+        let latches = deadline(state.follower().index() + driver::SILENCE_TICKS);
+        let news = asked.plus_ns(NEWS_WITHIN_NS);
+        let give_up = if asked < latches { news.min(latches) } else { news };
+        while self.newest.measured < asked && rt::now() < give_up {
             rt::sleep_until(rt::now().plus_ns(200_000));
             if let Some(newest) = rt::allocating_aside(|| self.measurements.latest()) {
                 self.newest = newest;
@@ -96,8 +99,12 @@ impl Driver for RemoteRobot {
         Measured { stamp: measured, q, dq, drives }
     }
 
-    /// The robot's answer is that to an earlier setpoint: it comes with the next measurement.
+    /// The robot's answer is that to an earlier setpoint: it comes with the next measurement. A driver that was suspended since
+    /// `now` sends nothing: the robot is elsewhere, and the next tick sees the pause.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
+        if rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ {
+            return true;
+        }
         self.header.sequence += 1;
         self.header.stamp = now;
         let &Setpoint { k, q, v, a } = setpoint;
