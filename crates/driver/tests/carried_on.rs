@@ -46,7 +46,7 @@ impl Joint {
         let mut jerk = 0.0;
         let mut step = |n: usize| {
             let before = (q, v);
-            if n % 60 == 0 {
+            if n.is_multiple_of(60) {
                 jerk = if index < MOVING { rng.random_range(-1.0..1.0) * LIMITS.j_max } else { 0.0 };
             }
             let dt = -PAST_STEP_S;
