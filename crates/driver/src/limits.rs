@@ -2,6 +2,7 @@
 //! driver checks again what `control` has checked, with arithmetic of its own.
 
 use crate::acceptance::Refusal;
+use crate::plan::after;
 
 /// Rounding of a position (rad, m), a speed or an acceleration: positions of some radians in doubles err by less than
 /// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
@@ -72,13 +73,8 @@ impl JointLimits {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };
         let way = |speed: f64| {
             let (braking, jerks, durations_s) = self.stop_from(speed, braking);
-            let (mut way, mut v, mut a) = (0.0, speed, -braking);
-            for (jerk, t) in jerks.into_iter().zip(durations_s) {
-                way += t * (v + t * (a / 2.0 + t * jerk / 6.0));
-                v += t * (a + t * jerk / 2.0);
-                a += t * jerk;
-            }
-            way
+            let phases = jerks.into_iter().zip(durations_s);
+            phases.fold([0.0, speed, -braking], |now, (jerk, t)| after(now, jerk, t))[0]
         };
         let wished = v.abs().min(self.v_max);
         let speed = largest(wished, |speed| way(speed) <= room);

@@ -71,17 +71,13 @@ impl Motion {
         }
     }
 
-    /// Advances joint `j` by `rest_s` seconds: in each phase, with constant jerk J,
-    /// q += v t + a t^2 / 2 + J t^3 / 6, v += a t + J t^2 / 2, a += J t.
+    /// Advances joint `j` by `rest_s` seconds of its phases.
     fn play_joint(&mut self, j: usize, mut rest_s: f64) {
         let (mut q, mut v, mut a) = (self.q[j], self.v[j], self.a[j]);
         for phase in 0..3 {
             let t = rest_s.min(self.plan.duration_s[j][phase]);
             if t > 0.0 {
-                let jerk = self.plan.jerk[j][phase];
-                q += t * (v + t * (a / 2.0 + t * jerk / 6.0));
-                v += t * (a + t * jerk / 2.0);
-                a += t * jerk;
+                [q, v, a] = after([q, v, a], self.plan.jerk[j][phase], t);
                 self.plan.duration_s[j][phase] -= if known_bug!(PlanFromStart) { 0.0 } else { t };
                 rest_s -= t;
             }
@@ -98,17 +94,19 @@ impl Motion {
     pub(crate) fn residue_at_end(&self) -> f64 {
         let mut worst = 0.0_f64;
         for j in 0..JOINTS {
-            let (mut v, mut a) = (self.v[j], self.a[j]);
-            for phase in 0..3 {
-                let (t, jerk) = (self.plan.duration_s[j][phase], self.plan.jerk[j][phase]);
-                v += t * (a + t * jerk / 2.0);
-                a += t * jerk;
-            }
+            let phases = self.plan.jerk[j].into_iter().zip(self.plan.duration_s[j]);
+            let [_, v, a] = phases.fold([self.q[j], self.v[j], self.a[j]], |now, (jerk, t)| after(now, jerk, t));
             // Unlike `max`, this lets no NaN go.
             worst = if v.is_finite() && a.is_finite() { worst.max(v.abs()).max(a.abs()) } else { f64::INFINITY };
         }
         worst
     }
+}
+
+/// Position, velocity and acceleration after `t` seconds of constant jerk J:
+/// q + v t + a t^2 / 2 + J t^3 / 6, v + a t + J t^2 / 2, a + J t.
+pub(crate) fn after([q, v, a]: [f64; 3], jerk: f64, t: f64) -> [f64; 3] {
+    [q + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0), a + t * jerk]
 }
 
 #[cfg(test)]

@@ -15,6 +15,13 @@ pub struct Measured {
     pub drives: Drives,
 }
 
+impl Measured {
+    /// Time between the measurement and `now`, whichever is later, ns: a stamp of the future says nothing of now either.
+    pub fn apart_ns(&self, now: Stamp) -> u64 {
+        now.since(self.stamp).max(self.stamp.since(now))
+    }
+}
+
 /// What a robot says of its drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drives {

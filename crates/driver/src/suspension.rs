@@ -75,8 +75,7 @@ impl State {
         ticks: u64,
         each: &mut impl FnMut(&Step),
     ) {
-        let apart_ns = |measured: &Measured| now.since(measured.stamp).max(measured.stamp.since(now));
-        let fresh = |measured: &&Measured| apart_ns(measured) <= MEASURED_AGE_MAX_NS;
+        let fresh = |measured: &&Measured| measured.apart_ns(now) <= MEASURED_AGE_MAX_NS;
         let finite = |measured: &&Measured| measured.dq.iter().all(|v| v.is_finite());
         let measured = input.measured.filter(fresh).filter(finite);
         let on_plan = measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured));
@@ -98,7 +97,7 @@ impl State {
         let mut planned = self.motion;
         planned.play(ticks);
         let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
-        // What is measured may be of a robot that had not come as far as the last setpoint.
+        // The measurement may be older than the last setpoint, by so much.
         let sooner_s = (age_s + (FOLLOWING_DELAY_TICKS + SETPOINT_TICKS) as f64 * TICK_S - elapsed_s).max(0.0);
         // Each joint carried on or braked: its speed lies between the last one and rest, and is no farther from the last one
         // than the limit of acceleration allows, but for noise. A robot that braked harder is believed.
@@ -114,15 +113,16 @@ impl State {
         Some([q, v, planned.a])
     }
 
-    /// Whether every joint is measured as near to its setpoint as a robot is that follows.
+    /// Whether every joint is near its setpoint. A robot that follows is at most [`FOLLOWING_DELAY_TICKS`] behind.
     pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
         let delay_s = (FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks) as f64 * TICK_S;
         let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
         (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
     }
 
-    /// Whether the robot went on with the plan in the `ticks` since the last setpoint. Every joint must have been measured between
-    /// where the plan was then and where it was [`FOLLOWING_DELAY_TICKS`] before, in position and in speed.
+    /// Whether the robot went on with the plan in the `ticks` since the last setpoint. The measurement is compared with two points of
+    /// the plan: that of its own time, and the one [`FOLLOWING_DELAY_TICKS`] before. Every joint must lie between them, in position
+    /// and in speed.
     fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {
         let age_ticks = now.since(measured.stamp) * TICK_HZ / 1_000_000_000;
         // An interface delays by its mean, or by twice as much, or not at all.

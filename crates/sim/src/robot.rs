@@ -206,8 +206,7 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
     let DriverState { follower, controllers, checker, report, port_fault, measured, told, first_latch, .. } = state;
     *measured = port.read(now);
     let (port_refused, was_latched) = (*port_fault, follower.latched);
-    // A stamp of the future says nothing of now either.
-    let unheard = now.since(measured.stamp).max(measured.stamp.since(now)) > config.measured_age_max_ns;
+    let unheard = measured.apart_ns(now) > config.measured_age_max_ns;
     let mut mode = follower.mode;
     let follow = driver::Input {
         due_k: input.due_k,
