@@ -132,8 +132,8 @@ impl Following {
     }
 }
 
-/// Whether the operator wants the robot to follow after this transition. That begins with Engaged, lasts through every hold, and
-/// ends with a release or with Disengaged.
+/// Whether the operator wants the robot to follow after this transition. The wish begins with Engaged and lasts through every
+/// hold. It ends with a release or with Disengaged.
 fn is_meant(before: bool, transition: &Transition) -> bool {
     let let_go = transition.why == Transition::RELEASED || transition.to == Mode::Disengaged as u32;
     !let_go && (before || transition.to == Mode::Engaged as u32)

@@ -26,9 +26,9 @@
 //!
 //! A driver that was suspended for longer while the robot moved does not take a command of its old chain. If the robot is
 //! measured where the plan has come to meanwhile, it goes on with the plan. Otherwise it begins where the robot is measured,
-//! and stops from there within the limits. It latches if the pause was as long as the silence that latches. So no setpoint
-//! of a robot that carried on is farther from the one before than the limits allow in the time between the two writes, and one
-//! of any other robot is near where that is (`tests/carried_on.rs`).
+//! and stops from there within the limits. It latches if the pause was as long as the silence that latches. If the
+//! robot carried on, the next setpoint is no farther from the last one than the limits allow in the time between the two
+//! writes (`tests/carried_on.rs`). If it did not, the next setpoint is near the robot.
 //!
 //! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
 //!

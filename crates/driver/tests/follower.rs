@@ -221,8 +221,8 @@ fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
     assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
 }
 
-/// A robot with power that refuses setpoints stops by itself, and takes one again that comes near. Its answer is late: a motion that
-/// began anew by then would be a jump.
+/// A robot with power that refuses setpoints stops by itself. It takes the next setpoint that is near it, and says so late. Until
+/// then the driver must not begin another motion: that would be a jump.
 #[test]
 fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
     let mut bench = Bench::new();

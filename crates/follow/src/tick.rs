@@ -20,12 +20,14 @@ const FIRST: [usize; ARMS] = [LEFT_ARM.start, RIGHT_ARM.start];
 const OFF_RAD: f64 = 0.02;
 const OFF_RAD_PER_S: f64 = 0.3;
 
-/// An arm is stalled if its limbs come nearer to the person by less than this, rad/s, where the proposed posture would be nearer
-/// by more than this, rad (both limbs together). Chosen by the test of random arms that hang, with the share of the time that is
-/// kept in each iteration once it is not stalled, and with the longest time.
+/// The limbs of a stalled arm come nearer to the person by less than this, both together, rad/s. Chosen with the three below by
+/// the test of random arms that hang.
 const STALLED_RAD_PER_S: f64 = 0.5;
+/// The proposed posture of a stalled arm would be nearer by more than this, rad.
 const STALLED_RAD: f64 = 0.2;
+/// Share of the stalled time that an arm keeps in each iteration once it is not stalled.
 const STALLED_KEPT: f64 = 0.95;
+/// Longest stalled time that counts, s.
 const STALLED_MAX_S: f64 = 1.0;
 
 /// Time from one iteration of an arm to its next, s: both take turns.

@@ -217,8 +217,7 @@ impl Figures {
         self.violations[kind as usize]
     }
 
-    /// Whether there was no violation, of a command or of the true motion, no stop beyond its bound, and no command that the driver
-    /// refused.
+    /// Whether the run passed. No command and no true motion broke a limit, no stop took too long, and the driver refused nothing.
     pub fn kept(&self) -> bool {
         let violations = self.violations_total() + self.true_violations_total();
         violations == 0 && self.late_stops == 0 && self.refusals == 0
