@@ -436,7 +436,7 @@ impl State {
         let held = stopped || settles || left || paused;
         let Some(standing) = standing.filter(|_| held) else { return };
         self.holds_measured = true;
-        self.motion = Motion::rest(standing);
+        self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(standing[j], NOISE)));
         (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }

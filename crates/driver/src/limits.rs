@@ -68,6 +68,13 @@ impl JointLimits {
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
     }
 
+    /// The position nearest to `q` inside the limits, if it is no farther than `noise`; otherwise `q`. A servo may stand a little
+    /// beyond a limit; a setpoint may not.
+    pub(crate) fn within(&self, q: f64, noise: f64) -> f64 {
+        let nearest = q.clamp(self.q_min, self.q_max);
+        if (nearest - q).abs() <= noise { nearest } else { q }
+    }
+
     /// The speed nearest to `v` from which [`JointLimits::stop_from`] at `braking` ends inside the position limits.
     pub(crate) fn speed_inside(&self, q: f64, v: f64, braking: f64) -> f64 {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };

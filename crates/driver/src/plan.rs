@@ -90,12 +90,37 @@ impl Motion {
         (self.q[j], self.v[j], self.a[j]) = (q, v, a);
     }
 
+    /// Position, velocity and acceleration of joint `j` after `time_s` seconds of the plan.
+    pub(crate) fn ahead(&self, j: usize, time_s: f64) -> [f64; 3] {
+        let phases = self.plan.jerk[j].into_iter().zip(self.plan.duration_s[j]);
+        let (joint, _) =
+            phases.fold(([self.q[j], self.v[j], self.a[j]], time_s), |(now, rest_s), (jerk, duration_s)| {
+                let t = rest_s.min(duration_s);
+                (after(now, jerk, t), rest_s - t)
+            });
+        joint
+    }
+
+    /// Time until the last joint stands, s.
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.plan.duration_s.iter().map(|phases| phases.iter().sum()).fold(0.0, f64::max)
+    }
+
+    /// The same way, `share` times as fast: Q(share t) where the plan is Q(t).
+    pub(crate) fn slowed(&self, share: f64) -> Self {
+        let mut slowed = *self;
+        slowed.v.iter_mut().for_each(|v| *v *= share);
+        slowed.a.iter_mut().for_each(|a| *a *= share * share);
+        slowed.plan.jerk.iter_mut().flatten().for_each(|jerk| *jerk *= share * share * share);
+        slowed.plan.duration_s.iter_mut().flatten().for_each(|duration_s| *duration_s /= share);
+        slowed
+    }
+
     /// The largest |v| or |a| left at the end of the plan, in SI units: zero but for rounding if the plan is a stop.
     pub(crate) fn residue_at_end(&self) -> f64 {
         let mut worst = 0.0_f64;
         for j in 0..JOINTS {
-            let phases = self.plan.jerk[j].into_iter().zip(self.plan.duration_s[j]);
-            let [_, v, a] = phases.fold([self.q[j], self.v[j], self.a[j]], |now, (jerk, t)| after(now, jerk, t));
+            let [_, v, a] = self.ahead(j, f64::INFINITY);
             // Unlike `max`, this lets no NaN go.
             worst = if v.is_finite() && a.is_finite() { worst.max(v.abs()).max(a.abs()) } else { f64::INFINITY };
         }

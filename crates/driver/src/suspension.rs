@@ -2,6 +2,7 @@
 
 use crate::acceptance::GAP_MAX_TICKS;
 use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind};
+use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::Measured;
 use messages::{JOINTS, Stamp, TICK_HZ, TICK_S, known_bug};
@@ -21,6 +22,17 @@ const OVERSPEED: f64 = 1.25;
 
 /// A robot that stops by itself brakes this much harder than its limit at most. Assumption.
 const BRAKING_FACTOR: f64 = 5.0;
+
+/// A robot that moves is near its certified stop if no joint is farther from it than the way of so many seconds at its largest speed:
+/// 10 mrad at 2 rad/s, half of what a simulated robot stays behind. Assumption.
+const NEAR_S: f64 = 0.005;
+
+/// It moves as the certified stop does if no joint's speed differs by more than what it brakes by in so many seconds: 0.2 rad/s at
+/// 10 rad/s^2, what drives of 15 Hz overshoot by when their reference begins to brake. Assumption.
+const AS_FAST_S: f64 = 0.02;
+
+/// The longest stop that is left when a driver goes on more slowly, s: twice the longest stop of the robots.
+const STOP_MAX_S: f64 = 1.0;
 
 /// Age of a measurement, ns, beyond which it does not say where the robot stands now: 10 ms, the silence after which its
 /// drives act by themselves.
@@ -62,11 +74,17 @@ impl State {
         (ticks > GAP_MAX_TICKS && !self.motion.at_rest() && !known_bug!(PauseBridged)).then_some(ticks)
     }
 
-    /// The driver was suspended for `ticks` while the robot moved. A robot that carried on by itself is measured where the
-    /// certified stop has come to meanwhile: then the driver goes on with that stop. Otherwise neither the plan nor a command says
-    /// where the robot is, so the motion begins again where it is measured, stops from there within the limits, and has a new
-    /// identity. If the driver missed more ticks than the silence that latches, or has no measurement to believe, it latches.
-    /// Without a measurement it goes on with the certified stop, which is where the limits allow the robot to be.
+    /// The driver was suspended for `ticks` while the robot moved.
+    ///
+    /// - The robot is measured near where the certified stop has come to meanwhile: the driver goes on with that stop.
+    /// - It is near another point of that stop: the stop goes on from there, as slowly as the robot moves along it
+    ///   ([`State::rejoined`]). Its way is the certified one.
+    /// - It is elsewhere: neither the plan nor a command says where, so the motion begins where it is measured and stops within
+    ///   the limits. No certificate covers that stop.
+    /// - No measurement can be believed: the driver goes on with the certified stop, which is where the limits allow the robot to be.
+    ///
+    /// The second and the third have a new identity. The driver latches if it missed more ticks than the silence that latches, or
+    /// if it believes no measurement.
     pub(crate) fn begin_again(
         &mut self,
         config: &Config,
@@ -79,21 +97,62 @@ impl State {
         let finite = |measured: &&Measured| measured.dq.iter().all(|v| v.is_finite());
         let measured = input.measured.filter(fresh).filter(finite);
         let on_plan = measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured));
-        let place = measured.filter(|_| !on_plan).and_then(|measured| self.place(config, now, ticks, measured));
-        self.latched |= ticks > config.silence_ticks || !(on_plan || place.is_some());
-        let Some([q, v, a]) = place else {
+        let motion = measured.filter(|_| !on_plan).and_then(|measured| {
+            let elsewhere = |state: &mut Self| state.place(config, now, ticks, measured);
+            self.rejoined(config, now, ticks, measured).or_else(|| elsewhere(self))
+        });
+        self.latched |= ticks > config.silence_ticks || !(on_plan || motion.is_some());
+        let Some(motion) = motion else {
             self.play(ticks, each);
             return;
         };
         // The index that is due is not missed: it is executed now.
         (self.executed_k, self.plan_ticks_played, self.chain) = (input.due_k, 0, None);
-        self.motion = Motion::stopping(&config.limits, q, &v, &a);
+        self.motion = motion;
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// Where the motion begins again after `ticks`: positions and velocities as measured, and the accelerations of the plan. None
-    /// if what is measured cannot be.
-    fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<[[f64; JOINTS]; 3]> {
+    /// The certified stop from the point of it that is nearest to what is measured, of those in the last `ticks`. None if a joint
+    /// is not near it, in position or in speed, or if that stop took longer than [`STOP_MAX_S`].
+    ///
+    /// With the certified stop Q(s), its speeds V at that point, and the measured speeds v, the stop that is left is Q(s + c t),
+    ///
+    /// ```text
+    /// c = sum_j (v_j V_j / v_max_j^2) / sum_j (V_j^2 / v_max_j^2), at most 1
+    /// ```
+    ///
+    /// Speeds, accelerations and jerks are c, c^2 and c^3 times the certified ones. Torques lie between the certified ones and those
+    /// that hold the posture.
+    fn rejoined(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
+        let delay_ticks = age_ticks(now, measured) + config.interface_delay_ticks;
+        let apart = |s: u64| {
+            let seen_s = s.saturating_sub(delay_ticks) as f64 * TICK_S;
+            let apart = |j: usize| (measured.q[j] - self.motion.ahead(j, seen_s)[0]).abs() / near(&config.limits[j]);
+            (0..JOINTS).map(apart).fold(0.0, f64::max)
+        };
+        let nearest = |best: (u64, f64), s: u64| {
+            let apart = apart(s);
+            if apart <= best.1 { (s, apart) } else { best }
+        };
+        let last = ticks.min((self.motion.duration_s() / TICK_S) as u64 + 1);
+        let (s, apart) = (0..=last).fold((0, f64::INFINITY), nearest);
+        let mut motion = self.motion;
+        motion.play(s);
+        let (mut along, mut planned) = (0.0, 0.0);
+        for (j, limits) in config.limits.iter().enumerate() {
+            along += measured.dq[j] * motion.v[j] / (limits.v_max * limits.v_max);
+            planned += motion.v[j] * motion.v[j] / (limits.v_max * limits.v_max);
+        }
+        let share = if along < planned { along / planned } else { 1.0 };
+        let is_as_fast = |j: usize| (measured.dq[j] - share * motion.v[j]).abs() <= as_fast(&config.limits[j]);
+        let near = apart <= 1.0 && moves(measured);
+        let fits = near && (0..JOINTS).all(is_as_fast) && motion.duration_s() <= share * STOP_MAX_S;
+        fits.then(|| motion.slowed(share))
+    }
+
+    /// The stop from where the robot is measured after `ticks`: from positions and velocities as measured, and the accelerations of
+    /// the plan. None if what is measured cannot be.
+    fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
         let mut planned = self.motion;
         planned.play(ticks);
         let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
@@ -110,23 +169,22 @@ impl State {
         let v = core::array::from_fn(speed);
         let believed = self.believe(config, self.index() + ticks, measured)?;
         let q = core::array::from_fn(|j| arrival(config, j, believed[j] + age_s * v[j], v[j]));
-        Some([q, v, planned.a])
+        Some(Motion::stopping(&config.limits, q, &v, &planned.a))
     }
 
-    /// Whether every joint is near its setpoint. A robot that follows is at most [`FOLLOWING_DELAY_TICKS`] behind.
+    /// Whether every joint is near its setpoint, as that of a robot that follows is.
     pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
-        let delay_s = (FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks) as f64 * TICK_S;
+        let delay_s = following_delay_ticks(config) as f64 * TICK_S;
         let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
         (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
     }
 
     /// Whether the robot went on with the plan in the `ticks` since the last setpoint. The measurement is compared with two points of
-    /// the plan: that of its own time, and the one [`FOLLOWING_DELAY_TICKS`] before. Every joint must lie between them, in position
-    /// and in speed.
+    /// the plan: that of its own time, and the one [`following_delay_ticks`] before. Every joint must lie between them, in position
+    /// and in speed, or near. A robot that stands must stand where the plan ended: nothing moves it there.
     fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {
-        let age_ticks = now.since(measured.stamp) * TICK_HZ / 1_000_000_000;
-        // An interface delays by its mean, or by twice as much, or not at all.
-        let delay_ticks = age_ticks + FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks;
+        let (moves, age_ticks) = (moves(measured), age_ticks(now, measured));
+        let delay_ticks = age_ticks + following_delay_ticks(config);
         let (mut ahead, mut behind) = (self.motion, self.motion);
         ahead.play(ticks.saturating_sub(age_ticks));
         behind.play(ticks.saturating_sub(delay_ticks));
@@ -135,8 +193,9 @@ impl State {
         (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
             let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
-            let noise = SPEED_NOISE + sooner_s * limits.a_max;
-            let apart = ENCODER_NOISE + sooner_s * sooner_s * limits.a_max / 2.0;
+            let noise = if moves { as_fast(limits) } else { SPEED_NOISE } + sooner_s * limits.a_max;
+            let near = if moves { near(limits) } else { ENCODER_NOISE };
+            let apart = near + sooner_s * sooner_s * limits.a_max / 2.0;
             measured.q[j] >= q.min(ahead.q[j]) - apart
                 && measured.q[j] <= q.max(ahead.q[j]) + apart
                 && measured.dq[j] >= v.min(ahead.v[j]) - noise
@@ -145,10 +204,34 @@ impl State {
     }
 }
 
-/// Where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or m. A servo may stand a
-/// little beyond a limit; a setpoint may not.
+/// The longest delay of a robot that follows its setpoints through its interface, ticks. An interface delays by its mean, or by
+/// twice as much, or not at all.
+fn following_delay_ticks(config: &Config) -> u64 {
+    FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks
+}
+
+/// Whether any joint is measured to move.
+fn moves(measured: &Measured) -> bool {
+    measured.dq.iter().any(|v| v.abs() > SPEED_NOISE)
+}
+
+/// Age of a measurement, ticks.
+fn age_ticks(now: Stamp, measured: &Measured) -> u64 {
+    now.since(measured.stamp) * TICK_HZ / 1_000_000_000
+}
+
+/// A joint is measured near the certified stop if it is no farther from it than this, rad or m.
+fn near(limits: &JointLimits) -> f64 {
+    ENCODER_NOISE + NEAR_S * limits.v_max
+}
+
+/// A joint is measured as fast as the certified stop if its speed differs by no more than this, rad/s or m/s.
+fn as_fast(limits: &JointLimits) -> f64 {
+    SPEED_NOISE + AS_FAST_S * limits.a_max
+}
+
+/// Where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or m.
 fn arrival(config: &Config, j: usize, q: f64, v: f64) -> f64 {
     let way = config.interface_delay_ticks as f64 * TICK_S * v;
-    let nearest = (q + way).clamp(config.limits[j].q_min, config.limits[j].q_max);
-    if (nearest - q - way).abs() <= NOISE + way.abs() { nearest } else { q + way }
+    config.limits[j].within(q + way, NOISE + way.abs())
 }

@@ -149,6 +149,6 @@ fn the_next_setpoint_is_one_that_the_limits_allow_in_the_time_that_passed() {
 
 #[test]
 fn so_it_is_for_a_driver_that_does_not_find_the_robot_on_its_plan() {
-    judge(0.0..9.0, 1e-3, 3);
-    judge(9.0..12.0, 1e-3, 4);
+    judge(0.0..9.0, 12e-3, 3);
+    judge(9.0..12.0, 12e-3, 4);
 }

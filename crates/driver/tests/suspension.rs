@@ -21,8 +21,8 @@ fn a_suspended_driver_begins_where_the_robot_is_measured() {
         let before = bench.state.motion.q[3];
         let k = K + 5 + gap;
         let newest = bench.command(k);
-        // Slower than the plan can have become.
-        let (q, v) = (before + 0.004, 0.3);
+        // Behind the last setpoint, and slower than the plan can have become.
+        let (q, v) = (before - 0.02, 0.3);
         // Joint 5 stands: what is measured of its speed is noise.
         let mut now = measured_at(k, q, v);
         now.dq[5] = 0.01;
@@ -71,7 +71,7 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
         assert_eq!((out.suspended_ticks, out.advanced, out.accepted), (Some(gap), gap, None));
         assert_eq!(out.faults.has(Fault::DriverFault), gap > SILENCE_TICKS, "{gap}");
         // One joint that is elsewhere, or has another speed, and the driver begins where all of them are measured.
-        for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.35), (0.0, -0.35)] {
+        for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 1.0), (0.0, -1.0)] {
             let mut bench = Bench::new();
             bench.follow(K + 5);
             let mut elsewhere = now;
@@ -80,6 +80,55 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
             let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
             assert_eq!(out.executed.q, elsewhere.q, "{gap}: {q}, {v}");
         }
+    }
+}
+
+/// Two joints that stop, the second one later, and in another way.
+fn both() -> Motion {
+    let mut motion = Motion::rest(measured().q);
+    (motion.v[3], motion.v[5]) = (1.0, -1.2);
+    (motion.plan.jerk[3], motion.plan.duration_s[3]) = ([-100.0, 100.0, 0.0], [0.1, 0.1, 0.0]);
+    (motion.plan.jerk[5], motion.plan.duration_s[5]) = ([50.0, 0.0, -50.0], [0.08, 0.22, 0.08]);
+    motion
+}
+
+/// The robot braked by itself and fell behind its certified stop. The driver goes on along the way of that stop, so slowly, and
+/// ends where that stop ends.
+#[test]
+fn a_suspended_driver_goes_on_along_the_certified_stop_as_slowly_as_the_robot() {
+    for (gap, behind, share) in [(30, 0, 0.5), (60, 40, 0.6), (90, 50, 0.8), (40, 35, 0.9), (120, 60, 0.5)] {
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        bench.state.motion = both();
+        let (mut way, mut found) = (vec![both()], both());
+        for _ in 0..600 {
+            let mut next = *way.last().unwrap();
+            next.play(1);
+            way.push(next);
+        }
+        found.play(gap - behind);
+        let k = K + 5 + gap;
+        let now = driver::Measured { stamp: deadline(k), q: found.q, dq: found.v.map(|v| share * v), ..measured() };
+        let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
+        let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+        assert_eq!(out.executed.q, found.q, "{gap}, {behind}");
+        for j in [3, 5] {
+            assert!((out.executed.v[j] - now.dq[j]).abs() < 1e-12, "{gap}, {behind}: {}", out.executed.v[j]);
+        }
+        let mut ticks = 0;
+        while !bench.state.motion.at_rest() {
+            ticks += 1;
+            bench.tick(k + ticks, None);
+            let q = bench.state.motion.q;
+            let (next, at) = (0..way.len()).map(|i| (i, way[i].q[5])).find(|(_, at)| *at <= q[5] + 1e-12).unwrap();
+            let before = &way[next.saturating_sub(1)];
+            let part = if before.q[5] == at { 0.0 } else { (before.q[5] - q[5]) / (before.q[5] - at) };
+            let on_way = before.q[3] + part * (way[next].q[3] - before.q[3]);
+            assert!((q[3] - on_way).abs() < 1e-5, "{gap}, {behind}: {} off the way", q[3] - on_way);
+        }
+        let end = way.last().unwrap();
+        assert!((bench.state.motion.q[3] - end.q[3]).abs() < 1e-9 && (bench.state.motion.q[5] - end.q[5]).abs() < 1e-9);
+        assert!(f64::from(u32::try_from(ticks).unwrap()) * TICK_S <= 1.0);
     }
 }
 
@@ -219,6 +268,23 @@ fn f064_power_that_returns_during_a_pause_finds_the_robot_where_it_is() {
     // It sinks for 300 ms more.
     assert_eq!(told(K + 469, 0.3, true), 0.3);
     assert_eq!(told(K + 470, 0.3, true), 0.3);
+}
+
+/// Without power a servo may come to stand a little beyond a limit. The setpoint that power finds is no farther than the limit;
+/// a robot that stands well beyond is left where it is.
+#[test]
+fn a_setpoint_that_power_finds_is_not_a_little_beyond_a_limit() {
+    for (beyond, held) in [(0.001, LIMITS.q_max), (0.02, LIMITS.q_max + 0.02)] {
+        let begun = State::hold(K, &measured_at(K, LIMITS.q_max + beyond, 0.0).q).unwrap();
+        let mut bench = Bench { state: begun, ..Bench::at_rest() };
+        for n in 1..20 {
+            let mut now = measured_at(K + n, LIMITS.q_max + beyond, 0.0);
+            now.drives.powered = false;
+            let input = Input { due_k: K + n, command: None, port_fault: false, measured: Some(&now) };
+            tick(&CONFIG, &mut bench.state, deadline(K + n), input);
+        }
+        assert_eq!(bench.state.motion.q[3], held);
+    }
 }
 
 /// The certified stop of a joint ends just before its limit, and another joint is not where it should be.
