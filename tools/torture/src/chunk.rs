@@ -65,6 +65,9 @@ impl Disturbance {
         match rng.random_range(0..4) {
             0 => Self { control_ticks: ticks, driver_ticks: ticks, ..Self::default() },
             1 => Self { lost: true, ..Self::default() },
+            2 => {
+                Self { driver_ticks: rng.random_range(driver::GAP_MAX_TICKS..driver::SILENCE_TICKS), ..Self::default() }
+            }
             _ => Self { control_ticks: ticks, ..Self::default() },
         }
     }
@@ -258,8 +261,9 @@ impl<'a> Part<'a> {
         let out = sim::tick(&self.subject.sim, &mut self.robot, deadline(k), input);
         self.echo = out.state;
         self.figures.latches += u64::from(!was_latched && self.latched());
-        // A driver that slept through two disturbances in a row was suspended, and rightly takes no command of its old chain.
-        let refused = out.refused.filter(|&refusal| refusal != Refusal::Latched && out.suspended_ticks.is_none());
+        // A driver that was suspended rightly takes no command of its old chain.
+        let suspended = out.advanced > driver::GAP_MAX_TICKS;
+        let refused = out.refused.filter(|&refusal| refusal != Refusal::Latched && !suspended);
         if let Some(refusal) = refused {
             self.figures.refusals += 1;
             let words = || (0, format!("part {}, tick {k}", self.part));
