@@ -100,7 +100,8 @@ fn a_sound_instance_has_no_problem_and_nothing_is_made() {
     assert_eq!(files_below(patient.folder.path()), before, "it looked, no more");
     let words = patient.shell("", "");
     let text = String::from_utf8_lossy(&words.stdout).into_owned();
-    for finding in &all {
+    // Other instances come and go between the two looks.
+    for finding in all.iter().filter(|finding| finding["check"] != "other instances") {
         assert!(text.contains(finding["advice"].as_str().expect("text")), "{finding:#}\n{text}");
     }
 }
