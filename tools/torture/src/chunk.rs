@@ -54,7 +54,7 @@ struct Disturbance {
 }
 
 impl Disturbance {
-    fn draw(rng: &mut Pcg64) -> Self {
+    fn draw(subject: &Subject, rng: &mut Pcg64) -> Self {
         if rng.random_range(0..DISTURBED_EVERY) != 0 {
             return Self::default();
         }
@@ -65,7 +65,7 @@ impl Disturbance {
         match rng.random_range(0..4) {
             0 => Self { control_ticks: ticks, driver_ticks: ticks, ..Self::default() },
             1 => Self { lost: true, ..Self::default() },
-            2 => {
+            2 if subject.pauses => {
                 Self { driver_ticks: rng.random_range(driver::GAP_MAX_TICKS..driver::SILENCE_TICKS), ..Self::default() }
             }
             _ => Self { control_ticks: ticks, ..Self::default() },
@@ -153,7 +153,7 @@ impl<'a> Part<'a> {
         let v_before = self.robot.follower().motion.v;
         self.attacker.next(k, &self.last_q);
         if self.disturbance == Disturbance::default() {
-            self.disturbance = Disturbance::draw(&mut self.rng);
+            self.disturbance = Disturbance::draw(self.subject, &mut self.rng);
         }
         let runs = self.disturbance.control_ticks == 0;
         let command = if runs { self.control(k) } else { None };

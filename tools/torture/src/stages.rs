@@ -23,6 +23,8 @@ pub struct Subject {
     pub sim: sim::Config,
     /// Bound on elbows and hands, m/s.
     pub hand_speed_m_per_s: f64,
+    /// The driver also pauses for longer than one motion lasts.
+    pub pauses: bool,
 }
 
 /// The bound of a robot without settings: their default.
@@ -64,6 +66,7 @@ impl Subject {
                 .map_err(|error| TortureError::stage(file, "whole-body control", error))?,
             gate: certified.then_some(gate),
             hand_speed_m_per_s: hand_speed,
+            pauses: true,
             sim: sim::Config::new(&model, &exact)
                 .map_err(|error| TortureError::stage(file, "simulated robot", error))?,
             model,
@@ -81,6 +84,7 @@ impl Subject {
     }
 
     /// The same with so much in both hands, kg, where the robot file says that they grasp; with `told`, whole-body control knows.
+    /// Without, arms give way, and a driver that pauses finds the robot off its way: it does not pause.
     ///
     /// # Errors
     /// Names the file, and what a stage refuses.
@@ -88,6 +92,7 @@ impl Subject {
         let exact = sim::Options { payload_kg: [Some(mass_kg); 2], ..exact_robot(self.hand_speed_m_per_s) };
         self.sim = sim::Config::new(&self.model, &exact)
             .map_err(|error| TortureError::stage(file, "simulated robot", error))?;
+        self.pauses &= told;
         if told {
             self.model.payload = self.model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
             let options = wbc::Options::default().hand_speed_m_per_s(self.hand_speed_m_per_s);
