@@ -27,9 +27,9 @@
 //! A driver that was suspended for longer while the robot moved does not take a command of its old chain. If the robot is
 //! measured where the plan has come to meanwhile, it goes on with the plan. If the robot is near another point of the plan,
 //! it goes on from there as slowly as the robot moves. Otherwise it begins where the robot is measured, and stops from there
-//! within the limits. It latches if the pause was as long as the silence that latches. If the
-//! robot carried on, the next setpoint is no farther from the last one than the limits allow in the time between the two
-//! writes (`tests/carried_on.rs`). If it did not, the next setpoint is near the robot.
+//! within the limits. It latches if the pause was as long as the silence that latches. If the robot carried on, the next
+//! setpoint is no farther from the last one than the limits allow in the time between the two writes
+//! (`tests/carried_on.rs`). If it did not, the next setpoint is near the robot.
 //!
 //! Silence latches a fault that only a reset edge at rest clears; until then nothing but the plan is executed.
 //!

@@ -98,8 +98,8 @@ impl State {
         let measured = input.measured.filter(fresh).filter(finite);
         let on_plan = measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured));
         let motion = measured.filter(|_| !on_plan).and_then(|measured| {
-            let elsewhere = |state: &mut Self| state.place(config, now, ticks, measured);
-            self.rejoined(config, now, ticks, measured).or_else(|| elsewhere(self))
+            let rejoined = self.rejoined(config, now, ticks, measured);
+            rejoined.or_else(|| self.place(config, now, ticks, measured))
         });
         self.latched |= ticks > config.silence_ticks || !(on_plan || motion.is_some());
         let Some(motion) = motion else {
@@ -172,14 +172,14 @@ impl State {
         Some(Motion::stopping(&config.limits, q, &v, &planned.a))
     }
 
-    /// Whether every joint is near its setpoint, as that of a robot that follows is.
+    /// Whether the robot is as near its setpoints as one that follows them: each joint lags by the longest delay at most.
     pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
         let delay_s = following_delay_ticks(config) as f64 * TICK_S;
         let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
         (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
     }
 
-    /// Whether the robot went on with the plan in the `ticks` since the last setpoint. The measurement is compared with two points of
+    /// Whether the robot followed the plan during the last `ticks`. The measurement is compared with two points of
     /// the plan: that of its own time, and the one [`following_delay_ticks`] before. Every joint must lie between them, in position
     /// and in speed, or near. A robot that stands must stand where the plan ended: nothing moves it there.
     fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {
@@ -210,7 +210,7 @@ fn following_delay_ticks(config: &Config) -> u64 {
     FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks
 }
 
-/// Whether any joint is measured to move.
+/// Whether a measured speed is more than noise.
 fn moves(measured: &Measured) -> bool {
     measured.dq.iter().any(|v| v.abs() > SPEED_NOISE)
 }
