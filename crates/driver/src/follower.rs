@@ -17,6 +17,9 @@ pub const SILENCE_TICKS: u64 = 15;
 /// the plan any more, while a setpoint or two that were lost on the way leave it there.
 pub const UNDRIVEN_TICKS: u64 = 3;
 
+/// A robot's answer is awaited for at most so many ticks: 20 ms. By then a robot that took the last setpoint stops by itself.
+const ANSWER_TICKS: u64 = 30;
+
 /// Once the drives follow again, ticks for which what is measured is still held while a joint moves: a setpoint that stood
 /// still would be overshot. 500 ms, the longest stop of the robots; then what is held stands, whatever is measured.
 pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
@@ -86,6 +89,8 @@ pub struct State {
     silent: Option<u64>,
     /// Ticks in a row in which the drives did not follow.
     undriven: u64,
+    /// Ticks for which an answer has been awaited.
+    awaited: u64,
     /// What is measured is held: since the drives complained, and until the joints stand.
     pub(crate) holds_measured: bool,
     /// Ticks for which that may still last once they do not complain any more.
@@ -120,6 +125,7 @@ impl State {
             mode: 0,
             silent: None,
             undriven: 0,
+            awaited: 0,
             // A robot whose last driver died may still move.
             holds_measured: true,
             settle_ticks: SETTLE_TICKS,
@@ -209,6 +215,8 @@ pub struct Output {
     pub executed: Setpoint,
     /// Indices by which it is newer than before.
     pub advanced: u64,
+    /// The robot must not be given `executed`: its answer to an earlier setpoint is awaited.
+    pub withheld: bool,
     /// The command that was accepted in this tick.
     pub accepted: Option<Accepted>,
     /// Why the command of this tick was refused.
@@ -289,14 +297,15 @@ pub fn tick_each(
     if let (true, true, Some(measured)) = (known_bug!(HoldDrifts), state.motion.at_rest(), input.measured) {
         state.motion = Motion::rest(measured.q);
     }
+    let mut withheld = false;
     if advanced > 0 {
         state.watch_standing(config, input.measured);
         let standing = input.measured.and_then(|measured| state.believe(config, state.index(), measured));
-        state.hold_undriven(config, &input, standing, paused, &mut each);
+        withheld = state.hold_undriven(config, &input, standing, paused, &mut each);
     }
     state.mind_silence(config, accepted.is_some(), advanced);
     let faults = if state.latched { Faults::NONE.with(Fault::DriverFault) } else { Faults::NONE };
-    Output { executed: state.setpoint(), advanced, accepted, refused, suspended_ticks, faults }
+    Output { executed: state.setpoint(), advanced, withheld, accepted, refused, suspended_ticks, faults }
 }
 
 impl State {
@@ -405,8 +414,11 @@ impl State {
     /// Holds where the joints stand if the robot as a whole has not followed for long enough; and, once, where a drive
     /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. A robot that has power
     /// and refuses setpoints is sent the stop for as long as it is near: it may take a setpoint at any time, and its answer is
-    /// late. Joints that still move when nothing is complained of any more come to rest first. The state is latched, so at least
-    /// one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
+    /// late. Once it is not near, the setpoints are withheld until it has answered those that are on their way: it may have taken the
+    /// last of them. Joints that still move when nothing is complained of any more come to rest first. The state is latched, so at
+    /// least one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
+    ///
+    /// Returns whether the setpoint of this tick is withheld.
     fn hold_undriven(
         &mut self,
         config: &Config,
@@ -414,7 +426,7 @@ impl State {
         standing: Option<[f64; JOINTS]>,
         paused: bool,
         each: &mut impl FnMut(&Step),
-    ) {
+    ) -> bool {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
         let powered = drives.powered && !drives.emergency_stop;
         let undriven = (input.port_fault || !powered) && !known_bug!(SagForgotten);
@@ -433,12 +445,16 @@ impl State {
         let near =
             powered && !self.motion.at_rest() && input.measured.is_none_or(|measured| self.is_near(config, measured));
         let left = self.undriven >= UNDRIVEN_TICKS && !near;
-        let held = stopped || settles || left || paused;
-        let Some(standing) = standing.filter(|_| held) else { return };
+        let unanswered = powered && input.measured.is_some_and(|measured| measured.unanswered);
+        self.awaited = if left { self.awaited.saturating_add(1) } else { 0 };
+        let awaits = left && unanswered && self.awaited <= ANSWER_TICKS && !self.holds_measured;
+        let held = stopped || settles || (left && !awaits) || paused;
+        let Some(standing) = standing.filter(|_| held) else { return awaits };
         self.holds_measured = true;
         self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(standing[j], NOISE)));
         (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
+        false
     }
 
     /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: what the

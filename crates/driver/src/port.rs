@@ -13,6 +13,10 @@ pub struct Measured {
     pub dq: [f64; JOINTS],
     /// What the drives say of themselves.
     pub drives: Drives,
+    /// The robot had not answered the last setpoint yet when it measured this.
+    pub unanswered: bool,
+    /// The robot refused the last setpoint that it answered.
+    pub refused: bool,
 }
 
 impl Measured {

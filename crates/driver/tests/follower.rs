@@ -248,6 +248,34 @@ fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
     assert!(left > 10, "{left}");
 }
 
+/// It may have taken the last one of those, and then what is held would be a jump: first it has to answer.
+#[test]
+fn f057_a_robot_that_is_not_near_any_more_answers_before_it_is_held() {
+    for (answers_after, takes) in [(3, false), (3, true), (u64::MAX, false)] {
+        let mut bench = Bench::new();
+        bench.follow(K + 5);
+        let mut planned = bench.state.motion;
+        let mut now = measured();
+        now.q[3] = planned.q[3];
+        let (mut withheld, mut held) = (0, false);
+        for k in K + 6..K + 120 {
+            planned.play(1);
+            let answered = withheld >= answers_after;
+            (now.unanswered, now.refused) = (!answered, !(answered && takes));
+            let input = Input { due_k: k, command: None, port_fault: now.refused, measured: Some(&now) };
+            let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+            withheld += u64::from(out.withheld);
+            held |= out.executed.q == now.q;
+            assert!(!(held && out.withheld), "tick {k}");
+            if !held {
+                assert_eq!(out.executed.q, planned.q, "tick {k}");
+            }
+        }
+        assert_eq!(held, !takes, "{answers_after}");
+        assert_eq!(withheld, answers_after.min(30));
+    }
+}
+
 #[test]
 fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_stands() {
     // Joint 3 goes on at 0.5 rad/s, for a while or for ever.

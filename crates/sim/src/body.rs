@@ -80,7 +80,7 @@ impl Driver for Port<'_> {
     fn read(&mut self, now: Stamp) -> Measured {
         let plant::Measured { stamp, q, dq, drives, .. } = self.body.measure(self.config, now);
         let plant::Drives { emergency_stop, fault, powered } = drives;
-        Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered } }
+        Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered }, unanswered: false, refused: false }
     }
 
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {

@@ -19,6 +19,8 @@ pub struct DriverState {
     report: Report,
     sequence: u64,
     port_fault: bool,
+    /// The last setpoint was not handed to the robot, whose answer is awaited.
+    withheld: bool,
     measured: Measured,
     /// What the joints were told last.
     told: Setpoint,
@@ -43,6 +45,7 @@ impl DriverState {
             report,
             sequence: 0,
             port_fault: false,
+            withheld: false,
             measured,
             told: held,
             first_latch: None,
@@ -203,9 +206,12 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 
 /// The driver's side of [`tick`], before any robot.
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
-    let DriverState { follower, controllers, checker, report, port_fault, measured, told, first_latch, .. } = state;
+    let DriverState {
+        follower, controllers, checker, report, port_fault, withheld, measured, told, first_latch, ..
+    } = state;
     *measured = port.read(now);
-    let (port_refused, was_latched) = (*port_fault, follower.latched);
+    let was_latched = follower.latched;
+    let port_refused = if *withheld { measured.refused } else { *port_fault };
     let unheard = measured.apart_ns(now) > config.measured_age_max_ns;
     let mut mode = follower.mode;
     let follow = driver::Input {
@@ -240,7 +246,8 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
         }
         moved = true;
     });
-    if moved {
+    *withheld = out.withheld;
+    if moved && !out.withheld {
         // Trajectory controllers know their points and no stop.
         let plan = if controllers.is_none() { &follower.motion.plan } else { &StopPlan::ZERO };
         *port_fault = !port.write(now, told, plan);

@@ -33,6 +33,8 @@ struct RemoteRobot {
     setpoints: Writer<RobotSetpoint>,
     measurements: Reader<RobotMeasured>,
     newest: RobotMeasured,
+    /// Index of the last setpoint that was sent.
+    sent_k: u64,
     /// Of the driver's messages; sequence and stamp are filled in.
     header: Header,
 }
@@ -45,7 +47,7 @@ impl RemoteRobot {
         let give_up = rt::now().plus_ns(ROBOT_WITHIN_NS);
         while rt::now() < give_up {
             if let Some(newest) = measurements.latest() {
-                return Ok(Self { setpoints, measurements, newest, header });
+                return Ok(Self { setpoints, measurements, newest, sent_k: 0, header });
             }
             rt::sleep_until(rt::now().plus_ns(1_000_000));
         }
@@ -89,14 +91,21 @@ impl Driver for RemoteRobot {
         if let Some(newest) = rt::allocating_aside(|| self.measurements.latest()) {
             self.newest = newest;
         }
-        let RobotMeasured { measured, q, dq, flags, .. } = self.newest;
+        let RobotMeasured { measured, q, dq, flags, seen_k, .. } = self.newest;
         let has = |bit: u32| flags & bit != 0;
         let drives = Drives {
             emergency_stop: has(measured_flag::EMERGENCY_STOP),
             fault: has(measured_flag::DRIVE_FAULT),
             powered: has(measured_flag::POWERED),
         };
-        Measured { stamp: measured, q, dq, drives }
+        Measured {
+            stamp: measured,
+            q,
+            dq,
+            drives,
+            unanswered: self.sent_k > seen_k,
+            refused: has(measured_flag::REFUSED),
+        }
     }
 
     /// The robot's answer is that to an earlier setpoint: it comes with the next measurement. A driver that was suspended since
@@ -110,6 +119,9 @@ impl Driver for RemoteRobot {
         let &Setpoint { k, q, v, a } = setpoint;
         let message = RobotSetpoint { header: self.header, k, q, v, a, plan: *plan };
         let sent = rt::allocating_aside(|| self.setpoints.publish(&message)).is_ok();
+        if sent {
+            self.sent_k = k;
+        }
         sent && self.newest.flags & measured_flag::REFUSED == 0
     }
 }

@@ -60,5 +60,12 @@ impl Bench {
 }
 
 pub(crate) fn measured() -> driver::Measured {
-    driver::Measured { stamp: Stamp::NONE, q: [0.0; JOINTS], dq: [0.0; JOINTS], drives: driver::Drives::SOUND }
+    driver::Measured {
+        stamp: Stamp::NONE,
+        q: [0.0; JOINTS],
+        dq: [0.0; JOINTS],
+        drives: driver::Drives::SOUND,
+        unanswered: false,
+        refused: false,
+    }
 }

@@ -120,7 +120,14 @@ impl World {
         let command = self.commands.read(self.quarter);
         // The robot stands where it was told to be when its driver was heard of last.
         let told = self.follower.setpoint();
-        let robot = Measured { stamp: now, q: told.q, dq: [0.0; JOINTS], drives: Drives::SOUND };
+        let robot = Measured {
+            stamp: now,
+            q: told.q,
+            dq: [0.0; JOINTS],
+            drives: Drives::SOUND,
+            unanswered: false,
+            refused: false,
+        };
         let input = Input {
             due_k: (self.quarter - GRACE_QUARTERS) / 4,
             command: command.as_ref(),
@@ -143,7 +150,14 @@ impl World {
         }
         assert_eq!(out.executed, self.follower.setpoint());
         assert!(self.follower.index() >= input.due_k, "what is due is executed");
-        let measured = Measured { stamp: now, q: out.executed.q, dq: out.executed.v, drives: Drives::SOUND };
+        let measured = Measured {
+            stamp: now,
+            q: out.executed.q,
+            dq: out.executed.v,
+            drives: Drives::SOUND,
+            unanswered: false,
+            refused: false,
+        };
         self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
     }
 
