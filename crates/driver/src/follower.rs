@@ -450,8 +450,11 @@ impl State {
         let awaits = left && unanswered && self.awaited <= ANSWER_TICKS && !self.holds_measured;
         let held = stopped || settles || (left && !awaits) || paused;
         let Some(standing) = standing.filter(|_| held) else { return awaits };
+        let held = if self.holds_measured { self.motion.q } else { standing };
+        // Only what is more than noise moves what is held.
+        let at = |j: usize| held[j].clamp(standing[j] - ENCODER_NOISE, standing[j] + ENCODER_NOISE);
         self.holds_measured = true;
-        self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(standing[j], NOISE)));
+        self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(at(j), NOISE)));
         (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
         false
