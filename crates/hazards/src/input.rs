@@ -31,7 +31,7 @@ pub(crate) const CONTENT: &[Hazard] = &[
     does(
         "f011",
         "the tracker is unsure of a joint",
-        "both arms stop and hold; they re-align once it is seen",
+        "both arms stop and hold; they go on once it is seen",
         "100 ms + B",
     ),
     does("f012", "the tracker is sure of old data", "as f013", "200 ms + B"),

@@ -46,7 +46,7 @@ impl Mode {
 pub enum Response {
     /// Cannot engage.
     Inhibit,
-    /// Controlled stop, keep posture (stop category 2); may resume by re-aligning while the enable is held.
+    /// Controlled stop, keep posture (stop category 2); may resume while the enable is held.
     Hold,
     /// As `Hold`, and authority is withdrawn: a new enable edge is needed.
     Release,
@@ -164,6 +164,11 @@ impl Faults {
     /// Both sets.
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
+    }
+
+    /// Whether each of these is one of `others`.
+    pub const fn is_in(self, others: Self) -> bool {
+        self.0 & !others.0 == 0
     }
 
     /// Whether the set is empty.

@@ -8,6 +8,10 @@ use crate::tick::ARMS;
 
 /// How long the input is watched, ns: half the blend that a person has to let go in, and long beside a period at 20 Hz.
 const WATCHED_NS: u64 = 500_000_000;
+/// How long it is watched if it was steady not long ago, ns: four skeletons at 20 Hz. Nothing but a gap came between.
+const WATCHED_AGAIN_NS: u64 = 200_000_000;
+/// How long ago, ns: as long as `safety` lets a gap last.
+const AGAIN_NS: u64 = 2_000_000_000;
 /// Longest mean period in that time, ns: that of 20 Hz, and 15 ms more over ten of them for jitter. 19 Hz are too slow.
 const PERIOD_MAX_NS: u64 = 51_500_000;
 
@@ -21,13 +25,19 @@ pub(crate) struct Readiness {
     newest: Stamp,
     meant: [bool; ARMS],
     ready: bool,
+    /// When the input was ready last; never, for a stranger.
+    ready_at: Stamp,
 }
 
 impl Readiness {
-    /// A skeleton with at least one arm came, at `received`; `restart`: of somebody else, or after silence.
-    pub(crate) fn arrived(&mut self, received: Stamp, restart: bool) {
-        if restart || received.since(self.newest) > STALE_NS {
-            *self = Self { begun: received, first: received, meant: self.meant, ..Self::default() };
+    /// A skeleton with at least one arm came, at `received`; `restart`: of somebody else, or after silence; `stranger`: of somebody
+    /// else.
+    pub(crate) fn arrived(&mut self, received: Stamp, restart: bool, stranger: bool) {
+        if stranger {
+            self.ready_at = Stamp::NONE;
+        }
+        if restart || stranger || received.since(self.newest) > STALE_NS {
+            self.begin(received, received);
         } else {
             self.count = self.count.saturating_add(1);
         }
@@ -38,13 +48,25 @@ impl Readiness {
     /// was steady.
     pub(crate) fn judge(&mut self, now: Stamp, meant: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
         let seen = meant.contains(&true) && meant == fresh;
-        if !seen || meant != self.meant {
-            *self = Self { begun: now, first: self.newest, newest: self.newest, meant, ..Self::default() };
-        } else if now.since(self.begun) >= WATCHED_NS {
+        let again = self.ready_at != Stamp::NONE && self.begun.since(self.ready_at) <= AGAIN_NS;
+        if meant != self.meant {
+            (self.meant, self.ready_at) = (meant, Stamp::NONE);
+            self.begin(now, self.newest);
+        } else if !seen {
+            self.begin(now, self.newest);
+        } else if now.since(self.begun) >= if again { WATCHED_AGAIN_NS } else { WATCHED_NS } {
             let periods = u64::from(self.count);
             self.ready |= periods > 0 && self.newest.since(self.first) <= PERIOD_MAX_NS * periods;
             (self.begun, self.first, self.count) = (now, self.newest, 0);
         }
+        if self.ready {
+            self.ready_at = now;
+        }
         self.ready
+    }
+
+    /// Watches anew from `now` on; `first` is the newest skeleton.
+    fn begin(&mut self, now: Stamp, first: Stamp) {
+        (self.begun, self.first, self.count, self.ready) = (now, first, 0, false);
     }
 }

@@ -318,11 +318,12 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         expect(prediction, &mut state.tracks, used, placed.source);
     }
     if used.contains(&true) {
-        state.readiness.arrived(received, placed.restart);
+        let session = session(skeleton, state.forgotten);
+        state.readiness.arrived(received, placed.restart, session != state.session);
         state.received = received;
         state.origin = skeleton.header.origin;
         state.sequence = skeleton.header.sequence;
-        state.session = session(skeleton, state.forgotten);
+        state.session = session;
     }
 }
 

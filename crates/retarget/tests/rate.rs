@@ -104,6 +104,17 @@ fn f016_another_person_has_to_be_steady_too() {
 }
 
 #[test]
+fn f015_whoever_was_steady_not_long_ago_is_watched_for_less_long() {
+    for (gap_ms, watched_ms) in [(300, 200), (1800, 200), (2300, 500)] {
+        let again = 1000 + gap_ms;
+        let skeletons = arrivals(steady(60.0, 0.0, 1000.0).chain(steady(60.0, again as f64, 4500.0)));
+        let at = run(&config(), &skeletons, 4500);
+        assert!((1120..again + watched_ms - 5).all(|ms| !follows(&at(ms))), "{gap_ms}");
+        assert!((again + watched_ms + 25..4490).all(|ms| follows(&at(ms))), "{gap_ms}");
+    }
+}
+
+#[test]
 fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not() {
     let config = config();
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
@@ -118,8 +129,8 @@ fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not
     // Seen last at 1483 ms, and followed by 120 ms.
     let frozen = at(1610).target.q[3..8].to_vec();
     assert!((1610..1990).all(|ms| at(ms).target.q[3..8] == frozen[..]), "the arm that is lost stands");
-    assert!((1590..2480).all(|ms| !follows(&at(ms))), "and both do after 100 ms, until both are steady again");
-    assert!((2600..2990).all(|ms| follows(&at(ms))));
+    assert!((1590..2180).all(|ms| !follows(&at(ms))), "and both do after 100 ms, until both are steady again");
+    assert!((2220..2990).all(|ms| follows(&at(ms))));
 
     // One-armed from the start, it is followed; an arm that joins has to be steady, too.
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));

@@ -195,7 +195,7 @@ fn a_gap_clears_fresh_holds_and_then_fades_in() {
     assert_eq!(at(1990).target.dq, [0.0; 17]);
     // Seen at once, and followed once it has been steady.
     assert_eq!((at(2005).fresh, at(2005).target.flags), ([true; 2], 0));
-    assert_eq!((at(2495).target.flags, at(2505).target.flags), (0, target_flag::INPUT_FRESH));
+    assert_eq!((at(2190).target.flags, at(2210).target.flags), (0, target_flag::INPUT_FRESH));
     // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
     let fastest = fastest(&outputs[2990..]);
     assert!(fastest < 1.5 * 2.0 * TAU, "{fastest} rad/s after the gap");

@@ -17,6 +17,9 @@
 //! The same from the table of all states and events, fault by fault: `tests/engage.txt`, and the diagram in
 //! ARCHITECTURE.md, which is made from it.
 //!
+//! A hold from Engaged by a gap alone (no skeleton, no target, no state, for 2 s at most) goes straight back to Engaged: the robot
+//! moves on from where it rests, within its limits. Every other hold ends in Engaging.
+//!
 //! Edges grant authority, levels withdraw it. A stop beats everything else in the same tick. No restart ever engages:
 //! a fresh `State` is Disengaged, and has yet to see the enable released.
 //!
@@ -50,6 +53,13 @@ const SETTLED_NS: u64 = 500_000_000;
 /// 100 ms leave room for a loaded machine, ns.
 const RESET_PENDING_NS: u64 = 100_000_000;
 
+/// What holds while nothing is heard of the person, or for a moment of the robot. It says nothing against either.
+const GAPS: Faults =
+    Faults::NONE.with(Fault::InputStale).with(Fault::NoTarget).with(Fault::TargetStale).with(Fault::StateLate);
+/// After a gap no longer than this the robot follows again without engaging anew, ns. Assumption: whoever holds the enable for two
+/// seconds more expects that the robot goes on.
+const GAP_MAX_NS: u64 = 2_000_000_000;
+
 /// Internal states, with the data that exists only in them. Times count while the own process is awake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
@@ -59,10 +69,12 @@ enum Phase {
         settled_ns: u64,
     },
     Engaged,
-    /// `ended` says why it cannot resume any more, in the words of the transition that follows.
+    /// `ended` says why it cannot resume any more, in the words of the transition that follows. `gap`: it was Engaged, and nothing
+    /// but [`GAPS`] has held it since.
     Holding {
         elapsed_ns: u64,
         ended: Option<u32>,
+        gap: bool,
     },
     Faulted {
         cause: Fault,
@@ -79,7 +91,7 @@ impl Phase {
     }
 
     const fn holding(ended: Option<u32>) -> Self {
-        Self::Holding { elapsed_ns: 0, ended }
+        Self::Holding { elapsed_ns: 0, ended, gap: false }
     }
 
     const fn mode(self) -> Mode {
@@ -245,11 +257,13 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
         Phase::Engaging { elapsed_ns, settled_ns } => {
-            let withdrawn = withdrawn(input, active).filter(|&(_, why)| !deaf_to_release(why));
+            let withdrawn = withdrawn(input, active, false).filter(|&(_, why)| !deaf_to_release(why));
             withdrawn.unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
         }
-        Phase::Engaged => withdrawn(input, active).unwrap_or((Phase::Engaged, 0)),
-        Phase::Holding { elapsed_ns, ended } => holding(input, active, elapsed_ns, ended),
+        Phase::Engaged => withdrawn(input, active, active.is_in(GAPS)).unwrap_or((Phase::Engaged, 0)),
+        Phase::Holding { elapsed_ns, ended, gap } => {
+            holding(input, active, elapsed_ns, ended, gap && active.is_in(GAPS))
+        }
         Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
         Phase::Recovering { blocked_ns } => recovery::next(input, active, blocked_ns),
     }
@@ -279,14 +293,15 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
 }
 
 /// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
-fn withdrawn(input: &Input, active: Faults) -> Option<(Phase, u32)> {
+fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
     // The reason is told now; at rest there is no other.
     let ended = Some(Transition::AT_REST);
     if let Some(fault) = active.of(Response::Release).iter().next() {
         return Some((Phase::holding(ended.filter(|_| !known_bug!(StrangerResumes))), fault as u32));
     }
     if let Some(fault) = active.of(Response::Hold).iter().next() {
-        return Some((Phase::holding(released(input).then_some(Transition::RELEASED)), fault as u32));
+        let ended = released(input).then_some(Transition::RELEASED);
+        return Some((Phase::Holding { elapsed_ns: 0, ended, gap }, fault as u32));
     }
     released(input).then_some((Phase::holding(ended), Transition::RELEASED))
 }
@@ -310,20 +325,21 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
     }
 }
 
-fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>) -> (Phase, u32) {
+fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: bool) -> (Phase, u32) {
     let elapsed_ns = elapsed_ns.saturating_add(charged_ns(input.own_gap_ns));
     let released = released(input) && !known_bug!(ResumesWithoutEnable);
     let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
     let ended = ended.or(if released { Some(Transition::RELEASED) } else { fault() });
     match ended {
-        _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended }, 0),
+        _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended, gap }, 0),
         Some(_) if active.has(Fault::HoldTimeout) => (Phase::Disengaged, Fault::HoldTimeout as u32),
         Some(why) => (Phase::Disengaged, why),
+        None if active.is_empty() && gap && elapsed_ns <= GAP_MAX_NS => (Phase::Engaged, Transition::CLEARED),
         None if active.is_empty() => {
             let elapsed_ns = if known_bug!(RampForgottenOnResume) { u64::MAX } else { 0 };
             (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
         }
-        None => (Phase::Holding { elapsed_ns, ended }, 0),
+        None => (Phase::Holding { elapsed_ns, ended, gap }, 0),
     }
 }
 

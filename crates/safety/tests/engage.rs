@@ -226,9 +226,46 @@ fn f055_a_robot_that_swings_is_not_at_rest() {
     assert_eq!(bench.step().mode, Mode::Disengaged);
 }
 
+/// What held says nothing against the person: the robot goes on from where it rests.
+#[test]
+fn a_gap_of_two_seconds_at_most_resumes_at_once() {
+    let gaps: [fn(&mut Bench, bool); 3] = [
+        |bench, there| bench.input.target.input_fresh = there,
+        |bench, there| bench.alive.target = there,
+        |bench, there| bench.alive.state = there,
+    ];
+    for (n, gap) in gaps.into_iter().enumerate() {
+        // A robot that is silent for longer is a fault.
+        for (ms, mode) in [(11, Mode::Engaged), (1900, Mode::Engaged), (2100, Mode::Engaging)] {
+            if n == 2 && ms > 11 {
+                continue;
+            }
+            let mut bench = Bench::engaged();
+            gap(&mut bench, false);
+            assert_eq!(bench.steps(ticks(ms)).mode, Mode::Holding, "{n}, {ms} ms");
+            bench.input.motion.at_rest = true;
+            gap(&mut bench, true);
+            let out = bench.steps(2);
+            assert_eq!(out.mode, mode, "{n}, {ms} ms");
+        }
+    }
+    // It had not been engaged yet.
+    let mut bench = Bench::engaging();
+    bench.input.target.input_fresh = false;
+    bench.until(Mode::Holding, 10);
+    (bench.input.target.input_fresh, bench.input.motion.at_rest) = (true, true);
+    assert_eq!(bench.step().mode, Mode::Engaging);
+    // Something else was wrong meanwhile.
+    let mut bench = Bench::holding(true);
+    bench.input.robot.collision_near = true;
+    bench.steps(100);
+    (bench.input.robot.collision_near, bench.input.motion.at_rest) = (false, true);
+    assert_eq!(bench.step().mode, Mode::Engaging);
+}
+
 #[test]
 fn a_hold_resumes_slowly_or_ends() {
-    let mut bench = Bench::holding(true);
+    let mut bench = Bench::holding_near();
     assert_eq!(bench.steps(100).mode, Mode::Holding, "still moving");
     bench.input.motion.at_rest = true;
     let out = bench.step();

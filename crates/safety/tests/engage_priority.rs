@@ -106,7 +106,7 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
         }
         (Mode::Recovering, Mode::Disengaged) => at_rest && has(17) && !has(11),
         (Mode::Holding, Mode::Disengaged) => at_rest,
-        (Mode::Holding, Mode::Engaging) => {
+        (Mode::Holding, Mode::Engaging | Mode::Engaged) => {
             hand == Hand::Enable && at_rest && level && !has(13) && out.active.is_empty()
         }
         (Mode::Faulted, Mode::Disengaged) => (has(14) || pending) && at_rest && !level && !stop,
@@ -120,6 +120,8 @@ fn f071_a_stop_beats_everything_in_every_combination() {
     blocked.steps(ticks(3000));
     let mut at_rest = Bench::holding(true);
     at_rest.input.motion.at_rest = true;
+    let mut near_at_rest = Bench::holding_near();
+    near_at_rest.input.motion.at_rest = true;
     let mut reset_passed_on = Bench::faulted();
     reset_passed_on.input.motion.at_rest = true;
     reset_passed_on.input.operator.enable_level = false;
@@ -133,6 +135,7 @@ fn f071_a_stop_beats_everything_in_every_combination() {
         (Bench::engaged(), false),
         (Bench::holding(true), false),
         (at_rest, false),
+        (near_at_rest, false),
         (Bench::holding(false), false),
         (Bench::faulted(), false),
         (reset_passed_on, true),

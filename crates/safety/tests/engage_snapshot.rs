@@ -61,7 +61,7 @@ fn recovering_stuck() -> Bench {
     bench
 }
 
-const STATES: [State; 20] = [
+const STATES: [State; 22] = [
     ("Disengaged, just started", || Bench::disengaged(false)),
     ("Disengaged", || Bench::disengaged(true)),
     ("Disengaged, no client", || {
@@ -78,8 +78,10 @@ const STATES: [State; 20] = [
     }),
     ("Engaging, blocked", blocked_at_full_speed),
     ("Engaged", Bench::engaged),
-    ("Holding, resumable, moving", || Bench::holding(true)),
-    ("Holding, resumable, at rest", || at_rest(Bench::holding(true))),
+    ("Holding, gap, moving", || Bench::holding(true)),
+    ("Holding, gap, at rest", || at_rest(Bench::holding(true))),
+    ("Holding, resumable, moving", Bench::holding_near),
+    ("Holding, resumable, at rest", || at_rest(Bench::holding_near())),
     ("Holding, released, moving", || Bench::holding(false)),
     ("Holding, released, at rest", || at_rest(Bench::holding(false))),
     ("Holding, too long, moving", held_too_long),

@@ -33,13 +33,15 @@ pub struct Config {
     /// Coherent frames after a teleport before what jumped is used again.
     pub coherent_frames: u32,
     /// A payload that repeats bit for bit for this long after it had moved is a stuck tracker (ns), until it has done so
-    /// for `gap_ns`; 0 turns it off. With one stale-after of `skeleton` after it, robots stop 200 ms after the tracker.
+    /// for `learning_ns`; 0 turns it off. With one stale-after of `skeleton` after it, robots stop 200 ms after the tracker.
     pub frozen_after_ns: u64,
     /// Frames that were refused for what they say of the person, and none accepted, for longer than this (ns): whoever is
     /// seen next counts as another person, whom nobody has enabled. One stale-after of `skeleton`: robots have stopped.
     pub distrust_after_ns: u64,
+    /// Lengths are learnt for so long (ns). Whoever has other lengths for so long counts as another person.
+    pub learning_ns: u64,
     /// After a gap of this length (ns) the person may have changed: lengths are learnt and uprightness is asked for again,
-    /// and the person counts as another one.
+    /// and the person counts as another one. A client that was silent for a second keeps its person.
     pub gap_ns: u64,
 }
 
@@ -60,7 +62,8 @@ impl Default for Config {
             coherent_frames: 5,
             frozen_after_ns: 100_000_000,
             distrust_after_ns: 100_000_000,
-            gap_ns: 1_000_000_000,
+            learning_ns: 1_000_000_000,
+            gap_ns: 1_500_000_000,
         }
     }
 }

@@ -210,7 +210,7 @@ impl Session {
             self.frozen_since = now;
         }
         let still_ns = now.since(self.frozen_since);
-        if still_ns > config.gap_ns {
+        if still_ns > config.learning_ns {
             // By now everything downstream has stopped; a client may hold a frame until it is engaged anew.
             self.moved = false;
         }
@@ -232,7 +232,7 @@ impl Session {
 
     fn check_lengths(&mut self, config: &Config, body: &Body) -> Doubts {
         if self.learning_until == Stamp::NONE {
-            self.learning_until = body.origin.plus_ns(config.gap_ns);
+            self.learning_until = body.origin.plus_ns(config.learning_ns);
         }
         let all: Option<[f64; LIMBS]> = match body.lengths {
             [Some(a), Some(b), Some(c), Some(d)] => Some([a, b, c, d]),
@@ -266,7 +266,7 @@ impl Session {
     fn refuse_lengths(&mut self, config: &Config, origin: Stamp) {
         if self.lengths_refused_since == Stamp::NONE {
             self.lengths_refused_since = origin;
-        } else if origin.since(self.lengths_refused_since) >= config.gap_ns {
+        } else if origin.since(self.lengths_refused_since) >= config.learning_ns {
             self.learnt = 0;
             self.lengths = [0.0; LIMBS];
             self.learning_until = Stamp::NONE;

@@ -78,8 +78,8 @@ fn f006_f007_f012_f013_who_was_contradicted_for_longer_than_a_robot_follows_is_a
 }
 
 #[test]
-fn a_person_who_was_not_seen_is_the_same_and_one_after_a_second_is_not() {
-    for (frames, stranger) in [(30, false), (70, true)] {
+fn a_person_who_was_not_seen_for_a_second_is_the_same_and_one_after_two_is_not() {
+    for (frames, stranger) in [(30, false), (70, false), (100, true)] {
         let mut state = running(60);
         let known = take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").operator_id;
         let i = 61 + frames;

@@ -187,6 +187,15 @@ impl Bench {
         bench
     }
 
+    /// Holding because a measured posture was close to a collision, and resumable.
+    pub fn holding_near() -> Self {
+        let mut bench = Self::engaged();
+        bench.input.robot.collision_near = true;
+        bench.until(Mode::Holding, 100);
+        bench.input.robot.collision_near = false;
+        bench
+    }
+
     /// Disengaged, with a joint measured outside its limits.
     pub fn outside() -> Self {
         let mut bench = Self::disengaged(true);

@@ -180,7 +180,7 @@ fn lengths_are_learnt_in_the_first_second_and_no_longer() {
 fn a_length_at_its_bound_is_within_it() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
-    let learnt = 1 + config.gap_ns;
+    let learnt = 1 + config.learning_ns;
     for (ns, length, within) in
         [(1, 20.0, true), (learnt, 21.0, true), (learnt, 21.000_001, false), (learnt, 19.0, true)]
     {
