@@ -99,7 +99,7 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
     let safety = &loaded.settings.safety;
     let limits = pipeline::sim_config(&loaded, true)?;
     let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
-    let mut outcomes = Vec::new();
+    let (mut outcomes, mut moved) = (Vec::new(), 0);
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
         let outcome = match trial::run(&mut rig, &witness, &loaded.settings, blow) {
             Err(ChaosError::Stuck(what)) => {
@@ -111,6 +111,11 @@ fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Fi
         };
         if !outcome.rested {
             figures.add_trouble([format!("no rest after {blow:?}")]);
+        }
+        // What moves until the next enable is this blow's.
+        let moved_before = std::mem::replace(&mut moved, witness.seen().moved_without_enable);
+        if moved > moved_before {
+            figures.add_trouble([format!("motion without an enable after {outcome:?}")]);
         }
         outcomes.push(outcome);
     }

@@ -129,18 +129,22 @@ fn robot_stands(witness: &Witness) -> bool {
     false
 }
 
-/// Waits until the driver says rest after the blow was noticed: a person who stands still lets a robot rest that is still
-/// engaged.
+/// Waits until the driver says rest at a tick in which the blow was noticed: a person who stands still lets a robot rest
+/// that is still engaged, and what control commanded before it noticed is still to be executed.
 fn wait_rest(rig: &mut Rig, witness: &Witness, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
+    let mut noticed = None;
     while Instant::now() < give_up {
         let seen = witness.seen();
-        let noticed = if outcome.blow.victim == Victim::Control {
-            seen.latest.is_some_and(|state| state.flags & state_flag::DRIVER_FAULT != 0)
-        } else {
-            !matches!(rig.operator().mode(), Some(Mode::Engaging | Mode::Engaged) | None)
-        };
-        if noticed && seen.at_rest() && seen.k() > struck {
+        noticed = noticed.or_else(|| {
+            if outcome.blow.victim == Victim::Control {
+                return seen.latest.filter(|state| state.flags & state_flag::DRIVER_FAULT != 0).map(|_| seen.k());
+            }
+            let status = rig.operator().status()?;
+            let moves = matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged) | None);
+            (!moves).then_some(status.k)
+        });
+        if seen.at_rest() && noticed.is_some_and(|noticed| seen.k() >= noticed.max(struck + 1)) {
             outcome.rest_after_ticks = Some(seen.k() - struck);
             return;
         }
