@@ -175,7 +175,7 @@ fn another_layout_of_the_same_size_and_name_is_refused() {
 fn a_message_of_another_service_is_refused() {
     let place = Place::new("wrong");
     let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
-    assert_eq!(error.to_string(), "service teleop/status/7 carries Status, not JointTarget");
+    assert_eq!(error.to_string(), "service teleop/status/8 carries Status, not JointTarget");
 }
 
 #[test]

@@ -79,7 +79,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 7 size 824 {
+    pub struct Status v 8 size 832 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -177,6 +177,8 @@ message! {
         pub limited_why: u32,
         /// What that is about: code of a `Subject`, zero for none.
         pub limited_about: u32,
+        /// Zero.
+        pub reserved: u32,
     }
 }
 

@@ -91,6 +91,7 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
         &mut s.payload_refused_joint,
         &mut s.limited_why,
         &mut s.limited_about,
+        &mut s.reserved,
     ] {
         fields.u32(value);
     }

@@ -272,7 +272,7 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400
             true
         });
         assert_eq!(bench.modes, [Mode::Engaged, Mode::Holding, Mode::Disengaged], "{name}");
-        assert!([Transition::AT_REST, Fault::WriterRestarted as u32].contains(&bench.why()), "{name}");
+        assert!([Transition::AT_REST, Fault::PersonChanged as u32].contains(&bench.why()), "{name}");
         assert!(bench.speed() < 1e-9, "{name}");
         bench.assert_no_violations(name);
     }

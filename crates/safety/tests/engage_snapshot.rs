@@ -196,6 +196,7 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::StateLate | Fault::StateStale => bench.alive.state = false,
         Fault::OperatorSilent => bench.alive.heartbeat = false,
         Fault::WriterRestarted => input.target.incarnation += 1,
+        Fault::PersonChanged => input.target.session_nonce += 1,
         Fault::HoldTimeout => {}
         Fault::EmergencyStop => input.operator.estop_edge = true,
         Fault::FeedbackInvalid => input.robot.feedback_invalid = true,

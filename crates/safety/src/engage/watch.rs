@@ -162,7 +162,8 @@ impl Watch {
         let late = state_age > config.state_late_ns && !known_bug!(StateLateIgnored);
         seen.set(Fault::StateLate, has_state && late);
         seen.set(Fault::OperatorSilent, mode.has_authority && !self.operator_alive);
-        seen.set(Fault::WriterRestarted, self.writer_changed(input));
+        seen.set(Fault::WriterRestarted, self.writer_restarted(input));
+        seen.set(Fault::PersonChanged, self.person_changed(input));
         seen.set(Fault::HoldTimeout, mode.hold_expired);
         seen.set(Fault::EmergencyStop, input.operator.estop_edge && !deaf || has_state && input.robot.emergency_stop);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
@@ -176,14 +177,19 @@ impl Watch {
         seen
     }
 
-    /// A restarted process, or a new session of the client, is a stranger that nobody has enabled.
-    fn writer_changed(&mut self, input: &Input) -> bool {
+    /// Nobody has enabled a process that restarted.
+    fn writer_restarted(&mut self, input: &Input) -> bool {
         let target = self.target.seen() && self.target_writer.changed(u64::from(input.target.incarnation));
         let driver = self.state.seen() && self.driver.changed(u64::from(input.robot.incarnation));
-        let session = input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce);
         let target = target && !known_bug!(RetargetRestartIgnored);
         let driver = driver && !known_bug!(DriverRestartIgnored);
-        target || driver || session && !known_bug!(SessionChangeIgnored)
+        target || driver
+    }
+
+    /// Nobody has enabled another person. A session is one person of one client of one run of `ingest`.
+    fn person_changed(&mut self, input: &Input) -> bool {
+        let session = input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce);
+        session && !known_bug!(SessionChangeIgnored)
     }
 
     /// Counts the time of a large error, by the samples' own distance, and takes half the time of a small one off again. So a
