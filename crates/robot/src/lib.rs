@@ -39,5 +39,5 @@ pub use payload::{PAYLOAD_MAX_KG, PAYLOAD_REACH_MAX_M, Payload};
 pub use points::SpeedPoint;
 pub use pose::Pose;
 pub use segment::{SegmentDistance, segment_distance};
-pub use shapes::{Hull, hull_volume_oracle, segment_distance_oracle};
+pub use shapes::{Hull, Surface, hull_volume_oracle, segment_distance_oracle};
 pub use visual::{Form, Visual};

@@ -4,7 +4,7 @@ use crate::pose::Pose as RobotPose;
 use nalgebra::Vector3;
 use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
 use parry3d_f64::query;
-use parry3d_f64::shape::{ConvexPolyhedron, Segment};
+use parry3d_f64::shape::{ConvexPolyhedron, Segment, TriMesh};
 
 /// Distance of the segments a0 a1 and b0 b1 by parry, m. (Its GJK on capsules, `query::distance`, is only good to 1e-5.)
 pub fn segment_distance_oracle(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>, b1: &Vector3<f64>) -> f64 {
@@ -42,11 +42,31 @@ impl Hull {
 
     /// Distance of two hulls at these poses by parry's GJK, m; 0 where they overlap or where parry gives up.
     pub fn distance_m(&self, pose: &RobotPose, other: &Self, other_pose: &RobotPose) -> f64 {
-        let place = |pose: &RobotPose| {
-            let column = |i: usize| Vector::new(pose.r[(0, i)], pose.r[(1, i)], pose.r[(2, i)]);
-            let rotation = Rotation::from_mat3(&Matrix::from_cols(column(0), column(1), column(2)));
-            Pose::from_parts(Vector::new(pose.t.x, pose.t.y, pose.t.z), rotation)
-        };
         query::distance(&place(pose), &self.0, &place(other_pose), &other.0).map_or(0.0, |found| found.distance)
     }
+}
+
+/// A surface of triangles, as a mesh file has it. It need not be convex or closed.
+pub struct Surface(TriMesh);
+
+impl Surface {
+    /// The surface of these triangles, corners in m; `None` where there are none.
+    pub fn new(triangles: &[[Vector3<f64>; 3]]) -> Option<Self> {
+        let corners = triangles.iter().flatten().map(|p| Vector::new(p.x, p.y, p.z)).collect();
+        let indices = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        TriMesh::new(corners, indices).ok().map(Self)
+    }
+
+    /// Distance of two surfaces at these poses by parry, m; 0 where they meet or where parry gives up. A surface inside the
+    /// other, which does not meet it, has a distance too.
+    pub fn distance_m(&self, pose: &RobotPose, other: &Self, other_pose: &RobotPose) -> f64 {
+        query::distance(&place(pose), &self.0, &place(other_pose), &other.0).map_or(0.0, |found| found.distance)
+    }
+}
+
+/// A pose in parry's terms.
+fn place(pose: &RobotPose) -> Pose {
+    let column = |i: usize| Vector::new(pose.r[(0, i)], pose.r[(1, i)], pose.r[(2, i)]);
+    let rotation = Rotation::from_mat3(&Matrix::from_cols(column(0), column(1), column(2)));
+    Pose::from_parts(Vector::new(pose.t.x, pose.t.y, pose.t.z), rotation)
 }

@@ -29,11 +29,14 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
 
 #[test]
 fn f040_f041_f045_no_attack_breaks_a_limit_or_the_clearance() {
+    let mut least = f64::INFINITY;
     for seed in 100..105 {
         let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
-        assert!(checker.clearance_m < D_MIN_M + 1e-3, "seed {seed} never came close: {}", checker.clearance_m);
+        println!("seed {seed}: least clearance {:.3} mm", checker.clearance_m * 1e3);
+        least = least.min(checker.clearance_m);
     }
+    assert!(least < D_MIN_M + 2e-4, "no seed came close: {least}");
 }
 
 #[test]
