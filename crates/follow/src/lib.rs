@@ -6,6 +6,8 @@
 //! apart, the accelerations are chosen that keep both limbs of an arm nearest to the person's, within speeds,
 //! accelerations and ranges ([`solver`]). The person's way is known up to the newest skeleton and predicted beyond it.
 //!
+//! The wrist's joints turn no limb. Along the motion of the limbs they keep the hands away from the robot.
+//!
 //! Work is the same in every tick: an iteration of one arm is spread over [`ITERATION_TICKS`] ticks, the arms take turns,
 //! and each begins from its last solution. What results is a wish. Whole-body control clips it, slides it along what is
 //! near, and proves it, as it does with any other.
@@ -19,6 +21,7 @@ pub mod arm;
 mod plan;
 pub mod solver;
 mod tick;
+mod wrist;
 
 pub use tick::{Aim, Config, Input, Output, State, Weights, tick};
 

@@ -3,10 +3,11 @@
 use crate::arm::{Arm, ArmVector, Limbs};
 use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::solver::{self, Bounds, Problem, Sweep};
+use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
-use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, TICK_S};
+use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, TICK_S, WAY_NODE_TICKS};
 use nalgebra::{Quaternion, UnitQuaternion};
-use robot::Model;
+use robot::{Frames, Model};
 
 pub use crate::solver::Weights;
 
@@ -53,21 +54,24 @@ pub struct Config {
     arm: Arm,
     bounds: [Bounds; ARMS],
     weights: Weights,
+    wrists: [Wrist; ARMS],
+    model: Box<Model>,
 }
 
 impl Config {
-    /// Following with the robot's arms within their limits, and within a share of their speeds.
-    pub fn new(model: &Model, speed_share: f64, weights: Weights) -> Self {
+    /// Following with the robot's arms within their limits and `v_max`, the speeds that may be planned with, rad/s.
+    pub fn new(model: &Model, v_max: &[f64; JOINTS], weights: Weights) -> Self {
         let bounds = FIRST.map(|first| {
             let of = |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
             Bounds {
                 q_min: of(|l| l.q_min + INSET_RAD),
                 q_max: of(|l| l.q_max - INSET_RAD),
-                v_max: of(|l| l.v_max) * speed_share,
+                v_max: ArmVector::from_fn(|j, _| v_max[first + j]),
                 a_max: of(|l| l.a_max),
             }
         });
-        Self { arm: Arm::of(model), bounds, weights }
+        let wrists = FIRST.map(|first| Wrist::new(model, first, v_max));
+        Self { arm: Arm::of(model), bounds, weights, wrists, model: Box::new(model.clone()) }
     }
 }
 
@@ -95,8 +99,10 @@ pub struct Input<'a> {
 /// What a tick results in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Per joint what it should do; none for a joint that is not followed here.
+    /// What each joint that turns a limb should do; none for a joint that is not followed here.
     pub aims: [Option<Aim>; JOINTS],
+    /// Where joints 6 and 7 of each arm should go, rad; none for an arm that is not followed, or whose wrist a target leads.
+    pub wrists: [Option<[f64; WRIST_JOINTS]>; ARMS],
 }
 
 /// An iteration in progress.
@@ -121,6 +127,11 @@ pub struct State {
     off_at_end_rad: [f64; ARMS],
     /// How long each arm has been stalled, s.
     stalled_s: [f64; ARMS],
+    wrists: [wrist::Wish; ARMS],
+    /// The node of a wrist that is looked at next, and whose it is.
+    wrist_step: u64,
+    wrist_arm: usize,
+    frames: Box<Frames>,
 }
 
 impl State {
@@ -146,6 +157,10 @@ impl State {
             arm: 0,
             off_at_end_rad: [0.0; ARMS],
             stalled_s: [0.0; ARMS],
+            wrists: [wrist::Wish::default(); ARMS],
+            wrist_step: 0,
+            wrist_arm: 0,
+            frames: Box::default(),
         }
     }
 
@@ -164,6 +179,7 @@ impl State {
     /// Forgets the plans: the robot does not follow. The next tick begins from what is commanded then.
     pub fn forget(&mut self) {
         (self.meant, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
+        (self.wrist_step, self.wrist_arm) = (0, 0);
     }
 }
 
@@ -181,6 +197,7 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         if meant && !state.meant[arm] {
             let start = solver::State { q: part(input.q, arm), v: part(input.v, arm) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
+            state.wrists[arm] = config.wrists[arm].begin(input.q);
             // An iteration from before it was meant begins elsewhere.
             state.step = if state.arm == arm { 0 } else { state.step };
         }
@@ -192,7 +209,8 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     } else {
         state.arm = 1 - state.arm;
     }
-    let mut output = Output { aims: [None; JOINTS] };
+    keep_hands_clear(config, state, &input);
+    let mut output = Output { aims: [None; JOINTS], wrists: [None; ARMS] };
     for arm in (0..ARMS).filter(|&arm| state.meant[arm]) {
         let u = state.plans[arm].input_at(before);
         state.plans[arm].advance(input.k);
@@ -200,8 +218,35 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         for j in 0..LIMB_JOINTS {
             output.aims[FIRST[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
         }
+        let led = input.valid_mask >> (FIRST[arm] + WRIST_FIRST) & ((1 << WRIST_JOINTS) - 1) != 0;
+        output.wrists[arm] = (!led).then_some(state.wrists[arm].q);
     }
     output
+}
+
+/// Looks at the next node of a wrist, in the posture that both arms' plans have there.
+fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
+    let arm = state.wrist_arm;
+    if state.meant[arm] {
+        let before = input.k.saturating_sub(1);
+        let until = before + (wrist::watched(state.wrist_step) as u64 + 1) * WAY_NODE_TICKS;
+        let mut q = *input.q;
+        for other in (0..ARMS).filter(|&other| state.meant[other]) {
+            let plan = &state.plans[other];
+            let there = plan.continued(plan.state, before, until).q;
+            let first = FIRST[other];
+            q[first..first + LIMB_JOINTS].copy_from_slice(there.as_slice());
+            let wrist = first + WRIST_FIRST;
+            q[wrist..wrist + WRIST_JOINTS].copy_from_slice(&state.wrists[other].q);
+        }
+        config.model.forward(&q, &mut state.frames);
+        config.wrists[arm].look(&config.model, &state.frames, &mut state.wrists[arm]);
+    }
+    state.wrist_step += 1;
+    if state.wrist_step == wrist::STEP_TICKS {
+        config.wrists[arm].step(&mut state.wrists[arm], input.speed_scale, wrist::period_s(ARMS));
+        (state.wrist_step, state.wrist_arm) = (0, 1 - arm);
+    }
 }
 
 /// A step of the iteration in progress: the first one prepares it, the last one ends it, those between sweep backward.

@@ -5,3 +5,4 @@ mod following;
 mod hostile;
 mod solver;
 mod support;
+mod wrist;

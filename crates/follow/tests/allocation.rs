@@ -4,10 +4,9 @@ mod support;
 
 use follow::Weights;
 use follow::arm::ArmVector;
-use messages::ALL_JOINTS;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{FREE, Robot, arm, random_q, way};
+use support::{FREE, LIMB_MASK, Robot, arm, random_q, way};
 
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
@@ -27,7 +26,7 @@ fn ten_thousand_ticks_allocate_nothing() {
     for k in 0..10_000 {
         if k % 500 == 0 {
             person = [arm().limbs(&random_q(&mut rng)), arm().limbs(&random_q(&mut rng))];
-            robot.valid_mask = if rng.random_bool(0.7) { ALL_JOINTS } else { rng.random() };
+            robot.valid_mask = if rng.random_bool(0.7) { LIMB_MASK } else { rng.random() };
         }
         let first = robot.next_first();
         let mut way = way(first, |_| person);

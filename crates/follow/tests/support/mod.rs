@@ -4,7 +4,7 @@
 use follow::arm::{Arm, ArmVector, Limbs};
 use follow::solver::{Bounds, Problem, State as ArmState};
 use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
-use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODE_TICKS};
+use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODE_TICKS};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -17,6 +17,9 @@ pub const A_MAX: f64 = 10.0;
 pub const FIRST: [usize; 2] = [LEFT_ARM.start, RIGHT_ARM.start];
 /// A posture away from the gimbal and from all limits.
 pub const FREE: [f64; LIMB_JOINTS] = [0.3, 0.3, 1.5, 1.0, 0.2];
+
+/// The joints of both arms that turn limbs.
+pub const LIMB_MASK: u32 = ((1 << LIMB_JOINTS) - 1) << FIRST[0] | ((1 << LIMB_JOINTS) - 1) << FIRST[1];
 
 pub type Way = [[[f32; 4]; LIMBS]; NODES];
 
@@ -121,13 +124,13 @@ impl Robot {
             all[first..first + LIMB_JOINTS].copy_from_slice(q);
         }
         Self {
-            config: Config::new(&model, 0.98, weights),
+            config: Config::new(&model, &model.limits.each_ref().map(|limits| 0.98 * limits.v_max), weights),
             state: State::new(),
             k: 7_500_017,
             q: all,
             v: [0.0; JOINTS],
             prior: all,
-            valid_mask: ALL_JOINTS,
+            valid_mask: LIMB_MASK,
             speed_scale: 1.0,
         }
     }
@@ -163,6 +166,11 @@ impl Robot {
         for (j, aim) in output.aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (self.q[j], self.v[j]) = (aim.q, aim.v);
+            }
+        }
+        for (first, wrist) in FIRST.into_iter().zip(output.wrists) {
+            for (i, q) in wrist.into_iter().flatten().enumerate() {
+                self.q[first + LIMB_JOINTS + i] = q;
             }
         }
         output

@@ -2,7 +2,7 @@
 
 use super::status::limb_angles;
 use super::{ControlConfig, aligned};
-use messages::{JOINTS, JointTarget, LIMBS, WAY_NODES};
+use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODES};
 use safety::{engage, monitor};
 
 /// Limbs that are nearer to the person's than this are aligned, rad: 2 degrees, what retargeting itself leaves.
@@ -33,12 +33,19 @@ pub(super) struct Wish {
     pub(super) q: [f64; JOINTS],
     pub(super) dq: [f64; JOINTS],
     pub(super) ddq: [f64; JOINTS],
+    /// Bit j: joint j is meant.
+    pub(super) valid_mask: u32,
 }
 
 impl Wish {
-    /// The wish for the joints that are meant.
-    pub(super) fn of(&self, valid_mask: u32) -> wbc::Target<'_> {
-        wbc::Target { q: &self.q, dq: &self.dq, ddq: &self.ddq, valid_mask }
+    /// The positions and velocities of a target.
+    fn of_target(target: &JointTarget, dq: [f64; JOINTS]) -> Self {
+        Self { q: target.q, dq, ddq: [0.0; JOINTS], valid_mask: target.valid_mask }
+    }
+
+    /// As whole-body control takes it.
+    pub(super) fn target(&self) -> wbc::Target<'_> {
+        wbc::Target { q: &self.q, dq: &self.dq, ddq: &self.ddq, valid_mask: self.valid_mask }
     }
 }
 
@@ -69,12 +76,12 @@ impl Following {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
             self.averages_rad = None;
-            return target.map(|target| Wish { q: target.q, dq: [0.0; JOINTS], ddq: [0.0; JOINTS] });
+            return target.map(|target| Wish::of_target(target, [0.0; JOINTS]));
         };
         let target = target?;
         if !has_way(target) {
             let dq = if late { [0.0; JOINTS] } else { target.dq };
-            return Some(Wish { q: target.q, dq, ddq: [0.0; JOINTS] });
+            return Some(Wish::of_target(target, dq));
         }
         let input = follow::Input {
             k,
@@ -86,11 +93,17 @@ impl Following {
             v,
             speed_scale,
         };
-        let aims = follow::tick(&config.follow, &mut self.state, input).aims;
-        let mut wish = Wish { q: target.q, dq: [0.0; JOINTS], ddq: [0.0; JOINTS] };
+        let follow::Output { aims, wrists } = follow::tick(&config.follow, &mut self.state, input);
+        let mut wish = Wish::of_target(target, [0.0; JOINTS]);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
+            }
+        }
+        for (arm, wrist) in [LEFT_ARM, RIGHT_ARM].into_iter().zip(wrists) {
+            for (j, q) in arm.skip(follow::LIMB_JOINTS).zip(wrist.into_iter().flatten()) {
+                wish.q[j] = q;
+                wish.valid_mask |= 1 << j;
             }
         }
         Some(wish)

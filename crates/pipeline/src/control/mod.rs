@@ -14,7 +14,7 @@ pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json, s
 use crate::ConfigError;
 use crate::load::Loaded;
 use driver::Motion;
-use following::Following;
+use following::{Following, Wish};
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
     known_bug, reduced_flag, state_flag, target_flag,
@@ -65,15 +65,16 @@ impl ControlConfig {
         let hand_speed = safety.hand_speed_m_per_s();
         let options = wbc::Options::default().interface(sim.interface.certified()).hand_speed_m_per_s(hand_speed);
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+        let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
         Ok(Self {
             engage: engage::Config::relaxed(&safety.thresholds(), factor)
                 .map(|engage| engage.with_tracking_factor(tracking))
                 .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
-            wbc: wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?,
             gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))
                 .and_then(|gate| gate.with_hand_speed(hand_speed))
                 .map_err(|error| ConfigError::stage("gate", error))?,
-            follow: follow::Config::new(&model, wbc::PLANNED_SPEED_SHARE, follow::Weights::default()),
+            follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
+            wbc,
             arm: ArmModel::of(&model),
             servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
             tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
@@ -314,7 +315,7 @@ fn command(
     let commanded = state.commander.commanded();
     let from = (&commanded.q, &commanded.v);
     let wish = state.following.wish(config, input.k, from, decided.permit, target, late);
-    let wanted = wish.as_ref().zip(target).map(|(wish, target)| wish.of(target.valid_mask));
+    let wanted = wish.as_ref().map(Wish::target);
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
     if let Some(denial) = denied {

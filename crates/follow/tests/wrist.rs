@@ -1,0 +1,86 @@
+//! Wrists keep hands away from the robot, in time, and only there.
+
+use crate::support::{FIRST, FREE, LIMB_MASK, Robot, arm, model};
+use follow::arm::{ArmVector, Limbs};
+use follow::{LIMB_JOINTS, Weights};
+use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S};
+use robot::{Frames, Model, segment_distance};
+use std::f64::consts::FRAC_PI_2;
+
+/// Arms that hang, elbows a little bent.
+const HANGING: [f64; LIMB_JOINTS] = [0.0, 1.5, FRAC_PI_2, 0.1, 0.0];
+
+/// The least distance between a hand and what is no part of its wrist, m.
+fn hands_clear_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
+    let mut frames = Frames::default();
+    model.forward(q, &mut frames);
+    let is_hand = |capsule: usize| {
+        FIRST.iter().any(|first| model.capsules[capsule].body > first + LIMB_JOINTS)
+            && model.capsules[capsule].name.starts_with("hand")
+    };
+    let pairs = model.pairs.iter().filter(|pair| is_hand(pair.a) != is_hand(pair.b));
+    let distance = |pair: &robot::Pair| {
+        let [a, b] = [pair.a, pair.b].map(|capsule| {
+            let capsule = &model.capsules[capsule];
+            let pose = &frames.base_from_body[capsule.body];
+            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
+        });
+        segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2
+    };
+    pairs.map(distance).fold(f64::INFINITY, f64::min)
+}
+
+fn wrists(q: &[f64; JOINTS]) -> [f64; 4] {
+    [FIRST[0] + 5, FIRST[0] + 6, FIRST[1] + 5, FIRST[1] + 6].map(|j| q[j])
+}
+
+fn at_home(model: &Model, q: &[f64; JOINTS]) -> [f64; JOINTS] {
+    let mut q = *q;
+    for j in FIRST.iter().flat_map(|first| [first + 5, first + 6]) {
+        q[j] = model.home[j];
+    }
+    q
+}
+
+fn person(q: [f64; LIMB_JOINTS]) -> [Limbs; 2] {
+    [arm().limbs(&ArmVector::from(q)); 2]
+}
+
+#[test]
+fn hanging_hands_turn_away_and_raised_hands_come_home() {
+    let model = model();
+    let mut robot = Robot::at(&FREE, Weights::default());
+    robot.propose(&HANGING);
+    let (mut least_m, mut at_home_m) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..3 * TICK_HZ {
+        let before = wrists(&robot.q);
+        robot.step(|_| person(HANGING));
+        for (j, (now, before)) in wrists(&robot.q).into_iter().zip(before).enumerate() {
+            let most = 0.98 * model.limits[FIRST[0] + 5].v_max * 10.0 * TICK_S;
+            assert!((now - before).abs() <= most + 1e-12, "wrist {j} moved {} at once", now - before);
+        }
+        least_m = least_m.min(hands_clear_m(&model, &robot.q));
+        at_home_m = at_home_m.min(hands_clear_m(&model, &at_home(&model, &robot.q)));
+    }
+    println!("hands {:.1} mm clear on the way down, {:.1} mm with wrists at home", least_m * 1e3, at_home_m * 1e3);
+    assert!(at_home_m < 0.025, "the posture needs no wrist: {at_home_m}");
+    assert!(least_m > at_home_m + 0.02 && least_m > 0.03, "{least_m} m with wrists, {at_home_m} m without");
+    robot.propose(&FREE);
+    for _ in 0..3 * TICK_HZ {
+        robot.step(|_| person(FREE));
+    }
+    for (now, home) in wrists(&robot.q).into_iter().zip(wrists(&model.home)) {
+        assert!((now - home).abs() < 0.02, "{now}, home is {home}");
+    }
+}
+
+#[test]
+fn wrists_that_a_target_leads_are_left_alone() {
+    let mut robot = Robot::at(&FREE, Weights::default());
+    robot.valid_mask = ALL_JOINTS;
+    let output = robot.step(|_| person(HANGING));
+    assert!(output.aims[FIRST[0]].is_some() && output.wrists == [None; 2]);
+    robot.valid_mask = LIMB_MASK;
+    let output = robot.step(|_| person(HANGING));
+    assert!(output.wrists.iter().all(Option::is_some));
+}
