@@ -5,6 +5,9 @@ use messages::{RawSkeleton, Stamp, known_bug};
 /// Sessions that are remembered as refused; older ones fall out, which only lets a client of long ago try again.
 const REFUSED_KEPT: usize = 32;
 
+/// `ingest` looks at least ten times a second: a longer time between two looks is one in which it did not run, ns.
+const SLEPT_NS: u64 = 200_000_000;
+
 /// By which way a client comes in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Door {
@@ -46,6 +49,7 @@ pub struct Claim {
 pub struct Authority {
     holder: Option<Claim>,
     last_seen: Stamp,
+    last_look: Stamp,
     refused: [Claim; REFUSED_KEPT],
     refused_count: usize,
     frames_refused: u64,
@@ -53,6 +57,16 @@ pub struct Authority {
 }
 
 impl Authority {
+    /// Notes that `ingest` runs at `now`; called before the frames of every round. A time in which `ingest` did not run is no silence
+    /// of the holder.
+    pub fn look(&mut self, now: Stamp) {
+        let slept_ns = if self.last_look == Stamp::NONE { 0 } else { now.since(self.last_look) };
+        if slept_ns > SLEPT_NS {
+            self.last_seen = self.last_seen.plus_ns(slept_ns);
+        }
+        self.last_look = now;
+    }
+
     /// Whether the frame's session holds authority, where sessions are known by the client's number alone.
     pub fn admits(&mut self, now: Stamp, raw: &RawSkeleton, timeout_ns: u64) -> bool {
         self.admits_claim(now, Claim { session_nonce: raw.session_nonce, ..Claim::default() }, timeout_ns)
@@ -127,6 +141,21 @@ mod tests {
         assert!(authority.admits(at(900), &frame(7), TIMEOUT_NS));
         assert!(!authority.admits(at(1800), &frame(8), TIMEOUT_NS));
         assert_eq!(authority.frames_refused(), 2);
+    }
+
+    #[test]
+    fn a_pause_of_ingest_is_no_silence_of_the_holder() {
+        let mut authority = Authority::default();
+        authority.look(at(0));
+        assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
+        authority.look(at(100));
+        authority.look(at(1100));
+        assert!(authority.is_held(at(1100), TIMEOUT_NS), "heard 100 ms ago, as far as ingest ran");
+        assert!(!authority.admits(at(1100), &frame(8), TIMEOUT_NS));
+        for ms in (1200..=2100).step_by(100) {
+            authority.look(at(ms));
+        }
+        assert!(authority.admits(at(2101), &frame(9), TIMEOUT_NS), "it was silent for a second of ingest's own time");
     }
 
     #[test]

@@ -229,7 +229,7 @@ impl World {
         self.retarget_header.sequence = 0;
     }
 
-    /// The driver, dead for at least 3 ticks, is started again: on the robot as it is, or, if somebody moved it meanwhile, at
+    /// The driver, dead for at least [`driver::START_AFTER_TICKS`], is started again: on the robot as it is, or, if somebody moved it meanwhile, at
     /// `q`. False, and nothing happens, if that is no posture.
     pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
@@ -310,6 +310,7 @@ impl World {
     }
 
     fn ingest(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> Option<Skeleton> {
+        self.authority.look(now);
         let raw = self.raw.latest()?;
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
             return None;

@@ -64,6 +64,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             wait(&mut clients, &socket);
         }
         let now = rt::now();
+        hall.authority.look(now);
         let held = hall.authority.is_held(now, hall.timeout_ns);
         socket.poll(now, held, |from, frame| hall.take_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
