@@ -111,8 +111,8 @@ pub struct State {
 
 impl State {
     /// Holds the measured posture `q` from index `k` on, and what is measured until the joints stand. Returns `None` if a
-    /// number of `q` is not finite. A driver that starts must do so at least 3 indices after another one ended, so that no
-    /// identity is given twice.
+    /// number of `q` is not finite. A driver that starts must do so at least [`crate::START_AFTER_TICKS`] after another one ended: then
+    /// no identity is given twice.
     pub fn hold(k: u64, q: &[f64; JOINTS]) -> Option<Self> {
         q.iter().all(|q| q.is_finite()).then_some(Self {
             motion: Motion::rest(*q),

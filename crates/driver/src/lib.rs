@@ -58,3 +58,4 @@ pub use follower::{
 pub use limits::JointLimits;
 pub use plan::Motion;
 pub use port::{Driver, Drives, Measured, Setpoint};
+pub use suspension::START_AFTER_TICKS;

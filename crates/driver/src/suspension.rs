@@ -34,12 +34,16 @@ const AS_FAST_S: f64 = 0.02;
 /// The longest stop that is left when a driver goes on more slowly, s: twice the longest stop of the robots.
 const STOP_MAX_S: f64 = 1.0;
 
+/// A driver that starts waits for so long before it measures where the robot is, ticks: 20 ms. A robot whose last driver has just
+/// died stops by itself by then, and compares the first setpoint with nothing that is older.
+pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
+
 /// Age of a measurement, ns, beyond which it does not say where the robot stands now: 10 ms, the silence after which its
 /// drives act by themselves.
 const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
 
 impl State {
-    /// Begins at index `k` where the robot is measured: a robot whose last driver died may still move, and drives that
+    /// Begins at index `k` where the robot is measured, [`START_AFTER_TICKS`] after any other driver ended: a robot whose last driver died may still move, and drives that
     /// follow at once would take a standing setpoint as a step of the velocity. Joints that move stop from their measured
     /// speed within the limits, latched; no certificate covers that stop. A speed is believed where the positions of an
     /// `earlier` measurement confirm it; otherwise what is measured is held. Returns `None` if a number is not finite.

@@ -19,6 +19,9 @@ use telemetry::{Metric, Probe};
 /// A driver that starts measures twice. The second measurement has to confirm the speeds of the first. Time between them, ns.
 const CONFIRM_NS: u64 = 6_000_000;
 
+/// What a robot takes, beyond its watchdog, to begin its own stop, and to tell it, ns. Assumption.
+const REACTS_WITHIN_NS: u64 = 10_000_000;
+
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
@@ -60,8 +63,11 @@ impl RemoteRobot {
 }
 
 impl RemoteRobot {
-    /// Two measurements, [`CONFIRM_NS`] apart.
-    fn measure_twice(&mut self) -> (Measured, Measured) {
+    /// Two measurements, [`CONFIRM_NS`] apart. A robot whose last driver has just died reacts by itself first.
+    fn measure_twice(&mut self, watchdog_ms: f64) -> (Measured, Measured) {
+        let reacts_ns = (watchdog_ms * 1e6) as u64 + REACTS_WITHIN_NS;
+        let least_ns = driver::START_AFTER_TICKS * 1_000_000_000 / TICK_HZ;
+        rt::sleep_until(rt::now().plus_ns(reacts_ns.max(least_ns)));
         let earlier = self.read(rt::now());
         rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
         (earlier, self.read(rt::now()))
@@ -143,9 +149,9 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     let (mut sequence, mut oldest_command_ns) = (0, 0);
-    // A driver that starts holds where it stands; three indices of distance keep identities apart after a quick restart.
+    // A driver that starts holds where it stands.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    let (earlier, measured) = robot.measure_twice();
+    let (earlier, measured) = robot.measure_twice(process.loaded.settings.sim.watchdog_ms);
     let mut state = sim::DriverState::new(&config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
     process.ready()?;
