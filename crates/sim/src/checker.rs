@@ -145,6 +145,9 @@ impl Checker {
     fn keep_clear(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
+        if self.allowed_m >= config.body.d_min_m {
+            report.min_proved_clearance_m = report.min_proved_clearance_m.min(clearance_m);
+        }
         let clear = clearance_m >= self.allowed_m - TOLERANCE_CLEARANCE_M;
         if !clear {
             note(report, ViolationKind::Clearance, to.k, pair, clearance_m, self.allowed_m);

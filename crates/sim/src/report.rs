@@ -71,6 +71,8 @@ pub struct Report {
     pub(crate) first: Option<Violation>,
     pub(crate) steps: u64,
     pub(crate) min_clearance_m: f64,
+    /// The same of the steps that had to keep the distance of every command.
+    pub(crate) min_proved_clearance_m: f64,
     pub(crate) torque_share_max: [f64; JOINTS],
     pub(crate) tracking_max: [f64; JOINTS],
     pub(crate) tracking_squares: [f64; JOINTS],
@@ -89,6 +91,7 @@ impl Report {
             first: None,
             steps: 0,
             min_clearance_m: f64::INFINITY,
+            min_proved_clearance_m: f64::INFINITY,
             torque_share_max: [0.0; JOINTS],
             tracking_max: [0.0; JOINTS],
             tracking_squares: [0.0; JOINTS],
@@ -128,6 +131,12 @@ impl Report {
     /// Least clearance of the checked pairs over all executed postures, m; infinite before the first.
     pub fn min_clearance_m(&self) -> f64 {
         self.min_clearance_m
+    }
+
+    /// As [`Report::min_clearance_m`], of the steps that had to keep the distance of every command: without the stops that the
+    /// driver began by itself, and without recoveries, m.
+    pub fn min_proved_clearance_m(&self) -> f64 {
+        self.min_proved_clearance_m
     }
 
     /// Largest torque of each joint over its effort limit, by the dynamics of the links in every executed motion.

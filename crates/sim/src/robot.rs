@@ -146,6 +146,11 @@ impl State {
         &self.driver.told
     }
 
+    /// Whether the robot refused the last setpoint.
+    pub fn refused(&self) -> bool {
+        self.driver.port_fault
+    }
+
     /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
         self.driver.delays_s()

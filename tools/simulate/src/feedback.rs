@@ -20,6 +20,8 @@ const WENT: f64 = 0.03;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
+/// A joint that is no farther outside its limits than this, rad or m, may be told to hold at the limit.
+const NUDGED: f64 = 5e-3;
 /// How much faster than its limit a joint without power is believed to move.
 const FALLS: f64 = 3.0;
 
@@ -109,7 +111,13 @@ impl Feedback {
     /// long as the joint would have taken to come there has been believed, and the truth then has the same way back.
     fn sags(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
-        let off = |j: usize| (robot.q[j] - seen.truth[j]).abs();
+        // A joint a little outside its limits is told to hold at them.
+        let off = |j: usize| {
+            let (truth, limits) = (seen.truth[j], &self.limits[j]);
+            let nearest = truth.clamp(limits.q_min, limits.q_max);
+            let held = if (truth - nearest).abs() <= NUDGED { nearest } else { truth };
+            (robot.q[j] - held).abs().min((robot.q[j] - truth).abs())
+        };
         let worst = (0..JOINTS).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let judged = seen.unpowered && !seen.encoders_lie;
         self.lied = seen.unpowered && (self.lied || seen.encoders_lie);

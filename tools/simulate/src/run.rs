@@ -216,7 +216,12 @@ impl<'a> Run<'a> {
         if self.has(|_| true) {
             self.faulty_until = k + FAULTY;
         }
-        let truth = *self.world.sim_mut().q();
+        let robot = self.world.sim_mut();
+        if robot.refused() {
+            // After a pause of its driver a robot may go on by itself, whatever it is sent.
+            self.undriven_until = self.undriven_until.max(k + UNDRIVEN);
+        }
+        let truth = *robot.q();
         let seen = Seen {
             tick: k,
             k: grid,
@@ -449,8 +454,9 @@ fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Act
             if !first && active.rng.random_range(0..100) != 0 {
                 return false;
             }
-            // At least 3 indices lie between two drivers.
-            let dead = active.rng.random_range(4..120);
+            // A driver that starts waits before it looks.
+            let least = if who == Who::Driver { driver::START_AFTER_TICKS } else { 4 };
+            let dead = active.rng.random_range(least..120);
             processes.kill(who, k, dead);
         }
         Process::Stop(who) => processes.stop(who, k, 1),
@@ -469,7 +475,7 @@ fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Act
             if !first {
                 return false;
             }
-            processes.kill(Who::Driver, k, active.episode.ticks.max(4));
+            processes.kill(Who::Driver, k, active.episode.ticks.max(driver::START_AFTER_TICKS));
             let postures = if process == Process::FoundClose { &subject.close } else { &subject.outside };
             processes.moved_to = Some(postures[active.rng.random_range(0..postures.len())]);
         }

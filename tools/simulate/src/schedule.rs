@@ -27,7 +27,7 @@ const RARE: [(&str, usize); 17] = [
     ("kill-control", 5),
     ("kill-ingest", 5),
     ("kill-retarget", 5),
-    ("operator-gone", 5),
+    ("operator-gone", 8),
     ("engage-elsewhere", 5),
     ("reconnect", 5),
     ("release", 5),

@@ -11,9 +11,11 @@ use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, d
 use pipeline::{Continue, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use robot::Frames;
 use safety::engage::Permit;
 use safety::gate::Denial;
-use sim::ViolationKind;
+use safety::monitor;
+use sim::{TOLERANCE_CLEARANCE_M, ViolationKind};
 
 /// Ticks of one part. Parts are independent, so the figures do not depend on how many threads run them.
 pub const PART_TICKS: u64 = 100_000;
@@ -96,6 +98,9 @@ struct Part<'a> {
     reset_count: u32,
     disturbance: Disturbance,
     watched: Option<Watched>,
+    /// The robot stopped by itself and rests closer than a start allows: the operator recovers it.
+    recovers: bool,
+    frames: Frames,
     last_q: [f64; JOINTS],
     figures: Figures,
 }
@@ -112,7 +117,8 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
     for kind in ViolationKind::ALL {
         figures.violations[kind as usize] = report.violations_of(kind) + figures.rollout_violations[kind as usize];
     }
-    figures.min_clearance_m = figures.min_clearance_m.min(report.min_clearance_m());
+    figures.min_clearance_m = figures.min_clearance_m.min(report.min_proved_clearance_m());
+    figures.min_unproved_clearance_m = report.min_clearance_m();
     figures.torque_share_max = report.largest_torque_share().0;
     let judged = run.robot.judged();
     figures.true_violations = judged.counts;
@@ -143,6 +149,8 @@ impl<'a> Part<'a> {
             reset_count: 0,
             disturbance: Disturbance::default(),
             watched: None,
+            recovers: false,
+            frames: Frames::default(),
             last_q: q,
             figures: Figures::default(),
         }
@@ -180,9 +188,30 @@ impl<'a> Part<'a> {
         self.echo.flags & state_flag::DRIVER_FAULT != 0
     }
 
-    /// What engagement permits: nothing while the driver's fault is latched.
+    /// What engagement permits: nothing while the driver's fault is latched, and recovery alone where a start is refused.
     fn permit(&self) -> Permit {
-        if self.latched() { Permit::Stop } else { self.attacker.permit }
+        match (self.latched(), self.recovers) {
+            (true, _) => Permit::Stop,
+            (false, true) => Permit::Recover,
+            (false, false) => self.attacker.permit,
+        }
+    }
+
+    /// A robot that stopped by itself, on a way that nobody proved, may rest too close to start. Recovery takes it apart.
+    fn watch_start(&mut self) {
+        let model = &self.subject.model;
+        if self.recovers {
+            self.recovers = !monitor::clear_to_start(model, &mut self.frames, &self.echo.q);
+        } else if self.is_own_motion() && self.echo.v == [0.0; JOINTS] {
+            let clearance = monitor::measured_clearance(model, &mut self.frames, &self.echo.q);
+            self.recovers = !clearance.is_at_least(model.d_min_m - TOLERANCE_CLEARANCE_M);
+            self.figures.recoveries += u64::from(self.recovers);
+        }
+    }
+
+    /// The driver executes a motion of its own, which no command began.
+    fn is_own_motion(&self) -> bool {
+        self.echo.command_incarnation == 0
     }
 
     /// The control tick, as the daemon composes it.
@@ -195,6 +224,9 @@ impl<'a> Part<'a> {
                 self.stages.reseed(&motion);
                 self.figures.reseeds += 1;
             }
+        }
+        if self.subject.gate.is_some() {
+            self.watch_start();
         }
         let resting = self.echo.v.iter().chain(&self.echo.a).all(|x| *x == 0.0);
         if self.latched() && resting && self.echo.reset_count == self.reset_count {
@@ -220,7 +252,8 @@ impl<'a> Part<'a> {
         let Motion { q, v, a, plan } = out.motion;
         let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
         figures.worst_stop_s = figures.worst_stop_s.max(longest);
-        if self.rng.random_range(0..ROLLED_EVERY) == 0 {
+        let proved = !self.recovers && !self.is_own_motion();
+        if self.rng.random_range(0..ROLLED_EVERY) == 0 && proved {
             self.roll(&out.motion);
         }
         let stream = self.stream.as_mut()?;
@@ -236,7 +269,7 @@ impl<'a> Part<'a> {
             v,
             a,
             plan,
-            mode: Mode::Engaged as u32,
+            mode: if self.recovers { Mode::Recovering } else { Mode::Engaged } as u32,
             reset_count: self.reset_count,
             flags,
             ..JointCommand::ZERO

@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::chunk::PART_TICKS;
 use crate::error::TortureError;
 use crate::machine::cores;
 use clap::{Args, Parser, Subcommand};
@@ -48,6 +49,9 @@ pub struct AttackArgs {
     /// durations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Attack in this part alone, as a failure names it: 0 for the first 100,000 ticks. Goals are left out.
+    #[arg(long, value_name = "N")]
+    pub part: Option<u64>,
     /// Random safe postures, each to be reached within 8 s of the robot's time, and home again; each counts as one, whatever
     /// --ticks says. 0 leaves them out.
     #[arg(long, default_value_t = 168)]
@@ -172,6 +176,11 @@ impl AttackArgs {
         if self.ticks == 0 {
             let bound = "must be at least 1".into();
             return Err(TortureError::Option { option: "--ticks", value: "0".into(), bound });
+        }
+        let parts = self.ticks.div_ceil(PART_TICKS);
+        if let Some(part) = self.part.filter(|&part| part >= parts) {
+            let bound = format!("must be below {parts}, the number of parts of {PART_TICKS} ticks in --ticks");
+            return Err(TortureError::Option { option: "--part", value: part.to_string(), bound });
         }
         check_counts(&[("--ticks", self.ticks), ("--goals", self.goals)], self.threads)
     }

@@ -117,6 +117,8 @@ pub struct Figures {
     pub true_clearance_min_m: f64,
     /// Least clearance over executed steps and rolled-out plans, m.
     pub min_clearance_m: f64,
+    /// The same of everything executed, with stops of the driver's own, which are not proved, m.
+    pub min_unproved_clearance_m: f64,
     /// Durations of both stages.
     pub tick: Durations,
     /// Motions that were wanted but not certified.
@@ -143,6 +145,8 @@ pub struct Figures {
     pub overslept: u64,
     /// Times the driver latched its fault.
     pub latches: u64,
+    /// Times the robot rested too close to start after a stop of its own, and was recovered.
+    pub recoveries: u64,
     /// Times control continued from the driver's state instead of its own last command.
     pub reseeds: u64,
     /// Plans rolled out to rest.
@@ -175,6 +179,7 @@ impl Default for Figures {
             true_speed_ratio_max: 0.0,
             true_clearance_min_m: f64::INFINITY,
             min_clearance_m: f64::INFINITY,
+            min_unproved_clearance_m: f64::INFINITY,
             tick: Durations::default(),
             fallbacks: 0,
             overloads: 0,
@@ -188,6 +193,7 @@ impl Default for Figures {
             lost: 0,
             overslept: 0,
             latches: 0,
+            recoveries: 0,
             reseeds: 0,
             rollouts: 0,
             worst_stop_s: 0.0,
@@ -238,6 +244,7 @@ impl Figures {
         self.ticks += other.ticks;
         self.first = self.first.or(other.first);
         self.min_clearance_m = self.min_clearance_m.min(other.min_clearance_m);
+        self.min_unproved_clearance_m = self.min_unproved_clearance_m.min(other.min_unproved_clearance_m);
         self.tick.merge(&other.tick);
         self.fallbacks += other.fallbacks;
         self.overloads += other.overloads;
@@ -255,6 +262,7 @@ impl Figures {
         self.lost += other.lost;
         self.overslept += other.overslept;
         self.latches += other.latches;
+        self.recoveries += other.recoveries;
         self.reseeds += other.reseeds;
         self.rollouts += other.rollouts;
         self.worst_stop_s = self.worst_stop_s.max(other.worst_stop_s);

@@ -71,9 +71,8 @@ enum Outcome {
     Visited(Goals),
 }
 
-fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
-    args.check()?;
-    let machine = Machine::now();
+/// What is attacked, without the parts that the options leave out.
+fn subject(args: &AttackArgs) -> Result<Subject, TortureError> {
     let mut subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
     if args.keep_gate {
         subject = subject.with_gate(&args.common.config)?;
@@ -84,8 +83,16 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     if args.payload_kg > 0.0 {
         subject = subject.with_payload(&args.common.config, args.payload_kg, !args.untold)?;
     }
+    Ok(subject)
+}
+
+fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
+    args.check()?;
+    let machine = Machine::now();
+    let subject = subject(args)?;
     // Not every posture can be held with a load.
-    let goals = if args.no_certificate || args.no_torque || args.payload_kg > 0.0 { 0 } else { args.goals };
+    let without_goals = args.no_certificate || args.no_torque || args.payload_kg > 0.0 || args.part.is_some();
+    let goals = if without_goals { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
     let (bar, visited) = (progress(args.ticks, "ticks"), AtomicU64::new(0));
@@ -96,6 +103,9 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     tell_goals(0);
     let outcomes = in_parallel(args.threads, jobs as usize, |job| {
         let job = job as u64;
+        if args.part.is_some_and(|part| part != job) {
+            return Outcome::Attacked(Box::default());
+        }
         if job < parts {
             let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
             let figures = chunk::run(&subject, args.seed, job, ticks);

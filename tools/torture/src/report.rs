@@ -98,6 +98,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "true_clearance_min_mm": figures.true_clearance_min_m * 1e3,
         "min_clearance_mm": figures.min_clearance_m * 1e3,
         "clearance_required_mm": model.d_min_m * 1e3,
+        "min_unproved_clearance_mm": figures.min_unproved_clearance_m * 1e3,
         "tick_us": durations(&figures.tick),
         "fallbacks": figures.fallbacks,
         "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max,
@@ -118,7 +119,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "refused_for": by_reason(&figures.refused_for),
         "missed_ticks": figures.missed, "lost_commands": figures.lost,
         "overslept_ticks": figures.overslept,
-        "driver_latched": figures.latches, "reseeds": figures.reseeds,
+        "driver_latched": figures.latches, "reseeds": figures.reseeds, "recoveries": figures.recoveries,
         "travelled_rad": figures.travelled_rad,
         "attacks": attacks,
         "threads": args.threads,
@@ -144,9 +145,10 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
     let _ = writeln!(out, "{}", true_in_words(f));
     let _ = writeln!(
         out,
-        "least clearance   {:.4} mm (at least {:.1} mm is required)",
+        "least clearance   {:.4} mm (at least {:.1} mm is required); {:.4} mm with stops of the driver's own, which are not proved",
         f.min_clearance_m * 1e3,
-        model.d_min_m * 1e3
+        model.d_min_m * 1e3,
+        f.min_unproved_clearance_m * 1e3
     );
     let _ = writeln!(out, "control tick      {}", in_words(&f.tick));
     let _ = writeln!(
@@ -173,8 +175,8 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
     let _ = writeln!(out, "plans rolled out  {}, violations in them {rollouts}", f.rollouts);
     let _ = writeln!(
         out,
-        "disturbed         {} ticks missed, {} commands lost, {} ticks overslept by the driver, {} latches, {} reseeds, {} refused",
-        f.missed, f.lost, f.overslept, f.latches, f.reseeds, f.refusals
+        "disturbed         {} ticks missed, {} commands lost, {} ticks overslept by the driver, {} latches, {} reseeds, {} recoveries, {} refused",
+        f.missed, f.lost, f.overslept, f.latches, f.reseeds, f.recoveries, f.refusals
     );
     for (reason, (count, first)) in &f.refused_for {
         let _ = writeln!(out, "  refused for {reason}: {count}, first {first}");
