@@ -67,7 +67,7 @@ pub struct Options {
     /// Time without a setpoint after which the drives react by themselves, ns. A setpoint under way is no silence.
     /// Assumption: 10 ms. Franka's controller stops after 20 lost packets of 1 ms, a UR's takes 20 ms.
     pub watchdog_ns: u64,
-    /// What the drives do then.
+    /// What the drives do then. Play is the one whose way is proved.
     pub reaction: Reaction,
     /// Standard deviation of a measured position, rad or m. Assumption: one encoder step of 17 bits.
     pub encoder_noise_rad: f64,
@@ -94,7 +94,7 @@ impl Default for Options {
             damping_ratio: 1.0,
             delay_ns: 2_000_000_000_u64.div_ceil(TICK_HZ),
             watchdog_ns: 10_000_000,
-            reaction: Reaction::Hold,
+            reaction: Reaction::Play,
             encoder_noise_rad: step_rad,
             encoder_step_rad: step_rad,
             friction_compensated: 0.8,

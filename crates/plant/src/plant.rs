@@ -346,9 +346,9 @@ impl Plant {
             self.held =
                 (std::array::from_fn(|j| self.extrapolated(j)[0]), std::array::from_fn(|j| self.extrapolated(j)[1]));
             self.mode = match config.reaction {
-                Reaction::Hold => Mode::Holding { reacting: true },
                 Reaction::Damp => Mode::Damping,
-                Reaction::Play => Mode::Playing,
+                Reaction::Play if self.came_with_a_stop() => Mode::Playing,
+                Reaction::Hold | Reaction::Play => Mode::Holding { reacting: true },
             };
         }
         if let Mode::Holding { .. } = self.mode {
@@ -417,6 +417,14 @@ impl Plant {
     fn extrapolated(&self, j: usize) -> Reference {
         let (t, v, a) = (self.since_last_s(), self.last.v[j], self.last.a[j]);
         [self.last.q[j] + t * (v + t * a / 2.0), v + t * a, a]
+    }
+
+    /// Whether the setpoint in force came with a stop for every joint that moves. Points of a trajectory controller have none.
+    fn came_with_a_stop(&self) -> bool {
+        (0..JOINTS).all(|j| {
+            let stands = self.last.v[j] == 0.0 && self.last.a[j] == 0.0;
+            stands || self.last.plan.duration_s[j].iter().sum::<f64>() > 0.0
+        })
     }
 
     /// The plan of the setpoint in force: phases of constant jerk, then rest.

@@ -1,7 +1,7 @@
 //! What the drives do when setpoints stay away, and when they come back.
 
 use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
-use messages::{JOINTS, LEFT_ARM, Stamp};
+use messages::{JOINTS, LEFT_ARM, Layout, Stamp, StopPlan};
 use plant::{Config, Options, Plant, Reaction, Setpoint};
 
 const ELBOW: usize = LEFT_ARM.start + 3;
@@ -62,6 +62,28 @@ fn a_setpoint_that_was_made_before_the_robot_went_on_by_itself_is_refused() {
     assert!(plant.reacting());
     let new = Setpoint { k: last.k + 900, ..old };
     assert!(plant.receive(&config, now.plus_ns(600_000_000), &new));
+}
+
+#[test]
+fn a_setpoint_without_a_stop_is_braked_from_not_stopped_at_once() {
+    let after = |plan: bool| {
+        let (config, mut plant, mut last, now) = moving(Reaction::Play);
+        if !plan {
+            (last.k, last.plan) = (last.k + 1, StopPlan::ZERO);
+            last.q[ELBOW] += SPEED * TICK_NS as f64 * 1e-9;
+            assert!(plant.receive(&config, now.plus_ns(TICK_NS), &last));
+        }
+        plant.advance(&config, now.plus_ns(TICK_NS + WATCHDOG_NS + 15_000_000));
+        assert!(plant.reacting());
+        let speed = plant.truth().v[ELBOW];
+        plant.advance(&config, now.plus_ns(700_000_000));
+        (speed, plant.truth().v[ELBOW])
+    };
+    for plan in [true, false] {
+        let (speed, rest) = after(plan);
+        // 10 rad/s^2 for 15 ms take 0.15 rad/s; a reference that stands at once pulls a drive of 15 Hz to rest in that time.
+        assert!(speed > 0.6 * SPEED && rest.abs() < 1e-3, "with a plan: {plan}: {speed} rad/s, then {rest}");
+    }
 }
 
 #[test]

@@ -58,7 +58,7 @@ impl Default for Options {
             encoder_noise_rad: step_rad,
             encoder_step_rad: step_rad,
             watchdog_ms: 10.0,
-            reaction: Reaction::Hold,
+            reaction: Reaction::Play,
             measured_age_max_ms: 10.0,
             silence_ticks: driver::SILENCE_TICKS,
             payload_kg: [None; 2],

@@ -210,7 +210,7 @@ impl Oracle {
         if seen.driver_restarted || self.index.is_none() || suspended || (follows_measurement && seen.undriven) {
             self.begin(robot);
         }
-        if suspended {
+        if suspended || seen.driver_restarted {
             // Its stop begins now, whenever the last motion was permitted.
             self.moving_k = self.moving_k.max(index);
         }
