@@ -38,6 +38,17 @@ const STOP_MAX_S: f64 = 1.0;
 /// died stops by itself by then, and compares the first setpoint with nothing that is older.
 pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
 
+/// A driver that starts on a robot that moves waits for it to stand, ticks: 1 s, twice the longest stop of the robots. It stops by
+/// itself meanwhile, if anything stops it, and whoever leads it from where it is measured leads it off that way.
+pub const STANDS_WITHIN_TICKS: u64 = TICK_HZ;
+
+/// Whether the robot stood between two measurements, [`START_AFTER_TICKS`] apart: no joint moved by more than noise, which is
+/// 0.02 rad/s or m/s.
+#[must_use]
+pub fn stood(earlier: &Measured, measured: &Measured) -> bool {
+    (0..JOINTS).all(|j| (measured.q[j] - earlier.q[j]).abs() <= ENCODER_NOISE)
+}
+
 /// Age of a measurement, ns, beyond which it does not say where the robot stands now: 10 ms, the silence after which its
 /// drives act by themselves.
 const MEASURED_AGE_MAX_NS: u64 = 10_000_000;

@@ -246,6 +246,16 @@ fn a_driver_that_starts_believes_a_speed_that_positions_confirm() {
 }
 
 #[test]
+fn a_robot_stood_if_no_joint_moved_by_more_than_noise() {
+    let k = K + driver::START_AFTER_TICKS;
+    for (moved, stood) in
+        [(0.0, true), (3.9e-4, true), (-3.9e-4, true), (5e-4, false), (-5e-4, false), (f64::NAN, false)]
+    {
+        assert_eq!(driver::stood(&measured_at(K, 0.5, 0.0), &measured_at(k, 0.5 + moved, 0.0)), stood, "{moved} rad");
+    }
+}
+
+#[test]
 fn a_driver_that_starts_takes_noise_for_no_speed() {
     for v in (0..2000).map(|v| f64::from(v) * 1e-3) {
         let begun = State::begin(&CONFIG, K + 9, &measured_at(K, 0.5, v), &measured_at(K + 9, 0.5, v)).unwrap().motion;

@@ -63,11 +63,23 @@ impl RemoteRobot {
 }
 
 impl RemoteRobot {
-    /// Two measurements, [`CONFIRM_NS`] apart. A robot whose last driver has just died reacts by itself first.
-    fn measure_twice(&mut self, watchdog_ms: f64) -> (Measured, Measured) {
+    /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand.
+    fn wait_until_it_stands(&mut self, watchdog_ms: f64) {
         let reacts_ns = (watchdog_ms * 1e6) as u64 + REACTS_WITHIN_NS;
-        let least_ns = driver::START_AFTER_TICKS * 1_000_000_000 / TICK_HZ;
-        rt::sleep_until(rt::now().plus_ns(reacts_ns.max(least_ns)));
+        let step_ns = driver::START_AFTER_TICKS * 1_000_000_000 / TICK_HZ;
+        let give_up = rt::now().plus_ns(driver::STANDS_WITHIN_TICKS * 1_000_000_000 / TICK_HZ);
+        rt::sleep_until(rt::now().plus_ns(reacts_ns.saturating_sub(step_ns)));
+        loop {
+            let earlier = self.read(rt::now());
+            rt::sleep_until(rt::now().plus_ns(step_ns));
+            if driver::stood(&earlier, &self.read(rt::now())) || rt::now() >= give_up {
+                return;
+            }
+        }
+    }
+
+    /// Two measurements, [`CONFIRM_NS`] apart.
+    fn measure_twice(&mut self) -> (Measured, Measured) {
         let earlier = self.read(rt::now());
         rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
         (earlier, self.read(rt::now()))
@@ -151,7 +163,8 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    let (earlier, measured) = robot.measure_twice(process.loaded.settings.sim.watchdog_ms);
+    robot.wait_until_it_stands(process.loaded.settings.sim.watchdog_ms);
+    let (earlier, measured) = robot.measure_twice();
     let mut state = sim::DriverState::new(&config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
     process.ready()?;

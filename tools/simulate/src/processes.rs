@@ -11,6 +11,8 @@ struct One {
     down_until: u64,
     /// It is dead: then a new one is started.
     dead: bool,
+    /// Ticks for which a new one has waited for the robot to stand.
+    awaited: u64,
 }
 
 /// All four.
@@ -35,6 +37,20 @@ impl Processes {
     pub fn kill(&mut self, who: Who, k: u64, ticks: u64) {
         self.stop(who, k, ticks);
         self.all[who as usize].dead = true;
+        self.all[who as usize].awaited = 0;
+    }
+
+    /// The robot moves: a driver that would start does not yet, for a second at most.
+    pub fn await_rest(&mut self, k: u64) {
+        let driver = &mut self.all[Who::Driver as usize];
+        if driver.dead
+            && driver.down_until <= k
+            && driver.awaited < driver::STANDS_WITHIN_TICKS
+            && self.moved_to.is_none()
+        {
+            driver.down_until = k + 1;
+            driver.awaited += 1;
+        }
     }
 
     /// Who runs in tick `k`, and who is started anew in it.
