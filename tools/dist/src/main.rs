@@ -3,6 +3,7 @@
 
 mod commands;
 mod notices;
+mod tarball;
 
 use clap::Parser;
 use std::path::{Path, PathBuf};
@@ -18,11 +19,16 @@ struct Cli {
     /// Folder to write to; the package's table of files names this one.
     #[arg(long, value_name = "DIR", default_value = "target/dist")]
     out: PathBuf,
+    /// Writes an archive of the programs too, which is unpacked anywhere. They must run with glibc 2.31.
+    #[arg(long)]
+    tarball: bool,
+    /// Folder of the programs in the archive.
+    #[arg(long, value_name = "DIR", default_value = "target/release", requires = "tarball")]
+    programs: PathBuf,
 }
 
 fn main() -> ExitCode {
-    let out = Cli::parse().out;
-    match write(&out) {
+    match write(&Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(text) => {
             eprintln!("dist: {text}");
@@ -31,14 +37,19 @@ fn main() -> ExitCode {
     }
 }
 
-fn write(out: &Path) -> Result<(), String> {
+fn write(cli: &Cli) -> Result<(), String> {
+    let out = cli.out.as_path();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     commands::write(out)?;
     let settings = root.join("config/teleop.toml");
     let text = std::fs::read_to_string(&settings).map_err(|error| format!("{}: {error}", settings.display()))?;
-    save(&out.join("teleop.toml"), &packaged_settings(&text)?)?;
+    save(&out.join("teleop.toml"), &settings_with(&text, "/usr/share/teleopd/")?)?;
     save(&out.join("third-party.txt"), &notices::collect(&root)?)?;
     println!("wrote {}", out.display());
+    if cli.tarball {
+        let archive = tarball::write(&root, &cli.programs, out, &settings_with(&text, "")?)?;
+        println!("wrote {}", archive.display());
+    }
     Ok(())
 }
 
@@ -49,20 +60,21 @@ fn save(path: &Path, text: &str) -> Result<(), String> {
         .map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The paths of config/teleop.toml that point into the repository, and where the package has the same files. Settings may be
-/// copied to any folder then.
+/// The paths of config/teleop.toml that point into the repository, and where they lie below the folder of what is shared.
 const PATHS: [(&str, &str); 4] = [
-    ("\"robots/", "\"/usr/share/teleopd/robots/"),
-    ("\"../weights/tiago_dual\"", "\"/usr/share/teleopd/weights/tiago_dual\""),
-    ("\"../weights/prediction\"", "\"/usr/share/teleopd/weights/prediction\""),
+    ("\"robots/", "robots/"),
+    ("\"../weights/tiago_dual\"", "weights/tiago_dual\""),
+    ("\"../weights/prediction\"", "weights/prediction\""),
     // An example in a comment.
-    ("\"skeletons/", "\"/usr/share/teleopd/skeletons/"),
+    ("\"skeletons/", "skeletons/"),
 ];
 
-/// The settings with the package's paths; each path must stand in the text exactly once.
-fn packaged_settings(text: &str) -> Result<String, String> {
+/// The settings with paths below `folder`; each path must stand in the text exactly once. With an absolute folder settings may be
+/// copied anywhere.
+fn settings_with(text: &str, folder: &str) -> Result<String, String> {
     let mut packaged = text.replace("  # relative to this file", "  # or relative to this file");
-    for (here, there) in PATHS {
+    for (here, below) in PATHS {
+        let there = &format!("\"{folder}{below}");
         let count = packaged.matches(here).count();
         if count != 1 {
             return Err(format!("config/teleop.toml: {here}...\" stands there {count} times, not once"));
@@ -82,7 +94,7 @@ mod tests {
 
     #[test]
     fn packaged_settings_differ_in_three_paths_and_in_nothing_else() {
-        let packaged = packaged_settings(&settings()).expect("settings");
+        let packaged = settings_with(&settings(), "/usr/share/teleopd/").expect("settings");
         let mut read = pipeline::Settings::parse("packaged", &packaged).expect("settings that are accepted");
         let here = pipeline::Settings::parse("here", &settings()).expect("settings that are accepted");
         assert_eq!(read.robot.file, "/usr/share/teleopd/robots/tiago_dual.toml");
@@ -97,7 +109,7 @@ mod tests {
     #[test]
     fn a_path_that_is_missing_or_twice_is_an_error() {
         let text = settings();
-        assert!(packaged_settings(&text.replace("../weights/", "weights/")).unwrap_err().contains("0 times"));
-        assert!(packaged_settings(&format!("{text}# \"robots/x\"\n")).unwrap_err().contains("2 times"));
+        assert!(settings_with(&text.replace("../weights/", "weights/"), "").unwrap_err().contains("0 times"));
+        assert!(settings_with(&format!("{text}# \"robots/x\"\n"), "").unwrap_err().contains("2 times"));
     }
 }
