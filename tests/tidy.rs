@@ -70,7 +70,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ),
     ("dist", &["latency", "motion", "pipeline", "record", "view"]),
     ("canvas", &[]),
-    ("say", &["motion"]),
+    ("say", &["motion", "pipeline"]),
     ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
     ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),

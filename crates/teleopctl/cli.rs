@@ -7,8 +7,8 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "teleopctl", version)]
 pub struct Cli {
-    /// Folder of the instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR, global = true)]
+    /// Folder of the instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir(), global = true)]
     pub run_dir: PathBuf,
     #[command(subcommand)]
     pub command: Command,
@@ -42,8 +42,9 @@ pub struct CalibrateArgs {
     /// The operator's name, which is the file's: letters, digits, `-` and `_`.
     #[arg(value_parser = name)]
     pub name: String,
-    /// Settings file, whose `ingest.operators` names the folder.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings file, whose `ingest.operators` names the folder. A program installed in /usr/bin defaults to
+    /// /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
     /// Folder to write to, in place of that of the settings.
     #[arg(long, value_name = "DIR")]

@@ -16,11 +16,12 @@ pub struct Cli {
 /// Where an instance finds its settings and keeps its sockets and shared memory.
 #[derive(Args, Clone, Debug)]
 pub struct Place {
-    /// Settings of this instance.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings of this instance. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
-    /// Folder of the instance's socket, shared-memory registry and reports; two instances need two.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    /// Folder of the instance's socket, shared-memory registry and reports; two instances need two. A program installed in
+    /// /usr/bin defaults to /run/teleop if that exists.
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
     /// Engage although the kernel grants no real-time scheduling; simulated driver only.
     #[arg(long)]
@@ -108,8 +109,8 @@ pub struct Doctor {
 
 #[derive(Args, Clone, Debug)]
 pub struct Demo {
-    /// Settings.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
     /// A motion file to replay in place of the built-in motion.
     #[arg(long, value_name = "FILE")]

@@ -6,6 +6,7 @@ mod control;
 mod cores;
 mod edges;
 mod input;
+mod installed;
 mod instance;
 mod load;
 mod names;
@@ -27,6 +28,7 @@ pub use control::{
 pub use cores::Cores;
 pub use edges::OperatorEdges;
 pub use input::{InputConfig, InputState, input_tick};
+pub use installed::{default_config, default_motions, default_run_dir, is_installed};
 pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;

@@ -50,7 +50,7 @@ pub struct To {
     #[arg(long)]
     pub any_user: bool,
     /// Folder of the running instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
     /// Publishes through this socket of `ingest` instead of shared memory: as a user that is not the daemon's.
     #[arg(long, value_name = "PATH")]

@@ -48,8 +48,9 @@ pub struct Cli {
     /// Insist on this reference (69 if it is not installed); without, cyclictest is used if it is there.
     #[arg(long, value_enum)]
     pub compare: Option<Compare>,
-    /// Settings; the blocks use a copy with what the options change.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings; the blocks use a copy with what the options change. A program installed in /usr/bin defaults to
+    /// /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
     /// Skeletons per second; their phase walks through the whole tick, so that the wait for the deadline is sampled evenly.
     #[arg(long, value_name = "HZ", default_value_t = 120.0)]

@@ -11,11 +11,12 @@ pub struct Cli {
     /// The file to write; refused if it exists.
     #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view"])]
     pub out: Option<PathBuf>,
-    /// Folder of the running instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
-    /// Settings of the instance: its robot is drawn, and attached to the file.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings of the instance: its robot is drawn, and attached to the file. A program installed in /usr/bin defaults to
+    /// /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
     /// Pictures, targets, commands and states a second; every skeleton and status is recorded whatever it is.
     #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]

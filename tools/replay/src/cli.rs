@@ -35,11 +35,12 @@ pub struct Cli {
     /// joints have no rotation in the T-pose. The person of a joint trajectory or a recording has such a rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
-    /// Settings for --offline, and the robot of a joint trajectory.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    /// Settings for --offline, and the robot of a joint trajectory. A program installed in /usr/bin defaults to
+    /// /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
-    /// Folder of the running instance.
-    #[arg(long, value_name = "DIR", default_value = pipeline::DEFAULT_RUN_DIR)]
+    /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
     /// Publish by this socket of ingest (skeleton.sock in the folder of the instance) in place of shared memory: as any user
     /// in the socket's group. The operator's socket is looked for beside it.

@@ -9,8 +9,9 @@ use std::path::PathBuf;
 pub struct Cli {
     /// What the person does, for example "wave with the left hand".
     pub sentence: String,
-    /// Folder of motions; its captions.tsv has a line FILE<tab>CAPTION for each, or several.
-    #[arg(long, value_name = "DIR", default_value = "tools/keyposes/motions")]
+    /// Folder of motions; its captions.tsv has a line FILE<tab>CAPTION for each, or several. A program installed in /usr/bin
+    /// defaults to /usr/share/teleopd/motions if that exists.
+    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_motions())]
     pub library: PathBuf,
     /// Words that mean the same: a line for each meaning, divided by commas (default: synonyms.txt in the library, if it is
     /// there).
