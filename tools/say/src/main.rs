@@ -8,6 +8,8 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
+/// No motion was found.
+const EX_FAILED: u8 = 1;
 /// Exit codes of sysexits(3).
 const EX_DATAERR: u8 = 65;
 const EX_NOINPUT: u8 = 66;
@@ -38,11 +40,22 @@ fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
         (Some(folder), Some(runtime)) => (by_embeddings(cli, &library, folder, runtime)?, Vec::new()),
         _ => by_words(cli, &library)?,
     };
+    let names_nothing = found.is_empty() && unknown.is_empty();
     let (top, found) = (usize::from(cli.top), best(&library, found));
     if cli.json {
         println!("{}", say::escaped(&format!("{:#}", json(&library, &found, top, &unknown))));
     } else {
         show(&library, &found, top, &unknown);
+    }
+    if names_nothing {
+        let example = &library.captions()[0].text;
+        let text = format!(
+            "\"{}\" names no movement: words such as \"the\" and \"with\" stand in any caption. Say what the person does, as \
+             in \"{}\"",
+            shown(&cli.sentence),
+            shown(example)
+        );
+        return Err((EX_FAILED, text));
     }
     Ok(found.first().map(|best| library.motion(best.caption)))
 }
@@ -102,7 +115,7 @@ fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
     if !unknown.is_empty() {
         println!("in no caption, by their stems: {}", unknown.join(", "));
     }
-    if found.is_empty() {
+    if found.is_empty() && !unknown.is_empty() {
         println!("no motion of this library says any of it");
     }
 }

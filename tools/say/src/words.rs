@@ -1,19 +1,27 @@
-//! Words of a text: small letters, stems, and one word for those that mean the same.
+//! Words of a text: small letters, stems, and one word for those that mean the same. Stop words are left out: they stand in
+//! captions of every motion and name none.
 
 use rust_stemmers::{Algorithm, Stemmer};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+
+/// Words that name no movement. Those of direction (up, down, out, over, left, both) stay: captions differ by them.
+const STOP_WORDS: &str = "a about an and any are as at be been being but by can do does for from get gets had has have he her \
+    him his how i if in into is it its let lets me my no not of on one or our people person please s she should so some somebody \
+    someone t than that the their them then there they this to us was we were what when which while who will with would you your";
 
 /// What makes words of a text.
 pub struct Words {
     stemmer: Stemmer,
     /// The first of a line of synonyms stands for all of them.
     same: HashMap<String, String>,
+    stop: HashSet<&'static str>,
 }
 
 impl Words {
     /// `synonyms`: a line for each meaning, its words divided by commas; what follows a `#` is a remark.
     pub fn new(synonyms: &str) -> Self {
-        let mut words = Self { stemmer: Stemmer::create(Algorithm::English), same: HashMap::new() };
+        let stop = STOP_WORDS.split_whitespace().collect();
+        let mut words = Self { stemmer: Stemmer::create(Algorithm::English), same: HashMap::new(), stop };
         let lines = synonyms.lines().map(|line| line.split('#').next().unwrap_or_default());
         for line in lines {
             let mut stems = line.split(',').flat_map(|word| words.stems(word)).collect::<Vec<_>>().into_iter();
@@ -27,14 +35,15 @@ impl Words {
         words
     }
 
-    /// The words of `text`, in order.
+    /// The words of `text` that name something, in order.
     pub fn of(&self, text: &str) -> Vec<String> {
         self.stems(text).map(|stem| self.same.get(&stem).cloned().unwrap_or(stem)).collect()
     }
 
     fn stems<'a>(&'a self, text: &'a str) -> impl Iterator<Item = String> + 'a {
-        let words = text.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-        words.map(|word| self.stemmer.stem(&word.to_lowercase()).into_owned())
+        let words = text.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
+        let words = words.filter(|word| !word.is_empty() && !self.stop.contains(word.as_str()));
+        words.map(|word| self.stemmer.stem(&word).into_owned())
     }
 }
 
@@ -45,7 +54,9 @@ mod tests {
     #[test]
     fn words_are_stems_and_synonyms_are_one() {
         let words = Words::new("wave, greet, hello # to somebody\nwash, scrub\n\n# nothing\nscrub, polish");
-        assert_eq!(words.of("He's WAVING, waves; greeted"), ["he", "s", "wave", "wave", "wave"]);
+        assert_eq!(words.of("He's WAVING, waves; greeted"), ["wave", "wave", "wave"]);
+        assert_eq!(words.of("the person is with somebody"), [""; 0], "stop words");
+        assert_eq!(words.of("both hands up and out"), ["both", "hand", "up", "out"], "directions are none");
         assert_eq!(words.of("scrubbing polished"), ["wash", "wash"], "a chain of lines is one meaning");
         assert_eq!(words.of(" ,.; "), [""; 0]);
     }

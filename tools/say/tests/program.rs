@@ -58,6 +58,20 @@ fn what_nothing_describes_is_said_and_fails() {
 }
 
 #[test]
+fn sentence_of_stop_words_is_refused_with_an_example() {
+    for sentence in ["the and with", "a person is with somebody", ""] {
+        let output = say(&[sentence]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && output.stdout.is_empty(), "{sentence:?}: {output:?}");
+        assert!(said.contains("names no movement") && said.contains("a person boxes"), "{said}");
+    }
+    // Words that are known decide, whatever else is said.
+    let text = String::from_utf8_lossy(&say(&["dance with the wolves"]).stdout).into_owned();
+    assert!(text.contains("no motion of this library") && text.contains("danc, wolv"), "{text}");
+    assert_eq!(first("the person is to wave with the left"), "wave-left.bvh");
+}
+
+#[test]
 fn what_is_no_file_or_too_long_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let (captions, synonyms) = (folder.path().join("captions.tsv"), folder.path().join("synonyms.txt"));
