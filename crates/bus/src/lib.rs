@@ -24,5 +24,7 @@ pub use faulty::{FaultCounts, FaultPlan, Faulty};
 pub use local::Channel;
 pub use port::{Latest, Publish};
 pub use reader::{ALSO_MAX, PublisherId, Reader, Sample, Wake, WakingReader};
-pub use shared_memory::{Mapped, SHARED_MEMORY_NEEDED_BYTES, Segment, prefix_of, segments, segments_beginning};
+pub use shared_memory::{
+    Mapped, SHARED_MEMORY_NEEDED_BYTES, Segment, is_inhabited, prefix_of, segments, segments_beginning,
+};
 pub use writer::Writer;

@@ -101,6 +101,14 @@ impl Mapped {
     }
 }
 
+/// Whether a living process is in the domain with this prefix, as far as can be told by `give_up`: what another user has
+/// mapped is hidden from all but root.
+pub fn is_inhabited(prefix: &str, give_up: Instant) -> bool {
+    let own = rustix::process::geteuid().as_raw();
+    let hidden = own != 0 && segments(prefix).iter().any(|segment| segment.uid != own);
+    hidden || Mapped::read(prefix, give_up).is_none_or(|mapped| mapped.any_of(prefix))
+}
+
 /// Refuses to start where a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
 pub(crate) fn check_room() -> Result<(), BusError> {
     check_room_in(Path::new(SHARED_MEMORY), SHARED_MEMORY_NEEDED_BYTES)

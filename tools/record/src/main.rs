@@ -9,12 +9,15 @@ use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
+use view::ViewError;
 
 /// Pictures a second that are drawn: none faster than a tick, none slower than one in ten seconds.
 const RATE_HZ: (f64, f64) = (0.1, 1500.0);
 /// Longest recording that --seconds may ask for: a week.
 const SECONDS_MAX: f64 = 604_800.0;
+/// How long the search for a living instance may take. Assumption: a thousand processes took 0.1 s.
+const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
 /// A text for the user and the exit code of sysexits(3).
 struct Failure(u8, String);
@@ -94,8 +97,14 @@ fn check(cli: &Cli) -> Result<(), Failure> {
     if let Some(seconds) = cli.seconds.filter(|&seconds| !(seconds > 0.0 && seconds <= SECONDS_MAX)) {
         return Err(Failure(USAGE, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
     }
-    if !cli.run_dir.is_dir() {
-        let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
+    // `up` and `demo` start their recorder before the instance, so that it hears the first message.
+    let prefix = Instance::unmade(&cli.run_dir).core_domain().prefix;
+    if cli.child_of.is_none() && !bus::is_inhabited(&prefix, Instant::now() + LOOK_WITHIN) {
+        let folder = cli.run_dir.display();
+        let text = format!(
+            "no instance of teleopd runs in {folder}, so nothing was recorded. Start one (teleopd up --run-dir {folder}), or give \
+             the --run-dir of one that runs"
+        );
         return Err(Failure(UNAVAILABLE, text));
     }
     Ok(())

@@ -143,6 +143,33 @@ fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
 }
 
 #[test]
+fn recorder_without_an_instance_says_so_and_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (empty, out) = (folder.path().join("run"), folder.path().join("out.mcap"));
+    let refused = |what: &str| {
+        let ended = program(&empty, &out).args(["--seconds", "20"]).output().expect("the program starts");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(69), "{what}: {said}");
+        assert!(said.contains("no instance of teleopd runs in ") && said.contains("teleopd up --run-dir"), "{said}");
+        assert!(!out.exists(), "{what}: nothing was recorded");
+    };
+    refused("no folder");
+    let instance = Instance::new(&empty).unwrap();
+    drop(Writers::new(&instance));
+    refused("an instance that has ended");
+    let _writers = Writers::new(&instance);
+    std::fs::write(&out, "of yesterday").unwrap();
+    let ended = program(&empty, &out).output().expect("the program starts");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(
+        ended.status.code() == Some(73) && said.contains("exists already, and is not replaced. Remove it"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), "of yesterday");
+    instance.retire();
+}
+
+#[test]
 fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(&folder.path().join("run")).unwrap();
