@@ -208,6 +208,20 @@ fn a_report_outlives_a_demo_that_is_refused() {
 }
 
 #[test]
+fn demo_with_a_taken_port_ends_before_anything_starts() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = taken.local_addr().expect("its address").port().to_string();
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let run_dir = folder.path().join("run");
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    demo.args(["demo", "--view", "--view-port", &port, "--run-dir"]).arg(&run_dir).current_dir(rig::repository());
+    let output = demo.output().expect("it runs");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(69) && said.contains(&port) && said.contains("--view-port 0"), "{said}");
+    assert!(!run_dir.exists(), "no process was started");
+}
+
+#[test]
 fn a_copy_of_the_settings_alone_says_which_key_leads_nowhere() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let config = folder.path().join("mine.toml");

@@ -297,18 +297,21 @@ fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
     for path in [rig.folder(), folder.as_path()] {
         std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
     }
-    let output = Command::new(&program)
-        .args(["sim", "--engage-without-realtime", "--config"])
-        .arg(settings)
-        .arg("--run-dir")
-        .arg(folder.join("inside"))
-        .uid(65534)
-        .gid(65534)
-        .output()
-        .expect("another user can run it");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{told}");
+    let refused = |run_dir: &std::path::Path| {
+        let mut sim = Command::new(&program);
+        sim.args(["sim", "--engage-without-realtime", "--config"]).arg(&settings).arg("--run-dir").arg(run_dir);
+        let output = sim.uid(65534).gid(65534).output().expect("another user can run it");
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(69), "{told}");
+        told
+    };
+    let told = refused(&folder.join("inside"));
     assert!(told.contains(folder.to_str().unwrap()) && told.contains("Permission denied"), "{told}");
+    // In the place of an instance that is there.
+    std::fs::DirBuilder::new().create(folder.join("core")).unwrap();
+    let told = refused(&folder);
+    let whose = "this instance belongs to user 0, and this program runs as user 65534";
+    assert!(told.contains(whose) && told.contains("sudo -u '#0'") && told.contains("skeleton.sock"), "{told}");
 }
 
 #[test]

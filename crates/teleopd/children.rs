@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 /// The instance whose folder is `run_dir`.
 pub fn instance_in(run_dir: &Path) -> Result<Instance, Failure> {
-    Instance::new(run_dir).map_err(|error| Failure::new(Exit::Unavailable, format!("{}: {error}", run_dir.display())))
+    Instance::new(run_dir).map_err(|error| Failure::new(Exit::Unavailable, rt::unwritable(run_dir, &error)))
 }
 
 /// Refuses a folder in which an instance runs, before anything is started there.
@@ -56,7 +56,7 @@ impl Children {
         let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
         let socket = UnixDatagram::bind(&socket_path)
-            .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", socket_path.display())))?;
+            .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&socket_path, &error)))?;
         socket
             .set_read_timeout(Some(Duration::from_millis(50)))
             .map_err(|error| Failure::new(Exit::Software, error))?;
@@ -91,7 +91,7 @@ impl Children {
         let log_path = instance.run_dir().join(format!("{name}.log"));
         if quiet {
             let log = std::fs::File::create(&log_path)
-                .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", log_path.display())))?;
+                .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&log_path, &error)))?;
             let twin = log.try_clone().map_err(|error| Failure::new(Exit::Software, error))?;
             command.stdout(log).stderr(twin);
         }

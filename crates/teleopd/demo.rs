@@ -36,6 +36,9 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     let (motion, loaded) = read(options)?;
     let folder = Folder::new(options.run_dir.as_ref());
+    if options.view {
+        crate::view::refuse_taken(options.view_port, "--view-port")?;
+    }
     let instance = instance_in(&folder.path)?;
     let place = cli::Place {
         config: options.config.clone(),
@@ -86,8 +89,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     report.print();
     if let Some(path) = &options.report {
         let text = format!("{:#}\n", report.to_json());
-        std::fs::write(path, text)
-            .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))?;
+        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)))?;
     }
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
@@ -118,8 +120,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let loaded = pipeline::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
     // Before the run, not after it: a report that cannot be written is known now. One that is there stays until then.
     if let Some(path) = &options.report {
-        refuse_unwritable(path)
-            .map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))?;
+        refuse_unwritable(path).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(path, &error)))?;
     }
     Ok((motion, loaded))
 }
@@ -127,6 +128,9 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
 /// A motion that cannot be read.
 fn unread(path: &Path, error: motion::MotionError) -> Failure {
     let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    if let motion::MotionError::Io { source, .. } = &error {
+        return Failure::new(Exit::NoInput, rt::unreadable(path, source));
+    }
     let hint =
         if trajectory { "; a joint trajectory (.csv) is played by `replay` alone, to a running instance" } else { "" };
     Failure::new(Exit::NoInput, format!("{error}{hint}"))

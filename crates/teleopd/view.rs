@@ -9,6 +9,7 @@ use keyposes::error::KeyposesError;
 use keyposes::triangle::{POSES, Triangle};
 use pipeline::{Instance, Loaded};
 use rt::{Shutdown, out};
+use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
@@ -62,6 +63,17 @@ fn load(place: &cli::Place) -> Result<Loaded, Failure> {
     pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
 }
 
+/// Why a port of this machine cannot be had, of which `option` chooses another.
+fn port_failure(port: u16, option: &str, error: &std::io::Error) -> Failure {
+    Failure::new(Exit::Unavailable, rt::port_refused(port, option, error))
+}
+
+/// Refuses a port that is in use, before anything is started that would have to be ended again.
+pub fn refuse_taken(port: u16, option: &str) -> Result<(), Failure> {
+    let tried = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+    tried.map(drop).map_err(|error| port_failure(port, option, &error))
+}
+
 fn serve(instance: &Instance, loaded: &Loaded, key_poses: Option<KeyPoses>, port: u16) -> Result<Server, Failure> {
     // The server's threads stay where the one is that starts them.
     let served = std::thread::scope(|scope| {
@@ -74,7 +86,7 @@ fn serve(instance: &Instance, loaded: &Loaded, key_poses: Option<KeyPoses>, port
     let served = served.map_err(|_| Failure::new(Exit::Software, "the server of the page could not be started"))?;
     served.map_err(|error| match error {
         ViewError::Bus(error) => crate::process::bus_failure(error),
-        error => Failure::new(Exit::Unavailable, error),
+        ViewError::Listen { port, source } => port_failure(port, "--port", &source),
     })
 }
 

@@ -21,7 +21,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::{Message, Service};
-use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
@@ -102,6 +102,7 @@ impl Domain {
             .map_err(|error| BusError::NodeName { name: node_name.to_owned(), reason: format!("{error:?}") })?;
         shared_memory::check_room()?;
         create_root(&config)?;
+        refuse_foreign(&config)?;
         set_log_level(iceoryx2::prelude::LogLevel::Error);
         let own = config.clone();
         let create = move || {
@@ -317,6 +318,16 @@ fn transport_config(config: &DomainConfig) -> Result<Config, BusError> {
 fn create_root(config: &DomainConfig) -> Result<(), BusError> {
     let created = std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&config.root);
     created.map_err(|error| BusError::Root { path: config.root.clone(), reason: error.to_string() })
+}
+
+/// The transport would say no more than that it could draw no number for its node. Root may enter every domain.
+fn refuse_foreign(config: &DomainConfig) -> Result<(), BusError> {
+    let own = rustix::process::geteuid().as_raw();
+    let owner = std::fs::metadata(&config.root).map_or(own, |found| found.uid());
+    if own != 0 && owner != own {
+        return Err(BusError::Foreign { root: config.root.clone(), owner, own });
+    }
+    Ok(())
 }
 
 fn node_failure(error: NodeCreationFailure) -> String {

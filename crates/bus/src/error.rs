@@ -55,6 +55,20 @@ pub enum BusError {
         /// How long was waited.
         waited_ms: u64,
     },
+    /// The folder is another user's.
+    #[error(
+        "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one user. Run \
+         this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, operator.sock",
+        root.display()
+    )]
+    Foreign {
+        /// Root path.
+        root: PathBuf,
+        /// Whose it is.
+        owner: u32,
+        /// Who this process is.
+        own: u32,
+    },
     /// The domain was refused.
     #[error(
         "bus at root \"{}\", prefix \"{prefix}\": {cause}; does the root belong to the user that runs this process?",

@@ -26,6 +26,10 @@ impl Instance {
             // Whatever the umask says.
             std::fs::set_permissions(run_dir, std::fs::Permissions::from_mode(0o751))?;
         }
+        if !run_dir.is_dir() {
+            let text = "is a file, not a folder. Give --run-dir a folder";
+            return Err(std::io::Error::new(std::io::ErrorKind::NotADirectory, text));
+        }
         refuse_foreign(run_dir)?;
         Ok(Self::at(run_dir.canonicalize()?))
     }
@@ -116,7 +120,9 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
     for (found, what) in [(run_dir.symlink_metadata()?, "link"), (run_dir.metadata()?, "folder")] {
         let (uid, mode) = (found.uid(), found.mode() & 0o7777);
         if uid != own_uid && uid != 0 {
-            let text = format!("the {what} belongs to user {uid}, who could put sockets of its own there");
+            let text = format!(
+                "the {what} belongs to user {uid}, who could put sockets of its own there. Give --run-dir a folder of your own"
+            );
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
         // The group of a user of his own, as most systems give him one, is no other user.

@@ -10,11 +10,9 @@ pub enum RecordError {
         cause: String,
     },
     /// The file cannot be opened.
-    #[error("{file}: {cause}")]
+    #[error("{cause}")]
     Open {
-        /// The file.
-        file: String,
-        /// What the system says.
+        /// The file, what the system says, and what to do.
         cause: String,
     },
     /// The file is no recording, or one that is not read.

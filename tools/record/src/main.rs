@@ -3,7 +3,7 @@
 use clap::Parser;
 use pipeline::{Instance, Loaded, Names};
 use record::cli::Cli;
-use record::{Attached, Origin, Queue, Rates, RecordError, Summary};
+use record::{Attached, Origin, Queue, Rates, Summary};
 use rt::{ServiceManager, Shutdown, err, out};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
@@ -67,7 +67,10 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
         name.push_str(", which breaks off");
     }
     let server = view::Server::recording(reel, &name, &loaded.model, cli.port);
-    let server = server.map_err(|error| Failure::of(UNAVAILABLE)(&error))?;
+    let server = server.map_err(|error| match error {
+        ViewError::Listen { port, source } => Failure(UNAVAILABLE, rt::port_refused(port, "--port", &source)),
+        error => Failure::of(UNAVAILABLE)(&error),
+    })?;
     out!("record: shows {} at {}", file.display(), server.address());
     while !shutdown.requested() {
         std::thread::sleep(Duration::from_millis(50));
@@ -160,10 +163,7 @@ fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
     about.insert("full".to_owned(), cli.full.to_string());
     about.insert("rate_hz".to_owned(), cli.rate.to_string());
     let file = OpenOptions::new().write(true).create_new(true).open(out);
-    let file = file.map_err(|error| {
-        let error = RecordError::Open { file: out.display().to_string(), cause: error.to_string() };
-        Failure(CANT_CREATE, error.to_string())
-    })?;
+    let file = file.map_err(|error| Failure(CANT_CREATE, rt::unwritable(out, &error)))?;
     Queue::start(file, &about, &files).map_err(|error| {
         // What has no beginning is no recording, and the name is free for another attempt.
         let _ = std::fs::remove_file(out);

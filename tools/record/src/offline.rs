@@ -29,8 +29,7 @@ impl OfflineRecording {
     /// # Errors
     /// It cannot be written.
     pub fn create(path: &Path, loaded: &Loaded) -> Result<Self, RecordError> {
-        let file = File::create(path)
-            .map_err(|error| RecordError::Open { file: path.display().to_string(), cause: error.to_string() })?;
+        let file = File::create(path).map_err(|error| RecordError::Open { cause: rt::unwritable(path, &error) })?;
         let (table, files) = about(loaded, Overrides::default(), Origin::Offline);
         let rates = Rates { pictures_hz: PICTURES_HZ, full: true };
         let recording = Recording::begin(file, &table, &files)?;

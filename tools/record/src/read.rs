@@ -50,11 +50,11 @@ impl Recorded {
     /// # Errors
     /// The file cannot be opened, or is no recording.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        let open = |cause: String| RecordError::Open { file: path.display().to_string(), cause };
-        if !std::fs::metadata(path).map_err(|error| open(error.to_string()))?.is_file() {
-            return Err(open("is not a regular file".to_owned()));
+        let open = |error: std::io::Error| RecordError::Open { cause: rt::unreadable(path, &error) };
+        if !std::fs::metadata(path).map_err(open)?.is_file() {
+            return Err(open(std::io::Error::other("is not a regular file")));
         }
-        let file = File::open(path).map_err(|error| open(error.to_string()))?;
+        let file = File::open(path).map_err(open)?;
         let reader = Reader::new(BufReader::new(file));
         let (about, outcome) = (BTreeMap::new(), BTreeMap::new());
         let mut recorded = Self { file: path.to_path_buf(), reader, about, outcome, waiting: None };

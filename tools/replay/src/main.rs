@@ -8,7 +8,7 @@ mod offline;
 use clap::Parser;
 use cli::Cli;
 use keyposes::trajectory;
-use motion::CalibrationMode;
+use motion::{CalibrationMode, MotionError};
 use pipeline::Overrides;
 use rt::{err, out};
 use std::process::ExitCode;
@@ -92,7 +92,10 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
         cli.calibration = CalibrationMode::Rig;
     }
     if !is("csv") {
-        return motion::load(&file).map_err(|error| no_input(&error));
+        return motion::load(&file).map_err(|error| match error {
+            MotionError::Io { source, .. } => Failure(EX_NOINPUT, rt::unreadable(&file, &source)),
+            error => no_input(&error),
+        });
     }
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(|error| no_input(&error))?;

@@ -57,9 +57,9 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         }
     };
     let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::config)?;
-    let file = File::create(out).map_err(|error| Failure::cannot_create(format!("{}: {error}", out.display())))?;
+    let file = File::create(out).map_err(|error| Failure::cannot_create(rt::unwritable(out, &error)))?;
     let mut csv = BufWriter::new(file);
-    let write = |error: std::io::Error| Failure::cannot_create(format!("{}: {error}", out.display()));
+    let write = |error: std::io::Error| Failure::cannot_create(rt::unwritable(out, &error));
 
     writeln!(csv, "{}", header(&loaded.model.joint_names)).map_err(write)?;
     let bar = ProgressBar::new(offline.progress().1);
@@ -126,7 +126,7 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         "limb_error_measured_deg": { "mean": report.limb_error_measured_deg_mean },
     });
     std::fs::write(&beside, format!("{summary:#}\n"))
-        .map_err(|error| Failure::cannot_create(format!("{}: {error}", beside.display())))?;
+        .map_err(|error| Failure::cannot_create(rt::unwritable(&beside, &error)))?;
     out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     out!(
         "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque {:.2} of \

@@ -63,6 +63,12 @@ class SkeletonPublisher:
         root = os.path.join(run_dir, "input")
         if not os.path.isdir(root):
             raise TeleopdError(f"{root}: no such folder: is `teleopd up --run-dir {run_dir}` running?")
+        owner, own = os.stat(root).st_uid, os.geteuid()
+        if own not in (0, owner):
+            raise TeleopdError(
+                f"{run_dir}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves "
+                f"one user. Run this as that user (sudo -u '#{owner}' ...)"
+            )
         iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
         config = iceoryx2.config.default()
         config.global_cfg.root_path = iceoryx2.Path.new(root)
@@ -79,6 +85,9 @@ class SkeletonPublisher:
             self._publisher = publisher.create()
             self._notifier = event.notifier_builder().create()
         except Exception as error:
+            if "DoesNotExist" in str(error):
+                hint = f"start `teleopd up --run-dir {run_dir}`"
+                raise TeleopdError(f"no instance of teleopd runs in {run_dir}: {hint}") from error
             raise TeleopdError(
                 f"{run_dir}: cannot publish ({type(error).__name__}: {error}): does teleopd run there, as this user, in the "
                 f"version of this module ({RawSkeleton.type_name()})?"
