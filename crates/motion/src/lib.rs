@@ -26,7 +26,7 @@ pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use error::{ArrayError, BvhError, McapError, MotionError};
 pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
 pub use mirror::MirrorError;
-pub use resample::{loop_blend, resampled, upsample};
+pub use resample::{loop_blend, mix, resampled, upsample};
 pub use write::{save_bvh, write_bvh};
 
 use canonical::{Canonical, Up};

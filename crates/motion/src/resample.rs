@@ -53,7 +53,7 @@ pub fn loop_blend(motion: &Motion, seconds: f64) -> Motion {
 }
 
 /// From `a` (t = 0) to `b` (t = 1): the pelvis in a line, everything else in the hips' frame, bone by bone.
-pub(crate) fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
+pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
     let (hips_a, hips_b) = (hips_rotation(a), hips_rotation(b));
     let hips = slerp(hips_a, hips_b, t);
     let [q_a, q_b, q] = [hips_a, hips_b, hips].map(quaternion);

@@ -1,6 +1,6 @@
 //! Plays a motion as a client would: at its own frame rate, the first frame held until the robot is engaged.
 
-use messages::{HingeCalibration, RawSkeleton, Stamp};
+use messages::{HingeCalibration, RawSkeleton, SMPL_JOINTS, Stamp};
 use motion::{CalibrationMode, Motion};
 
 /// How a motion is played.
@@ -24,9 +24,12 @@ pub struct Player {
     calibration: HingeCalibration,
     session_nonce: u64,
     incarnation: u32,
+    /// Between two frames that are published.
     period_ns: f64,
+    /// How many frames are published for each of the motion: those between two of a slow motion are mixed.
+    steps: u64,
     looped: bool,
-    // The frame that is due next, counted from the start of playing; 0 is held until the robot is engaged.
+    // The frame to publish next, counted from the start of playing; 0 is held until the robot is engaged.
     next: u64,
     started: Option<Stamp>,
     next_due: Stamp,
@@ -34,7 +37,8 @@ pub struct Player {
 }
 
 impl Player {
-    /// Prepares `motion`. Sources below 30 Hz are upsampled, because live frames are expected at 30 to 240 Hz.
+    /// Prepares `motion`. Sources below 30 Hz are upsampled, and a slow motion is filled with frames between its own, because
+    /// live frames are expected at 30 to 240 Hz.
     pub fn new(motion: &Motion, options: PlayOptions, session_nonce: u64, incarnation: u32) -> Self {
         let calibration = motion::calibrate(motion, options.calibration);
         let mut motion =
@@ -42,8 +46,11 @@ impl Player {
         if options.looped {
             motion = motion::loop_blend(&motion, SEAM_S);
         }
+        let rate_hz = motion.frame_rate_hz * options.speed;
+        let steps = (motion::RATE_MIN_HZ / rate_hz).ceil().max(1.0);
         Self {
-            period_ns: 1e9 / (motion.frame_rate_hz * options.speed),
+            period_ns: 1e9 / (rate_hz * steps),
+            steps: steps as u64,
             looped: options.looped,
             motion,
             calibration,
@@ -70,26 +77,34 @@ impl Player {
         if self.started.is_none() && engaged {
             self.started = Some(now);
         }
-        let frames = self.motion.frames.len() as u64;
-        let index = match self.started {
+        let published = self.motion.frames.len() as u64 * self.steps;
+        let at = match self.started {
             None => 0,
             Some(start) => {
                 // Late by more than a frame: the frames between are skipped, as a camera would.
                 let elapsed = (now.since(start) as f64 / self.period_ns + 1e-6) as u64;
                 self.next = elapsed + 1;
-                if self.looped { elapsed % frames } else { elapsed.min(frames - 1) }
+                if self.looped { elapsed % published } else { elapsed.min(published - self.steps) }
             }
         };
         self.next_due = match self.started {
             None => now.plus_ns(self.period_ns as u64),
             Some(start) => start.plus_ns((self.next as f64 * self.period_ns).ceil() as u64),
         };
-        Some((index as usize, self.frame(index as usize, now)))
+        Some(((at / self.steps) as usize, self.frame(at, now)))
     }
 
-    fn frame(&mut self, index: usize, now: Stamp) -> RawSkeleton {
+    fn frame(&mut self, at: u64, now: Stamp) -> RawSkeleton {
         self.sequence += 1;
+        let (index, step) = ((at / self.steps) as usize, at % self.steps);
         let mut raw = motion::raw_frame(&self.motion, index, &self.calibration);
+        if step > 0 {
+            let frames = &self.motion.frames;
+            let share = step as f32 / self.steps as f32;
+            let between = motion::mix(&frames[index], &frames[(index + 1) % frames.len()], share);
+            raw.positions[..SMPL_JOINTS].copy_from_slice(&between.positions);
+            raw.rotations[..SMPL_JOINTS].copy_from_slice(&between.rotations);
+        }
         raw.header.sequence = self.sequence;
         raw.header.stamp = now;
         raw.header.origin = now;
@@ -100,7 +115,7 @@ impl Player {
 
     /// Whether the last frame has been published (never, for a loop).
     pub fn finished(&self) -> bool {
-        !self.looped && self.next > self.motion.frames.len() as u64
+        !self.looped && self.next > self.motion.frames.len() as u64 * self.steps
     }
 
     /// Whether the motion has begun.
@@ -111,7 +126,8 @@ impl Player {
     /// Frames published of the motion, and their number.
     pub fn progress(&self) -> (u64, u64) {
         let frames = self.motion.frames.len() as u64;
-        (if self.looped { self.next % (frames + 1) } else { self.next.min(frames) }, frames)
+        let next = self.next.div_ceil(self.steps);
+        (if self.looped { next % (frames + 1) } else { next.min(frames) }, frames)
     }
 
     /// The motion as it is played.
@@ -122,5 +138,56 @@ impl Player {
     /// The hinges in use.
     pub fn calibration(&self) -> &HingeCalibration {
         &self.calibration
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Everything that is published of the built-in motion at `speed`, with its times, s.
+    fn played(speed: f64) -> Vec<(f64, usize, RawSkeleton)> {
+        let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::None };
+        let mut player = Player::new(&motion::builtin(), options, 1, 1);
+        let (mut now, mut all) = (Stamp(1_000_000_000), Vec::new());
+        while !player.finished() {
+            let (index, raw) = player.due(now, true).expect("a frame is due");
+            all.push(((now.0 - 1_000_000_000) as f64 * 1e-9, index, raw));
+            now = player.next_due();
+        }
+        assert_eq!(player.progress(), (1314, 1314));
+        all
+    }
+
+    #[test]
+    fn slow_motion_comes_at_thirty_hertz_and_passes_through_every_frame() {
+        let recorded = motion::builtin().frames;
+        for (speed, steps) in [(0.1, 5), (0.3, 2), (0.5, 1), (1.0, 1)] {
+            let all = played(speed);
+            let rate_hz = (all.len() - 1) as f64 / all[all.len() - 1].0;
+            assert!(rate_hz > 29.9, "{speed}: {rate_hz} Hz");
+            // The last one a second time: then its own time is over.
+            assert_eq!(all.len(), recorded.len() * steps + 1, "{speed}");
+            for (i, frame) in recorded.iter().enumerate() {
+                let (at_s, index, raw) = &all[i * steps];
+                assert_eq!((*index, &raw.positions[..SMPL_JOINTS]), (i, &frame.positions[..]), "{speed}");
+                assert!((at_s - i as f64 / 60.0 / speed).abs() < 1e-6, "{speed}: frame {i} at {at_s} s");
+            }
+        }
+    }
+
+    #[test]
+    fn frames_between_two_lie_between_them() {
+        let all = played(0.1);
+        let wrist = |i: usize| all[i].2.positions[20];
+        let distance = |a: [f32; 3], b: [f32; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f32>().sqrt();
+        let (mut longest, mut between) = (0.0_f32, 0.0_f32);
+        for i in (0..all.len() - 5).step_by(5) {
+            longest = longest.max(distance(wrist(i), wrist(i + 5)));
+            for step in 0..5 {
+                between = between.max(distance(wrist(i + step), wrist(i + step + 1)));
+            }
+        }
+        assert!(between < longest / 4.0 && longest > 0.005, "steps of {between} m, frames of {longest} m");
     }
 }

@@ -12,8 +12,8 @@ pub struct Cli {
     /// `keyposes interpolate` writes), or `builtin`.
     #[arg(required_unless_present = "compare")]
     pub file: Option<PathBuf>,
-    /// 1 is the recorded speed.
-    #[arg(long, default_value_t = 1.0)]
+    /// 1 is the recorded speed, 0.1 to 10. A slow motion is filled with frames between its own.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
     /// Begin again at the end, with the seam blended.
     #[arg(long = "loop")]

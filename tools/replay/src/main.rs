@@ -17,6 +17,8 @@ use std::process::ExitCode;
 const EX_NOINPUT: u8 = 66;
 /// EX_USAGE: an argument that makes no sense.
 const EX_USAGE: u8 = 64;
+/// Speeds: slow enough to watch each joint, and faster than any arm follows.
+const SPEED: (f64, f64) = (0.1, 10.0);
 
 /// A text for the user and the exit code of sysexits(3).
 struct Failure(u8, String);
@@ -48,9 +50,9 @@ fn main() -> ExitCode {
     let mut cli = Cli::parse();
     // As the daemon does: the same numbers offline and live, to the bit.
     let _ = rt::flush_denormals();
-    // Recordings of 60 Hz at half speed still come at 30 Hz, the least that is followed.
-    if !(0.5..=10.0).contains(&cli.speed) {
-        err!("replay: --speed {} is outside [0.5, 10]", cli.speed);
+    let (low, high) = SPEED;
+    if !(low..=high).contains(&cli.speed) {
+        err!("replay: --speed {} is outside [{low}, {high}]; 1 is the recorded speed", cli.speed);
         return ExitCode::from(EX_USAGE);
     }
     if let Some(recording) = &cli.compare {
