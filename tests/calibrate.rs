@@ -128,6 +128,22 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
 }
 
 #[test]
+fn built_in_motion_is_measured_as_a_person() {
+    let mut rig = Rig::with_settings(&[]);
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    let place = rig.folder().join("operators");
+    let client = rig.client(&motion::builtin_named(motion::CALIBRATION).expect("the motion"), 7);
+    client.set_engaged(true);
+    let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
+    let said = String::from_utf8_lossy(&measured.stdout).into_owned() + &String::from_utf8_lossy(&measured.stderr);
+    assert!(measured.status.success() && said.contains("axes from "), "{said}");
+    assert!(said.contains("upper arms        0.326 m left, 0.326 m right"), "{said}");
+    assert!(place.join("anna.toml").exists());
+}
+
+#[test]
 fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
     let mut rig = Rig::with_settings(&[]);
     for name in teleopd::PROCESSES {

@@ -8,13 +8,16 @@ use operator::{Client, OperatorError};
 use pipeline::{Instance, Names, Operator, Operators, dropped_now};
 use rt::{err, out};
 use skeleton::{Calibration, Pose, TPose};
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Time between two looks: shorter than the period of the fastest client that people are seen by.
 const LOOK: Duration = Duration::from_millis(4);
-/// Time between two looks at the robot's mode, and two hints.
+/// Time between two looks at the robot's mode.
 const TELL: Duration = Duration::from_secs(1);
+/// Time between two pictures of the line in a terminal.
+const DRAW: Duration = Duration::from_millis(100);
 /// How long the T-pose is held, ns.
 const HOLD_NS: u64 = 2_000_000_000;
 /// Flexed frames of both elbows that the axes rest on, at least: one second at 60 Hz, three at 20 Hz.
@@ -79,8 +82,8 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     let mut pose = TPose::default();
     let posed = wait(client, &mut eyes, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
         Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
-        Some(Pose::Held(_)) => Step::Going(None),
-        Some(pose) => Step::Going(Some(hint(pose).to_owned())),
+        Some(Pose::Held(ns)) => Step::Going(format!("hold still: {:.1} of {:.0} s", s(ns), s(HOLD_NS))),
+        Some(pose) => Step::Wrong(hint(pose).to_owned()),
         None => Step::Silent(dropped_now(status)),
     })?;
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
@@ -96,8 +99,12 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         let flexed = wait(client, &mut eyes, |eyes, status| {
             let seen = eyes.look().is_some();
             let online = eyes.input.online;
-            let done = online.samples.saturating_sub(begun) >= FLEXED_MIN && online.flags == calibration_flag::ALL;
-            if done { Step::Done } else { seen_or_silent(seen, status) }
+            let bent = online.samples.saturating_sub(begun);
+            match (bent >= FLEXED_MIN && online.flags == calibration_flag::ALL, seen) {
+                (true, _) => Step::Done,
+                (false, true) => Step::Going(format!("elbows seen bent in {bent} frames, {FLEXED_MIN} are needed")),
+                (false, false) => Step::Silent(dropped_now(status)),
+            }
         })?;
         if !flexed {
             err!("teleopctl: do the joints' rotations move with the arms? Their elbows' axes cannot be seen in them");
@@ -148,49 +155,96 @@ fn store(operator: &Operator, folder: &Path) -> bool {
 /// Where a step is.
 enum Step {
     Done,
-    /// Frames come; what is wrong, if something is.
-    Going(Option<String>),
+    /// Frames come, and this is how far it is.
+    Going(String),
+    /// Frames come, and this is wrong.
+    Wrong(String),
     /// No frame came just now; why they are dropped, if they are.
     Silent(Option<String>),
 }
 
-fn seen_or_silent(seen: bool, status: &Status) -> Step {
-    if seen { Step::Going(None) } else { Step::Silent(dropped_now(status)) }
-}
-
-/// Looks until a step is done, and tells what is wrong once a second; false if it took too long or the robot was engaged.
+/// Looks until a step is done, and keeps a line up to date meanwhile; false if it took too long or the robot was engaged.
 fn wait(
     client: &mut Client,
     eyes: &mut Eyes,
     mut look: impl FnMut(&mut Eyes, &Status) -> Step,
 ) -> Result<bool, OperatorError> {
     let begun = Instant::now();
-    let (mut status, mut told, mut heard) = (client.heartbeat()?, begun, begun);
-    let mut wrong = None;
+    let (mut status, mut asked, mut heard) = (client.heartbeat()?, begun, begun);
+    let mut line = Progress::new();
     while begun.elapsed() < PATIENCE {
         match look(eyes, &status) {
             Step::Done => return Ok(true),
-            Step::Going(hint) => (wrong, heard) = (hint, Instant::now()),
+            Step::Going(progress) => heard = line.shows(&progress, false),
+            Step::Wrong(hint) => heard = line.shows(&hint, true),
             Step::Silent(why) if heard.elapsed() > TELL => {
-                wrong = Some(why.unwrap_or_else(|| "no skeletons come: is the client running?".into()));
+                line.shows(why.as_deref().unwrap_or("no skeletons come: is the client running?"), true);
             }
             Step::Silent(_) => {}
         }
-        if told.elapsed() > TELL {
-            told = Instant::now();
+        if asked.elapsed() > TELL {
+            asked = Instant::now();
             status = client.heartbeat()?;
             if mode(&status) != Mode::Disengaged {
+                drop(line);
                 err!("teleopctl: the robot is {} now; nothing was written", mode(&status).name());
                 return Ok(false);
-            }
-            if let Some(wrong) = &wrong {
-                out!("  {wrong}");
             }
         }
         std::thread::sleep(LOOK);
     }
+    drop(line);
     err!("teleopctl: not done within {} s; nothing was written", PATIENCE.as_secs());
     Ok(false)
+}
+
+/// A line that says how far a step is. In a terminal it is always the same line; elsewhere what is wrong is a line of its own,
+/// once a second at most.
+struct Progress {
+    terminal: bool,
+    drawn: Option<Instant>,
+    last: String,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Self { terminal: std::io::stdout().is_terminal(), drawn: None, last: String::new() }
+    }
+
+    /// Shows `text`, unless that is too soon; the present time.
+    fn shows(&mut self, text: &str, wrong: bool) -> Instant {
+        let now = Instant::now();
+        let every = if self.terminal { DRAW } else { TELL };
+        let soon = self.drawn.is_some_and(|drawn| now - drawn < every);
+        if soon || text == self.last || !(self.terminal || wrong) {
+            return now;
+        }
+        if self.terminal {
+            let columns = ratatui::crossterm::terminal::size().map_or(0, |(columns, _)| usize::from(columns));
+            // A terminal that does not say how wide it is counts as 80 columns wide.
+            let columns = if columns == 0 { 80 } else { columns };
+            let text: String = text.chars().take(columns.saturating_sub(3)).collect();
+            let _ = write!(std::io::stdout(), "\r\x1b[2K  {text}").and_then(|()| std::io::stdout().flush());
+        } else {
+            out!("  {text}");
+        }
+        (self.drawn, self.last) = (Some(now), text.to_owned());
+        now
+    }
+}
+
+impl Drop for Progress {
+    /// The next words begin where the line began.
+    fn drop(&mut self) {
+        if self.terminal && self.drawn.is_some() {
+            let _ = write!(std::io::stdout(), "\r\x1b[2K").and_then(|()| std::io::stdout().flush());
+        }
+    }
+}
+
+/// Seconds.
+fn s(ns: u64) -> f64 {
+    ns as f64 * 1e-9
 }
 
 fn hint(pose: Pose) -> &'static str {

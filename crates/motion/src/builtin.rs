@@ -1,4 +1,4 @@
-//! The built-in demo motion: our own, procedural, and slow enough for a robot arm of 2 rad/s.
+//! The built-in motions: our own, procedural, and slow enough for a robot arm of 2 rad/s.
 
 use crate::{Frame, Guesses, Motion};
 use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
@@ -20,6 +20,12 @@ const WAVE_IN: ArmPose = [12.0, 0.0, -85.0, 100.0, 0.0];
 const HANDS_UP: ArmPose = [5.0, -25.0, -88.0, 55.0, 0.0];
 const CHEST: ArmPose = [15.0, 58.0, 42.0, 108.0, 0.0];
 const CROSSED: ArmPose = [48.0, 42.0, 40.0, 88.0, 20.0];
+const ARMS_UP: ArmPose = [0.0, -60.0, 0.0, 0.0, 0.0];
+const ARMS_DOWN: ArmPose = [0.0, 60.0, 0.0, 0.0, 0.0];
+const ELBOWS_BENT: ArmPose = [0.0, 0.0, 0.0, 95.0, 0.0];
+
+/// Name of the motion that `teleopctl calibrate` asks for.
+pub const CALIBRATION: &str = "builtin:calibration";
 
 /// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 1.9 rad/s in each angle,
 /// because a minimum-jerk blend peaks at 1.875 times its mean speed.
@@ -55,11 +61,40 @@ const KEYS: [Key; 19] = [
     key(0.6, T_POSE, T_POSE),
 ];
 
+/// A T-pose held for 4 s, arms up and down, elbows bent and stretched.
+const CALIBRATION_KEYS: [Key; 11] = [
+    key(0.0, T_POSE, T_POSE),
+    key(4.0, T_POSE, T_POSE),
+    key(1.2, ARMS_UP, ARMS_UP),
+    key(2.2, ARMS_DOWN, ARMS_DOWN),
+    key(1.2, T_POSE, T_POSE),
+    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
+    key(1.8, T_POSE, T_POSE),
+    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
+    key(1.8, T_POSE, T_POSE),
+    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
+    key(1.8, T_POSE, T_POSE),
+];
+
+/// The built-in motion of this name: `builtin`, or [`CALIBRATION`].
+pub fn builtin_named(name: &str) -> Option<Motion> {
+    match name {
+        "builtin" => Some(builtin()),
+        CALIBRATION => Some(played(CALIBRATION, &CALIBRATION_KEYS)),
+        _ => None,
+    }
+}
+
 /// The demo motion of a person of 1.75 m, 60 Hz: T-pose, wave, hands up, hands to the chest, crossed arms, and back, with
 /// minimum-jerk blends; it ends as it begins and can be repeated as it is.
 pub fn builtin() -> Motion {
+    played("builtin", &KEYS)
+}
+
+/// The keys, one after the other.
+fn played(name: &str, keys: &[Key]) -> Motion {
     let mut frames = Vec::new();
-    for pair in KEYS.windows(2) {
+    for pair in keys.windows(2) {
         let [from, to] = pair else { continue };
         let count = (to.seconds * RATE_HZ).round() as usize;
         for i in 0..count {
@@ -71,7 +106,7 @@ pub fn builtin() -> Motion {
     }
     sway(&mut frames);
     let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: STATURE_M, up: "+Z", warnings: Vec::new() };
-    Motion { name: "builtin".to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
+    Motion { name: name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
 /// The T-pose of this person: bones of nominal length, and a torso frame that is upright.

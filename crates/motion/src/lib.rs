@@ -20,7 +20,7 @@ mod scan;
 mod unpack;
 mod write;
 
-pub use builtin::builtin;
+pub use builtin::{CALIBRATION, builtin, builtin_named};
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use error::{ArrayError, BvhError, McapError, MotionError};

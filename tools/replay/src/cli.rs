@@ -9,7 +9,8 @@ use std::path::PathBuf;
 #[command(name = "replay", version)]
 pub struct Cli {
     /// The motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms (.csv, as
-    /// `keyposes interpolate` writes), or `builtin`.
+    /// `keyposes interpolate` writes), `builtin`, or `builtin:calibration`: what `teleopctl calibrate` asks for, again and again,
+    /// whether the robot is engaged or not.
     #[arg(required_unless_present = "compare")]
     pub file: Option<PathBuf>,
     /// 1 is the recorded speed, 0.1 to 10. A slow motion is filled with frames between its own.

@@ -57,14 +57,20 @@ fn place(cli: &Cli) -> Result<(Instance, Way), Failure> {
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
     let (instance, way) = place(cli)?;
-    let options = PlayOptions { speed: cli.speed, looped: cli.looped, calibration: cli.calibration };
+    // Nobody is engaged while a person is measured, who moves all the same.
+    let at_once = motion.name == motion::CALIBRATION;
+    let looped = cli.looped || at_once;
+    let options = PlayOptions { speed: cli.speed, looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
     let mut control = operator_of(cli, &instance)?;
     // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
-    if control.is_none() {
+    if at_once {
+        out!("playing again and again; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
+        publisher.set_engaged(true);
+    } else if control.is_none() {
         out!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
         publisher.set_engaged(true);
     } else {
@@ -88,7 +94,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                         ended.iter().for_each(|why| bar.println(why));
                         followed |= now == Some(Mode::Engaged);
                     }
-                    publisher.set_engaged(now == Some(Mode::Engaged));
+                    publisher.set_engaged(at_once || now == Some(Mode::Engaged));
                 }
                 Err(error) => bar.println(error.to_string()),
             }

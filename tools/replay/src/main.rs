@@ -85,8 +85,12 @@ fn ended(outcome: Result<(), Failure>) -> ExitCode {
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let no_input = |error: &dyn std::fmt::Display| Failure(EX_NOINPUT, error.to_string());
     let file = cli.file.clone().unwrap_or_default();
-    if file.as_os_str() == "builtin" {
-        return Ok(motion::builtin());
+    if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
+        if motion.name == motion::CALIBRATION {
+            // Whoever is to be measured has no hinges yet.
+            cli.calibration = CalibrationMode::None;
+        }
+        return Ok(motion);
     }
     let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
     if is("mcap") {

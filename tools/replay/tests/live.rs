@@ -1,0 +1,56 @@
+//! `replay` beside a `control` of the test's own, that never engages.
+
+use bus::Domain;
+use messages::{Layout, RawSkeleton, Service, Smpl, Status};
+use operator::Server;
+use pipeline::Instance;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How far the left wrist of what `replay` publishes goes, m, while the robot stays Disengaged.
+fn wrist_goes(motion: &str, enough_m: f32) -> f32 {
+    let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    let domain = Domain::open(instance.input_domain(), "test").expect("the input domain");
+    let mut frames = domain.reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader");
+    let mut server = Server::bind(instance.operator_socket()).expect("an operator socket");
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&end);
+    let control = std::thread::spawn(move || {
+        while !ended.load(Ordering::Relaxed) {
+            server.poll(rt::now(), &Status::ZERO);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    });
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
+    replay.arg(motion).arg("--run-dir").arg(folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut replay = replay.spawn().expect("replay runs");
+    let (mut first, mut goes_m, begun) = (None, 0.0_f32, Instant::now());
+    let mut heard: Option<Instant> = None;
+    // The T-pose of the calibration takes 4 s.
+    while goes_m < enough_m && heard.is_none_or(|heard: Instant| heard.elapsed() < Duration::from_secs(8)) {
+        assert!(begun.elapsed() < Duration::from_secs(30), "replay publishes nothing");
+        if let Some(frame) = frames.latest() {
+            heard.get_or_insert_with(Instant::now);
+            let height = frame.positions[Smpl::LeftWrist as usize][2];
+            goes_m = goes_m.max((height - *first.get_or_insert(height)).abs());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    rt::terminate(replay.id());
+    replay.wait().expect("replay ends");
+    end.store(true, Ordering::Relaxed);
+    control.join().expect("the control of the test ends");
+    drop((frames, domain));
+    instance.retire();
+    goes_m
+}
+
+#[test]
+fn calibration_moves_although_nobody_engages_and_other_motions_wait() {
+    assert!(wrist_goes("builtin:calibration", 0.2) >= 0.2, "arms go up and down");
+    let goes_m = wrist_goes("builtin", 0.2);
+    assert!(goes_m < 0.01, "the first frame is held: {goes_m} m");
+}
