@@ -3,12 +3,13 @@
 
 mod calibrate;
 mod cli;
+mod hold;
 mod payload;
 mod watch;
 
 use clap::Parser;
 use cli::{CalibrateArgs, Cli, Command};
-use messages::{FAULTS, Fault, Faults, Mode, Response, Status, TRANSITIONS_KEPT, Transition};
+use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use rt::{err, out};
@@ -218,7 +219,7 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         return Ok(false);
     }
     client.enable();
-    hold(client, &first, &names)
+    hold::hold(client, &first, &names, "the enable is held; Ctrl-C lets go")
 }
 
 /// Holds the recovery until Ctrl-C, or until the robot is back.
@@ -238,63 +239,7 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         out!("recovering from {}: {}", fault.row().name, meaning(fault, &first, &names));
     }
     client.recover();
-    hold(client, &first, &names)
-}
-
-/// How long a press may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
-const REFUSED_AFTER: Duration = Duration::from_secs(1);
-
-/// Keeps what was pressed held at 50 Hz until Ctrl-C, and says every change of mode. Whether it ended well: let go by the
-/// operator, or recovered.
-fn hold(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
-    let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let (mut shown, mut noted, mut last) = (first.transition_count, None, *first);
-    let pressed = Instant::now();
-    let mut beat = pressed;
-    while !stop.requested() {
-        last = client.heartbeat()?;
-        show_transitions(&last, &mut shown, names);
-        let note = pipeline::status_note(&last);
-        if let Some(note) = note.filter(|_| note != noted) {
-            out!("{note}: {:.0} mm to go", last.torso_to_go_m.abs() * 1e3);
-        }
-        noted = note;
-        let changed = last.transition_count > first.transition_count;
-        if changed && matches!(mode(&last), Mode::Disengaged | Mode::Faulted) {
-            let newest = last.transitions[(last.transition_count - 1) as usize % TRANSITIONS_KEPT];
-            return Ok(newest.why == Transition::RECOVERED);
-        }
-        if !changed && pressed.elapsed() > REFUSED_AFTER {
-            out!("refused: {}", mode(&last).name());
-            for fault in Faults(last.faults | last.latched).iter() {
-                out!("{}: {}", fault.row().name, meaning(fault, &last, names));
-            }
-            if let Some(why) = pipeline::not_at_rest(&last, names) {
-                out!("{why}");
-            }
-            return Ok(false);
-        }
-        beat += HEARTBEAT;
-        std::thread::sleep(beat.saturating_duration_since(Instant::now()));
-    }
-    client.release();
-    until(client, "released", |status| matches!(mode(status), Mode::Disengaged | Mode::Faulted))?;
-    Ok(mode(&last) != Mode::Faulted)
-}
-
-fn show_transitions(status: &Status, shown: &mut u32, names: &Names) {
-    let kept = TRANSITIONS_KEPT as u32;
-    *shown = (*shown).max(status.transition_count.saturating_sub(kept));
-    while *shown < status.transition_count {
-        let transition = status.transitions[(*shown % kept) as usize];
-        let [from, to] = [transition.from, transition.to].map(pipeline::mode_name);
-        out!("{from} -> {to}: {}", why(&transition, status, names));
-        *shown += 1;
-    }
-}
-
-fn why(transition: &Transition, status: &Status, names: &Names) -> String {
-    Fault::from_u32(transition.why).map_or_else(|| transition.why_name().into(), |fault| meaning(fault, status, names))
+    hold::hold(client, &first, &names, "the recovery is held; Ctrl-C lets go")
 }
 
 /// Presses reset again and again until it is taken, or in vain; a stop that is pressed meanwhile ends it.

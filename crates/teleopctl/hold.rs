@@ -1,0 +1,141 @@
+//! Holds the enable or the recovery until Ctrl-C, and says every change as it happens.
+
+use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
+use messages::{Fault, Faults, Mode, Status, TRANSITIONS_KEPT, Transition};
+use operator::{Client, OperatorError};
+use pipeline::{Names, meaning};
+use rt::out;
+use std::time::{Duration, Instant};
+
+/// How long a press may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
+const REFUSED_AFTER: Duration = Duration::from_secs(1);
+
+/// Keeps what was pressed held at 50 Hz until Ctrl-C. Whether it ended well: let go by the operator, or recovered.
+pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
+    let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
+    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
+    diary.says(begins);
+    let mut beat = diary.begun;
+    while !stop.requested() {
+        let last = client.heartbeat()?;
+        diary.tells(&last, names);
+        let changed = last.transition_count > first.transition_count;
+        if changed && has_ended(&last) {
+            let newest = last.transitions[(last.transition_count - 1) as usize % TRANSITIONS_KEPT];
+            return Ok(newest.why == Transition::RECOVERED);
+        }
+        if !changed && diary.begun.elapsed() > REFUSED_AFTER {
+            refused(&last, names);
+            return Ok(false);
+        }
+        beat += HEARTBEAT;
+        std::thread::sleep(beat.saturating_duration_since(Instant::now()));
+    }
+    client.release();
+    let give_up = Instant::now() + EFFECT_WITHIN;
+    // The reply to the request itself was made before the request was read.
+    client.heartbeat()?;
+    loop {
+        std::thread::sleep(HEARTBEAT);
+        let last = client.heartbeat()?;
+        diary.tells(&last, names);
+        if has_ended(&last) {
+            return Ok(mode(&last) != Mode::Faulted);
+        }
+        if Instant::now() > give_up {
+            diary.says(&format!("not released within {} s: {}", EFFECT_WITHIN.as_secs(), mode(&last).name()));
+            return Ok(false);
+        }
+    }
+}
+
+fn has_ended(status: &Status) -> bool {
+    matches!(mode(status), Mode::Disengaged | Mode::Faulted)
+}
+
+fn refused(status: &Status, names: &Names) {
+    out!("refused: {}", mode(status).name());
+    for fault in Faults(status.faults | status.latched).iter() {
+        out!("{}: {}", fault.row().name, meaning(fault, status, names));
+    }
+    if let Some(why) = pipeline::not_at_rest(status, names) {
+        out!("{why}");
+    }
+}
+
+/// What happened, each line with the seconds since the press.
+struct Diary {
+    begun: Instant,
+    /// Transitions that were told.
+    shown: u32,
+    note: Option<&'static str>,
+}
+
+impl Diary {
+    fn says(&self, what: &str) {
+        out!("{:>6.1} s  {what}", self.begun.elapsed().as_secs_f64());
+    }
+
+    /// Tells what is new in `status`.
+    fn tells(&mut self, status: &Status, names: &Names) {
+        let kept = TRANSITIONS_KEPT as u32;
+        self.shown = self.shown.max(status.transition_count.saturating_sub(kept));
+        while self.shown < status.transition_count {
+            self.says(&change(&status.transitions[(self.shown % kept) as usize], status, names));
+            self.shown += 1;
+        }
+        let note = pipeline::status_note(status);
+        if let Some(note) = note.filter(|_| note != self.note) {
+            self.says(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
+        }
+        self.note = note;
+    }
+}
+
+/// A change of mode in plain words.
+fn change(made: &Transition, status: &Status, names: &Names) -> String {
+    let why = Fault::from_u32(made.why);
+    let why = why.map(|fault| format!("{}: {}", fault.row().name, meaning(fault, status, names)));
+    match (Mode::from_u32(made.to), made.why, why) {
+        (Some(Mode::Engaging), ..) => "engaging: the robot comes to the person, slowly".into(),
+        (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
+        (Some(Mode::Recovering), ..) => "recovering: the robot is brought back, slowly".into(),
+        (Some(Mode::Holding), _, Some(why)) => format!("holding because of {why}"),
+        (Some(Mode::Holding), _, None) => "let go: the robot stops".into(),
+        (Some(Mode::Disengaged), _, Some(why)) => format!("released because of {why}"),
+        (Some(Mode::Disengaged), Transition::RECOVERED, None) => "recovered: the robot may be engaged".into(),
+        (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery finds no way".into(),
+        (Some(Mode::Disengaged), Transition::RESET, None) => "reset: the robot may be engaged".into(),
+        (Some(Mode::Disengaged), _, None) => "released: the robot is at rest and keeps its posture".into(),
+        (Some(Mode::Faulted), _, why) => {
+            let why = why.unwrap_or_else(|| format!("{}.", made.why_name()));
+            format!("stopped because of {why} `teleopctl reset` clears that, once its cause is gone")
+        }
+        (None, ..) => format!("in a mode that this program does not know ({})", made.to),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    #[test]
+    fn every_change_is_said_in_plain_words() {
+        let (status, names) = (Status::ZERO, Names::default());
+        let said = |from: Mode, to: Mode, why: u32| {
+            change(&Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 }, &status, &names)
+        };
+        let stale = Fault::InputStale;
+        assert!(said(Mode::Disengaged, Mode::Engaging, Transition::ENABLED).starts_with("engaging: "));
+        assert!(said(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
+        let held = said(Mode::Engaged, Mode::Holding, stale as u32);
+        assert_eq!(held, format!("holding because of InputStale: {}", stale.row().meaning));
+        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).starts_with("let go: "));
+        assert!(said(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
+        assert!(said(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of "));
+        assert!(said(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));
+        let stopped = said(Mode::Engaged, Mode::Faulted, Fault::EmergencyStop as u32);
+        assert!(stopped.starts_with("stopped because of EmergencyStop: ") && stopped.contains("reset"), "{stopped}");
+    }
+}
