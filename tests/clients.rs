@@ -4,6 +4,7 @@ mod rig;
 
 use messages::Mode;
 use rig::{Rig, assert_no_violations, repository};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -69,14 +70,23 @@ fn a_python_script_moves_the_robot() {
 fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     let example = repository().join("tools/clients/python/examples/own.py");
     let text = std::fs::read_to_string(&example).expect("the example");
-    assert!(text.lines().count() <= 25 && !text.contains("numpy"), "it is a first example");
+    assert!(text.lines().count() <= 27 && !text.contains("numpy"), "it is a first example");
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let hand = rig.hand();
-    let script = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).spawn();
-    let _script = Client(script.expect("it starts"));
+    let mut script = Command::new(&python);
+    script.arg(&example).arg(rig.folder()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut script = Client(script.spawn().expect("it starts"));
     // Nothing stands in the way of engaging once the person is seen, and is a plausible one.
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
+    let interrupted = Command::new("kill").args(["-s", "INT", &script.0.id().to_string()]).status();
+    assert!(interrupted.expect("kill(1) runs").success());
+    let (mut said, mut wrong) = (String::new(), String::new());
+    script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
+    script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
+    let expected = format!("publishing 60 frames a second to {}; Ctrl-C ends\n", rig.folder().display());
+    let ended = script.0.wait().expect("it ends");
+    assert!(ended.success() && said == expected && wrong.is_empty(), "{said}{wrong}");
 }
 
 #[test]
@@ -88,6 +98,11 @@ fn the_python_example_without_an_instance_says_so_in_a_sentence() {
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(!done.status.success() && said.lines().count() == 1, "{said}");
     assert!(said.contains("no such folder: is `teleopd up --run-dir "), "{said}");
+    // As an instance leaves it that has ended.
+    std::fs::create_dir(rig.folder().join("input")).expect("a folder");
+    let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(said.contains("no instance of teleopd runs in ") && said.contains("start `teleopd up"), "{said}");
 }
 
 /// A video of a drawn figure, and everything of the camera's client but MediaPipe's model.
