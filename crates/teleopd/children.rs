@@ -41,6 +41,17 @@ fn remove_dead_sockets(run_dir: &Path) {
     }
 }
 
+/// Where the processes print.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// To `<run dir>/<name>.log`.
+    Files,
+    /// To this process's own streams, everything.
+    All,
+    /// To this process's own streams, warnings and errors alone.
+    Warnings,
+}
+
 /// The running processes of one instance.
 pub struct Children {
     running: Vec<(&'static str, Child)>,
@@ -49,8 +60,8 @@ pub struct Children {
 }
 
 impl Children {
-    /// Starts every process and waits until each is READY. `quiet` sends what they print to `<run dir>/<name>.log`.
-    pub fn start(instance: &Instance, place: &Place, quiet: bool) -> Result<Self, Failure> {
+    /// Starts every process and waits until each is READY.
+    pub fn start(instance: &Instance, place: &Place, output: Output) -> Result<Self, Failure> {
         // Of its own, so that a second start in the same folder disturbs nothing before it is refused.
         remove_dead_sockets(instance.run_dir());
         let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
@@ -62,7 +73,7 @@ impl Children {
             .map_err(|error| Failure::new(Exit::Software, error))?;
         let mut children = Self { running: Vec::new(), socket, socket_path };
         for name in PROCESSES {
-            if let Err(failure) = children.start_one(name, instance, place, quiet) {
+            if let Err(failure) = children.start_one(name, instance, place, output) {
                 children.stop();
                 return Err(failure);
             }
@@ -76,7 +87,7 @@ impl Children {
         name: &'static str,
         instance: &Instance,
         place: &Place,
-        quiet: bool,
+        output: Output,
     ) -> Result<(), Failure> {
         let program = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
         let mut command = Command::new(program);
@@ -89,7 +100,10 @@ impl Children {
         }
         let _ = std::fs::remove_file(instance.report(name));
         let log_path = instance.run_dir().join(format!("{name}.log"));
-        if quiet {
+        if output == Output::Warnings {
+            command.arg("--quiet");
+        }
+        if output == Output::Files {
             let log = std::fs::File::create(&log_path)
                 .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&log_path, &error)))?;
             let twin = log.try_clone().map_err(|error| Failure::new(Exit::Software, error))?;
@@ -100,7 +114,9 @@ impl Children {
         let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
         self.running.push((name, child));
         self.wait_ready(name).map_err(|mut failure| {
-            if quiet && let Ok(log) = std::fs::read_to_string(&log_path) {
+            if output == Output::Files
+                && let Ok(log) = std::fs::read_to_string(&log_path)
+            {
                 failure.text = format!("{}\n{}", failure.text, log.trim_end());
             }
             failure

@@ -45,18 +45,28 @@ impl Place {
     }
 }
 
+/// One of the processes of an instance.
+#[derive(Args, Clone, Debug)]
+pub struct Process {
+    #[command(flatten)]
+    pub place: Place,
+    /// Log warnings and errors alone.
+    #[arg(long)]
+    pub quiet: bool,
+}
+
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Takes skeletons from clients, validates them, and publishes the one that holds authority.
-    Ingest(Place),
+    Ingest(Process),
     /// Turns skeletons into joint targets at 1500 Hz.
-    Retarget(Place),
+    Retarget(Process),
     /// Whole-body control and the safety gate; owns the operator socket.
-    Control(Place),
+    Control(Process),
     /// The driver of the simulated robot.
-    Sim(Place),
+    Sim(Process),
     /// The simulated robot's body: joints, motors, encoders and a watchdog of its own.
-    Robot(Place),
+    Robot(Process),
     /// Starts the processes in order, and stops them with the robot at rest.
     Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints what was measured.
@@ -81,6 +91,9 @@ pub struct Up {
 
 #[derive(Args, Clone, Debug)]
 pub struct View {
+    /// Print everything that the processes log, and not only what needs somebody.
+    #[arg(short, long)]
+    pub verbose: bool,
     #[command(flatten)]
     pub place: Place,
     /// Show this recording in place of a running instance (by the program `record`).

@@ -1,10 +1,12 @@
 //! The whole system on one machine: four real processes, a recorded person, a virtual operator, a table at the end.
 
-use crate::children::{Children, instance_in, refuse_second};
+use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::figure;
 use crate::operate::Operator;
+use crate::processes::PROCESSES;
+use crate::programs::TELEOPD;
 use crate::process::bus_failure;
 use crate::recorder::Recorder;
 use crate::report::Report;
@@ -52,8 +54,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     refuse_second(&instance)?;
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
-    let mut children = Children::start(&instance, &place, true)?;
-    out!("processes sim, control, retarget, ingest are ready");
+    let mut children = Children::start(&instance, &place, Output::Files)?;
+    out!("processes {} are ready", PROCESSES.join(", "));
     let play = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(&motion, play, nonce, rt::incarnation());
@@ -147,7 +149,7 @@ fn refuse_unwritable(path: &Path) -> std::io::Result<()> {
 }
 
 /// What this machine or the settings keep from the real-time processes; nothing where they run in real time.
-fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
+pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
     let limits = rt::Limits::of_process();
     let fifo =
         settings.policy == pipeline::Policy::Fifo && rt::Realtime::try_fifo(settings.priority_control as u8).is_ok();

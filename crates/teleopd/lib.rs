@@ -12,6 +12,7 @@ mod figures;
 mod operate;
 mod process;
 mod processes;
+mod programs;
 mod recorder;
 mod report;
 mod timeline;
@@ -23,7 +24,7 @@ use cli::{Cli, Command};
 use rt::err;
 use std::process::ExitCode;
 
-pub use children::Children;
+pub use children::{Children, Output};
 pub use cli::Place;
 pub use exit::{Exit, Failure};
 pub use operate::Operator;
@@ -38,11 +39,11 @@ pub fn main() -> ExitCode {
     // Before any thread starts: the stages count the same way here as in every tool. The processes report the outcome.
     let _ = rt::flush_denormals();
     let outcome = match Cli::parse().command {
-        Command::Ingest(place) => process::ingest::run(&place).map(|()| Exit::Ok),
-        Command::Retarget(place) => process::retarget::run(&place).map(|()| Exit::Ok),
-        Command::Control(place) => process::control::run(&place).map(|()| Exit::Ok),
-        Command::Robot(place) => process::robot::run(&place).map(|()| Exit::Ok),
-        Command::Sim(place) => process::sim::run(&place).map(|()| Exit::Ok),
+        Command::Ingest(one) => process(&one, process::ingest::run),
+        Command::Retarget(one) => process(&one, process::retarget::run),
+        Command::Control(one) => process(&one, process::control::run),
+        Command::Robot(one) => process(&one, process::robot::run),
+        Command::Sim(one) => process(&one, process::sim::run),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Check(place) => check::run(&place),
@@ -56,4 +57,11 @@ pub fn main() -> ExitCode {
             failure.exit.into()
         }
     }
+}
+
+/// Runs a process of an instance to its end.
+fn process(one: &cli::Process, run: impl Fn(&Place) -> Result<(), Failure>) -> Result<Exit, Failure> {
+    let level = if one.quiet { telemetry::LevelFilter::WARN } else { telemetry::LevelFilter::INFO };
+    telemetry::install_logging(level);
+    run(&one.place).map(|()| Exit::Ok)
 }

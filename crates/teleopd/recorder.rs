@@ -4,16 +4,15 @@ use crate::cli::Place;
 use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
+use crate::programs::RECORD;
 use pipeline::Instance;
 use rt::err;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Its names: beside this program in a build folder, and as it is installed.
-const PROGRAMS: [&str; 2] = ["record", "teleop-record"];
 /// Longest time until it reads: it loads the settings and opens the services.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 
@@ -37,7 +36,7 @@ impl Recorder {
         let _ = std::fs::remove_file(&socket_path);
         let socket = UnixDatagram::bind(&socket_path).map_err(software)?;
         socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(software)?;
-        let mut command = Command::new(program()?);
+        let mut command = Command::new(RECORD.path()?);
         command.arg(file).arg("--full").arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
         // Should this process be killed, the recorder ends as at a signal: nobody is recorded who did not ask for it.
         command.arg("--child-of").arg(std::process::id().to_string());
@@ -125,18 +124,4 @@ fn spawned_aside(mut command: Command, place: &Place) -> std::io::Result<Child> 
         scope.spawn(spawn).join()
     });
     spawned.unwrap_or_else(|_| Err(std::io::Error::other("its thread ended badly")))
-}
-
-/// The program, beside this one.
-pub fn program() -> Result<PathBuf, Failure> {
-    let own = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
-    let folder = own.parent().unwrap_or(Path::new("/"));
-    // Tests run from a folder below that of the programs.
-    let folders = [Some(folder), folder.parent()];
-    let places = folders.into_iter().flatten().flat_map(|folder| PROGRAMS.map(|name| folder.join(name)));
-    let missing = || {
-        let text = format!("{}: no program `record` there (cargo build --release -p record)", folder.display());
-        Failure::new(Exit::Unavailable, text)
-    };
-    places.into_iter().find(|path| path.is_file()).ok_or_else(missing)
 }

@@ -1,12 +1,16 @@
 //! Starts the processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
 
-use crate::children::{Children, instance_in, refuse_second};
+use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
+use crate::demo::missing;
 use crate::exit::{Exit, Failure};
 use crate::operate::Operator;
+use crate::process::may_lack_realtime;
+use crate::processes::PROCESSES;
+use crate::programs::{REPLAY, TELEOPCTL, run_dir_option};
 use crate::recorder::Recorder;
 use messages::Mode;
-use pipeline::Instance;
+use pipeline::{DriverKind, Instance, Loaded};
 use rt::{Shutdown, out};
 use std::time::Duration;
 
@@ -20,13 +24,14 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let place = &options.place;
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
     // Before the others, so that it sees their first messages; it is dropped after them.
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, place)?;
-    let mut children = Children::start(&instance, place, false)?;
-    out!("teleopd: ready in {}", instance.run_dir().display());
-    out!("teleopd: publish skeletons with `replay`, then `teleopctl engage`; Ctrl-C stops everything");
+    let output = if options.verbose { Output::All } else { Output::Warnings };
+    let mut children = Children::start(&instance, place, output)?;
+    introduce(&loaded, place);
     let ended = loop {
         if shutdown.requested() {
             break None;
@@ -56,6 +61,27 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     }
     out!("teleopd: released, at rest, and every process has ended");
     Ok(Exit::after(&shutdown))
+}
+
+/// What runs, which robot it is, where a person comes in, how to engage, and how to stop.
+fn introduce(loaded: &Loaded, place: &cli::Place) {
+    let (settings, run_dir) = (&loaded.settings, place.run_dir.display());
+    let at = run_dir_option(&place.run_dir);
+    let kind = match settings.driver.kind {
+        DriverKind::Sim => "simulated",
+    };
+    out!("running   {} processes in {run_dir} (up -v prints what they log)", PROCESSES.len());
+    out!("robot     {kind} {}, by {}", loaded.model.name, place.config.display());
+    out!("publish   a person in {run_dir}: {} builtin --loop{at}", REPLAY.typed());
+    let missing = missing(&settings.realtime);
+    if missing.is_empty() || may_lack_realtime(settings) {
+        out!("engage    {} engage{at}", TELEOPCTL.typed());
+    } else {
+        let missing = missing.join(", ");
+        out!("engage    is refused without {missing}: a simulated robot may, with up --engage-without-realtime");
+    }
+    out!("stop      Ctrl-C here: the robot stops, then every process ends");
+    out!("READY");
 }
 
 /// Withdraws whatever authority there is, and waits for rest: that of the command and that of the measured robot. Control does

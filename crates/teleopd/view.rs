@@ -4,7 +4,7 @@ use crate::children::instance_in;
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
-use crate::recorder;
+use crate::programs::RECORD;
 use keyposes::error::KeyposesError;
 use keyposes::triangle::{POSES, Triangle};
 use pipeline::{Instance, Loaded};
@@ -48,7 +48,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
 
 /// Becomes the program that reads recordings.
 fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
-    let mut command = Command::new(recorder::program()?);
+    let mut command = Command::new(RECORD.path()?);
     command.arg("--view").arg(recording).arg("--port").arg(options.port.to_string());
     command.arg("--config").arg(&options.place.config);
     Err(Failure::new(Exit::Software, command.exec()))

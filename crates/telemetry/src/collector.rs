@@ -15,6 +15,8 @@ use std::time::Instant;
 #[derive(Debug)]
 pub struct Collector {
     process: &'static str,
+    /// Without real-time scheduling deadlines are missed, and no line about them is a warning.
+    relaxed: bool,
     ring: Consumer<Entry>,
     counters: Arc<Counters>,
     series: [Option<Box<Series>>; Metric::ALL.len()],
@@ -26,7 +28,13 @@ pub struct Collector {
 impl Collector {
     pub(crate) fn new(process: &'static str, ring: Consumer<Entry>, counters: Arc<Counters>) -> Self {
         let limit = RateLimit::starting_at(Instant::now());
-        Self { process, ring, counters, series: [const { None }; Metric::ALL.len()], limit, missed: None, lines: None }
+        let series = [const { None }; Metric::ALL.len()];
+        Self { process, relaxed: false, ring, counters, series, limit, missed: None, lines: None }
+    }
+
+    /// Of a process that may do without real-time scheduling: what comes of that is no warning.
+    pub fn relaxed(self, relaxed: bool) -> Self {
+        Self { relaxed, ..self }
     }
 
     /// The process it collects for.
@@ -44,7 +52,7 @@ impl Collector {
         // Before there is anything to write: no thread begins while the robot moves. The one that writes is the child of the
         // one that collects, and runs where that one does.
         if self.lines.is_none() {
-            self.lines = Lines::start(self.process);
+            self.lines = Lines::start(self.process, self.relaxed);
         }
         let mut taken = 0;
         while let Ok(entry) = self.ring.pop() {

@@ -22,3 +22,4 @@ pub use logging::install as install_logging;
 pub use metric::Metric;
 pub use probe::{Probe, RING_CAPACITY, channel};
 pub use series::Series;
+pub use tracing::level_filters::LevelFilter;

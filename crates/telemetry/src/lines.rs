@@ -28,12 +28,12 @@ pub(crate) struct Lines {
 
 impl Lines {
     /// Starts the thread, with the attributes of the calling one; nothing if the system gives none.
-    pub(crate) fn start(process: &'static str) -> Option<Self> {
+    pub(crate) fn start(process: &'static str, relaxed: bool) -> Option<Self> {
         let (sender, lines) = sync_channel(QUEUE);
         let (finished, done) = sync_channel(1);
         let write = move || {
             while let Ok(line) = lines.recv() {
-                write(process, line);
+                write(process, relaxed, line);
             }
             let _ = finished.send(());
         };
@@ -55,9 +55,13 @@ impl Lines {
     }
 }
 
-fn write(process: &str, line: Line) {
+fn write(process: &str, relaxed: bool, line: Line) {
     match line {
+        Line::Event(Event::Gap { k, ns }) if relaxed => {
+            tracing::info!(k, "{process}: stood still for {:.1} ms in tick {k}, which was given up", ns as f64 * 1e-6);
+        }
         Line::Event(event) => event.log(process),
+        Line::Missed(missed, until) if relaxed => tracing::info!("{process}: {}", missed.words(until)),
         Line::Missed(missed, until) => tracing::warn!("{process}: {}", missed.words(until)),
         Line::HeldBack { kind, count } => {
             let kind = Event::kind_name(kind);

@@ -6,9 +6,9 @@ use tracing::level_filters::LevelFilter;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Sends log lines to the journal with their fields where stderr goes there, else to stderr, one line each. A process that has installed its own keeps it.
-pub fn install() {
-    let registry = tracing_subscriber::registry().with(LevelFilter::INFO);
+/// Sends log lines to the journal with their fields where stderr goes there, else to stderr, one line each; none below `level`. A process that has installed its own keeps it.
+pub fn install(level: LevelFilter) {
+    let registry = tracing_subscriber::registry().with(level);
     let journal = stderr_is_journal().then(|| tracing_journald::layer().ok()).flatten();
     let _ = match journal {
         Some(journal) => registry.with(journal).try_init(),

@@ -17,7 +17,7 @@ use crate::processes::metrics_port;
 use bus::Writer;
 use housekeeping::Housekeeping;
 use messages::{Header, Message, Stamp};
-use pipeline::{Instance, Loaded};
+use pipeline::{DriverKind, Instance, Loaded, Settings};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
 use telemetry::{Collector, Counter, Event, Probe};
@@ -67,7 +67,7 @@ impl Process {
         let started = rt::now();
         rt::die_with_parent();
         keep_private();
-        telemetry::install_logging();
+        telemetry::install_logging(telemetry::LevelFilter::INFO);
         if let Some(limit) = rt::Limits::of_process().nofile.filter(|&limit| limit < NOFILE_LEAST) {
             let text = format!("{limit} open files are allowed, {NOFILE_LEAST} are needed (ulimit -n, LimitNOFILE=)");
             return Err(Failure::new(Exit::Unavailable, text));
@@ -78,13 +78,19 @@ impl Process {
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (probe, collector) = telemetry::channel(name);
+        let relaxed = may_lack_realtime(&loaded.settings);
+        let collector = collector.relaxed(relaxed);
         let (config, others) = realtime::request(&loaded.settings.realtime, priority(&loaded));
         let port = metrics_port(loaded.settings.metrics.port, name);
         let housekeeping = Housekeeping::start(collector, port, others)?;
         let realtime = Realtime::apply(&config);
         tracing::info!("{name}: {}", realtime.granted().join("; "));
         for refusal in realtime.refusals() {
-            tracing::warn!("{name}: {refusal}");
+            if relaxed {
+                tracing::info!("{name}: {refusal} (a simulated robot does without)");
+            } else {
+                tracing::warn!("{name}: {refusal}");
+            }
         }
         Ok(Self {
             name,
@@ -179,9 +185,7 @@ impl Process {
 
     /// Whether the kernel granted real-time scheduling, or the settings allow a simulated robot to do without.
     pub fn realtime_ok(&self) -> bool {
-        let settings = &self.loaded.settings;
-        let simulated = settings.driver.kind == pipeline::DriverKind::Sim;
-        self.realtime.is_realtime() || (settings.control.engage_without_realtime && simulated)
+        self.realtime.is_realtime() || may_lack_realtime(&self.loaded.settings)
     }
 
     /// Leaves `figures`, and what was measured of the loop, in the instance's folder for whoever collects them.
@@ -204,6 +208,11 @@ impl Process {
         pipeline::write_anew(&path, figures.to_string().as_bytes())
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", path.display())))
     }
+}
+
+/// Whether the settings let a robot engage without real-time scheduling: a simulated one alone.
+pub fn may_lack_realtime(settings: &Settings) -> bool {
+    settings.control.engage_without_realtime && settings.driver.kind == DriverKind::Sim
 }
 
 /// Whatever this process writes is for its user and group; its memory, which holds what a person did, goes into no core

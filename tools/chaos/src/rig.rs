@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
-use teleopd::{Children, Operator, PROCESSES, Place};
+use teleopd::{Children, Operator, Output, PROCESSES, Place};
 
 /// First argument with which this program is the client that publishes.
 const CLIENT: &str = "client";
@@ -78,7 +78,7 @@ impl Rig {
             engage_without_realtime: true,
             interface: None,
         };
-        let children = Children::start(&instance, &place, true)?;
+        let children = Children::start(&instance, &place, Output::Files)?;
         let client = role(CLIENT, &instance)?;
         let operator = Operator::connect(&instance.operator_socket())?;
         Ok(Self { place, instance, children, client, clients_begun_anew: 0, hand: None, operator, _folder: folder })
@@ -205,7 +205,7 @@ impl Rig {
         match victim {
             Victim::Client => self.client = role(CLIENT, &self.instance)?,
             Victim::Operator => {}
-            process => self.children.start_one(process.name(), &self.instance, &self.place, true)?,
+            process => self.children.start_one(process.name(), &self.instance, &self.place, Output::Files)?,
         }
         Ok(())
     }

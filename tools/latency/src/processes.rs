@@ -11,7 +11,7 @@ use rt::{Realtime, Shutdown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use teleopd::{Children, Operator, PROCESSES, Place, Report};
+use teleopd::{Children, Operator, Output, PROCESSES, Place, Report};
 
 /// Time between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(50);
@@ -97,7 +97,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         engage_without_realtime: true,
         interface: None,
     };
-    let mut children = Children::start(&instance.0, &place, true)?;
+    let mut children = Children::start(&instance.0, &place, Output::Files)?;
     let onlookers = (block.kind == Kind::Watched).then(|| Onlookers::start(&instance.0, &place)).transpose()?;
     let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
     // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.

@@ -118,7 +118,7 @@ fn line((name, outcome): (&str, &Outcome)) -> String {
     match outcome {
         Outcome::NotRequested => format!("{name}: not requested"),
         Outcome::Applied(what) => format!("{name}: {what}"),
-        Outcome::Refused(why) => format!("{name}: REFUSED: {why}"),
+        Outcome::Refused(why) => format!("{name}: not granted: {why}"),
     }
 }
 
