@@ -12,6 +12,8 @@ use std::process::{Command, Output, Stdio};
 
 /// EX_CONFIG of sysexits(3).
 const EX_CONFIG: i32 = 78;
+/// Fine for the simulator, and not ready for a robot.
+const SIMULATOR_ONLY: i32 = 3;
 
 /// Settings, robot and weights of the repository, to be spoiled, and a run folder.
 struct Patient {
@@ -38,7 +40,6 @@ impl Patient {
 
     fn command(&self) -> String {
         let (program, config, run_dir) = (env!("CARGO_BIN_EXE_teleopd"), self.config.display(), self.run_dir.display());
-        // What this machine lacks for real time is then a note.
         format!("exec {program} doctor --config {config} --run-dir {run_dir} --engage-without-realtime")
     }
 
@@ -52,13 +53,20 @@ impl Patient {
         let output = self.shell(before, "--json");
         let all: Value = serde_json::from_slice(&output.stdout)
             .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
-        let all = all.as_array().expect("an array").clone();
+        let (simulator, robot) = (all["simulator"] == true, all["robot"] == true);
+        let all = all["findings"].as_array().expect("an array").clone();
         for finding in &all {
             let keys: Vec<_> = finding.as_object().expect("an object").keys().collect();
             assert_eq!(keys, ["check", "level", "found", "advice"]);
         }
-        let code = if all.iter().any(|finding| finding["level"] == "problem") { EX_CONFIG } else { 0 };
+        let any = |level: &str| all.iter().any(|finding| finding["level"] == level);
+        let code = match (any("problem"), any("robot")) {
+            (true, _) => EX_CONFIG,
+            (false, true) => SIMULATOR_ONLY,
+            (false, false) => 0,
+        };
         assert_eq!(output.status.code(), Some(code), "{all:#?}");
+        assert_eq!((simulator, robot), (code != EX_CONFIG, code == 0), "{all:#?}");
         all
     }
 
@@ -100,6 +108,8 @@ fn a_sound_instance_has_no_problem_and_nothing_is_made() {
     assert_eq!(files_below(patient.folder.path()), before, "it looked, no more");
     let words = patient.shell("", "");
     let text = String::from_utf8_lossy(&words.stdout).into_owned();
+    assert!(text.contains("\nfine for the simulator\n"), "{text}");
+    assert!(text.contains("\nready for a robot") || text.contains("\nnot ready for a robot: "), "{text}");
     // Other instances come and go between the two looks.
     for finding in all.iter().filter(|finding| finding["check"] != "other instances") {
         assert!(text.contains(finding["advice"].as_str().expect("text")), "{finding:#}\n{text}");
@@ -163,7 +173,7 @@ fn a_reader_that_goes_away_ends_no_program() {
     assert_eq!(run(unheard(teleopd).arg("check")), Some(0));
     assert_eq!(run(unheard(teleopd).args(["check", "--config", "/nowhere"])), Some(EX_CONFIG));
     let doctor = run(unheard(teleopd).args(["doctor", "--engage-without-realtime"]));
-    assert!(matches!(doctor, Some(0 | EX_CONFIG)), "{doctor:?}");
+    assert!(matches!(doctor, Some(0 | SIMULATOR_ONLY | EX_CONFIG)), "{doctor:?}");
     let rig = Rig::empty();
     let report = rig.folder().join("report.json");
     let demo = run(unheard(teleopd).args(["demo", "--seconds", "0.5", "--report"]).arg(&report));

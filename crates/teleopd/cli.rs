@@ -75,7 +75,8 @@ pub enum Command {
     Check(Place),
     /// Shows a running instance in a browser on this machine: the address, with the token of this run, is printed.
     View(View),
-    /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing.
+    /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing. Exit code 0: ready
+    /// for a robot; 3: fine for the simulator alone; 78: something keeps the daemon from running as configured.
     Doctor(Doctor),
 }
 
@@ -115,7 +116,7 @@ pub struct View {
 pub struct Doctor {
     #[command(flatten)]
     pub place: Place,
-    /// Print the findings as a JSON array of {check, level, found, advice}.
+    /// Print {simulator, robot, findings} as JSON: whether the machine is fit for each, and {check, level, found, advice}.
     #[arg(long)]
     pub json: bool,
 }

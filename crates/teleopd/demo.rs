@@ -198,8 +198,8 @@ impl Run<'_> {
         let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
         if !realtime {
             out!(
-                "warning   not real-time, for want of {}: stale times are relaxed, as a simulator allows; `teleopd doctor` says \
-                 what to do",
+                "note      not real-time here, for want of {}: fine for the simulator, with relaxed stale times\n          \
+                 (`teleopd doctor` says what a robot needs)",
                 if self.missing.is_empty() { "real-time rights".to_owned() } else { self.missing.join(", ") }
             );
         }

@@ -15,6 +15,8 @@ pub enum Exit {
     Failed = 1,
     /// Nothing was broken, and the robot held for most of the time in which it was meant to follow.
     Held = 2,
+    /// `doctor`: fine for the simulator, and not ready for a robot.
+    SimulatorOnly = 3,
     /// EX_USAGE: an argument that makes no sense.
     Usage = 64,
     /// EX_NOINPUT: a file to read is missing or malformed.

@@ -3,7 +3,7 @@
 use super::facts::{Cores, Facts, Files, Kernel, Memory, Rights};
 use super::judge_place;
 use super::{Finding, Level};
-use crate::process::NOFILE_LEAST;
+use crate::process::{NOFILE_LEAST, may_lack_realtime};
 use pipeline::{DriverKind, Settings};
 
 /// Longest resolution of timers, ns: without high-resolution timers it is that of the tick, 1 to 10 ms; a period is 667 us.
@@ -60,13 +60,17 @@ fn files(files: &Files) -> Vec<Finding> {
     all
 }
 
-/// A lack of real-time rights keeps a robot from engaging, unless the settings let a simulated one do without.
+/// Without real-time rights a robot does not engage, but for a simulated one where the settings let it.
 fn without_realtime(settings: &Settings) -> (Level, &'static str) {
-    if settings.control.engage_without_realtime && settings.driver.kind == DriverKind::Sim {
-        (Level::Note, "")
+    let level = match settings.driver.kind {
+        DriverKind::Sim => Level::Robot,
+    };
+    let so = if may_lack_realtime(settings) {
+        "; the simulated robot does without"
     } else {
-        (Level::Problem, "; the robot will not engage")
-    }
+        "; the simulated robot engages only with --engage-without-realtime"
+    };
+    (level, so)
 }
 
 fn user(rights: &Rights) -> Finding {

@@ -100,7 +100,7 @@ fn files_that_are_refused_are_problems_in_their_own_words() {
 }
 
 #[test]
-fn what_real_time_lacks_is_a_problem_unless_a_simulated_robot_may_do_without() {
+fn lack_of_real_time_matters_to_a_robot_and_not_to_the_simulator() {
     type Spoil = fn(&mut Facts);
     let lacks: [(&str, &str, Spoil); 5] = [
         ("priority", "LimitRTPRIO=80", |facts| facts.rights.fifo = Some((80, Err("not permitted".into())))),
@@ -112,8 +112,8 @@ fn what_real_time_lacks_is_a_problem_unless_a_simulated_robot_may_do_without() {
         ("PREEMPT_RT", "linux-image-rt", |facts| facts.kernel.preempt_rt = false),
     ];
     for (check, advice, spoil) in lacks {
-        one(check, Level::Problem, &[advice, "will not engage"], spoil);
-        one(check, Level::Note, &[advice], |facts| {
+        one(check, Level::Robot, &[advice, "only with --engage-without-realtime"], spoil);
+        one(check, Level::Robot, &[advice, "does without"], |facts| {
             spoil(facts);
             facts.files.settings.as_mut().unwrap().control.engage_without_realtime = true;
         });

@@ -19,6 +19,8 @@ pub enum Level {
     Ok,
     /// It works, but not as well as it could.
     Note,
+    /// A simulated robot may do without it, and a real one may not.
+    Robot,
     /// The daemon does not run as it is configured.
     Problem,
 }
@@ -28,6 +30,7 @@ impl Level {
         match self {
             Self::Ok => "ok",
             Self::Note => "note",
+            Self::Robot => "robot",
             Self::Problem => "problem",
         }
     }
@@ -64,19 +67,65 @@ impl Finding {
     }
 }
 
-/// Prints every finding; the exit code says whether one of them is a problem.
+/// What the findings mean for the two robots that there are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Verdict {
+    /// What keeps the daemon from running, whatever its robot is.
+    problems: Vec<&'static str>,
+    /// What else a real robot needs.
+    lacks: Vec<&'static str>,
+}
+
+impl Verdict {
+    fn of(findings: &[Finding]) -> Self {
+        let checks = |level| findings.iter().filter(move |one| one.level == level).map(|one| one.check).collect();
+        Self { problems: checks(Level::Problem), lacks: checks(Level::Robot) }
+    }
+
+    fn simulator(&self) -> bool {
+        self.problems.is_empty()
+    }
+
+    fn robot(&self) -> bool {
+        self.simulator() && self.lacks.is_empty()
+    }
+
+    fn exit(&self) -> Exit {
+        match (self.simulator(), self.robot()) {
+            (false, _) => Exit::Config,
+            (true, false) => Exit::SimulatorOnly,
+            (true, true) => Exit::Ok,
+        }
+    }
+
+    /// A line for the simulator, and one for a robot.
+    fn words(&self) -> String {
+        let simulator = match self.problems.as_slice() {
+            [] => String::from("fine for the simulator"),
+            problems => format!("not fine for the simulator: {}", problems.join(", ")),
+        };
+        let missing = [self.problems.as_slice(), &self.lacks].concat();
+        let robot = match missing.as_slice() {
+            [] => String::from("ready for a robot, as far as this program can see"),
+            missing => format!("not ready for a robot: {}", missing.join(", ")),
+        };
+        format!("{simulator}\n{robot}\n")
+    }
+}
+
+/// Prints every finding and what they mean; the exit code says it too.
 pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     let findings = judge::judge(&facts::Facts::read(&options.place));
+    let verdict = Verdict::of(&findings);
     let text = if options.json {
         let all: Vec<_> = findings.iter().map(Finding::to_json).collect();
-        format!("{:#}\n", Value::Array(all))
+        format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": all }))
     } else {
-        words(&findings)
+        words(&findings) + &verdict.words()
     };
     // Nobody may be listening; the exit code says the rest.
     let _ = std::io::stdout().write_all(text.as_bytes());
-    let problems = findings.iter().any(|finding| finding.level == Level::Problem);
-    Ok(if problems { Exit::Config } else { Exit::Ok })
+    Ok(verdict.exit())
 }
 
 fn words(findings: &[Finding]) -> String {
@@ -88,5 +137,29 @@ fn words(findings: &[Finding]) -> String {
         }
     }
     let count = |level| findings.iter().filter(|finding| finding.level == level).count();
-    text + &format!("\nproblems {}, notes {}, ok {}\n", count(Level::Problem), count(Level::Note), count(Level::Ok))
+    let [problem, robot, note, ok] = [Level::Problem, Level::Robot, Level::Note, Level::Ok].map(count);
+    text + &format!("\nproblem {problem}, robot {robot}, note {note}, ok {ok}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verdict_tells_the_simulator_from_a_robot() {
+        let note = Finding::note("machine", "virtual", "use another");
+        let robot = Finding { level: Level::Robot, ..Finding::note("PREEMPT_RT", "no", "boot it") };
+        let problem = Finding::problem("settings", "unknown key", "correct it");
+        let of = |all: &[&Finding]| Verdict::of(&all.iter().copied().cloned().collect::<Vec<_>>());
+        let ready = of(&[&note]);
+        assert_eq!((ready.exit(), ready.simulator(), ready.robot()), (Exit::Ok, true, true));
+        assert!(ready.words().starts_with("fine for the simulator\nready for a robot"), "{}", ready.words());
+        let simulator = of(&[&note, &robot]);
+        assert_eq!((simulator.exit(), simulator.simulator(), simulator.robot()), (Exit::SimulatorOnly, true, false));
+        assert_eq!(simulator.words(), "fine for the simulator\nnot ready for a robot: PREEMPT_RT\n");
+        let neither = of(&[&robot, &problem]);
+        assert_eq!((neither.exit(), neither.simulator(), neither.robot()), (Exit::Config, false, false));
+        let words = neither.words();
+        assert_eq!(words, "not fine for the simulator: settings\nnot ready for a robot: settings, PREEMPT_RT\n");
+    }
 }
