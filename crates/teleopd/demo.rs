@@ -1,21 +1,19 @@
-//! The whole system on one machine: four real processes, a recorded person, a virtual operator, a table at the end.
+//! The whole system on one machine: its real processes, a recorded person, a virtual operator, a table at the end.
 
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
-use crate::figure;
 use crate::operate::Operator;
 use crate::processes::PROCESSES;
 use crate::programs::TELEOPD;
 use crate::process::bus_failure;
 use crate::recorder::Recorder;
 use crate::report::Report;
-use bus::{Domain, Reader};
-use messages::{Faults, Mode, RobotState, Service, Skeleton, Status};
+use crate::show::Show;
+use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
 use pipeline::{ClientError, Instance, Loaded, Overrides, PlayOptions, Player, Publisher, RealtimeSettings};
 use rt::{Shutdown, out};
-use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -266,88 +264,6 @@ impl Drop for Folder {
         if self.temporary {
             let _ = std::fs::remove_dir_all(&self.path);
         }
-    }
-}
-
-/// The live line and, on a terminal, the two figures.
-struct Show {
-    skeletons: Reader<Skeleton>,
-    states: Reader<RobotState>,
-    model: robot::Model,
-    frames: robot::Frames,
-    skeleton: Option<Skeleton>,
-    state: Option<RobotState>,
-    terminal: bool,
-    quiet: bool,
-    drawn: bool,
-    last: Option<(Instant, u64)>,
-    _domain: Domain,
-}
-
-impl Show {
-    fn new(instance: &Instance, model: robot::Model, quiet: bool) -> Result<Self, Failure> {
-        let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
-        Ok(Self {
-            skeletons: domain.reader(Service::Skeleton).map_err(bus_failure)?,
-            states: domain.reader(Service::RobotState).map_err(bus_failure)?,
-            model,
-            frames: robot::Frames::default(),
-            skeleton: None,
-            state: None,
-            terminal: std::io::stdout().is_terminal(),
-            quiet,
-            drawn: false,
-            last: None,
-            _domain: domain,
-        })
-    }
-
-    fn draw(&mut self, status: Option<Status>, (frame, frames): (u64, u64)) {
-        self.skeleton = self.skeletons.latest().or(self.skeleton);
-        self.state = self.states.latest().or(self.state);
-        let (false, Some(status)) = (self.quiet, status) else { return };
-        let rate = match self.last {
-            Some((at, ticks)) => (status.ticks - ticks) as f64 / at.elapsed().as_secs_f64(),
-            None => 0.0,
-        };
-        // A rate over less than a second jumps about; off a terminal one line a second is enough.
-        let second = self.last.is_none_or(|(at, _)| at.elapsed() >= Duration::from_secs(1));
-        if !self.terminal && !second {
-            return;
-        }
-        if second {
-            self.last = Some((Instant::now(), status.ticks));
-        }
-        let line = format!(
-            "{:<14} {frame:>4}/{frames} {rate:4.0} Hz  input {:4.1} ms  clear {:3.0} mm  error {:.1}, measured {:.1} deg",
-            pipeline::status_note(&status).unwrap_or(mode_of(&status).name()),
-            status.input_age_ns as f64 * 1e-6,
-            status.clearance_command_m * 1e3,
-            status.limb_error_target_rad.to_degrees(),
-            status.limb_error_measured_rad.to_degrees(),
-        );
-        if !self.terminal {
-            out!("{line}");
-            return;
-        }
-        if let (Some(skeleton), Some(state)) = (&self.skeleton, &self.state) {
-            let human = figure::human(&skeleton.positions);
-            let robot = figure::robot(&self.model, &mut self.frames, &state.q);
-            let mut picture = String::new();
-            if self.drawn {
-                picture.push_str(&format!("\x1b[{}A", figure::ROWS + 1));
-            }
-            for (left, right) in human.rows().zip(robot.rows()) {
-                picture.push_str(&format!("\x1b[2K{left}  {right}\n"));
-            }
-            out!("{picture}\x1b[2K{line}");
-            self.drawn = true;
-            let _ = std::io::stdout().flush();
-        }
-    }
-
-    fn end(&mut self) {
-        self.quiet = true;
     }
 }
 

@@ -1,11 +1,32 @@
-//! Two stick figures for a terminal, drawn with Braille dots: the person and the robot, seen from the front.
+//! Two stick figures for a terminal, drawn with Braille dots: the person and the robot on their floor, seen from the front.
 
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, SMPL_JOINTS, SMPL_PARENT, Smpl};
 
-/// Columns of one figure, in characters.
-pub const COLUMNS: usize = 36;
-/// Rows of one figure, in characters.
-pub const ROWS: usize = 16;
+/// Columns of one figure, in characters: two and a gap fit a terminal of 80.
+pub const COLUMNS: usize = 38;
+/// Rows of one figure, in characters: with the floor and the live line they fit a terminal of 24.
+pub const ROWS: usize = 20;
+/// Between the two figures.
+const GAP: &str = "  ";
+/// Columns and rows of the whole picture, with the live line and the line in which the cursor stays.
+pub const SIZE: (usize, usize) = (2 * COLUMNS + GAP.len(), ROWS + 3);
+
+/// Height that fills the canvas, m: hands above the head.
+const HEIGHT_M: f64 = 2.15;
+/// From the wrist to the knuckles, m (Winter, Biomechanics, fig. 4.1: half of 0.108 of 1.75 m).
+const HAND_M: f64 = 0.095;
+/// Between the hips and the floor, m: a person who squats, and one of 2 m who stands. Beyond that feet are not to be believed.
+const HIPS_M: std::ops::Range<f64> = 0.3..1.25;
+/// The hips of a person whose feet are not to be believed, above the floor, m.
+const STANDING_HIPS_M: f64 = 0.98;
+/// What stands on the floor begins below this, m.
+const BASE_M: f64 = 0.1;
+
+/// Colours of SGR, ISO 6429: cyan, yellow, and dim for the floor.
+const PERSON: &str = "\x1b[36m";
+const ROBOT: &str = "\x1b[33m";
+const FLOOR: &str = "\x1b[2m";
+const PLAIN: &str = "\x1b[0m";
 
 /// A grid of Braille dots: two across and four down in each character.
 pub struct Canvas {
@@ -39,22 +60,36 @@ impl Canvas {
         }
     }
 
+    /// A square of dots: a hand.
+    fn blob(&mut self, [x, y]: [f64; 2]) {
+        for across in -1..=1 {
+            self.line([x + f64::from(across), y - 1.0], [x + f64::from(across), y + 1.0]);
+        }
+    }
+
+    fn head(&mut self, [x, y]: [f64; 2]) {
+        for step in 0..16 {
+            let (sin, cos) = (f64::from(step) * core::f64::consts::TAU / 16.0).sin_cos();
+            self.dot(x + 3.0 * cos, y - 2.0 + 3.0 * sin);
+        }
+    }
+
     /// The rows as text, each `COLUMNS` characters wide.
-    pub fn rows(&self) -> impl Iterator<Item = String> {
-        self.cells.iter().map(|row| row.iter().map(|&bits| char::from(bits)).map(braille).collect())
+    fn rows(&self) -> impl Iterator<Item = String> {
+        self.cells.iter().map(|row| row.iter().map(|&bits| braille(bits)).collect())
     }
 }
 
-fn braille(bits: char) -> char {
-    char::from_u32(0x2800 + bits as u32).unwrap_or(' ')
+fn braille(bits: u8) -> char {
+    char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' ')
 }
 
-/// Seen from the front: the figure's left is on the right; metres to dots, with the feet (or the floor) at the bottom.
-fn project(point: [f64; 3], centre: [f64; 2], floor: f64) -> [f64; 2] {
-    // 2.1 m of height fill the canvas, arms up included; a dot is as wide as it is high.
-    let dots_per_m = (ROWS * 4) as f64 / 2.1;
-    let across = point[1] - centre[1];
-    [COLUMNS as f64 + across * dots_per_m, (ROWS * 4) as f64 - 1.0 - (point[2] - floor) * dots_per_m]
+/// Dots for each metre; a dot is as wide as it is high.
+const DOTS_PER_M: f64 = (ROWS * 4) as f64 / HEIGHT_M;
+
+/// Seen from the front: the figure's left is on the right. `up_m` is above the floor, where the lowest dots are.
+fn project(left_m: f64, up_m: f64) -> [f64; 2] {
+    [COLUMNS as f64 + left_m * DOTS_PER_M, (ROWS * 4) as f64 - 1.0 - up_m * DOTS_PER_M]
 }
 
 /// The person. `positions`: SMPL-22 in metres, z up, any heading.
@@ -62,51 +97,166 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     let mut canvas = Canvas::new();
     let at = |joint: Smpl| positions[joint as usize].map(f64::from);
     let (left, right) = (at(Smpl::LeftHip), at(Smpl::RightHip));
-    let heading = (right[0] - left[0]).atan2(left[1] - right[1]);
+    let (sin, cos) = (right[0] - left[0]).atan2(left[1] - right[1]).sin_cos();
     let pelvis = at(Smpl::Pelvis);
-    let floor = pelvis[2] - 0.98;
+    let lowest = [Smpl::LeftAnkle, Smpl::RightAnkle, Smpl::LeftFoot, Smpl::RightFoot].map(|joint| at(joint)[2]);
+    let lowest = lowest.into_iter().fold(f64::INFINITY, f64::min);
+    let floor = if HIPS_M.contains(&(pelvis[2] - lowest)) { lowest } else { pelvis[2] - STANDING_HIPS_M };
     let turned = |joint: usize| {
         let p = positions[joint].map(f64::from);
-        let (dx, dy) = (p[0] - pelvis[0], p[1] - pelvis[1]);
-        let (sin, cos) = heading.sin_cos();
-        [cos * dx + sin * dy, -sin * dx + cos * dy, p[2]]
+        project(-sin * (p[0] - pelvis[0]) + cos * (p[1] - pelvis[1]), p[2] - floor)
     };
     for (joint, &parent) in SMPL_PARENT.iter().enumerate().skip(1) {
-        let (from, to) = (turned(parent), turned(joint));
-        canvas.line(project(from, [0.0; 2], floor), project(to, [0.0; 2], floor));
+        canvas.line(turned(parent), turned(joint));
     }
-    head(&mut canvas, project(turned(Smpl::Head as usize), [0.0; 2], floor));
+    canvas.head(turned(Smpl::Head as usize));
+    for (elbow, wrist) in [(Smpl::LeftElbow, Smpl::LeftWrist), (Smpl::RightElbow, Smpl::RightWrist)] {
+        let (from, to) = (turned(elbow as usize), turned(wrist as usize));
+        // As far beyond the wrist as a hand is long, by the forearm as it is seen.
+        let forearm_m = (0..3).map(|axis| (at(wrist)[axis] - at(elbow)[axis]).powi(2)).sum::<f64>().sqrt().max(0.05);
+        let hand = [0, 1].map(|axis| to[axis] + (to[axis] - from[axis]) * HAND_M / forearm_m);
+        canvas.line(to, hand);
+        canvas.blob(hand);
+    }
+    // Feet point at whoever looks: their tips are drawn apart.
+    for (foot, outwards) in [(Smpl::LeftFoot, 1.0), (Smpl::RightFoot, -1.0)] {
+        let [x, y] = turned(foot as usize);
+        canvas.line([x - outwards, y], [x + 3.0 * outwards, y]);
+    }
     canvas
 }
 
-/// The robot. `model` and its joint positions `q`, drawn through the origins of its moving bodies.
+/// The robot. `model` and its joint positions `q`: the box of its base, its column, and lines through the origins of its
+/// moving bodies.
 pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]) -> Canvas {
     let mut canvas = Canvas::new();
     model.forward(q, frames);
     let body = |joint: usize| {
         let t = frames.base_from_body[joint + 1].t;
-        project([t.x, t.y, t.z], [0.0; 2], 0.0)
+        project(t.y, t.z)
     };
     let torso = body(0);
     for arm in [LEFT_ARM, RIGHT_ARM] {
+        let hand = arm.end - 1;
         let mut last = torso;
         for joint in arm {
             let next = body(joint);
             canvas.line(last, next);
             last = next;
         }
+        // Where the hand's collision geometry reaches furthest.
+        let ends = model.capsules.iter().filter(|one| one.body == hand + 1).flat_map(|one| [one.a, one.b]);
+        let pose = &frames.base_from_body[hand + 1];
+        if let Some(tip) = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())) {
+            let tip = pose.r * tip + pose.t;
+            let tip = project(tip.y, tip.z);
+            canvas.line(last, tip);
+            canvas.blob(tip);
+        }
     }
-    let base = project([0.0; 3], [0.0; 2], 0.0);
-    canvas.line(torso, base);
-    canvas.line([base[0] - 8.0, base[1]], [base[0] + 8.0, base[1]]);
+    let top = base(&mut canvas, model);
+    canvas.line(torso, project(0.0, top));
     canvas.line(torso, body(2));
-    head(&mut canvas, body(2));
+    canvas.head(body(2));
     canvas
 }
 
-fn head(canvas: &mut Canvas, centre: [f64; 2]) {
-    for step in 0..16 {
-        let (sin, cos) = (f64::from(step) * core::f64::consts::TAU / 16.0).sin_cos();
-        canvas.dot(centre[0] + 3.0 * cos, centre[1] - 2.0 + 3.0 * sin);
+/// The box about everything that stands on the floor and never moves; how high that is, m.
+fn base(canvas: &mut Canvas, model: &robot::Model) -> f64 {
+    let (mut wide_m, mut high_m) = (0.0_f64, 0.0_f64);
+    for capsule in model.capsules.iter().filter(|capsule| capsule.body == 0) {
+        let (low, high) =
+            (capsule.a.z.min(capsule.b.z) - capsule.radius_m, capsule.a.z.max(capsule.b.z) + capsule.radius_m);
+        if low < BASE_M {
+            wide_m = wide_m.max(capsule.a.y.abs().max(capsule.b.y.abs()) + capsule.radius_m);
+            high_m = high_m.max(high);
+        }
+    }
+    let corners = [(-wide_m, 0.0), (-wide_m, high_m), (wide_m, high_m), (wide_m, 0.0)].map(|(y, z)| project(y, z));
+    for (i, corner) in corners.iter().enumerate() {
+        canvas.line(*corner, corners[(i + 1) % corners.len()]);
+    }
+    high_m
+}
+
+/// Both figures above their floor, a line each, with line feeds.
+pub fn picture(human: &Canvas, robot: &Canvas, colour: bool) -> String {
+    let painted = |sgr: &str, text: &str| {
+        if colour { format!("{sgr}{text}{PLAIN}") } else { text.to_owned() }
+    };
+    let rows = human.rows().zip(robot.rows());
+    let rows = rows.map(|(left, right)| painted(PERSON, &left) + GAP + &painted(ROBOT, &right) + "\n");
+    let floor = |name: &str| format!("{name:\u{2500}^COLUMNS$}");
+    rows.collect::<String>() + &painted(FLOOR, &(floor(" the person ") + GAP + &floor(" the robot "))) + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// What is drawn of the built-in motion's frame, and of the robot at home.
+    fn drawn(frame: usize) -> [Canvas; 2] {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        let model = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model;
+        let home = model.home;
+        [human(&motion::builtin().frames[frame].positions), robot(&model, &mut robot::Frames::default(), &home)]
+    }
+
+    /// Whether there is a dot in these columns and rows of dots.
+    fn any(canvas: &Canvas, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> bool {
+        let dot = |x: usize, y: usize| canvas.cells[y / 4][x / 2] & DOTS[y % 4][x % 2] != 0;
+        rows.into_iter().any(|y| columns.clone().any(|x| dot(x, y)))
+    }
+
+    #[test]
+    fn both_figures_stand_on_the_floor_and_have_hands() {
+        let [person, robot] = drawn(0);
+        let last = ROWS * 4 - 1;
+        for (canvas, name) in [(&person, "person"), (&robot, "robot")] {
+            assert!(any(canvas, 0..COLUMNS, last..last + 1), "{name}: right foot or wheel");
+            assert!(any(canvas, COLUMNS..2 * COLUMNS, last..last + 1), "{name}: left foot or wheel");
+        }
+        // A T-pose: 0.184 + 0.326 + 0.256 + 0.095 m from the middle is the hand, which is three dots high.
+        let hand = COLUMNS + (0.861 * DOTS_PER_M) as usize;
+        let rows = (0..ROWS * 4).filter(|&y| any(&person, hand - 1..hand + 2, y..y + 1)).count();
+        assert!((3..=4).contains(&rows), "{rows} rows of dots at the hand");
+        assert!(!any(&person, 0..2 * COLUMNS, 0..4), "nothing is above the head");
+    }
+
+    #[test]
+    fn legs_are_two_lines_between_hips_and_feet() {
+        let [person, _] = drawn(0);
+        let knees = ROWS * 4 - (0.5 * DOTS_PER_M) as usize;
+        assert!(any(&person, COLUMNS - 8..COLUMNS, knees..knees + 1), "right");
+        assert!(any(&person, COLUMNS + 1..COLUMNS + 9, knees..knees + 1), "left");
+        assert!(!any(&person, COLUMNS - 1..COLUMNS + 1, knees..knees + 1), "between them");
+    }
+
+    #[test]
+    fn picture_fits_eighty_columns_and_is_coloured_on_request() {
+        let [person, robot] = drawn(700);
+        let plain = picture(&person, &robot, false);
+        assert_eq!(plain.lines().count() + 2, SIZE.1);
+        assert!(SIZE.0 <= 80 && SIZE.1 < 24, "{SIZE:?}");
+        assert!(plain.lines().all(|line| line.chars().count() == SIZE.0), "{plain}");
+        assert!(plain.lines().last().is_some_and(|floor| floor.contains("\u{2500} the person \u{2500}")), "{plain}");
+        assert!(!plain.contains('\x1b'));
+        let coloured = picture(&person, &robot, true);
+        assert!(coloured.contains(PERSON) && coloured.contains(ROBOT) && coloured.contains(FLOOR));
+        let stripped = [PERSON, ROBOT, FLOOR, PLAIN].iter().fold(coloured, |text, sgr| text.replace(sgr, ""));
+        assert_eq!(stripped, plain);
+    }
+
+    #[test]
+    fn person_whose_feet_are_elsewhere_is_drawn_by_the_hips() {
+        let mut positions = motion::builtin().frames[0].positions;
+        for joint in [Smpl::LeftAnkle, Smpl::RightAnkle, Smpl::LeftFoot, Smpl::RightFoot] {
+            positions[joint as usize][2] = -7.0;
+        }
+        let hips = ROWS * 4 - (STANDING_HIPS_M * DOTS_PER_M) as usize;
+        assert!(any(&human(&positions), COLUMNS - 4..COLUMNS + 4, hips - 2..hips + 2));
+        positions.iter_mut().flatten().for_each(|value| *value = f32::NAN);
+        human(&positions);
     }
 }

@@ -15,6 +15,7 @@ mod processes;
 mod programs;
 mod recorder;
 mod report;
+mod show;
 mod timeline;
 mod up;
 mod view;

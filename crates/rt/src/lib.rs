@@ -44,4 +44,5 @@ pub use peer::Peer;
 pub use placement::{CoreMap, Placement, core_list};
 pub use processor::cpu_features;
 pub use realtime::{Outcome, Policy, Realtime, RealtimeConfig, RealtimeReport, is_preempt_rt};
+pub use say::wants_colour;
 pub use shutdown::Shutdown;

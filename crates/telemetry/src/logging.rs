@@ -14,7 +14,7 @@ pub fn install(level: LevelFilter) {
         Some(journal) => registry.with(journal).try_init(),
         None => {
             let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false);
-            registry.with(lines.with_ansi(std::io::stderr().is_terminal()).without_time()).try_init()
+            registry.with(lines.with_ansi(rt::wants_colour(std::io::stderr().is_terminal())).without_time()).try_init()
         }
     };
 }
