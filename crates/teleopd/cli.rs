@@ -71,6 +71,9 @@ pub enum Command {
     Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints what was measured.
     Demo(Demo),
+    /// Leads through a motion of your own, the page, a Python client and a recording, in five minutes: each step is a command that
+    /// is shown, run and checked.
+    Tour(Tour),
     /// Prints every effective value, where it came from, and the hash of them all.
     Check(Place),
     /// Shows a running instance in a browser on this machine: the address, with the token of this run, is printed.
@@ -88,13 +91,13 @@ pub struct Up {
     /// see. Refused if the file exists.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Print everything that the processes log, and not only what needs somebody.
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 #[derive(Args, Clone, Debug)]
 pub struct View {
-    /// Print everything that the processes log, and not only what needs somebody.
-    #[arg(short, long)]
-    pub verbose: bool,
     #[command(flatten)]
     pub place: Place,
     /// Show this recording in place of a running instance (by the program `record`).
@@ -119,6 +122,19 @@ pub struct Doctor {
     /// Print {simulator, robot, findings} as JSON: whether the machine is fit for each, and {check, level, found, advice}.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Tour {
+    /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
+    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    pub config: PathBuf,
+    /// Run all steps without asking.
+    #[arg(long)]
+    pub yes: bool,
+    /// Keep what the steps write here (recording, report, logs, virtual environment), instead of in a temporary folder.
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
 }
 
 #[derive(Args, Clone, Debug)]

@@ -4,9 +4,9 @@ use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::operate::Operator;
+use crate::process::bus_failure;
 use crate::processes::PROCESSES;
 use crate::programs::TELEOPD;
-use crate::process::bus_failure;
 use crate::recorder::Recorder;
 use crate::report::Report;
 use crate::show::Show;
@@ -35,10 +35,10 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
     }
     let (motion, loaded) = read(options)?;
-    let folder = Folder::new(options.run_dir.as_ref());
     if options.view {
         crate::view::refuse_taken(options.view_port, "--view-port")?;
     }
+    let folder = Folder::new(options.run_dir.as_ref());
     let instance = instance_in(&folder.path)?;
     let place = cli::Place {
         config: options.config.clone(),
@@ -95,6 +95,9 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Ok(Exit::Interrupted);
     }
     trouble.extend(report.complaints());
+    if options.report.is_none() && !options.quiet {
+        out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
+    }
     judged(trouble, &report)
 }
 
@@ -127,10 +130,10 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
 
 /// A motion that cannot be read.
 fn unread(path: &Path, error: motion::MotionError) -> Failure {
-    let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
     if let motion::MotionError::Io { source, .. } = &error {
         return Failure::new(Exit::NoInput, rt::unreadable(path, source));
     }
+    let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
     let hint =
         if trajectory { "; a joint trajectory (.csv) is played by `replay` alone, to a running instance" } else { "" };
     Failure::new(Exit::NoInput, format!("{error}{hint}"))

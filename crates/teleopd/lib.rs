@@ -17,6 +17,7 @@ mod recorder;
 mod report;
 mod show;
 mod timeline;
+mod tour;
 mod up;
 mod view;
 
@@ -47,6 +48,7 @@ pub fn main() -> ExitCode {
         Command::Sim(one) => process(&one, process::sim::run),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
+        Command::Tour(options) => tour::run(&options),
         Command::Check(place) => check::run(&place),
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),

@@ -1,0 +1,202 @@
+//! Five minutes with everything: a motion of one's own, the page, a Python client, a recording. Each step is a command that is
+//! shown, run and checked; it is the programs themselves that run.
+
+mod stage;
+mod steps;
+
+use crate::cli;
+use crate::exit::{Exit, Failure};
+use rt::{Shutdown, out};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use stage::{Background, Stage, Stop};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// How often a signal is looked for while Enter is waited for, ns.
+const LOOK_NS: i64 = 50_000_000;
+
+/// A step: its title, what it shows, and its work.
+struct Step {
+    title: &'static str,
+    shows: &'static str,
+    work: fn(&mut Tour) -> Result<String, Stop>,
+}
+
+const STEPS: [Step; 4] = [
+    Step {
+        title: "A motion of your own",
+        shows: "Any motion file moves the robot. This one waves with the left hand.",
+        work: steps::own_motion,
+    },
+    Step {
+        title: "A running instance in the browser",
+        shows: "`up` starts the robot, `replay` is the person, and `view` shows both on a page.",
+        work: steps::page,
+    },
+    Step {
+        title: "A client in Python",
+        shows: "A script of 27 lines publishes a person, and `teleopctl engage` lets the robot follow.",
+        work: steps::python,
+    },
+    Step {
+        title: "A recording",
+        shows: "A run in virtual time is recorded, described in words, and played live: a recording is a motion too.\n\
+                `demo --record FILE` records a live run.",
+        work: steps::recording,
+    },
+];
+
+const NEXT: &str = "\
+Where to go next (README.md says more):
+  your own tracker    tools/clients/python/examples/own.py, or a webcam: tools/clients/python
+  a suit or VMC       cargo run --release -p bridge -- mvn (or vmc)
+  in words            cargo run --release -p say -- \"greet with your left hand\" --play
+  as an operator      teleopctl watch, and calibrate NAME
+  a robot             teleopd doctor, then SAFETY.md";
+
+/// What a tour holds between its steps.
+pub struct Tour {
+    config: PathBuf,
+    stage: Stage,
+    /// Nobody is asked.
+    yes: bool,
+    /// `teleopd up`, from the step that needs it first to the end.
+    instance: Option<Background>,
+}
+
+/// Runs the tour.
+pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
+    if !options.yes && !std::io::stdin().is_terminal() {
+        return Err(Failure::new(
+            Exit::Usage,
+            "tour asks before each step, and its input is no terminal; --yes runs all steps without asking",
+        ));
+    }
+    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let folder = Folder::new(options.dir.as_deref())?;
+    let stage = Stage { folder: folder.path.clone(), shutdown: shutdown.clone() };
+    let mut tour = Tour { config: options.config.clone(), stage, yes: options.yes, instance: None };
+    out!("A tour in {} steps, five minutes at most. What it writes goes to {}.", STEPS.len(), folder.path.display());
+    let outcomes = tour.walk();
+    let trouble = tour.close();
+    if shutdown.requested() {
+        return Ok(Exit::after(&shutdown));
+    }
+    judged(&outcomes, trouble)
+}
+
+/// What became of a step.
+enum Outcome {
+    Done(String),
+    Skipped(String),
+    Failed(String),
+}
+
+impl Outcome {
+    fn words(&self) -> String {
+        match self {
+            Self::Done(seen) => format!("done: {seen}"),
+            Self::Skipped(why) => format!("skipped: {why}"),
+            Self::Failed(why) => format!("FAILED: {why}"),
+        }
+    }
+}
+
+impl Tour {
+    /// All steps, or those before the tour is ended.
+    fn walk(&mut self) -> Vec<(&'static str, Outcome)> {
+        let mut outcomes = Vec::new();
+        let begun = Instant::now();
+        match steps::programs(self) {
+            Ok(()) => {}
+            Err(Stop::Quit) => return outcomes,
+            Err(Stop::Skip(why) | Stop::Fail(why)) => out!("not every program is there: {why}"),
+        }
+        for (n, step) in STEPS.iter().enumerate() {
+            out!("\n{} of {}  {}\n{}", n + 1, STEPS.len(), step.title, step.shows);
+            if !self.goes_on("Enter begins, q and Enter end the tour: ") {
+                return outcomes;
+            }
+            let outcome = match (step.work)(self) {
+                Ok(seen) => Outcome::Done(seen),
+                Err(Stop::Skip(why)) => Outcome::Skipped(why),
+                Err(Stop::Fail(why)) => Outcome::Failed(why),
+                Err(Stop::Quit) => return outcomes,
+            };
+            out!("{}", outcome.words());
+            outcomes.push((step.title, outcome));
+        }
+        out!("\nThe tour took {:.0} s.", begun.elapsed().as_secs_f64());
+        out!("{NEXT}");
+        outcomes
+    }
+
+    /// Whether the tour goes on: asks for Enter, where anybody is asked.
+    fn goes_on(&self, question: &str) -> bool {
+        if self.yes {
+            return !self.stage.shutdown.requested();
+        }
+        out!("{question}");
+        let stdin = std::io::stdin();
+        loop {
+            if self.stage.shutdown.requested() {
+                return false;
+            }
+            let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];
+            let wait = Timespec { tv_sec: 0, tv_nsec: LOOK_NS };
+            if poll(&mut waiting, Some(&wait)).is_ok_and(|ready| ready > 0) {
+                let mut line = String::new();
+                let read = stdin.read_line(&mut line).is_ok_and(|bytes| bytes > 0);
+                return read && !line.trim().eq_ignore_ascii_case("q");
+            }
+        }
+    }
+
+    /// Ends the instance, if one runs; what was not as it must be.
+    fn close(&mut self) -> Option<String> {
+        let ended = self.instance.take()?.end();
+        let rested = ended.text.contains("released, at rest, and every process has ended");
+        (ended.code != Some(0) || !rested).then(|| format!("teleopd up ended badly: {}", ended.last_line()))
+    }
+}
+
+fn judged(outcomes: &[(&'static str, Outcome)], trouble: Option<String>) -> Result<Exit, Failure> {
+    out!();
+    for (n, (title, outcome)) in outcomes.iter().enumerate() {
+        out!("{}  {title:<34} {}", n + 1, outcome.words());
+    }
+    let failed = outcomes.iter().filter(|(_, outcome)| matches!(outcome, Outcome::Failed(_))).count();
+    match (failed, trouble) {
+        (0, None) => Ok(Exit::Ok),
+        (0, Some(trouble)) => Err(Failure::new(Exit::Failed, trouble)),
+        (failed, trouble) => {
+            let trouble = trouble.map_or(String::new(), |trouble| format!("; {trouble}"));
+            Err(Failure::new(Exit::Failed, format!("{failed} of {} steps failed{trouble}", outcomes.len())))
+        }
+    }
+}
+
+/// Where the tour writes: a temporary folder is removed at the end.
+struct Folder {
+    path: PathBuf,
+    temporary: bool,
+}
+
+impl Folder {
+    fn new(chosen: Option<&Path>) -> Result<Self, Failure> {
+        let named = || std::env::temp_dir().join(format!("teleopd-tour-{}", std::process::id()));
+        let path = chosen.map_or_else(named, Path::to_path_buf);
+        let made = std::fs::create_dir_all(&path).and_then(|()| path.canonicalize());
+        let path = made.map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&path, &error)))?;
+        Ok(Self { path, temporary: chosen.is_none() })
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if self.temporary {
+            let _ = std::fs::remove_dir_all(&self.path);
+        }
+    }
+}

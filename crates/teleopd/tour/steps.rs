@@ -1,0 +1,225 @@
+//! The steps of the tour.
+
+use super::Tour;
+use super::stage::{Background, Line, Stop};
+use crate::programs::{Program, RECORD, REPLAY, TELEOPCTL, TELEOPD};
+use rt::out;
+use serde_json::Value;
+use std::ffi::OsString;
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The motion of the first step, among those of the project.
+const MOTION: &str = "wave-left.bvh";
+/// The client of the third step, in the source tree.
+const PYTHON_CLIENT: &str = "tools/clients/python";
+/// How often a run is tried on a machine that gives it no time.
+const ATTEMPTS: usize = 3;
+
+/// How long each may take. A whole motion takes 25 s, a start 5 s, engaging 5 s; a busy machine takes its time.
+const RUN_WITHIN: Duration = Duration::from_secs(60);
+const START_WITHIN: Duration = Duration::from_secs(30);
+const ANSWER_WITHIN: Duration = Duration::from_secs(10);
+const INSTALL_WITHIN: Duration = Duration::from_secs(90);
+const BUILD_WITHIN: Duration = Duration::from_secs(1800);
+/// For how long the robot follows the Python client.
+const FOLLOW: Duration = Duration::from_secs(4);
+/// A client that has left keeps its lease for a second.
+const LEASE: Duration = Duration::from_millis(1500);
+
+/// Builds what is not there, in a source tree.
+pub fn programs(tour: &mut Tour) -> Result<(), Stop> {
+    let all_there = |all: &[Program]| all.iter().all(|program| program.found().is_some());
+    if all_there(&[TELEOPCTL, REPLAY, RECORD]) || pipeline::is_installed() || !Path::new("Cargo.toml").exists() {
+        return Ok(());
+    }
+    out!("\nSome programs are not built yet. That takes minutes, once.");
+    if !tour.goes_on("Enter builds them, q and Enter end the tour: ") {
+        return Err(Stop::Quit);
+    }
+    let line = Line::other("cargo").with("build --release --bins -p teleopd -p replay -p record".split(' '));
+    let ended = tour.stage.run(line, BUILD_WITHIN)?;
+    if ended.code == Some(0) { Ok(()) } else { Err(Stop::Fail("cargo build failed".into())) }
+}
+
+/// A demo with a motion file.
+pub fn own_motion(tour: &mut Tour) -> Result<String, Stop> {
+    demo(tour, &motion()?)
+}
+
+/// The motion of the tour.
+fn motion() -> Result<PathBuf, Stop> {
+    let motion = pipeline::default_motions().join(MOTION);
+    if motion.exists() {
+        return Ok(motion);
+    }
+    Err(Stop::Skip(format!("{} is not there; run the tour from the repository's root", motion.display())))
+}
+
+/// Runs a demo, and once more where the machine was too busy for it.
+fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
+    for _ in 1..ATTEMPTS {
+        match demo_once(tour, motion) {
+            Err(Stop::Fail(why)) => out!("{why}. Once more, in case this machine was too busy."),
+            ended => return ended,
+        }
+    }
+    demo_once(tour, motion)
+}
+
+/// Runs a demo and checks what it reports.
+fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
+    let report = tour.stage.folder.join("report.json");
+    let _ = std::fs::remove_file(&report);
+    let line = Line::of(TELEOPD)?.with(["demo", "--motion"]).with([motion]).with(config(tour));
+    let ended = tour.stage.run(line.with([Path::new("--report"), &report]), RUN_WITHIN)?;
+    // 2: it held for most of the time, on a machine that is busy.
+    if !matches!(ended.code, Some(0 | 2)) {
+        return Err(Stop::Fail(format!("the demo ended with {}", code(ended.code))));
+    }
+    let text = std::fs::read_to_string(&report).unwrap_or_default();
+    let report: Value = serde_json::from_str(&text).map_err(|_| Stop::Fail("the demo wrote no report".into()))?;
+    let violations: u64 = report["violations"].as_object().into_iter().flatten().filter_map(|(_, n)| n.as_u64()).sum();
+    let share = report["followed"]["share"].as_f64();
+    let (Some(share), 0) = (share, violations) else {
+        return Err(Stop::Fail(format!("the robot never followed, or broke {violations} limits")));
+    };
+    let busy = if ended.code == Some(2) { "; this machine is busy, so it held often" } else { "" };
+    Ok(format!("the robot followed for {:.0} % of the motion and broke no limit{busy}", share * 100.0))
+}
+
+/// `up`, a person, and the page.
+pub fn page(tour: &mut Tour) -> Result<String, Stop> {
+    let run_dir = instance(tour)?;
+    let person = Line::of(REPLAY)?.with(["builtin", "--loop", "--run-dir"]).with([&run_dir]);
+    let mut person = tour.stage.start("replay", person)?;
+    person.wait_for("holding the first frame", START_WITHIN)?;
+    let view = Line::of(TELEOPD)?.with(["view", "--port", "0", "--run-dir"]).with([&run_dir]).with(config(tour));
+    let mut view = tour.stage.start("view", view)?;
+    let said = view.wait_for("http://", START_WITHIN)?;
+    let address = said.split_whitespace().find(|word| word.starts_with("http://")).unwrap_or_default();
+    answers(address).map_err(|why| Stop::Fail(format!("{address}: {why}")))?;
+    out!("The page is at {address}");
+    if !tour.yes {
+        out!("Open it in a browser on this machine. E engages, R releases, Space stops.");
+        if !tour.goes_on("Enter when you have seen it, q and Enter end the tour: ") {
+            return Err(Stop::Quit);
+        }
+    }
+    Ok(format!("the page answered at {}", address.split('#').next().unwrap_or_default()))
+}
+
+/// The folder of the instance of the tour, which is started if it does not run.
+fn instance(tour: &mut Tour) -> Result<PathBuf, Stop> {
+    let run_dir = tour.stage.folder.join("run");
+    if tour.instance.as_mut().is_none_or(Background::has_ended) {
+        let up = Line::of(TELEOPD)?.with(["up", "--engage-without-realtime", "--run-dir"]).with([&run_dir]);
+        let mut up = tour.stage.start("up", up.with(config(tour)))?;
+        up.wait_for("READY", START_WITHIN)?;
+        tour.instance = Some(up);
+    }
+    Ok(run_dir)
+}
+
+/// Asks for the page as a browser does.
+fn answers(address: &str) -> Result<(), String> {
+    let host = address.trim_start_matches("http://").split('/').next().unwrap_or_default();
+    let port = host.rsplit(':').next().and_then(|port| port.parse().ok()).ok_or("the address has no port")?;
+    let ask = || -> std::io::Result<String> {
+        let mut stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port))?;
+        stream.set_read_timeout(Some(ANSWER_WITHIN))?;
+        write!(stream, "GET / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text).map(|_| text)
+    };
+    let text = ask().map_err(|error| error.to_string())?;
+    let head = text.lines().next().unwrap_or_default();
+    if head.contains(" 200 ") && text.contains("<html") { Ok(()) } else { Err(format!("the page answered \"{head}\"")) }
+}
+
+/// A client of its own, in a virtual environment of its own.
+pub fn python(tour: &mut Tour) -> Result<String, Stop> {
+    let client = Path::new(PYTHON_CLIENT);
+    if !client.is_dir() {
+        let text =
+            format!("{PYTHON_CLIENT} is not here; it is part of the source repository, whose root the tour starts in");
+        return Err(Stop::Skip(text));
+    }
+    let venv = tour.stage.folder.join("venv");
+    let made = tour.stage.ask(Line::other("python3").with(["-m", "venv"]).with([&venv]), INSTALL_WITHIN)?;
+    if made.code != Some(0) {
+        return Err(Stop::Skip(format!("python3 makes no virtual environment here: {}", made.last_line())));
+    }
+    let pip = Line::other(venv.join("bin/pip"));
+    let pip = pip.with("install --quiet --disable-pip-version-check --retries 1 --timeout 10".split(' '));
+    let installed = tour.stage.ask(pip.with([format!("./{PYTHON_CLIENT}")]), INSTALL_WITHIN)?;
+    if installed.code != Some(0) {
+        let why = installed.last_line();
+        return Err(Stop::Skip(format!("pip installs no client here, most often for want of a network: {why}")));
+    }
+    let run_dir = instance(tour)?;
+    tour.stage.sleep(LEASE)?;
+    let own = Line::other(venv.join("bin/python")).with([client.join("examples/own.py"), run_dir.clone()]);
+    let mut own = tour.stage.start("own", own)?;
+    own.wait_for("publishing", START_WITHIN)?;
+    // A person is to be seen for half a second before anybody engages.
+    tour.stage.sleep(LEASE)?;
+    let said = engaged(tour, &run_dir)?;
+    if own.has_ended() {
+        return Err(Stop::Fail("own.py ended while the robot followed it".into()));
+    }
+    Ok(format!("the robot followed own.py for {} s; {said}", FOLLOW.as_secs()))
+}
+
+/// Engages, follows for a while and lets go; what `teleopctl` said last.
+fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
+    let give_up = Instant::now() + START_WITHIN;
+    loop {
+        let line = Line::of(TELEOPCTL)?.with(["engage", "--run-dir"]).with([run_dir]);
+        let mut engage = tour.stage.start("engage", line)?;
+        match engage.wait_for("engaged: ", START_WITHIN) {
+            Ok(_) => {}
+            // On a busy machine frames may be late.
+            Err(Stop::Fail(_)) if Instant::now() < give_up => {
+                tour.stage.sleep(Duration::from_secs(1))?;
+                continue;
+            }
+            Err(stop) => return Err(stop),
+        }
+        tour.stage.sleep(FOLLOW)?;
+        let ended = engage.end();
+        ended.text.lines().for_each(|line| out!("  {line}"));
+        let released = ended.text.lines().find_map(|line| Some(line.split_once("released: ")?.1.to_owned()));
+        return released.ok_or_else(|| Stop::Fail(format!("the robot was not released: {}", ended.last_line())));
+    }
+}
+
+/// A run in virtual time that is recorded, described, and played again live. Its recording is the same on every machine.
+pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
+    let (commands, file) = (tour.stage.folder.join("tour.csv"), tour.stage.folder.join("tour.mcap"));
+    RECORD.path().map_err(|failure| Stop::Skip(failure.text))?;
+    let line =
+        Line::of(REPLAY)?.with([&motion()?]).with([Path::new("--offline"), &commands, "--record".as_ref(), &file]);
+    let recorded = tour.stage.ask(line.with(config(tour)), RUN_WITHIN)?;
+    if recorded.code != Some(0) {
+        return Err(Stop::Fail(format!("replay: {}", recorded.last_line())));
+    }
+    let summary = Line::of(RECORD)?.with([Path::new("--summary"), &file]).with(config(tour));
+    let summary = tour.stage.ask(summary, RUN_WITHIN)?;
+    if summary.code != Some(0) || !summary.text.contains("complete") {
+        return Err(Stop::Fail(format!("record --summary: {}", summary.last_line())));
+    }
+    Ok(format!("the recording is complete; played again, {}", demo(tour, &file)?))
+}
+
+/// The option that names the settings, where they are not those that every program takes by itself.
+fn config(tour: &Tour) -> Vec<OsString> {
+    let default = tour.config == pipeline::default_config();
+    if default { Vec::new() } else { vec!["--config".into(), tour.config.clone().into_os_string()] }
+}
+
+fn code(code: Option<i32>) -> String {
+    code.map_or_else(|| "a signal".into(), |code| format!("exit code {code}"))
+}

@@ -1,0 +1,156 @@
+//! What somebody sees who starts this for the first time: `up`, `engage`, and the tour.
+
+mod rig;
+
+use messages::Mode;
+use rig::{Rig, SOON};
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn teleopd() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    command.current_dir(rig::repository()).stdin(Stdio::null());
+    command
+}
+
+fn interrupt(child: &Child) {
+    let sent = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).status();
+    assert!(sent.expect("kill(1) runs").success());
+}
+
+/// What `up` prints until READY, and what it prints on stderr until it has ended at an interrupt.
+fn up(options: &[&str]) -> (Vec<String>, String) {
+    let rig = Rig::empty();
+    let mut command = teleopd();
+    command.args(["up", "--run-dir"]).arg(rig.folder()).args(options);
+    let mut up = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("up starts");
+    let mut lines = BufReader::new(up.stdout.take().expect("a pipe")).lines();
+    let mut opening = Vec::new();
+    while opening.last().is_none_or(|line| line != "READY") {
+        let line = lines.next().unwrap_or_else(|| panic!("no READY: {opening:#?}"));
+        opening.push(line.expect("text"));
+    }
+    interrupt(&up);
+    let last = lines.map_while(Result::ok).last();
+    assert_eq!(last.as_deref(), Some("teleopd: released, at rest, and every process has ended"));
+    let mut log = String::new();
+    up.stderr.take().expect("a pipe").read_to_string(&mut log).expect("text");
+    assert_eq!(up.wait().expect("it ends").code(), Some(130));
+    (opening, log)
+}
+
+#[test]
+fn up_opens_with_five_plain_lines_and_the_log_on_request() {
+    let (opening, log) = up(&["--engage-without-realtime"]);
+    let words: Vec<&str> = opening.iter().filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(words, ["running", "robot", "publish", "engage", "stop", "READY"], "{opening:#?}");
+    assert!(
+        opening[1].contains("simulated tiago_dual") && opening[2].contains("builtin --loop --run-dir"),
+        "{opening:#?}"
+    );
+    assert!(opening[3].contains("engage --run-dir") && opening[4].contains("Ctrl-C"), "{opening:#?}");
+    assert!(!log.contains("granted") && !log.contains("INFO"), "{log}");
+    let (verbose, log) = up(&["--engage-without-realtime", "-v"]);
+    assert_eq!(verbose.len(), opening.len(), "{verbose:#?}");
+    assert!(log.contains("INFO robot: ") && log.contains("timer slack"), "{log}");
+    // What this machine lacks for real time is no warning for a simulated robot.
+    assert!(!log.lines().any(|line| line.contains("WARN") && line.contains("granted")), "{log}");
+}
+
+#[test]
+fn up_says_before_anything_starts_why_settings_are_refused() {
+    let rig = Rig::empty();
+    let output = teleopd().args(["up", "--config", "/nowhere.toml", "--run-dir"]).arg(rig.folder()).output();
+    let output = output.expect("it runs");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(78) && said.lines().count() == 1 && said.contains("--config"), "{said}");
+    assert!(output.stdout.is_empty(), "{output:?}");
+}
+
+#[test]
+fn engage_tells_each_change_until_it_is_let_go() {
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    let client = rig.client(&motion::builtin(), 61);
+    let give_up = Instant::now() + SOON;
+    let said = loop {
+        hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
+        let mut engage = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+        engage.args(["engage", "--run-dir"]).arg(rig.folder()).stdout(Stdio::piped());
+        let engage = engage.spawn().expect("teleopctl runs");
+        while !matches!(hand.mode(), Some(Mode::Engaged)) && Instant::now() < give_up {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        client.set_engaged(true);
+        interrupt(&engage);
+        let output = engage.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        // A busy machine may hold before it follows.
+        if said.contains("engaged: ") || Instant::now() > give_up {
+            break said;
+        }
+    };
+    let told: Vec<&str> = said.lines().filter_map(|line| line.split_once(" s  ").map(|(_, words)| words)).collect();
+    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C lets go"), "{said}");
+    let at =
+        |what: &str| told.iter().position(|words| words.starts_with(what)).unwrap_or_else(|| panic!("{what}: {said}"));
+    assert!(at("engaging: ") < at("engaged: ") && at("engaged: ") < at("released: "), "{said}");
+    let times: Vec<f64> = said.lines().filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
+    assert!(times.len() == told.len() && times.is_sorted(), "{said}");
+    hand.wait_mode(Mode::Disengaged);
+}
+
+fn tour(folder: &Path, options: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    command.arg("tour").args(options).current_dir(folder).stdin(Stdio::null());
+    command.output().expect("the tour runs")
+}
+
+/// The steps by their numbers in the list at the end.
+fn outcomes(said: &str) -> Vec<&str> {
+    let outcome = |line: &'_ str| line.starts_with(|c: char| c.is_ascii_digit()) && line.get(1..3) == Some("  ");
+    said.lines().filter(|line| outcome(line)).collect()
+}
+
+#[test]
+fn tour_shows_runs_and_checks_every_step() {
+    let rig = Rig::empty();
+    let folder = rig.folder().join("tour");
+    let output = tour(&rig::repository(), &["--yes", "--dir", folder.to_str().expect("UTF-8")]);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let steps = outcomes(&said);
+    assert_eq!(steps.len(), 4, "{said}");
+    for (step, needs) in steps.iter().zip(["", "is not built", "python3|pip", "is not built"]) {
+        let skipped =
+            needs.split('|').any(|need| !need.is_empty() && step.contains("skipped: ") && step.contains(need));
+        assert!(skipped || step.contains("done: "), "{step}\n{said}");
+        if skipped {
+            println!("{step}");
+        }
+    }
+    for command in ["demo --motion ", "view --port 0", "-m venv ", "--summary "] {
+        let shown = said.lines().any(|line| line.starts_with("$ ") && line.contains(command));
+        assert!(shown || steps.iter().any(|step| step.contains("skipped: ")), "{command}: {said}");
+    }
+    assert!(folder.join("report.json").exists() && said.contains("Where to go next"), "{said}");
+}
+
+#[test]
+fn tour_skips_what_is_not_here_and_says_why() {
+    let rig = Rig::empty();
+    let config = rig::config();
+    let output = tour(rig.folder(), &["--yes", "--config", config.to_str().expect("UTF-8")]);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let steps = outcomes(&said);
+    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh is not there"), "{said}");
+    assert!(steps[2].contains("skipped: tools/clients/python is not here"), "{said}");
+    let folder = said.lines().next().and_then(|line| line.split(" goes to ").nth(1)).expect("its folder");
+    assert!(!Path::new(folder.trim_end_matches('.')).exists(), "{folder} is left behind");
+    let output = tour(&rig::repository(), &[]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(64) && said.contains("--yes"), "{said}");
+}
