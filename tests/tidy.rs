@@ -444,6 +444,23 @@ fn no_file_of_tests_is_left_out() {
     }
 }
 
+/// A file of the repository, or a motion to play, is one that a reader has; but for what the commands write.
+#[test]
+fn files_that_the_readme_names_exist() {
+    const WRITTEN: [&str; 2] = ["config/operators/anna.toml", "weights/mine"];
+    let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    let words = text.split(|c: char| c.is_whitespace() || "`()[]\"',;=".contains(c));
+    let words = words.map(|word| word.trim_end_matches(['.', ':']).split([':', '@']).next().unwrap_or(word));
+    let folders = ["crates/", "tools/", "tests/", "config/", "weights/", ".ci/", "./tools/"];
+    let is_file = |word: &&str| folders.iter().any(|folder| word.starts_with(folder)) || word.ends_with(".bvh");
+    let named: BTreeSet<&str> = words.filter(is_file).filter(|word| *word != ".bvh").collect();
+    assert!(named.len() > 20, "{named:?}");
+    // A network is two files, whose common name is given.
+    let exists = |name: &&&str| root().join(name).exists() || root().join(format!("{name}.safetensors")).exists();
+    let missing: Vec<_> = named.iter().filter(|name| !WRITTEN.contains(name) && !exists(name)).collect();
+    assert!(missing.is_empty(), "README.md names files that are not there: {missing:?}");
+}
+
 #[test]
 fn readme_gives_the_test_command() {
     let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
