@@ -35,9 +35,6 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
     }
     let (motion, loaded) = read(options)?;
-    if options.view {
-        crate::view::refuse_taken(options.view_port, "--view-port")?;
-    }
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = instance_in(&folder.path)?;
     let place = cli::Place {
@@ -86,19 +83,25 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         causes.push(failure.text);
         Failure::new(failure.exit, causes.join("; "))
     })?;
-    report.print();
-    if let Some(path) = &options.report {
-        let text = format!("{:#}\n", report.to_json());
-        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)))?;
-    }
+    tell(&report, options)?;
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
     }
     trouble.extend(report.complaints());
-    if options.report.is_none() && !options.quiet {
+    judged(trouble, &report)
+}
+
+/// Prints the report, or writes it too; says what there is to see next to whoever only looks.
+fn tell(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
+    report.print();
+    if let Some(path) = &options.report {
+        let text = format!("{:#}\n", report.to_json());
+        return std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)));
+    }
+    if !options.quiet {
         out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
     }
-    judged(trouble, &report)
+    Ok(())
 }
 
 /// How a run with these troubles ends.
@@ -113,7 +116,7 @@ fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     }
 }
 
-/// Everything that a run reads, and whether its report can be written.
+/// Everything that a run reads, and whether its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let motion = match &options.motion {
         Some(path) => motion::load(path).map_err(|error| unread(path, error))?,
@@ -124,6 +127,9 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     // Before the run, not after it: a report that cannot be written is known now. One that is there stays until then.
     if let Some(path) = &options.report {
         refuse_unwritable(path).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(path, &error)))?;
+    }
+    if options.view {
+        crate::view::refuse_taken(options.view_port, "--view-port")?;
     }
     Ok((motion, loaded))
 }

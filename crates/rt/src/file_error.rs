@@ -68,7 +68,7 @@ mod tests {
     use std::fs::{File, OpenOptions};
 
     fn refused(result: std::io::Result<File>) -> Error {
-        result.err().expect("it is refused")
+        result.expect_err("it is refused")
     }
 
     #[test]

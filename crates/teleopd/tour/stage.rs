@@ -3,7 +3,7 @@
 use crate::programs::Program;
 use rt::{Shutdown, out};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::Read;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -216,10 +216,7 @@ fn end(child: &mut Child) -> Option<i32> {
 }
 
 fn redirect(command: &mut Command, path: &Path) -> Result<(), Stop> {
-    let opened = File::create(path).and_then(|mut file| {
-        file.seek(SeekFrom::End(0))?;
-        Ok((file.try_clone()?, file))
-    });
+    let opened = File::create(path).and_then(|file| Ok((file.try_clone()?, file)));
     let (one, two) = opened.map_err(|error| Stop::Fail(rt::unwritable(path, &error)))?;
     command.stdin(Stdio::null()).stdout(one).stderr(two);
     Ok(())
