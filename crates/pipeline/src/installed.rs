@@ -2,36 +2,52 @@
 
 use std::path::{Path, PathBuf};
 
-/// Settings of a source tree, and those that the package installs.
-const CONFIG: [&str; 2] = ["config/teleop.toml", "/etc/teleop/teleop.toml"];
-/// Folder of an instance that was given none, and that of the systemd units.
-const RUN_DIR: [&str; 2] = [crate::DEFAULT_RUN_DIR, "/run/teleop"];
-/// Motions of a source tree, and those that the package installs.
-const MOTIONS: [&str; 2] = ["tools/keyposes/motions", "/usr/share/teleopd/motions"];
+/// Settings and motions of a source tree.
+const CONFIG: &str = "config/teleop.toml";
+const MOTIONS: &str = "tools/keyposes/motions";
+/// Settings that the package installs, and the folder of its units' instance.
+const PACKAGE_CONFIG: &str = "/etc/teleop/teleop.toml";
+const PACKAGE_RUN_DIR: &str = "/run/teleop";
+/// What a program in `bin` reads, from the folder that holds `bin`: of the package, and of an archive that is unpacked anywhere.
+const SHARE: &str = "share/teleopd";
 
 /// The settings of an instance that was given none.
 pub fn default_config() -> PathBuf {
-    place_for(CONFIG)
+    let of_package = is_installed().then(|| PACKAGE_CONFIG.into());
+    let candidates = [of_package, share().map(|share| share.join("teleop.toml"))];
+    first_there(candidates).unwrap_or_else(|| CONFIG.into())
 }
 
 /// The folder of an instance that was given none.
 pub fn default_run_dir() -> PathBuf {
-    place_for(RUN_DIR)
+    first_there([is_installed().then(|| PACKAGE_RUN_DIR.into())]).unwrap_or_else(|| crate::DEFAULT_RUN_DIR.into())
 }
 
 /// The library of motions with captions.
 pub fn default_motions() -> PathBuf {
-    place_for(MOTIONS)
+    first_there([share().map(|share| share.join("motions"))]).unwrap_or_else(|| MOTIONS.into())
 }
 
 /// Whether this program was installed for every user of the machine.
 pub fn is_installed() -> bool {
-    std::env::current_exe().is_ok_and(|program| lies_in_usr_bin(&program))
+    own_path().is_some_and(|program| lies_in_usr_bin(&program))
 }
 
-fn place_for([source, installed]: [&str; 2]) -> PathBuf {
-    let installed = Path::new(installed);
-    if is_installed() && installed.exists() { installed.to_owned() } else { source.into() }
+fn own_path() -> Option<PathBuf> {
+    std::env::current_exe().ok()
+}
+
+fn share() -> Option<PathBuf> {
+    share_of(&own_path()?)
+}
+
+fn share_of(program: &Path) -> Option<PathBuf> {
+    let bin = program.parent().filter(|folder| folder.ends_with("bin"))?;
+    Some(bin.parent()?.join(SHARE))
+}
+
+fn first_there<const N: usize>(candidates: [Option<PathBuf>; N]) -> Option<PathBuf> {
+    candidates.into_iter().flatten().find(|path| path.exists())
 }
 
 /// /usr/bin and /usr/local/bin are such folders; a source tree below /usr/src has its programs in target/release.
@@ -51,6 +67,20 @@ mod tests {
         for program in ["/usr/src/teleopd/target/release/teleopd", "/home/anna/bin/teleopd", "/opt/usr/bin/teleopd"] {
             assert!(!lies_in_usr_bin(Path::new(program)), "{program}");
         }
+    }
+
+    #[test]
+    fn programs_in_a_bin_folder_read_what_lies_beside_it() {
+        assert_eq!(share_of(Path::new("/usr/bin/teleopd")), Some("/usr/share/teleopd".into()));
+        assert_eq!(
+            share_of(Path::new("/home/anna/teleopd/bin/teleop-say")),
+            Some("/home/anna/teleopd/share/teleopd".into())
+        );
+        assert_eq!(share_of(Path::new("/home/anna/teleopd/target/release/teleopd")), None);
+        let folder = tempfile::tempdir().expect("a folder");
+        let (there, missing) = (folder.path().to_owned(), folder.path().join("missing"));
+        assert_eq!(first_there([Some(missing.clone()), Some(there.clone())]), Some(there));
+        assert_eq!(first_there([None, Some(missing)]), None);
     }
 
     #[test]
