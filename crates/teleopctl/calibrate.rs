@@ -178,7 +178,7 @@ fn wait(
             Step::Going(progress) => heard = line.shows(&progress, false),
             Step::Wrong(hint) => heard = line.shows(&hint, true),
             Step::Silent(why) if heard.elapsed() > TELL => {
-                line.shows(why.as_deref().unwrap_or("no skeletons come: is the client running?"), true);
+                line.shows(why.as_deref().unwrap_or("no skeletons come: is the client running, and was it started a second after the one before it?"), true);
             }
             Step::Silent(_) => {}
         }
