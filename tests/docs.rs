@@ -1,0 +1,283 @@
+//! Every command of the documents, in their order, as a reader types it. What takes hours, root or a network is not run: its
+//! program must then know the options.
+
+mod rig;
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// What is done with a command. One without a rule runs to its end, which must be a success.
+#[derive(Clone, Copy, Debug)]
+enum How {
+    /// Runs to its end with one of these exit codes, with more options.
+    Ends(&'static [i32], &'static str),
+    /// Runs beside the commands of so many blocks from when it prints these words; then Ctrl-C. With more options.
+    Beside(&'static str, usize, &'static str),
+    /// Is not run, for this reason; `--help` names its options.
+    Named(&'static str),
+    /// Is not run, for this reason, and is no program of ours.
+    Foreign(&'static str),
+}
+use How::{Beside, Ends, Foreign, Named};
+
+/// A demo on a busy machine holds and goes on: 2 says that it did so for more than half of the motion.
+const DEMO: &[i32] = &[0, 2];
+const AT: &str = "--run-dir {work}/run";
+
+/// By the beginning of the command, the first one that fits.
+const RULES: [(&str, How); 29] = [
+    ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
+    ("cargo run --release -- demo", Ends(DEMO, "")),
+    ("cargo run --release -- tour", Named("it has a test of its own")),
+    ("cargo test", Foreign("it runs this test")),
+    ("cargo run --release -- up", Beside("READY", 3, AT)),
+    ("cargo run --release -p replay -- builtin --loop", Beside("", 1, AT)),
+    ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
+    ("python3 -m venv", Foreign("it needs a network")),
+    ("venv/bin/", Foreign("it needs a network")),
+    ("target/release/replay builtin:calibration", Beside("playing again and again", 1, AT)),
+    ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
+    ("cargo run --release -- view", Beside("http://", 1, "--port 0")),
+    ("target/release/say \"clap\" --play", Ends(&[0], "-- --offline {work}/out.csv")),
+    ("cargo install", Foreign("it needs a network")),
+    ("cargo build --release --workspace &&", Foreign("tests/package.rs packs")),
+    ("sudo", Foreign("it needs root")),
+    ("pip install", Foreign("it needs a network")),
+    ("cargo zigbuild", Foreign("it needs zig")),
+    ("cargo run --release -p dist -- --tarball", Named("it needs programs for an older glibc")),
+    ("cargo run --release -- doctor", Ends(&[0, 3], "")),
+    ("cargo run --release -p collision -- fit", Named("it needs the maker's meshes")),
+    ("cargo run --release -p collision -- check", Named("it needs the maker's meshes")),
+    ("cargo run --release -p train", Named("it takes a quarter of an hour")),
+    ("cargo run --release -p torture", Named("it takes ten minutes")),
+    ("cargo run --release -p simulate", Named("it takes a minute")),
+    ("cargo run --release -p chaos", Named("it takes minutes")),
+    ("cargo run --release -p latency", Named("it takes minutes")),
+    ("cargo run --release -p eval -- --human", Named("it compares with solvers for minutes")),
+    ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
+];
+
+/// What stands for the reader's own.
+const PLACEHOLDERS: [(&str, &str); 2] =
+    [(" FOLDER", " {repository}/tools/keyposes/motions"), (" PICTURES", " {work}/pictures")];
+/// Longest time of a command, and of words that one prints; only a hang comes near.
+const WITHIN: Duration = Duration::from_secs(300);
+
+/// The commands of each block of a document, with lines that go on joined and remarks gone.
+fn blocks(document: &str) -> Vec<Vec<String>> {
+    let fenced = document.split("\n```").skip(1).step_by(2);
+    fenced
+        .map(|block| {
+            let joined = block.replace("\\\n", " ");
+            let lines =
+                joined.lines().map(|line| line.split("   #").next().unwrap_or("").split(" # ").next().unwrap_or(""));
+            let words = lines.map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
+            words.filter(|line| is_command(line)).collect::<Vec<_>>()
+        })
+        .filter(|commands| !commands.is_empty())
+        .collect()
+}
+
+fn is_command(line: &str) -> bool {
+    ["cargo ", "target/", "sudo ", "python3 ", "pip ", "venv/"].iter().any(|start| line.starts_with(start))
+}
+
+fn rule(command: &str) -> How {
+    RULES.iter().find(|(start, _)| command.starts_with(start)).map_or(Ends(&[0], ""), |(_, how)| *how)
+}
+
+/// Words as the shell takes them, with double quotes.
+fn words(command: &str) -> Vec<String> {
+    let parts = command.split('"').enumerate();
+    parts
+        .flat_map(|(i, part)| {
+            let quoted = i % 2 == 1;
+            let words: Vec<String> =
+                if quoted { vec![part.to_owned()] } else { part.split_whitespace().map(str::to_owned).collect() };
+            words
+        })
+        .collect()
+}
+
+struct Reader {
+    work: tempfile::TempDir,
+    repository: PathBuf,
+    /// Programs that go on, and for how many blocks.
+    beside: VecDeque<(String, Child, usize)>,
+    started: usize,
+}
+
+impl Reader {
+    /// In a folder that has what a source tree has, so that nothing is written to the tree.
+    fn new() -> Self {
+        let work = tempfile::tempdir().expect("a folder");
+        let repository = rig::repository();
+        for name in ["config", "tools", "weights"] {
+            std::os::unix::fs::symlink(repository.join(name), work.path().join(name)).expect("a link");
+        }
+        Self { work, repository, beside: VecDeque::new(), started: 0 }
+    }
+
+    fn fill(&self, text: &str) -> String {
+        let text = text.replace("{repository}", self.repository.to_str().expect("UTF-8"));
+        text.replace("{work}", self.work.path().to_str().expect("UTF-8"))
+    }
+
+    /// `cargo` in the source tree. Everything is built by now: what it compiles would be compiled twice.
+    fn build(&self, selection: &[String]) {
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(["build", "--release", "--locked", "--message-format=json"]).args(selection);
+        let output = cargo.current_dir(&self.repository).stderr(Stdio::inherit()).output().expect("cargo runs");
+        assert!(output.status.success(), "cargo build {selection:?}");
+        let told = String::from_utf8_lossy(&output.stdout).into_owned();
+        let compiled: Vec<_> = told.lines().filter(|line| line.contains("\"fresh\":false")).collect();
+        let whole = selection.iter().any(|word| word == "--workspace");
+        assert!(whole || compiled.is_empty(), "cargo build {selection:?} compiles again: {compiled:#?}");
+    }
+
+    /// The program that a command runs, and its arguments.
+    fn program(&self, command: &str) -> Option<Command> {
+        let typed = words(command);
+        let typed: Vec<&str> = typed.iter().map(String::as_str).collect();
+        let (name, arguments) = match typed.as_slice() {
+            ["cargo", "build", "--release", selection @ ..] => {
+                self.build(&selection.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
+                return None;
+            }
+            ["cargo", "run", "--release", rest @ ..] => {
+                let end = rest.iter().position(|&word| word == "--").unwrap_or(rest.len());
+                let selection: Vec<String> = rest[..end].iter().map(|&word| word.to_owned()).collect();
+                let name = selection.last().cloned().unwrap_or_else(|| "teleopd".into());
+                let selection = if selection.is_empty() { vec!["--bin".into(), name.clone()] } else { selection };
+                self.build(&selection);
+                (name, rest.get(end + 1..).unwrap_or_default())
+            }
+            [path, rest @ ..] if path.starts_with("target/release/") => {
+                (path.trim_start_matches("target/release/").to_owned(), rest)
+            }
+            _ => panic!("{command}: no rule says how this is run"),
+        };
+        let mut program = Command::new(self.repository.join("target/release").join(name));
+        program.args(arguments).current_dir(self.work.path()).stdin(Stdio::null());
+        Some(program)
+    }
+
+    fn run(&mut self, command: &str) {
+        let filled = PLACEHOLDERS.iter().fold(command.to_owned(), |text, (from, to)| text.replace(from, to));
+        let filled = self.fill(&filled);
+        println!("$ {filled}");
+        match rule(command) {
+            Foreign(why) => println!("  not run: {why}"),
+            Named(why) => {
+                println!("  looked up: {why}");
+                self.look_up(command);
+            }
+            Ends(codes, more) => {
+                let Some(mut program) = self.program(&filled) else { return };
+                program.args(words(&self.fill(more)));
+                let (mut child, log) = self.start(program);
+                let give_up = Instant::now() + WITHIN;
+                let code = loop {
+                    match child.try_wait().expect("it can be waited for") {
+                        Some(status) => break status.code(),
+                        None => assert!(Instant::now() < give_up, "{command} goes on: {}", read(&log)),
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                };
+                assert!(code.is_some_and(|code| codes.contains(&code)), "{command}: {code:?}\n{}", read(&log));
+            }
+            Beside(mark, blocks, more) => {
+                let mut program = self.program(&filled).expect("a program");
+                program.args(words(&self.fill(more)));
+                let (mut child, log) = self.start(program);
+                let give_up = Instant::now() + WITHIN;
+                while !read(&log).contains(mark) {
+                    let ended = child.try_wait().expect("it can be waited for");
+                    assert!(ended.is_none() && Instant::now() < give_up, "{command}: {ended:?}\n{}", read(&log));
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                self.beside.push_front((command.to_owned(), child, blocks));
+            }
+        }
+    }
+
+    fn start(&mut self, mut program: Command) -> (Child, PathBuf) {
+        self.started += 1;
+        let log = self.work.path().join(format!("{}.log", self.started));
+        let file = File::create(&log).expect("a file");
+        let child = program.stdout(file.try_clone().expect("a file")).stderr(file).spawn();
+        (child.unwrap_or_else(|error| panic!("{program:?}: {error}")), log)
+    }
+
+    fn look_up(&self, command: &str) {
+        let typed = words(command);
+        let options = typed.iter().skip_while(|word| *word != "--").skip(1).filter(|word| word.starts_with("--"));
+        let mut program = self.program(command).expect("a program of ours");
+        let Output { stdout, .. } = program.arg("--help").output().expect("it runs");
+        let help = String::from_utf8_lossy(&stdout).into_owned();
+        for option in options {
+            assert!(
+                help.contains(&format!("{option} ")) || help.contains(&format!("{option}\n")),
+                "{command}: {option}\n{help}"
+            );
+        }
+    }
+
+    /// Ends what has gone on for its number of blocks, the newest first.
+    fn end_block(&mut self) {
+        for (_, _, blocks) in &mut self.beside {
+            *blocks -= 1;
+        }
+        let (ending, going): (Vec<_>, Vec<_>) = self.beside.drain(..).partition(|(_, _, blocks)| *blocks == 0);
+        self.beside = going.into();
+        for (command, mut child, _) in ending {
+            let pid = child.id().to_string();
+            assert!(Command::new("kill").args(["-s", "INT", &pid]).status().expect("kill(1) runs").success());
+            let code = child.wait().expect("it ends").code();
+            assert!(matches!(code, Some(0 | 130)), "{command}: {code:?}");
+            // A client that comes within a second of another's end is not followed.
+            std::thread::sleep(Duration::from_millis(1500));
+        }
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        for (_, child, _) in &mut self.beside {
+            let _ = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).status();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn read(log: &Path) -> String {
+    std::fs::read_to_string(log).unwrap_or_default()
+}
+
+#[test]
+fn every_command_of_the_documents_runs_in_order() {
+    let mut reader = Reader::new();
+    reader.build(&["--workspace".to_owned()]);
+    let mut seen = Vec::new();
+    let readme = std::fs::read_to_string(rig::repository().join("README.md")).expect("README.md");
+    for commands in blocks(&readme) {
+        for command in commands {
+            reader.run(&command);
+            seen.push(command);
+        }
+        reader.end_block();
+    }
+    for (start, how) in RULES {
+        assert!(seen.iter().any(|command| command.starts_with(start)), "a rule for no command: {start} {how:?}");
+    }
+}
+
+#[test]
+fn blocks_are_the_commands_without_remarks() {
+    let document = "a\n\n```\ncargo run -- x   # a remark\nsaid\nsudo y \\\n    --z\n```\nb\n\n```\nonly text\n```\n\n```\ncargo z\n```\n";
+    assert_eq!(blocks(document), [vec!["cargo run -- x", "sudo y --z"], vec!["cargo z"]]);
+    assert_eq!(words("say \"two words\" --play"), ["say", "two words", "--play"]);
+}
