@@ -58,4 +58,4 @@ pub use follower::{
 pub use limits::JointLimits;
 pub use plan::Motion;
 pub use port::{Driver, Drives, Measured, Setpoint};
-pub use suspension::{STANDS_WITHIN_TICKS, START_AFTER_TICKS, stood};
+pub use suspension::{STANDS_WITHIN_TICKS, START_AFTER_TICKS, STOOD_FOR_NS, Standstill};

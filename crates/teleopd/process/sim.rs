@@ -19,8 +19,8 @@ use telemetry::{Metric, Probe};
 /// A driver that starts measures twice. The second measurement has to confirm the speeds of the first. Time between them, ns.
 const CONFIRM_NS: u64 = 6_000_000;
 
-/// What a robot takes, beyond its watchdog, to begin its own stop, and to tell it, ns. Assumption.
-const REACTS_WITHIN_NS: u64 = 10_000_000;
+/// Time between two looks at the robot, ns: it measures once a cycle of its port, 1 ms.
+const LOOK_NS: u64 = 1_000_000;
 
 /// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
@@ -52,7 +52,7 @@ impl RemoteRobot {
             if let Some(newest) = measurements.latest() {
                 return Ok(Self { setpoints, measurements, newest, sent_k: 0, header });
             }
-            rt::sleep_until(rt::now().plus_ns(1_000_000));
+            rt::sleep_until(rt::now().plus_ns(LOOK_NS));
         }
         let text = format!(
             "no robot answered within {} s: start `teleopd robot` before this one (`up` and `demo` do)",
@@ -63,19 +63,22 @@ impl RemoteRobot {
 }
 
 impl RemoteRobot {
-    /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand.
-    fn wait_until_it_stands(&mut self, watchdog_ms: f64) {
-        let reacts_ns = (watchdog_ms * 1e6) as u64 + REACTS_WITHIN_NS;
-        let step_ns = driver::START_AFTER_TICKS * 1_000_000_000 / TICK_HZ;
-        let give_up = rt::now().plus_ns(driver::STANDS_WITHIN_TICKS * 1_000_000_000 / TICK_HZ);
-        rt::sleep_until(rt::now().plus_ns(reacts_ns.saturating_sub(step_ns)));
-        loop {
-            let earlier = self.read(rt::now());
-            rt::sleep_until(rt::now().plus_ns(step_ns));
-            if driver::stood(&earlier, &self.read(rt::now())) || rt::now() >= give_up {
-                return;
+    /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand for a second
+    /// of its own time.
+    fn wait_until_it_stands(&mut self) -> Result<(), Failure> {
+        let first = self.read(rt::now());
+        let mut standstill = driver::Standstill::new(&first);
+        let give_up = rt::now().plus_ns(ROBOT_WITHIN_NS);
+        while rt::now() < give_up {
+            rt::sleep_until(rt::now().plus_ns(LOOK_NS));
+            let measured = self.read(rt::now());
+            let waited_ns = measured.stamp.since(first.stamp);
+            if standstill.stands(&measured) || waited_ns >= driver::STANDS_WITHIN_TICKS * 1_000_000_000 / TICK_HZ {
+                return Ok(());
             }
         }
+        let text = "the robot fell silent: nothing says whether it stands. Look after `teleopd robot`, then start this one again";
+        Err(Failure::new(Exit::Unavailable, text))
     }
 
     /// Two measurements, [`CONFIRM_NS`] apart.
@@ -163,7 +166,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A driver that starts holds where it stands.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
-    robot.wait_until_it_stands(process.loaded.settings.sim.watchdog_ms);
+    robot.wait_until_it_stands()?;
     let (earlier, measured) = robot.measure_twice();
     let mut state = sim::DriverState::new(&config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
