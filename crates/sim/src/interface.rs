@@ -94,10 +94,12 @@ impl Controllers {
         }
     }
 
-    /// At `held`, without moving there, as if it had come with its speed: what controllers do whose drives were off.
-    pub(crate) fn hold(&mut self, held: &Setpoint) {
+    /// At `held`, without moving there, as if it had come with its speed: what controllers do whose drives were off. Returns what
+    /// the joints are to do now.
+    pub(crate) fn hold(&mut self, held: &Setpoint) -> Setpoint {
         self.points = points_before(held);
         self.last = *held;
+        self.executed(held.k)
     }
 
     /// D + d_g of torso, head, left arm and right arm, s.

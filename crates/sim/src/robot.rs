@@ -237,7 +237,7 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
             // Nobody commanded that.
             checker.hold(config, &step.setpoint);
             if let Some(controllers) = controllers.as_mut() {
-                controllers.hold(&step.setpoint);
+                *told = controllers.hold(&step.setpoint);
             }
         } else {
             checker.step(config, report, &step.setpoint, mode);

@@ -90,9 +90,12 @@ fn injected_faults_show_where_they_should() {
 /// the joints truly do breaks a limit.
 #[test]
 fn a_suspended_driver_leads_the_robot_nowhere_else() {
-    for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
-        for gap in [2, 8, 9, 14, 16, 30, 150, 600, 2250] {
-            let mut bench = Bench::new(&Options { reaction, ..Options::default() }, gap);
+    let (direct, jtc100) = (Interface::Direct, Interface::Jtc100);
+    for (reaction, interface) in
+        [(Reaction::Hold, direct), (Reaction::Damp, direct), (Reaction::Play, direct), (Reaction::Hold, jtc100)]
+    {
+        for gap in [2, 8, 9, 14, 16, 30, 83, 150, 600, 2250] {
+            let mut bench = Bench::new(&Options { reaction, interface, ..Options::default() }, gap);
             cruise(&mut bench);
             for _ in 0..gap {
                 bench.next(ELBOW, 0.0);
@@ -100,6 +103,7 @@ fn a_suspended_driver_leads_the_robot_nowhere_else() {
             let newest = bench.command;
             let before = bench.state.told().q[ELBOW];
             let out = bench.tick(newest.k, Some(&newest));
+            assert_eq!(bench.state.told().k, newest.k, "{interface:?} {gap}: the setpoint is that of before the pause");
             let step = (bench.state.told().q[ELBOW] - bench.state.q()[ELBOW]).abs();
             assert!(step < 2e-3, "{reaction:?} {gap}: the setpoint is {step} rad from the robot, from {before}");
             assert_eq!(out.suspended_ticks.is_some(), gap > GAP_MAX_TICKS);
