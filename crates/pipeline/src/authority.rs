@@ -62,7 +62,8 @@ impl Authority {
     pub fn look(&mut self, now: Stamp) {
         let slept_ns = if self.last_look == Stamp::NONE { 0 } else { now.since(self.last_look) };
         if slept_ns > SLEPT_NS {
-            self.last_seen = self.last_seen.plus_ns(slept_ns);
+            // Never after now: a frame may have come since the last look.
+            self.last_seen = self.last_seen.plus_ns(slept_ns).min(now);
         }
         self.last_look = now;
     }
@@ -156,6 +157,17 @@ mod tests {
             authority.look(at(ms));
         }
         assert!(authority.admits(at(2101), &frame(9), TIMEOUT_NS), "it was silent for a second of ingest's own time");
+    }
+
+    #[test]
+    fn a_pause_before_a_frame_is_taken_is_not_counted_twice() {
+        let mut authority = Authority::default();
+        authority.look(at(0));
+        assert!(authority.admits(at(10_000), &frame(7), TIMEOUT_NS), "ingest paused after its look");
+        for ms in (10_010..=11_010).step_by(100) {
+            authority.look(at(ms));
+        }
+        assert!(authority.admits(at(11_020), &frame(9), TIMEOUT_NS), "the holder has been silent for a second");
     }
 
     #[test]
