@@ -97,6 +97,16 @@ fn f097_limits_in_the_wrong_order_are_refused_and_not_swapped() {
 }
 
 #[test]
+fn a_robot_that_plays_its_stop_late_is_refused() {
+    let late = changed("sim", "watchdog_ms", Some(20.1.into()));
+    let said = refusal(&late);
+    assert!(said.contains("sim.watchdog_ms") && said.contains("20"), "{said}");
+    let mut held = late;
+    held["sim"].as_table_mut().expect("a table").insert("reaction".into(), "hold".into());
+    assert_eq!(refusal(&held), "accepted");
+}
+
+#[test]
 fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let base = folder.path().join("weights");

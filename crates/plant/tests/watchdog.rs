@@ -122,7 +122,12 @@ fn damped_motors_stop_it_later_than_held_ones() {
 #[test]
 fn played_plan_ends_where_the_plan_ends() {
     let (config, mut plant, last, now) = moving(Reaction::Play);
-    // Within the second phase, s seconds before its end at 2 T: J s^3 / 6 short of the end, with J = v / T^2.
+    // Within the first phase, J t^3 / 6 short of the way at full speed, with J = v / T^2.
+    let (at_s, braked) = (0.15, last.v[ELBOW] / (0.25 * 0.25) * 0.15_f64.powi(3) / 6.0);
+    plant.advance(&config, now.plus_ns(150_000_000));
+    let way = plant.truth().q[ELBOW] - last.q[ELBOW];
+    assert!((way - (last.v[ELBOW] * at_s - braked)).abs() < 0.002, "{way}");
+    // Within the second phase, s seconds before its end at 2 T: J s^3 / 6 short of the end.
     let end = last.q[ELBOW] + last.v[ELBOW] * 0.25;
     plant.advance(&config, now.plus_ns(350_000_000));
     let short = last.v[ELBOW] / (0.25 * 0.25) * 0.15_f64.powi(3) / 6.0;

@@ -22,7 +22,7 @@ mod robot;
 
 pub use body::{Body, Port};
 pub use checker::{Checker, TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V};
-pub use config::{Config, DELAY_MAX_TICKS, Options, SimError};
+pub use config::{Config, DELAY_MAX_TICKS, ENCODER_NOISE_MAX_RAD, Options, SimError, watchdog_max_ms};
 pub use interface::Interface;
 pub use plant::{Injection, Reaction};
 pub use report::{Report, Violation, ViolationKind};
