@@ -47,13 +47,17 @@ pub fn run(place: &Place) -> Result<(), Failure> {
             cycle = now;
         }
         // Each setpoint acts at the time at which it was sent, whenever this process was woken.
+        // One refusal among those of a cycle is the answer to all.
+        let mut answer = None;
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {
                 let RobotSetpoint { header, k, q, v, a, plan } = sample.message;
-                refused = !body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                let taken = body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                answer = Some(answer.unwrap_or(false) || !taken);
                 seen_k = k;
             })
         });
+        refused = answer.unwrap_or(refused);
         let measured = body.measure(&config, now);
         sequence += 1;
         let header = process.header(sequence, rt::now(), Stamp::NONE);
