@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// The largest text file that is read: a URDF of 5 MB is the bound of `robot`, and the others are smaller.
 const TEXT_BYTES_MAX: u64 = 5 << 20;
+/// Where the robot file stands in `Loaded::files`.
+const ROBOT_FILE: usize = 1;
 /// The largest weights file that is read.
 const WEIGHTS_BYTES_MAX: u64 = 256 << 20;
 
@@ -40,6 +42,11 @@ impl Loaded {
     /// The settings file's name, for errors.
     pub(crate) fn config_name(&self) -> String {
         self.files.first().map_or_else(String::new, |file| file.display().to_string())
+    }
+
+    /// The robot file. What else is known of the robot lies beside it.
+    pub fn robot_file(&self) -> &Path {
+        self.files.get(ROBOT_FILE).map_or(Path::new(""), PathBuf::as_path)
     }
 
     /// Every setting in force, as `table.key` and value.

@@ -40,4 +40,4 @@ pub use points::SpeedPoint;
 pub use pose::Pose;
 pub use segment::{SegmentDistance, segment_distance};
 pub use shapes::{Hull, Surface, hull_volume_oracle, segment_distance_oracle};
-pub use visual::{Form, Visual};
+pub use visual::{Form, MeshVisual, Visual};

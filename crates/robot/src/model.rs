@@ -11,7 +11,7 @@ use crate::limits::JointLimits;
 use crate::payload::Payload;
 use crate::pose::Pose;
 use crate::urdf::Tree;
-use crate::visual::Visual;
+use crate::visual::{MeshVisual, Visual};
 use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -90,6 +90,7 @@ pub(crate) struct Link {
     pub(crate) body_from_link: Pose,
     /// In the link's own frame.
     pub(crate) visuals: Vec<Visual>,
+    pub(crate) meshes: Vec<MeshVisual>,
     /// In the link's own frame.
     pub(crate) inertia: Inertia,
 }
@@ -362,8 +363,8 @@ impl Source<'_> {
         }
         let links = (0..tree.links.len()).map(|link| {
             let (body, body_from_link) = locate(link);
-            let (visuals, inertia) = (tree.visuals[link].clone(), tree.inertias[link]);
-            Link { name: tree.links[link].clone(), body, body_from_link, visuals, inertia }
+            let (visuals, meshes) = (tree.visuals[link].clone(), tree.meshes[link].clone());
+            Link { name: tree.links[link].clone(), body, body_from_link, visuals, meshes, inertia: tree.inertias[link] }
         });
         Ok((frames, links.collect()))
     }

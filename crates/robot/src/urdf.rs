@@ -3,7 +3,7 @@
 use crate::error::RobotError;
 use crate::inertia::Inertia;
 use crate::pose::Pose;
-use crate::visual::Visual;
+use crate::visual::{MeshVisual, Visual};
 use nalgebra::Vector3;
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -39,6 +39,8 @@ pub(crate) struct Tree {
     pub(crate) links: Vec<String>,
     /// What is drawn of each link, in its own frame.
     pub(crate) visuals: Vec<Vec<Visual>>,
+    /// The mesh files that are named for each link.
+    pub(crate) meshes: Vec<Vec<MeshVisual>>,
     /// Mass properties of each link, in its own frame.
     pub(crate) inertias: Vec<Inertia>,
     pub(crate) joints: Vec<UrdfJoint>,
@@ -77,8 +79,9 @@ impl Tree {
         }
         let (joint_above, root) = check_tree(file, &links, &joints)?;
         let visuals = robot.links.iter().map(|link| crate::visual::read(&link.visual)).collect();
+        let meshes = robot.links.iter().map(|link| crate::visual::read_meshes(link, &robot.materials)).collect();
         let inertias = robot.links.iter().map(|link| crate::inertia::read(file, link)).collect::<Result<_, _>>()?;
-        Ok(Self { links, visuals, inertias, joints, joint_above, root })
+        Ok(Self { links, visuals, meshes, inertias, joints, joint_above, root })
     }
 
     /// The joint of that name.

@@ -47,6 +47,58 @@ impl Form {
     }
 }
 
+/// A mesh file that the URDF names for a link. The file itself is never read here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshVisual {
+    /// Name of the link.
+    pub link: String,
+    /// The body it moves with.
+    pub body: usize,
+    /// The mesh's own frame in the body's.
+    pub body_from_mesh: Pose,
+    /// File name as written, such as `package://robot/meshes/arm.dae`.
+    pub file: String,
+    /// Scale along the mesh's x, y and z; negative values mirror.
+    pub scale: [f64; 3],
+    /// Whether the file is for collision checks, else for drawing.
+    pub is_collision: bool,
+    /// Red, green and blue of the URDF's material, 0 to 1.
+    pub colour: Option<[f64; 3]>,
+}
+
+/// The mesh files of a link; names and bodies are not known yet. `materials` are those of the whole robot.
+pub(crate) fn read_meshes(link: &urdf_rs::Link, materials: &[urdf_rs::Material]) -> Vec<MeshVisual> {
+    let mesh = |geometry: &Geometry, origin: &urdf_rs::Pose, colour, is_collision| {
+        let Geometry::Mesh { filename, scale } = geometry else { return None };
+        let body_from_mesh = Pose::from_xyz_rpy(*origin.xyz, *origin.rpy);
+        let scale = scale.map_or([1.0; 3], |scale| *scale);
+        Some(MeshVisual {
+            link: link.name.clone(),
+            body: 0,
+            body_from_mesh,
+            file: filename.clone(),
+            scale,
+            is_collision,
+            colour,
+        })
+    };
+    let colour = |visual: &urdf_rs::Visual| {
+        let own = visual.material.as_ref()?;
+        // A material without a colour refers to the robot's material of that name.
+        let named = || materials.iter().find(|material| material.name == own.name)?.color.as_ref();
+        let [r, g, b, _] = *own.color.as_ref().or_else(named)?.rgba;
+        Some([r, g, b].map(|channel: f64| channel.clamp(0.0, 1.0))).filter(|rgb| rgb.iter().all(|x| x.is_finite()))
+    };
+    let visuals = link.visual.iter().filter_map(|visual| mesh(&visual.geometry, &visual.origin, colour(visual), false));
+    let collisions =
+        link.collision.iter().filter_map(|collision| mesh(&collision.geometry, &collision.origin, None, true));
+    let drawn = |mesh: &MeshVisual| {
+        let scaled = mesh.scale.iter().all(|scale| scale.is_finite() && *scale != 0.0);
+        scaled && mesh.body_from_mesh.t.iter().chain(&mesh.body_from_mesh.r).all(|value| value.is_finite())
+    };
+    visuals.chain(collisions).filter(drawn).collect()
+}
+
 /// The shapes of a link that need no file of their own and can be drawn; their bodies are not known yet.
 pub(crate) fn read(visuals: &[urdf_rs::Visual]) -> Vec<Visual> {
     let shapes = visuals.iter().filter_map(|visual| {
@@ -67,6 +119,17 @@ pub(crate) fn read(visuals: &[urdf_rs::Visual]) -> Vec<Visual> {
 }
 
 impl Model {
+    /// The mesh files that the URDF names, for drawing and for collision checks.
+    pub fn meshes(&self) -> impl Iterator<Item = MeshVisual> {
+        self.links.iter().flat_map(|link| {
+            link.meshes.iter().map(|mesh| MeshVisual {
+                body: link.body,
+                body_from_mesh: link.body_from_link.compose(&mesh.body_from_mesh),
+                ..mesh.clone()
+            })
+        })
+    }
+
     /// The boxes, cylinders and spheres of the URDF's visuals; meshes are left out.
     pub fn visuals(&self) -> impl Iterator<Item = Visual> {
         self.links.iter().flat_map(|link| {
