@@ -2,6 +2,7 @@
 //! made of engagement, whole-body control and the gate, and all stages in one thread with virtual time.
 
 mod authority;
+mod cause;
 mod control;
 mod cores;
 mod edges;
@@ -21,6 +22,7 @@ mod words;
 mod world;
 
 pub use authority::{Authority, Claim, Door};
+pub use cause::cause;
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
     input_age_ms, status_json, status_note, tick as control_tick,
@@ -43,8 +45,8 @@ pub use settings::{
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
 pub use words::{
-    Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, not_at_rest, payload, payload_refused,
-    sentences, why, why_stopped,
+    BEHIND_DEG, Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, not_at_rest, payload,
+    payload_refused, sentences, why, why_stopped,
 };
 pub use world::{Links, Moment, Running, World, WorldConfig};
 

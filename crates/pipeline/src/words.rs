@@ -19,7 +19,7 @@ const TARGET_SILENT_MS: f64 = 50.0;
 const INPUT_SEEN_MS: f64 = 100.0;
 
 /// A robot that is nearer to the person than this is where it should be, deg. Less cannot be seen. Assumption.
-const BEHIND_DEG: f64 = 3.0;
+pub const BEHIND_DEG: f64 = 3.0;
 
 /// How grave a sentence is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -162,7 +162,7 @@ pub fn why(status: &Status, names: &Names) -> String {
 }
 
 /// How closely the robot follows, and what keeps it from the person.
-fn follows(status: &Status, names: &Names) -> String {
+pub(crate) fn follows(status: &Status, names: &Names) -> String {
     let degrees = status.limb_error_measured_rad.to_degrees();
     if degrees.is_nan() || degrees < BEHIND_DEG {
         return "The robot follows.".into();
@@ -274,7 +274,7 @@ pub fn calibration_name(status: &Status) -> &'static str {
     CalibrationSource::from_u32(status.calibration).unwrap_or_default().name()
 }
 
-const fn moves(mode: Mode) -> bool {
+pub(crate) const fn moves(mode: Mode) -> bool {
     matches!(mode, Mode::Engaging | Mode::Engaged | Mode::Recovering)
 }
 
@@ -329,7 +329,7 @@ fn changed(made: &Transition, status: &Status, names: &Names) -> String {
 }
 
 /// The newest `count` transitions, the oldest first.
-fn newest(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
+pub(crate) fn newest(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
     let end = status.transition_count;
     (end.saturating_sub(count.min(KEPT))..end).map(|n| &status.transitions[(n % KEPT) as usize])
 }

@@ -1,0 +1,133 @@
+//! The cause alone: what keeps the robot from following now, before any history.
+
+use crate::Names;
+use crate::words::{BEHIND_DEG, follows, meaning, moves, newest, not_at_rest, subject, why};
+use messages::{Fault, Faults, Mode, Response, Status, Subject, TRANSITIONS_KEPT, Transition, reduced_flag};
+use std::cmp::Reverse;
+
+/// What keeps the robot from following now, the gravest fault first. How it came to that is told by the events. While the
+/// robot moves, how closely it follows.
+pub fn cause(status: &Status, names: &Names) -> String {
+    if let Some(mode) = Mode::from_u32(status.mode).filter(|&mode| moves(mode)) {
+        return following(mode, status, names);
+    }
+    let mut faults: Vec<Fault> = Faults(status.faults | status.latched).iter().collect();
+    faults.sort_by_key(|fault| Reverse(gravity(fault.row().response)));
+    let mut all: Vec<String> = faults.iter().map(|&fault| meaning(fault, status, names)).collect();
+    if faults.is_empty() {
+        all.extend(ended_by(status, names));
+    }
+    all.extend(not_at_rest(status, names));
+    if faults.is_empty() && status.mode == Mode::Disengaged as u32 {
+        all.push("The robot waits to be engaged.".into());
+    }
+    all.join(" ")
+}
+
+/// How far a robot that moves is behind the person and why, then what slows it down.
+fn following(mode: Mode, status: &Status, names: &Names) -> String {
+    let degrees = status.limb_error_measured_rad.to_degrees();
+    let mut all = vec![match mode {
+        Mode::Engaged => follows(status, names),
+        Mode::Engaging if degrees >= BEHIND_DEG => {
+            format!("The robot comes to the person, slowly, {degrees:.0} degrees behind.")
+        }
+        _ => return why(status, names),
+    }];
+    let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
+    all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
+    all.join(" ")
+}
+
+const fn gravity(response: Response) -> u32 {
+    match response {
+        Response::Inhibit => 0,
+        Response::Hold => 1,
+        Response::Release => 2,
+        Response::Stop => 3,
+    }
+}
+
+/// The fault that ended the last motion, although it is over. None where an operator ended it, or reset it.
+fn ended_by(status: &Status, names: &Names) -> Option<String> {
+    let made: Vec<&Transition> = newest(status, TRANSITIONS_KEPT as u32).collect();
+    let begins = made.iter().rposition(|made| Mode::from_u32(made.from).is_some_and(moves))?;
+    let since = &made[begins..];
+    if since.iter().any(|made| made.why == Transition::RESET || made.why == Transition::RELEASED) {
+        return None;
+    }
+    let first = since.iter().find_map(|made| Some((Fault::from_u32(made.why)?, made.about)));
+    let (fault, about) = first?;
+    let was = subject(Subject::of(about), names).map_or(String::new(), |was| format!(" It was {was}."));
+    Some(format!("{}{was}", fault.row().meaning))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{FollowingLimit, Layout};
+
+    fn status(mode: Mode, made: &[(Mode, Mode, u32)]) -> Status {
+        let mut status = Status::ZERO;
+        status.mode = mode as u32;
+        for &(from, to, why) in made {
+            let made = Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 };
+            status.transitions[status.transition_count as usize] = made;
+            status.transition_count += 1;
+        }
+        status
+    }
+
+    #[test]
+    fn gravest_fault_comes_first_and_history_is_left_out() {
+        let stopped = [(Mode::Engaged, Mode::Faulted, Fault::EmergencyStop as u32)];
+        let mut status = status(Mode::Faulted, &stopped);
+        status.faults = Faults::NONE.with(Fault::InputStale).0;
+        status.latched = Faults::NONE.with(Fault::EmergencyStop).0;
+        let text = cause(&status, &Names::default());
+        assert!(text.starts_with("The emergency stop was pressed"), "{text}");
+        assert!(text.contains("No valid skeleton") && !text.contains("after Engaged"), "{text}");
+    }
+
+    #[test]
+    fn fault_that_is_over_is_still_the_cause() {
+        let mut made = vec![
+            (Mode::Engaged, Mode::Holding, Fault::CollisionNear as u32),
+            (Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32),
+        ];
+        let mut near = status(Mode::Disengaged, &made);
+        near.transitions[0].about = Subject::Pair([3, 4]).code();
+        let text = cause(&near, &Names::default());
+        let meaning = Fault::CollisionNear.row().meaning;
+        assert_eq!(text, format!("{meaning} It was part 3 and part 4. The robot waits to be engaged."));
+        made.push((Mode::Faulted, Mode::Disengaged, Transition::RESET));
+        assert_eq!(cause(&status(Mode::Disengaged, &made), &Names::default()), "The robot waits to be engaged.");
+    }
+
+    #[test]
+    fn released_robot_waits_without_a_reproach() {
+        let made = [
+            (Mode::Engaged, Mode::Holding, Transition::RELEASED),
+            (Mode::Holding, Mode::Disengaged, Transition::AT_REST),
+        ];
+        assert_eq!(cause(&status(Mode::Disengaged, &made), &Names::default()), "The robot waits to be engaged.");
+        assert_eq!(cause(&status(Mode::Engaged, &made), &Names::default()), "The robot follows.");
+    }
+    #[test]
+    fn robot_that_is_behind_says_how_far_and_why() {
+        let mut status = status(Mode::Engaged, &[]);
+        status.limb_error_measured_rad = 24.0_f64.to_radians();
+        status.limited_why = FollowingLimit::Speed as u32;
+        status.limited_about = Subject::Joint(4).code();
+        let text = cause(&status, &Names::default());
+        assert_eq!(text, "The robot follows, 24 degrees behind: joint 4 is at its highest speed.");
+        let (flag, name) = reduced_flag::NAMES[0];
+        status.reduced = flag;
+        assert_eq!(cause(&status, &Names::default()), format!("{text} The speed is reduced: {name}."));
+        status.mode = Mode::Engaging as u32;
+        let text = cause(&status, &Names::default());
+        assert!(text.starts_with("The robot comes to the person, slowly, 24 degrees behind."), "{text}");
+        (status.reduced, status.limb_error_measured_rad) = (0, 0.0);
+        assert_eq!(cause(&status, &Names::default()), "The robot comes to the person, slowly.");
+    }
+}
