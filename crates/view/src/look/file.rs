@@ -1,0 +1,94 @@
+//! The look file as it is written. What its values may be is checked in [`super::check`].
+
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// The only format that is read.
+pub const FORMAT: u32 = 1;
+
+/// The whole file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LookFile {
+    pub format: u32,
+    /// Names for colours, `#rrggbb` each.
+    #[serde(default)]
+    pub colours: BTreeMap<String, String>,
+    /// Colour of a link: of its meshes, and of its capsules where no part is named.
+    #[serde(default)]
+    pub links: BTreeMap<String, String>,
+    /// Colour of a single capsule.
+    #[serde(default)]
+    pub capsules: BTreeMap<String, String>,
+    #[serde(default)]
+    pub parts: Vec<PartEntry>,
+    #[serde(default)]
+    pub meshes: MeshTable,
+}
+
+/// Mesh files of the robot's maker, for a URDF that names none.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshTable {
+    #[serde(default)]
+    pub files: Vec<MeshEntry>,
+}
+
+/// The shapes that a part may have.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum ShapeName {
+    Box,
+    Cylinder,
+    Cone,
+    Sphere,
+    Ellipsoid,
+    Capsule,
+    Lathe,
+}
+
+/// One part. Which sizes it must have depends on its shape.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartEntry {
+    pub link: String,
+    pub shape: ShapeName,
+    pub colour: String,
+    pub roughness: Option<f64>,
+    pub xyz_m: Option<[f64; 3]>,
+    pub rpy_rad: Option<[f64; 3]>,
+    /// The same part once more on another link, as in a mirror.
+    pub mirror: Option<MirrorEntry>,
+    pub size_m: Option<[f64; 3]>,
+    pub edge_m: Option<f64>,
+    pub radius_m: Option<f64>,
+    pub top_radius_m: Option<f64>,
+    pub length_m: Option<f64>,
+    pub radii_m: Option<[f64; 3]>,
+    pub a_m: Option<[f64; 3]>,
+    pub b_m: Option<[f64; 3]>,
+    pub profile_m: Option<Vec<[f64; 2]>>,
+    pub stretch: Option<[f64; 2]>,
+    pub squareness: Option<f64>,
+}
+
+/// Where a part is once more.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MirrorEntry {
+    pub link: String,
+    /// The axes of the link's frame that change their sign, such as "xz"; "" for none.
+    pub axes: String,
+}
+
+/// A mesh of a link.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshEntry {
+    pub link: String,
+    /// The first file that is found is drawn.
+    pub names: Vec<String>,
+    pub xyz_m: Option<[f64; 3]>,
+    pub rpy_rad: Option<[f64; 3]>,
+    pub scale: Option<[f64; 3]>,
+}
