@@ -96,6 +96,18 @@ pub struct Up {
     pub verbose: bool,
 }
 
+/// What a page is served with.
+#[derive(Args, Clone, Debug)]
+pub struct Page {
+    /// Port of 127.0.0.1; 0 is any free one.
+    #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
+    pub port: u16,
+    /// Draw the robot with your own mesh files (DAE, STL, GLB, OBJ): those that the robot's URDF or look file names, found
+    /// below this folder by the end of their paths.
+    #[arg(long, value_name = "DIR")]
+    pub meshes: Option<PathBuf>,
+}
+
 #[derive(Args, Clone, Debug)]
 pub struct View {
     #[command(flatten)]
@@ -103,9 +115,8 @@ pub struct View {
     /// Show this recording in place of a running instance (by the program `record`).
     #[arg(value_name = "FILE.mcap")]
     pub recording: Option<PathBuf>,
-    /// Port of 127.0.0.1; 0 is any free one.
-    #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
-    pub port: u16,
+    #[command(flatten)]
+    pub page: Page,
     /// Three key poses whose mixes the page can lead the robot through: names (t-pose, hands-up, ...), FILE.bvh:FRAME or
     /// FILE.bvh@TIME_S, with commas between (default: t-pose, hands-up and box).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',', conflicts_with = "recording")]
@@ -157,6 +168,10 @@ pub struct Demo {
     /// Port of 127.0.0.1 for --view; 0 is any free one.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub view_port: u16,
+    /// With --view: draw the robot with your own mesh files (DAE, STL, GLB, OBJ), those that the robot's URDF or look file
+    /// names, found below this folder by the end of their paths.
+    #[arg(long, value_name = "DIR", requires = "view")]
+    pub meshes: Option<PathBuf>,
     /// Write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

@@ -58,7 +58,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let mut operator = Operator::connect(&instance.operator_socket())?;
     let missing = missing(&loaded.settings.realtime);
     let mut show = Show::new(&instance, loaded.model, options.quiet)?;
-    let server = if options.view { Some(shown(&instance, &place, options.view_port, &shutdown)?) } else { None };
+    let page = cli::Page { port: options.view_port, meshes: options.meshes.clone() };
+    let server = if options.view { Some(shown(&instance, &place, &page, &shutdown)?) } else { None };
     let mut run = Run {
         children: &mut children,
         operator: &mut operator,
@@ -168,8 +169,13 @@ pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
 }
 
 /// Serves the page, and waits until one is open.
-fn shown(instance: &Instance, place: &cli::Place, port: u16, shutdown: &Shutdown) -> Result<view::Server, Failure> {
-    let server = crate::view::start(instance, place, port)?;
+fn shown(
+    instance: &Instance,
+    place: &cli::Place,
+    page: &cli::Page,
+    shutdown: &Shutdown,
+) -> Result<view::Server, Failure> {
+    let server = crate::view::start(instance, place, page)?;
     out!("open      {}", server.address());
     while server.pages() == 0 && !shutdown.requested() {
         std::thread::sleep(LOOK);

@@ -8,13 +8,13 @@ use crate::programs::RECORD;
 use keyposes::error::KeyposesError;
 use keyposes::triangle::{POSES, Triangle};
 use pipeline::{Instance, Loaded};
-use rt::{Shutdown, out};
+use rt::{Shutdown, err, out};
 use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{KeyPoses, Server, ViewError};
+use view::{KeyPoses, RobotView, Server, ViewError};
 
 /// How often the signals are looked for.
 const LOOK: Duration = Duration::from_millis(50);
@@ -29,7 +29,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let instance = instance_in(&place.run_dir)?;
     let loaded = load(place)?;
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
-    let server = serve(&instance, &loaded, key_poses, options.port)?;
+    let server = serve(&instance, &loaded, key_poses, &options.page)?;
     out!(
         "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
          instance",
@@ -49,14 +49,17 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
 /// Becomes the program that reads recordings.
 fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
     let mut command = Command::new(RECORD.path()?);
-    command.arg("--view").arg(recording).arg("--port").arg(options.port.to_string());
+    command.arg("--view").arg(recording).arg("--port").arg(options.page.port.to_string());
+    if let Some(meshes) = &options.page.meshes {
+        command.arg("--meshes").arg(meshes);
+    }
     command.arg("--config").arg(&options.place.config);
     Err(Failure::new(Exit::Software, command.exec()))
 }
 
 /// A server for `instance` as it was started at `place`, by whose pages nobody is the person.
-pub fn start(instance: &Instance, place: &cli::Place, port: u16) -> Result<Server, Failure> {
-    serve(instance, &load(place)?, None, port)
+pub fn start(instance: &Instance, place: &cli::Place, page: &cli::Page) -> Result<Server, Failure> {
+    serve(instance, &load(place)?, None, page)
 }
 
 fn load(place: &cli::Place) -> Result<Loaded, Failure> {
@@ -74,12 +77,21 @@ pub fn refuse_taken(port: u16, option: &str) -> Result<(), Failure> {
     tried.map(drop).map_err(|error| port_failure(port, option, &error))
 }
 
-fn serve(instance: &Instance, loaded: &Loaded, key_poses: Option<KeyPoses>, port: u16) -> Result<Server, Failure> {
+fn serve(
+    instance: &Instance,
+    loaded: &Loaded,
+    key_poses: Option<KeyPoses>,
+    page: &cli::Page,
+) -> Result<Server, Failure> {
+    let view = RobotView::of(loaded, page.meshes.as_deref()).map_err(|error| Failure::new(Exit::Config, error))?;
+    if !view.missing.is_empty() {
+        err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
+    }
     // The server's threads stay where the one is that starts them.
     let served = std::thread::scope(|scope| {
         let serve = || {
             keep_off(&loaded.settings.realtime);
-            Server::live(instance, &loaded.model, key_poses, port)
+            Server::live(instance, &view, key_poses, page.port)
         };
         scope.spawn(serve).join()
     });

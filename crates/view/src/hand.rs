@@ -3,7 +3,7 @@
 use crate::worker::Worker;
 use messages::{Mode, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names};
+use pipeline::Instance;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
@@ -173,9 +173,9 @@ impl Grip {
         if follows || !changed && held.since.elapsed() < REFUSED_AFTER {
             return;
         }
-        let why = pipeline::why_stopped(status, &Names::read(self.instance.run_dir())).unwrap_or_default();
+        // The page shows the cause in one place, under the mode.
         let what = if changed { "The robot follows no longer." } else { "The enable was refused." };
-        self.let_go(format!("{what} {why}"));
+        self.let_go(format!("{what} The cause stands under the mode."));
     }
 
     fn say(&self, text: String) {

@@ -1,9 +1,11 @@
-//! The few requests that a page makes: its files, and the one that becomes a WebSocket.
+//! The few requests that a page makes: its files, the user's meshes, and the one that becomes a WebSocket.
 
 use crate::assets::ASSETS;
+use crate::meshes::MeshFolder;
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::handshake::server::{Request, create_response, write_response};
 use tungstenite::http;
@@ -14,9 +16,11 @@ const HEADERS_MAX: usize = 64;
 /// How long a request may take.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What a browser may do with the page: nothing from elsewhere, no frame around it.
-const POLICY: &str = "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
-                      img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
+/// What a browser may do with the page: nothing from elsewhere, no frame around it. The hash is that of the page's import map,
+/// by which the loaders of three.js find three.js. Textures inside of a mesh are blobs of the page.
+pub const POLICY: &str = "Content-Security-Policy: default-src 'none'; \
+                      script-src 'self' 'sha256-nW+1Z6nHBWz1iz2Ot2Bj8RgL3F+cXOInaXkhyR7xus0='; style-src 'self'; \
+                      connect-src 'self' blob:; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
                       X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n";
 
 /// Who may look and ask: whoever was given the address with its token.
@@ -58,22 +62,35 @@ impl Key {
             return Err("only this server's own page may ask");
         }
         let token = request.uri().query().and_then(|query| query.strip_prefix("token="));
-        // Every byte is compared: how long it takes says nothing of the token.
-        let same = |given: &str| given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0;
-        if !token.is_some_and(|given| given.len() == self.token.len() && same(given)) {
+        if !token.is_some_and(|given| self.is_token(given)) {
             return Err("the token is missing or wrong: open the address that the server printed");
         }
         Ok(())
     }
+
+    /// Every byte is compared: how long it takes says nothing of the token.
+    fn is_token(&self, given: &str) -> bool {
+        let same = given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0;
+        given.len() == self.token.len() && same
+    }
+}
+
+/// What a server serves beside its own files, and to whom.
+#[derive(Clone, Debug)]
+pub struct Site {
+    /// Who may ask.
+    pub key: Key,
+    /// The user's meshes.
+    pub meshes: Option<Arc<MeshFolder>>,
 }
 
 /// Answers one connection; the stream comes back if it is a page's WebSocket now.
 ///
 /// # Errors
 /// The other side is gone, too slow, or speaks something else.
-pub fn answer(mut stream: TcpStream, key: &Key) -> std::io::Result<Option<TcpStream>> {
+pub fn answer(mut stream: TcpStream, site: &Site) -> std::io::Result<Option<TcpStream>> {
     stream.set_write_timeout(Some(PATIENCE))?;
-    let request = read(&mut stream)?;
+    let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| key.hosts().iter().any(|own| own == host)) {
         return refuse(stream, "403 Forbidden", "this server is called 127.0.0.1");
@@ -93,10 +110,52 @@ pub fn answer(mut stream: TcpStream, key: &Key) -> std::io::Result<Option<TcpStr
             Err(error) => refuse(stream, "400 Bad Request", &error.to_string()),
         };
     }
+    if let Some(path) = request.uri().path().strip_prefix("/meshes/") {
+        return mesh(stream, site, path);
+    }
     match ASSETS.iter().find(|asset| asset.path == request.uri().path()) {
         Some(asset) => send(stream, "200 OK", asset.kind, asset.bytes),
         None => refuse(stream, "404 Not Found", "no such page"),
     }
+}
+
+/// A file of the user's meshes: `path` is the token, and the file's path below the folder. The token stands in the path
+/// because a mesh refers to its textures by paths that are relative to its own.
+fn mesh(mut stream: TcpStream, site: &Site, path: &str) -> std::io::Result<Option<TcpStream>> {
+    let Some((token, path)) = path.split_once('/') else { return refuse(stream, "404 Not Found", "no such mesh") };
+    if !site.key.is_token(token) {
+        return refuse(
+            stream,
+            "403 Forbidden",
+            "the token is missing or wrong: open the address that the server printed",
+        );
+    }
+    let Some(folder) = &site.meshes else { return refuse(stream, "404 Not Found", "there is no folder of meshes") };
+    let Some(path) = percent_decoded(path) else { return refuse(stream, "400 Bad Request", "the path is not UTF-8") };
+    match folder.read(&path) {
+        Ok(found) => {
+            stream.write_all(head("200 OK", found.kind, found.bytes).as_bytes())?;
+            // A file may grow while it is read: no byte more than was announced.
+            std::io::copy(&mut found.file.take(found.bytes), &mut stream)?;
+            Ok(None)
+        }
+        Err(why) => refuse(stream, "404 Not Found", why),
+    }
+}
+
+/// A path in which %20 and the like are what they stand for.
+fn percent_decoded(path: &str) -> Option<String> {
+    let (mut bytes, mut rest) = (Vec::with_capacity(path.len()), path.as_bytes());
+    while let Some((&first, after)) = rest.split_first() {
+        let escaped = (first == b'%').then(|| after.get(..2)).flatten();
+        let code = escaped.and_then(|two| u8::from_str_radix(std::str::from_utf8(two).ok()?, 16).ok());
+        if first == b'%' && code.is_none() {
+            return None;
+        }
+        bytes.push(code.unwrap_or(first));
+        rest = if code.is_some() { &after[2..] } else { after };
+    }
+    String::from_utf8(bytes).ok()
 }
 
 fn refuse(stream: TcpStream, status: &str, why: &str) -> std::io::Result<Option<TcpStream>> {
@@ -104,13 +163,15 @@ fn refuse(stream: TcpStream, status: &str, why: &str) -> std::io::Result<Option<
 }
 
 fn send(mut stream: TcpStream, status: &str, kind: &str, body: &[u8]) -> std::io::Result<Option<TcpStream>> {
-    let length = body.len();
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n{POLICY}Connection: close\r\n\r\n"
-    );
-    stream.write_all(head.as_bytes())?;
+    stream.write_all(head(status, kind, body.len() as u64).as_bytes())?;
     stream.write_all(body)?;
     Ok(None)
+}
+
+fn head(status: &str, kind: &str, length: u64) -> String {
+    format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n{POLICY}Connection: close\r\n\r\n"
+    )
 }
 
 /// Reads up to the empty line.

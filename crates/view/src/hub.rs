@@ -1,6 +1,7 @@
 //! What all pages are shown: one thread reads, the pages copy.
 
 use crate::frame::{self, Heard};
+use crate::robot_view::RobotView;
 use crate::scene::scene;
 use messages::Status;
 use pipeline::{Names, sentences, status_json};
@@ -42,8 +43,8 @@ pub struct Hub {
 
 impl Hub {
     /// A hub that has heard nothing; `about` is told besides the robot.
-    pub fn new(model: &Model, about: &Value) -> Self {
-        let mut told = scene(model);
+    pub fn new(view: &RobotView, about: &Value) -> Self {
+        let mut told = scene(view);
         told["about"] = about.clone();
         Self { scene: told.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
     }
@@ -140,7 +141,11 @@ impl<'a> Teller<'a> {
         self.told_at_s = at_s;
         let events = self.events(heard, at_s);
         self.before = heard.status;
-        let status = heard.status.as_ref().map_or(Value::Null, |status| status_json(status, &self.names));
+        let status = heard.status.as_ref().map_or(Value::Null, |status| {
+            let mut told = status_json(status, &self.names);
+            told["cause"] = json!(pipeline::cause(status, &self.names));
+            told
+        });
         let status = json!({ "tell": "status", "at_s": at_s, "status": status }).to_string();
         News { frame, status: Some(status), events }
     }

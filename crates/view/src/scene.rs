@@ -1,55 +1,103 @@
 //! What a page is told once: the robot's shapes, joints and obstacles, and the person's bones, as JSON.
 
+use crate::look::{Part, Shape};
+use crate::robot_view::{Mesh, RobotView};
 use messages::{Mode, SMPL_NAMES, SMPL_PARENT};
 use nalgebra::{Rotation3, UnitQuaternion};
 use robot::{Form, Model, Pose, Solid};
 use serde_json::{Value, json};
 
 /// The robot and its surroundings. Lengths in m, angles in rad, quaternions x, y, z, w; poses of shapes are in their bodies'
-/// frames, obstacles in the base's.
-pub fn scene(model: &Model) -> Value {
-    let joints: Vec<_> = (0..model.joint_names.len())
-        .map(|j| {
-            let limits = &model.limits[j];
-            json!({
-                "name": model.joint_names[j], "unit": if model.prismatic[j] { "m" } else { "rad" },
-                "q_min": limits.q_min, "q_max": limits.q_max, "v_max": limits.v_max,
-            })
-        })
-        .collect();
-    let capsules: Vec<_> = model
-        .capsules
-        .iter()
-        .map(|capsule| {
-            let [a, b]: [[f64; 3]; 2] = [capsule.a.into(), capsule.b.into()];
-            json!({ "name": capsule.name, "body": capsule.body, "a": a, "b": b, "radius": capsule.radius_m })
-        })
-        .collect();
-    let shapes: Vec<_> = model
-        .visuals()
-        .map(|visual| {
-            let mut shape = match visual.form {
-                Form::Box(size) => json!({ "form": "box", "size": size }),
-                Form::Cylinder { radius_m, length_m } => {
-                    json!({ "form": "cylinder", "radius": radius_m, "length": length_m })
-                }
-                Form::Sphere { radius_m } => json!({ "form": "sphere", "radius": radius_m }),
-            };
-            shape["body"] = json!(visual.body);
-            shape["pose"] = pose(&visual.body_from_shape);
-            shape
-        })
-        .collect();
+/// frames, obstacles in the base's. A `matrix` holds the three upper rows of a transform into the body's frame.
+pub fn scene(view: &RobotView) -> Value {
+    let model = &view.model;
     let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| solid(&obstacle.name, &obstacle.solid)).collect();
     json!({
         "tell": "scene",
         "robot": model.name,
-        "joints": joints,
-        "capsules": capsules,
-        "shapes": shapes,
+        "joints": joints(model),
+        "capsules": capsules(view),
+        "shapes": shapes(model),
+        "parts": view.look.parts.iter().map(part).collect::<Vec<_>>(),
+        "meshes": view.meshes.iter().map(mesh).collect::<Vec<_>>(),
+        "missing_meshes": view.missing,
+        "shoulders": view.shoulder_bodies(),
         "obstacles": obstacles,
         "modes": Mode::ALL.map(Mode::name),
+        "limits": {
+            "clearance_mm": model.d_min_m * 1e3,
+            "behind_deg": pipeline::BEHIND_DEG,
+            "delay_ms": view.following_delay_ms,
+        },
         "person": { "names": SMPL_NAMES, "parents": SMPL_PARENT },
+    })
+}
+
+fn joints(model: &Model) -> Vec<Value> {
+    let joint = |j: usize| {
+        let limits = &model.limits[j];
+        json!({
+            "name": model.joint_names[j], "unit": if model.prismatic[j] { "m" } else { "rad" },
+            "q_min": limits.q_min, "q_max": limits.q_max, "v_max": limits.v_max,
+        })
+    };
+    (0..model.joint_names.len()).map(joint).collect()
+}
+
+/// With the colours of the look.
+fn capsules(view: &RobotView) -> Vec<Value> {
+    let capsules = view.model.capsules.iter().enumerate().map(|(n, capsule)| {
+        let [a, b]: [[f64; 3]; 2] = [capsule.a.into(), capsule.b.into()];
+        let colour = view.look.capsules.get(n).copied().flatten().map(|colour| colour.text());
+        json!({
+            "name": capsule.name, "body": capsule.body, "a": a, "b": b, "radius": capsule.radius_m, "colour": colour,
+        })
+    });
+    capsules.collect()
+}
+
+fn shapes(model: &Model) -> Vec<Value> {
+    let shape = |visual: robot::Visual| {
+        let mut shape = match visual.form {
+            Form::Box(size) => json!({ "form": "box", "size": size }),
+            Form::Cylinder { radius_m, length_m } => {
+                json!({ "form": "cylinder", "radius": radius_m, "length": length_m })
+            }
+            Form::Sphere { radius_m } => json!({ "form": "sphere", "radius": radius_m }),
+        };
+        shape["body"] = json!(visual.body);
+        shape["pose"] = pose(&visual.body_from_shape);
+        shape
+    };
+    model.visuals().map(shape).collect()
+}
+
+fn part(part: &Part) -> Value {
+    let mut told = match &part.shape {
+        Shape::Box { size_m, edge_m } => json!({ "form": "box", "size": size_m, "edge": edge_m }),
+        Shape::Cone { radius_m, top_radius_m, length_m, edge_m } => {
+            json!({ "form": "cone", "radius": radius_m, "top": top_radius_m, "length": length_m, "edge": edge_m })
+        }
+        Shape::Ellipsoid { radii_m } => json!({ "form": "ellipsoid", "radii": radii_m }),
+        Shape::Capsule { a_m, b_m, radius_m, top_radius_m } => {
+            json!({ "form": "capsule", "a": a_m, "b": b_m, "radius": radius_m, "top": top_radius_m })
+        }
+        Shape::Lathe { profile_m, stretch, squareness } => {
+            json!({ "form": "lathe", "profile": profile_m, "stretch": stretch, "squareness": squareness })
+        }
+    };
+    told["link"] = json!(part.link);
+    told["body"] = json!(part.body);
+    told["matrix"] = json!(part.body_from_shape.as_flattened());
+    told["colour"] = json!(part.colour.text());
+    told["roughness"] = json!(part.roughness);
+    told
+}
+
+fn mesh(mesh: &Mesh) -> Value {
+    json!({
+        "link": mesh.link, "body": mesh.body, "matrix": mesh.body_from_mesh.as_flattened(), "file": mesh.file,
+        "colour": mesh.colour.map(|colour| colour.text()),
     })
 }
 

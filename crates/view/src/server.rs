@@ -1,12 +1,15 @@
 //! The listener, the thread that reads the instance, and a thread for every page.
 
 use crate::ViewError;
+use crate::http::{self, Site};
 use crate::hub::{Hub, Teller};
 use crate::live::Live;
+use crate::meshes::MeshFolder;
 use crate::mixer::KeyPoses;
+use crate::page;
 use crate::page::Behind;
 use crate::reel::{Position, Reel};
-use crate::{http, page};
+use crate::robot_view::RobotView;
 use bus::DomainConfig;
 use pipeline::Instance;
 use robot::Model;
@@ -40,17 +43,22 @@ pub struct Server {
 }
 
 impl Server {
-    /// Shows `instance`, whose robot is `model`, at `port` of the loopback; 0 is any free one. With `key_poses` a page may be
+    /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback; 0 is any free one. With `key_poses` a page may be
     /// the person whom the robot follows, by their mixes.
     ///
     /// # Errors
     /// The port is taken, or the instance's shared memory cannot be opened.
-    pub fn live(instance: &Instance, model: &Model, key_poses: Option<KeyPoses>, port: u16) -> Result<Self, ViewError> {
+    pub fn live(
+        instance: &Instance,
+        view: &RobotView,
+        key_poses: Option<KeyPoses>,
+        port: u16,
+    ) -> Result<Self, ViewError> {
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names });
         let behind = Behind::Instance(instance.clone(), key_poses.map(Arc::new));
-        let mut server = Self::listen(Hub::new(model, &about), behind, port)?;
-        let (hub, model, domain) = (server.hub.clone(), model.clone(), instance.core_domain());
+        let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
+        let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
         let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
@@ -58,28 +66,30 @@ impl Server {
         Ok(server)
     }
 
-    /// Shows a recording of this name, of the robot `model`, as [`Server::live`] shows an instance.
+    /// Shows a recording of this name, of the robot of `view`, as [`Server::live`] shows an instance.
     ///
     /// # Errors
     /// The port is taken.
-    pub fn recording(reel: Reel, name: &str, model: &Model, port: u16) -> Result<Self, ViewError> {
+    pub fn recording(reel: Reel, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
         let about = json!({ "source": "recording", "name": name, "duration_s": reel.duration_s() });
         let position = Arc::new(Position::new(reel.duration_s()));
-        let mut server = Self::listen(Hub::new(model, &about), Behind::Recording(position.clone()), port)?;
+        let behind = Behind::Recording(position.clone());
+        let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
         let hub = server.hub.clone();
         let thread = server.spawn("view", move |ended| play(&hub, &reel, &position, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
         Ok(server)
     }
 
-    fn listen(hub: Hub, behind: Behind, port: u16) -> Result<Self, ViewError> {
+    fn listen(hub: Hub, behind: Behind, meshes: Option<Arc<MeshFolder>>, port: u16) -> Result<Self, ViewError> {
         let bind = |source| ViewError::Listen { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
         listener.set_nonblocking(true).map_err(bind)?;
         let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
         let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
         let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        server.spawn("listen", move |ended| accept(&listener, &key, &hub, &behind, &ended)).map_err(bind)?;
+        let site = Site { key, meshes };
+        server.spawn("listen", move |ended| accept(&listener, &site, &hub, &behind, &ended)).map_err(bind)?;
         Ok(server)
     }
 
@@ -171,7 +181,7 @@ struct Connection {
 }
 
 /// Pages end before this does.
-fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, behind: &Behind, ended: &Arc<AtomicBool>) {
+fn accept(listener: &TcpListener, site: &Site, hub: &Arc<Hub>, behind: &Behind, ended: &Arc<AtomicBool>) {
     let mut open: Vec<Arc<Connection>> = Vec::new();
     while !ended.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
@@ -184,12 +194,12 @@ fn accept(listener: &TcpListener, key: &http::Key, hub: &Arc<Hub>, behind: &Behi
             let Some(oldest) = open.iter().position(|one| !one.is_page.load(Ordering::Relaxed)) else { continue };
             let _ = open.remove(oldest).stream.shutdown(Shutdown::Both);
         }
-        let (key, hub, behind, ended) = (key.clone(), hub.clone(), behind.clone(), ended.clone());
+        let (site, hub, behind, ended) = (site.clone(), hub.clone(), behind.clone(), ended.clone());
         let Ok(twin) = stream.try_clone() else { continue };
         let connection = Arc::new(Connection { stream: twin, is_page: AtomicBool::new(false) });
         let own = connection.clone();
         let work = move || {
-            answer(stream, &key, &hub, &behind, &own.is_page, &ended);
+            answer(stream, &site, &hub, &behind, &own.is_page, &ended);
             // The other end is told now, and not when the next one comes.
             let _ = own.stream.shutdown(Shutdown::Both);
         };
@@ -211,9 +221,9 @@ fn has_ended(connection: &Arc<Connection>) -> bool {
     Arc::strong_count(connection) == 1
 }
 
-fn answer(stream: TcpStream, key: &http::Key, hub: &Hub, behind: &Behind, is_page: &AtomicBool, ended: &AtomicBool) {
+fn answer(stream: TcpStream, site: &Site, hub: &Hub, behind: &Behind, is_page: &AtomicBool, ended: &AtomicBool) {
     // Who breaks off has harmed nobody but himself.
-    if let Ok(Some(stream)) = http::answer(stream, key) {
+    if let Ok(Some(stream)) = http::answer(stream, site) {
         is_page.store(true, Ordering::Relaxed);
         let _ = page::serve(stream, hub, behind, ended);
     }

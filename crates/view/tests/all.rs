@@ -1,5 +1,6 @@
 //! One program of all tests, so that it is linked once.
 
 mod frames;
+mod look;
 mod page;
 mod reel;

@@ -6,11 +6,20 @@ use messages::{
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 use std::path::Path;
-use view::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, encode, present, scene};
+use view::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, RobotView, encode, present, scene};
+
+pub fn loaded() -> pipeline::Loaded {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    pipeline::load(&config, pipeline::Overrides::default()).expect("settings")
+}
 
 pub fn model() -> Model {
-    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model
+    loaded().model
+}
+
+/// The shipped robot as a page shows it.
+pub fn shown() -> RobotView {
+    RobotView::of(&loaded(), None).expect("a look")
 }
 
 fn encoded(model: &Model, heard: &Heard) -> Vec<f32> {
@@ -71,7 +80,7 @@ fn postures_of_measured_target_and_command_are_told_apart() {
     };
     let numbers = encoded(&model, &heard);
     let at = |field: Field| numbers[field as usize];
-    let all = present::PERSON | present::MEASURED | present::TARGET | present::COMMAND | present::PAIR;
+    let all = present::PERSON | present::MEASURED | present::TARGET | present::COMMAND | present::PAIR | present::LAG;
     assert_eq!(at(Field::Present), all as f32);
     assert_eq!(
         (at(Field::Mode), at(Field::InputAgeMs), at(Field::TickLateUs)),
@@ -116,12 +125,36 @@ fn what_is_no_number_is_not_told() {
 
 #[test]
 fn the_scene_names_every_joint_capsule_and_shape() {
-    let model = model();
-    let told = scene(&model);
+    let (model, view) = (model(), shown());
+    let told = scene(&view);
     let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
     assert_eq!((count("joints"), count("capsules")), (JOINTS, model.capsules.len()));
     assert_eq!(count("shapes"), model.visuals().count());
     assert!(count("shapes") > 10);
     assert_eq!(told["modes"][Mode::Engaged as usize], Mode::Engaged.name());
     assert_eq!(told["obstacles"].as_array().map(Vec::len), Some(model.obstacles.len()));
+    assert_eq!((count("parts"), count("meshes")), (view.look.parts.len(), 0));
+    assert!(count("parts") > 50);
+    assert_eq!(told["limits"]["delay_ms"], 120.0);
+    assert_eq!(told["limits"]["clearance_mm"], model.d_min_m * 1e3);
+    assert_eq!(told["shoulders"], serde_json::json!([model.arms[0].joints[1] + 1, model.arms[1].joints[1] + 1]));
+}
+
+#[test]
+fn lag_is_the_time_by_which_the_joints_trail_the_command() {
+    let model = model();
+    let (mut state, mut command) = (RobotState::ZERO, JointCommand::ZERO);
+    state.q_measured = model.home;
+    state.dq_measured = core::array::from_fn(|j| 0.1 * (j as f64 - 8.0));
+    command.q = core::array::from_fn(|j| state.q_measured[j] + 0.021 * state.dq_measured[j]);
+    let told = |state, command| {
+        let heard = Heard { state: Some(state), command: Some(command), ..Heard::default() };
+        let numbers = encoded(&model, &heard);
+        (numbers[Field::Present as usize] as u32 & present::LAG != 0, numbers[Field::LagMs as usize])
+    };
+    let (is_there, lag_ms) = told(state, command);
+    assert!(is_there && (lag_ms - 21.0).abs() < 0.01, "{lag_ms}");
+    // Of a robot that stands there is none.
+    state.dq_measured = [1e-3; JOINTS];
+    assert_eq!(told(state, command), (false, 0.0));
 }

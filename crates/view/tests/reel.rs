@@ -1,6 +1,6 @@
 //! A recording in a page: what is shown is what was recorded then.
 
-use crate::frames::model;
+use crate::frames::{model, shown};
 use messages::{JointCommand, Layout, Mode, RobotState, Stamp, Status, Transition};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -69,7 +69,7 @@ fn a_page_plays_pauses_and_seeks() {
     assert_eq!(reel.duration_s(), 10.0);
     // The state where it stands, and every change: three sentences.
     assert_eq!(reel.events().len(), 3, "{:?}", reel.events());
-    let server = Server::recording(reel, "head.mcap", &model, 0).expect("a port");
+    let server = Server::recording(reel, "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);
     ask(&mut socket, json!({ "do": "pause" }));
     for (to_s, mode) in [(5.0, Mode::Engaged), (2.5, Mode::Disengaged), (9.0, Mode::Disengaged), (4.5, Mode::Engaged)] {
@@ -94,7 +94,7 @@ fn a_page_plays_pauses_and_seeks() {
 #[test]
 fn requests_that_a_recording_does_not_know_end_the_page() {
     let model = model();
-    let server = Server::recording(recorded(&model), "head.mcap", &model, 0).expect("a port");
+    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
     for bad in [
         json!({ "do": "engage" }),
         json!({ "do": "stop" }),
@@ -117,7 +117,7 @@ fn requests_that_a_recording_does_not_know_end_the_page() {
 #[test]
 fn a_page_that_never_ends_its_message_does_not_keep_the_server() {
     let model = model();
-    let server = Server::recording(recorded(&model), "head.mcap", &model, 0).expect("a port");
+    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);
     let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("no TLS on the loopback") };
     let mut stream = stream.try_clone().expect("a twin");

@@ -45,6 +45,10 @@ pub struct Cli {
     /// Port of 127.0.0.1 for --view; 0 is any free one.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub port: u16,
+    /// With --view: draw the robot with your own mesh files (DAE, STL, GLB, OBJ), those that the robot's URDF or look file
+    /// names, found below this folder by the end of their paths.
+    #[arg(long, value_name = "DIR", requires = "view")]
+    pub meshes: Option<PathBuf>,
     /// Draw it too: joints against their limits, clearance, latency, modes.
     #[arg(long, value_name = "OUT.png", requires = "summary")]
     pub plot: Option<PathBuf>,

@@ -59,6 +59,10 @@ fn main() -> ExitCode {
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
     let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    if !shown.missing.is_empty() {
+        err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
+    }
     err!("record: reads {}", file.display());
     let (reel, broken_off) = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
     let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -66,7 +70,7 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
         err!("record: {} breaks off ({why}): what is shown is what stands before", file.display());
         name.push_str(", which breaks off");
     }
-    let server = view::Server::recording(reel, &name, &loaded.model, cli.port);
+    let server = view::Server::recording(reel, &name, &shown, cli.port);
     let server = server.map_err(|error| match error {
         ViewError::Listen { port, source } => Failure(UNAVAILABLE, rt::port_refused(port, "--port", &source)),
         error => Failure::of(UNAVAILABLE)(&error),

@@ -1,0 +1,200 @@
+//! A folder of the user's own meshes: which file of it a robot's link means, and what of it a page may read.
+
+use crate::look::LookError;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// Files that are drawn.
+const DRAWN: [&str; 5] = ["dae", "stl", "glb", "gltf", "obj"];
+/// Files that those refer to, with their MIME types.
+const REFERRED: [(&str, &str); 8] = [
+    ("mtl", "text/plain"),
+    ("bin", "application/octet-stream"),
+    ("png", "image/png"),
+    ("jpg", "image/jpeg"),
+    ("jpeg", "image/jpeg"),
+    ("webp", "image/webp"),
+    ("tga", "image/x-tga"),
+    ("bmp", "image/bmp"),
+];
+/// Largest file that is served, bytes: a robot's largest mesh has a third of it. Assumption.
+pub const MESH_BYTES_MAX: u64 = 64 << 20;
+/// Files and folders that are looked through, and how deep: a workspace of several robots has a tenth of it. Assumption.
+const ENTRIES_MAX: usize = 50_000;
+const DEPTH_MAX: usize = 16;
+
+/// The folder.
+#[derive(Debug)]
+pub struct MeshFolder {
+    root: PathBuf,
+    /// Paths of the meshes below `root`, in their parts, sorted.
+    files: Vec<Vec<String>>,
+}
+
+/// A file that may be read.
+pub struct MeshFile {
+    /// Open for reading.
+    pub file: File,
+    /// Its length, bytes.
+    pub bytes: u64,
+    /// MIME type.
+    pub kind: &'static str,
+}
+
+impl MeshFolder {
+    /// Looks through a folder.
+    ///
+    /// # Errors
+    /// It cannot be read, or it holds too much to be a folder of meshes.
+    pub fn open(folder: &Path) -> Result<Self, LookError> {
+        let failed = |cause: String| LookError::Read { file: folder.display().to_string(), cause };
+        let root = folder.canonicalize().map_err(|error| failed(format!("--meshes: {error}")))?;
+        let (mut files, mut entries) = (Vec::new(), 0);
+        let mut waiting = vec![(root.clone(), Vec::new())];
+        while let Some((at, parts)) = waiting.pop() {
+            // A folder below that cannot be read holds nothing.
+            let read = match std::fs::read_dir(&at) {
+                Ok(read) => read,
+                Err(error) if parts.is_empty() => return Err(failed(format!("--meshes: {error}"))),
+                Err(_) => continue,
+            };
+            for entry in read.flatten() {
+                entries += 1;
+                if entries > ENTRIES_MAX {
+                    let cause = format!("--meshes: more than {ENTRIES_MAX} files; name the folder of the robot itself");
+                    return Err(failed(cause));
+                }
+                let Ok(name) = entry.file_name().into_string() else { continue };
+                let mut parts: Vec<String> = parts.clone();
+                parts.push(name);
+                match entry.file_type() {
+                    Ok(kind) if kind.is_dir() && parts.len() < DEPTH_MAX => waiting.push((entry.path(), parts)),
+                    Ok(kind) if !kind.is_dir() && DRAWN.contains(&extension(&entry.path()).as_str()) => {
+                        files.push(parts);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        files.sort();
+        Ok(Self { root, files })
+    }
+
+    /// The folder as it was found.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The file that a URDF's name means, as a path below the folder: the one that shares the most parts at its end. `None`
+    /// where no file has that name.
+    pub fn find(&self, name: &str) -> Option<String> {
+        let wanted: Vec<&str> = name.rsplit(['/', '\\']).filter(|part| !part.is_empty()).collect();
+        let shared = |parts: &[String]| parts.iter().rev().zip(&wanted).take_while(|(a, b)| a == *b).count();
+        let found = self.files.iter().map(|parts| (shared(parts), parts)).filter(|(count, _)| *count > 0);
+        // Of several that share as much, the shortest path; of those, the first in the alphabet.
+        let best = found.min_by_key(|(count, parts)| (std::cmp::Reverse(*count), parts.len()))?;
+        Some(best.1.join("/"))
+    }
+
+    /// Opens a file for a page, by its path below the folder.
+    ///
+    /// # Errors
+    /// It is not there, it leaves the folder, it is not a mesh or what one refers to, or it is too large.
+    pub fn read(&self, path: &str) -> Result<MeshFile, &'static str> {
+        let refused = |part: &str| part.is_empty() || part == "." || part == ".." || part.contains(['\\', '\0', ':']);
+        if path.split('/').any(refused) {
+            return Err("such a path is refused");
+        }
+        let full = self.root.join(path).canonicalize().map_err(|_| "no such mesh")?;
+        // A link may lead out of it.
+        if !full.starts_with(&self.root) {
+            return Err("the path leads out of the folder of meshes");
+        }
+        let extension = extension(&full);
+        let kind = if DRAWN.contains(&extension.as_str()) {
+            "application/octet-stream"
+        } else {
+            let known = REFERRED.iter().find(|(name, _)| *name == extension);
+            known.map(|(_, kind)| *kind).ok_or("only meshes and their textures are served")?
+        };
+        let file = File::open(&full).map_err(|_| "the mesh cannot be read")?;
+        let about = file.metadata().map_err(|_| "the mesh cannot be read")?;
+        if !about.is_file() || about.len() > MESH_BYTES_MAX {
+            return Err("not a file, or larger than 64 MiB");
+        }
+        Ok(MeshFile { file, bytes: about.len(), kind })
+    }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |extension| extension.to_string_lossy().to_lowercase())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> (tempfile::TempDir, MeshFolder) {
+        let folder = tempfile::tempdir().unwrap();
+        for path in ["arm/arm_1.stl", "old/arm/arm_1.stl", "arm/wrist.DAE", "arm/skin.png", "notes.txt", "arm/a b.obj"]
+        {
+            let path = folder.path().join("robot/meshes").join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "solid").unwrap();
+        }
+        let meshes = MeshFolder::open(folder.path()).unwrap();
+        (folder, meshes)
+    }
+
+    #[test]
+    fn longest_matching_suffix_names_the_file() {
+        let (_folder, meshes) = folder();
+        for (name, found) in [
+            ("package://robot/meshes/arm/arm_1.stl", Some("robot/meshes/arm/arm_1.stl")),
+            ("package://other/old/arm/arm_1.stl", Some("robot/meshes/old/arm/arm_1.stl")),
+            ("arm_1.stl", Some("robot/meshes/arm/arm_1.stl")),
+            ("file:///opt/x/wrist.DAE", Some("robot/meshes/arm/wrist.DAE")),
+            ("arm/a b.obj", Some("robot/meshes/arm/a b.obj")),
+            ("package://robot/meshes/arm/arm_9.stl", None),
+            ("package://robot/notes.txt", None),
+            ("", None),
+        ] {
+            assert_eq!(meshes.find(name).as_deref(), found, "{name}");
+        }
+    }
+
+    #[test]
+    fn only_meshes_and_textures_below_the_folder_are_read() {
+        let (folder, meshes) = folder();
+        std::fs::write(folder.path().join("secret.stl"), "solid").unwrap();
+        let secret = folder.path().join("secret.stl");
+        std::os::unix::fs::symlink(secret, folder.path().join("robot/way_out.stl")).unwrap();
+        let inner = MeshFolder::open(&folder.path().join("robot")).unwrap();
+        assert_eq!(inner.read("meshes/arm/arm_1.stl").map(|file| file.bytes).ok(), Some(5));
+        assert_eq!(meshes.read("robot/meshes/arm/skin.png").map(|file| file.kind).ok(), Some("image/png"));
+        for bad in [
+            "../secret.stl",
+            "meshes/../../secret.stl",
+            "/etc/hostname",
+            "way_out.stl",
+            "meshes//arm/arm_1.stl",
+            "meshes/./arm/arm_1.stl",
+            "meshes\\arm\\arm_1.stl",
+            "meshes/notes.txt",
+            "meshes/arm",
+            "meshes/arm/none.stl",
+            "",
+        ] {
+            assert!(inner.read(bad).is_err(), "{bad}");
+        }
+        let large = File::create(folder.path().join("robot/large.stl")).unwrap();
+        large.set_len(MESH_BYTES_MAX + 1).unwrap();
+        assert!(inner.read("large.stl").is_err());
+    }
+
+    #[test]
+    fn missing_folder_is_an_error_that_names_it() {
+        let error = MeshFolder::open(Path::new("/nowhere/meshes")).unwrap_err().to_string();
+        assert!(error.starts_with("/nowhere/meshes: --meshes: "), "{error}");
+    }
+}

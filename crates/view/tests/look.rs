@@ -1,0 +1,125 @@
+//! What a look file may say, and what is said of one that is wrong.
+
+use crate::frames::{loaded, model};
+use view::{Look, MeshFolder, RobotView, Shape};
+
+fn error(text: &str) -> String {
+    let text = format!("format = 1\n{text}");
+    Look::parse("robot.look.toml", &text, &model()).expect_err("it is wrong").to_string()
+}
+
+fn part(shape: &str) -> String {
+    format!("[[parts]]\nlink = \"base_link\"\ncolour = \"#ffffff\"\nshape = {shape}\n")
+}
+
+#[test]
+fn shipped_looks_name_parts_for_every_body_and_leave_the_hash_alone() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
+    for name in ["tiago_dual", "tiago_dual_pal_gripper"] {
+        let file = folder.join(format!("{name}.toml"));
+        let (model, _) = pipeline::load_model(&file).expect("the shipped robot");
+        let look = Look::read(&file, &model).expect("the shipped look");
+        let bodies: std::collections::BTreeSet<usize> = look.parts.iter().map(|part| part.body).collect();
+        // The head's first joint turns a link of its own, and so does every other: none is left without a shape.
+        assert_eq!(bodies.len(), view::BODIES, "{name}: {bodies:?}");
+        assert!(look.capsules.iter().all(Option::is_some), "{name}: a capsule without a colour");
+        assert!(look.meshes.len() > 20, "{name}: {} meshes", look.meshes.len());
+    }
+    let (with, without) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    for (target, endings) in [(&with, vec!["toml", "urdf", "look.toml"]), (&without, vec!["toml", "urdf"])] {
+        for ending in endings {
+            let name = format!("tiago_dual.{ending}");
+            std::fs::copy(folder.join(&name), target.path().join(&name)).unwrap();
+        }
+    }
+    let hash = |folder: &tempfile::TempDir| {
+        let file = folder.path().join("tiago_dual.toml");
+        let (model, _) = pipeline::load_model(&file).expect("a robot");
+        (model.hash, Look::read(&file, &model).expect("a look or none").parts.len())
+    };
+    let ((with_hash, parts), (without_hash, none)) = (hash(&with), hash(&without));
+    assert_eq!(with_hash, without_hash, "a look is no part of the robot");
+    assert!(parts > 50 && none == 0, "{parts} parts and {none}");
+}
+
+#[test]
+fn errors_name_file_key_value_and_bound() {
+    for (text, parts) in [
+        ("wings = 2", vec!["robot.look.toml", "wings"]),
+        (&part("\"box\"\nsize_m = [0.1, nan, 0.1]"), vec!["parts[0] (base_link).size_m = NaN", "0.0001 to 5"]),
+        (&part("\"box\"\nsize_m = [0.1, 9.0, 0.1]"), vec!["size_m = 9", "0.0001 to 5"]),
+        (&part("\"box\"\nsize_m = [0.1, -0.1, 0.1]"), vec!["size_m = -0.1"]),
+        (&part("\"box\"\nsize_m = [0.1, 0.1, 0.1]\nradius_m = 0.1"), vec!["radius_m = given", "size_m, edge_m"]),
+        (&part("\"box\"\nsize_m = [0.1, 0.1, 0.1]\nhue = 3"), vec!["unknown field", "hue"]),
+        (&part("\"cylinder\"\nradius_m = 0.1"), vec!["length_m = missing"]),
+        (&part("\"torus\""), vec!["unknown variant", "torus"]),
+        (&part("\"sphere\"\nradius_m = inf"), vec!["radius_m = inf"]),
+        (&part("\"sphere\"\nradius_m = 0.1\nroughness = 2.0"), vec!["roughness = 2", "0 to 1"]),
+        (&part("\"sphere\"\nradius_m = 0.1\nxyz_m = [0.0, 0.0, 99.0]"), vec!["xyz_m = 99", "-10 to 10"]),
+        (&part("\"lathe\"\nprofile_m = [[0.1, 0.0]]"), vec!["profile_m = 1 points", "2 to 64 points"]),
+        (&part("\"lathe\"\nprofile_m = [[-0.1, 0.0], [0.1, 0.1]]"), vec!["profile_m: radius = -0.1"]),
+        (
+            &part("\"sphere\"\nradius_m = 0.1\nmirror = { link = \"arm_right_1_link\", axes = \"xw\" }"),
+            vec!["mirror.axes = xw", "letters of `xyz`"],
+        ),
+        ("[links]\nwing = \"#ffffff\"", vec!["links = `wing`", "a link of the URDF"]),
+        ("[capsules]\nwing = \"#ffffff\"", vec!["capsules = `wing`", "a capsule of the robot file"]),
+        ("[links]\nbase_link = \"red\"", vec!["links.base_link = `red`", "#rrggbb"]),
+        ("[colours]\nred = \"#ff00\"", vec!["colours.red = `#ff00`", "#rrggbb"]),
+        ("[meshes]\nfiles = [{ link = \"base_link\", names = [] }]", vec!["meshes.files[0] (base_link).names = 0"]),
+        (
+            "[meshes]\nfiles = [{ link = \"base_link\", names = [\"a.stl\"], scale = [0.0, 1.0, 1.0] }]",
+            vec!["scale = 0", "0.000001 to 1000"],
+        ),
+    ] {
+        let error = error(text);
+        assert!(error.starts_with("robot.look.toml: "), "{text}: {error}");
+        for part in parts {
+            assert!(error.contains(part), "{text}: {part} is not in: {error}");
+        }
+    }
+    let wrong_format = Look::parse("robot.look.toml", "format = 2", &model()).expect_err("a later format").to_string();
+    assert_eq!(wrong_format, "robot.look.toml: format = 2, must be 1");
+}
+
+#[test]
+fn mirror_draws_a_part_once_more_on_the_other_link() {
+    let text =
+        "[colours]\nwhite = \"#f0f1f2\"\n[[parts]]\nlink = \"arm_left_4_link\"\nshape = \"capsule\"\ncolour = \"white\"
+        a_m = [0.0, 0.0, 0.0]\nb_m = [0.1, 0.0, 0.0]\nradius_m = 0.05\nxyz_m = [0.1, 0.2, 0.3]
+        mirror = { link = \"arm_right_4_link\", axes = \"xz\" }";
+    let model = model();
+    let look = Look::parse("robot.look.toml", &format!("format = 1\n{text}"), &model).expect("a look");
+    let [left, right] = look.parts.as_slice() else { panic!("{} parts", look.parts.len()) };
+    assert_eq!((left.link.as_str(), right.link.as_str()), ("arm_left_4_link", "arm_right_4_link"));
+    assert_eq!((left.colour.text(), right.body), ("#f0f1f2".to_owned(), model.arms[1].joints[3] + 1));
+    let (a, b) = (left.body_from_shape, right.body_from_shape);
+    // Both links are their bodies' frames: the mirror changes the signs of the rows x and z.
+    for row in 0..3 {
+        let sign = if row == 1 { 1.0 } else { -1.0 };
+        for column in 0..4 {
+            assert!((b[row][column] - sign * a[row][column]).abs() < 1e-12, "{a:?} {b:?}");
+        }
+    }
+    assert!(matches!(right.shape, Shape::Capsule { radius_m: 0.05, top_radius_m: 0.05, .. }));
+}
+
+#[test]
+fn meshes_of_the_look_are_found_below_the_folder_and_others_are_named() {
+    let (loaded, folder) = (loaded(), tempfile::tempdir().unwrap());
+    let error = RobotView::of(&loaded, Some(folder.path())).expect_err("nothing is there").to_string();
+    assert!(error.contains("none of the robot's mesh files is below it"), "{error}");
+    let arm = folder.path().join("description/meshes/arm");
+    std::fs::create_dir_all(&arm).unwrap();
+    // The maker's file for drawing is not there, the one for collisions is.
+    std::fs::write(arm.join("arm_1_collision.dae"), "<COLLADA/>").unwrap();
+    let view = RobotView::of(&loaded, Some(folder.path())).expect("one mesh");
+    let drawn: Vec<_> = view.meshes.iter().map(|mesh| (mesh.link.as_str(), mesh.file.as_str())).collect();
+    let file = "description/meshes/arm/arm_1_collision.dae";
+    assert_eq!(drawn, [("arm_left_1_link", file), ("arm_right_1_link", file)]);
+    assert!(view.missing.iter().any(|name| name.ends_with("arm_2.stl")), "{:?}", view.missing);
+    assert_eq!(
+        MeshFolder::open(folder.path()).unwrap().find("package://any/arm_1_collision.dae").as_deref(),
+        Some(file)
+    );
+}
