@@ -1,175 +1,263 @@
-// Draws the scene, in a thread of its own so that drawing delays no button: the person beside the robot, the robot as measured,
-// and ghosts of target and command. Everything is in the robot's base frame: x forward, y left, z up, m.
+// Draws the scene, in a thread of its own so that drawing delays no button: the person and the robot as measured, and ghosts of
+// target and command. Everything is in the robot's base frame: x forward, y left, z up, m.
+// Constants without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
+import { CameraRig } from "./camera.js";
+import { Floor } from "./floor.js";
+import { Person } from "./person.js";
+import { POSE, Robot, bodiesOf, capsulesOf, pieces, shapesOf } from "./robot.js";
+import { isHigh } from "./quality.js";
+import { coarse, solid } from "./solid.js";
 
-const POSE = 7;
-// The person stands beside the robot, m.
-const PERSON_AT = [0, 1.5, 0];
-const GHOST = 0.28;
-
-function capsuleMesh(capsule, material) {
-  const a = new THREE.Vector3(...capsule.a), b = new THREE.Vector3(...capsule.b);
-  const along = b.clone().sub(a);
-  const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(capsule.radius, along.length(), 6, 16), material);
-  mesh.position.copy(a).addScaledVector(along, 0.5);
-  // three's capsules stand along y.
-  if (along.length() > 0) mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
-  return mesh;
-}
-
-function placed(mesh, pose) {
-  mesh.position.set(pose[0], pose[1], pose[2]);
-  mesh.quaternion.set(pose[3], pose[4], pose[5], pose[6]);
-  return mesh;
-}
-
-function shapeMesh(shape, material) {
-  if (shape.form === "box") return placed(new THREE.Mesh(new THREE.BoxGeometry(...shape.size), material), shape.pose);
-  if (shape.form === "sphere") return placed(new THREE.Mesh(new THREE.SphereGeometry(shape.radius, 20, 14), material), shape.pose);
-  const geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 24);
-  geometry.rotateX(Math.PI / 2);
-  return placed(new THREE.Mesh(geometry, material), shape.pose);
-}
+// The person stands beside the robot as it is looked at, m: to its left, or behind it where it is seen from its left. In a
+// narrow window they stand closer.
+const BESIDE = { wide: new THREE.Vector3(0, 1.6, 0), narrow: new THREE.Vector3(0, 1.35, 0), side: new THREE.Vector3(-1.25, 0, 0) };
+const GHOST = 0.42;
+// What lies on the robot itself is not drawn of a ghost: it is pushed back by about 5 mm.
+const BEHIND = { polygonOffset: true, polygonOffsetFactor: 3, polygonOffsetUnits: 150 };
+// A ghost comes and goes within this time, s.
+const FADE_S = 0.2;
+// Of two figures that are nearer than this the nearest points are joined by a line, mm.
+const NEAR_MM = 150;
+// Frames further apart than this do not follow each other, s.
+const JUMP_S = 1;
+// So many capsules of a body cast a shadow.
+const CASTING = 2;
+const LAYERS = ["measured", "target", "command"];
 
 class Artist {
-  constructor(canvas) {
-    this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+  constructor({ canvas, quality }) {
+    this.isHigh = isHigh(quality);
+    if (!this.isHigh) coarse();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.isHigh, alpha: true, powerPreference: "high-performance" });
+    this.renderer.shadowMap.enabled = this.isHigh;
+    this.renderer.shadowMap.type = THREE.VSMShadowMap;
+    this.renderer.localClippingEnabled = true;
     this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
-    this.camera.up.set(0, 0, 1);
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x777788, 2.2));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
-    sun.position.set(3, 2, 5);
-    this.scene.add(sun);
-    const grid = new THREE.GridHelper(6, 24, 0x8090a0, 0x8090a0);
-    grid.rotateX(Math.PI / 2);
-    grid.material.transparent = true;
-    grid.material.opacity = 0.25;
-    this.scene.add(grid);
-    this.robots = {};
-    this.colours = {};
+    this.rig = new CameraRig();
+    this.floor = new Floor(this.scene, this.isHigh);
+    this.materials = new Map();
+    this.ghosts = {};
+    [this.robots, this.meshes, this.told, this.newest] = [{}, [], null, null];
+    [this.placing, this.kind, this.isDirty] = ["beside", "look", true];
+    this.view = "reset";
+    [this.root, this.boxes] = [new THREE.Vector3(), { person: [0, 0, 0, 0], robot: [0, 0, 0, 0] }];
+    this.drawn = 0;
   }
 
-  colour(name) {
-    return new THREE.Color(this.colours[name]);
+  material(roughness) {
+    if (!this.isHigh) return this.dull ??= new THREE.MeshLambertMaterial({ vertexColors: true });
+    if (!this.materials.has(roughness)) this.materials.set(roughness, new THREE.MeshStandardMaterial({ vertexColors: true, roughness }));
+    return this.materials.get(roughness);
   }
 
   build({ told, colours }) {
-    this.colours = colours;
-    for (const old of [...Object.values(this.robots), this.person, this.pair, this.around]) if (old) this.scene.remove(old);
-    [this.capsules, this.shapes] = [[], []];
-    for (const name of ["measured", "target", "command"]) {
-      const ghost = name !== "measured";
-      const material = new THREE.MeshStandardMaterial({
-        color: this.colour(name), roughness: 0.7, transparent: ghost, opacity: ghost ? GHOST : 1, depthWrite: !ghost,
-      });
-      const robot = new THREE.Group();
-      robot.bodies = Array.from({ length: 18 }, () => robot.add(new THREE.Group()).children.at(-1));
-      const box = new THREE.MeshStandardMaterial({
-        color: this.colour(name), roughness: 0.8, transparent: true, opacity: 0.2, depthWrite: false,
-      });
-      for (const shape of told.shapes) {
-        const mesh = shapeMesh(shape, box);
-        this.shapes.push(mesh);
-        robot.bodies[shape.body].add(mesh);
-      }
-      for (const capsule of told.capsules) {
-        const mesh = capsuleMesh(capsule, material);
-        this.capsules.push(mesh);
-        robot.bodies[capsule.body].add(mesh);
-      }
-      this.robots[name] = robot;
-      this.scene.add(robot);
+    [this.told, this.colours] = [told, colours];
+    this.floor.paint(colours.grid, Number(colours.shadow));
+    if (this.person) {
+      this.scene.remove(this.person.group);
+      this.person.dispose();
     }
-    this.parents = told.person.parents;
-    this.person = new THREE.Group();
-    this.person.position.set(...PERSON_AT);
-    const skin = new THREE.MeshStandardMaterial({ color: this.colour("person"), roughness: 0.6 });
-    this.bones = this.parents.map(() => new THREE.Mesh(new THREE.CylinderGeometry(0.022, 0.022, 1, 10), skin));
-    this.balls = this.parents.map((_, n) => new THREE.Mesh(new THREE.SphereGeometry(n === 15 ? 0.09 : 0.03, 14, 10), skin));
-    this.person.add(...this.bones, ...this.balls);
-    this.scene.add(this.person);
+    this.person = new Person(colours.person, this.isHigh);
+    this.person.overlay(this.placing === "overlaid");
+    this.scene.add(this.person.group);
+    this.scene.remove(this.pair, this.around);
     this.pair = new THREE.Line(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3)),
-      new THREE.LineBasicMaterial({ color: this.colour("bad"), depthTest: false }));
+      new THREE.LineBasicMaterial({ color: colours.bad, depthTest: false, toneMapped: false }));
     this.pair.frustumCulled = false;
-    this.scene.add(this.pair);
     this.around = new THREE.Group();
-    const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.3 });
-    for (const obstacle of told.obstacles) if (obstacle.form === "box") this.around.add(shapeMesh(obstacle, wall));
-    this.scene.add(this.around);
+    const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.35 });
+    for (const obstacle of told.obstacles.filter((one) => one.form === "box")) {
+      const mesh = new THREE.Mesh(solid(obstacle), wall), [x, y, z, ...turn] = obstacle.pose;
+      mesh.position.set(x, y, z);
+      mesh.quaternion.set(...turn);
+      this.around.add(mesh);
+    }
+    this.scene.add(this.pair, this.around);
+    this.casting = casting(told.capsules);
+    this.standing = standing(told.capsules.filter((one) => one.body === 0));
+    this.buildRobots();
   }
 
-  parts({ capsules, shapes }) {
-    for (const mesh of this.capsules ?? []) mesh.visible = capsules;
-    for (const mesh of this.shapes ?? []) mesh.visible = shapes;
+  // `kind` is look, capsules or shapes.
+  buildRobots() {
+    for (const robot of Object.values(this.robots)) {
+      this.scene.remove(robot.group);
+      robot.group.traverse((mesh) => mesh.geometry?.dispose());
+    }
+    const { told, kind, meshes } = this;
+    const bodies = bodiesOf(kind === "look" ? pieces(told, meshes) : kind === "capsules" ? capsulesOf(told) : shapesOf(told));
+    this.robots = { measured: new Robot(bodies, (roughness) => this.material(roughness)) };
+    for (const name of ["target", "command"]) {
+      const colour = new THREE.MeshLambertMaterial({ color: this.colours[name], emissive: this.colours[name], emissiveIntensity: 0.3, transparent: true, opacity: 0, depthWrite: false, ...BEHIND });
+      const depth = new THREE.MeshBasicMaterial({ colorWrite: false, ...BEHIND });
+      this.robots[name] = new Robot(bodies, () => colour, depth);
+      this.ghosts[name] = { material: colour, wished: this.ghosts[name]?.wished ?? 0 };
+    }
+    for (const robot of Object.values(this.robots)) this.scene.add(robot.group);
+    this.isDirty = true;
+  }
+
+  parts({ kind }) {
+    if (kind === this.kind) return;
+    this.kind = kind;
+    if (this.told) this.buildRobots();
+  }
+
+  load({ meshes }) {
+    this.meshes = meshes;
+    if (this.told) this.buildRobots();
   }
 
   // `shown` says which layers are; `frame` is one of the wire's.
-  update({ frame, shown }) {
-    if (!this.person) return;
-    for (const [name, robot] of Object.entries(this.robots)) {
-      robot.visible = shown[name];
-      const poses = frame.poses[name];
-      robot.bodies.forEach((body, n) => placed(body, poses.subarray(n * POSE, (n + 1) * POSE)));
+  update(newest) {
+    // A recording was moved to another time: the figures jump, and the camera with them.
+    if (Math.abs(newest.frame.at - (this.newest?.frame.at ?? 0)) > JUMP_S) {
+      this.person?.forget();
+      this.rig.isSettled = false;
     }
-    this.person.visible = shown.person;
-    const joint = (n) => new THREE.Vector3(...frame.person.subarray(3 * n, 3 * n + 3));
-    const floor = Math.min(...this.parents.map((_, n) => frame.person[3 * n + 2]));
-    this.person.position.z = -floor;
-    this.parents.forEach((parent, n) => {
-      const [to, from] = [joint(n), joint(parent)];
-      const along = to.clone().sub(from), length = along.length();
-      this.balls[n].position.copy(to);
-      this.bones[n].visible = n > 0 && length > 1e-4;
-      if (!this.bones[n].visible) return;
-      this.bones[n].position.copy(from).addScaledVector(along, 0.5);
-      this.bones[n].scale.y = length;
-      this.bones[n].quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
-    });
-    this.pair.visible = shown.pair;
+    this.newest = newest;
+    this.isDirty = true;
+  }
+
+  place({ placing }) {
+    this.placing = placing;
+    this.person?.overlay(placing === "overlaid");
+    this.rig.isSettled = false;
+    this.isDirty = true;
+  }
+
+  resize({ width, height, scale, inset }) {
+    this.renderer.setPixelRatio(scale);
+    this.renderer.setSize(width, height, false);
+    this.rig.resize(width, height, inset);
+    this.isDirty = true;
+  }
+
+  turn({ dx, dy }) { this.rig.turn(dx, dy); this.isDirty = true; }
+  move({ dx, dy }) { this.rig.move(dx, dy); this.isDirty = true; }
+  zoom({ factor }) { this.rig.zoom(factor); this.isDirty = true; }
+  look({ view }) { this.view = view; this.rig.view(view); this.isDirty = true; }
+
+  pose(dt) {
+    const { frame, shown } = this.newest;
+    for (const name of LAYERS) {
+      const robot = this.robots[name];
+      if (name === "measured") robot.group.visible = shown.measured;
+      else this.fade(robot, this.ghosts[name], shown[name], dt);
+      if (robot.group.visible) robot.pose(frame.poses[name]);
+    }
+    this.person.group.visible = shown.person;
+    const root = this.rootOf(frame);
+    if (shown.person) this.person.update(frame.person, this.placing, root, dt);
+    this.pair.visible = shown.pair && frame.clearance < NEAR_MM;
     this.pair.geometry.attributes.position.array.set(frame.pair);
     this.pair.geometry.attributes.position.needsUpdate = true;
   }
 
-  resize({ width, height, scale }) {
-    this.renderer.setPixelRatio(scale);
-    this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / Math.max(height, 1);
-    this.camera.updateProjectionMatrix();
+  rootOf(frame) {
+    if (this.placing === "beside" && this.view === "side") return this.root.copy(BESIDE.side);
+    if (this.placing !== "overlaid") return this.root.copy(this.rig.camera.aspect < 1 ? BESIDE.narrow : BESIDE.wide);
+    const [a, b] = this.told.shoulders.map((body) => body * POSE), poses = frame.poses.measured;
+    return this.root.set((poses[a] + poses[b]) / 2, (poses[a + 1] + poses[b + 1]) / 2, (poses[a + 2] + poses[b + 2]) / 2);
   }
 
-  look({ yaw, pitch, distance, at }) {
-    const flat = Math.cos(pitch) * distance;
-    this.camera.position.set(at[0] + Math.cos(yaw) * flat, at[1] + Math.sin(yaw) * flat, at[2] + Math.sin(pitch) * distance);
-    this.camera.lookAt(...at);
+  fade(robot, ghost, isShown, dt) {
+    const to = isShown ? GHOST : 0, now = ghost.material.opacity;
+    ghost.material.opacity = Math.abs(to - now) < 0.01 ? to : now + (to - now) * (1 - Math.exp(-dt / FADE_S));
+    robot.group.visible = ghost.material.opacity > 0;
+    if (ghost.material.opacity !== to) this.isDirty = true;
   }
 
-  draw() {
-    this.renderer.render(this.scene, this.camera);
+  draw(dt) {
+    this.isDirty = false;
+    if (this.newest && this.person) {
+      this.pose(dt);
+      this.frame(dt);
+    }
+    this.renderer.render(this.scene, this.rig.camera);
+    this.drawn += 1;
+  }
+
+  frame(dt) {
+    const { rig, boxes } = this, { shown } = this.newest;
+    const robot = this.robots.measured.bound();
+    rig.begin();
+    if (shown.measured || !shown.person) rig.see(0, robot, dt);
+    if (shown.person) rig.see(1, this.person.box, dt);
+    rig.follow(dt, this.placing === "world");
+    // The floor lies still under figures that stand still.
+    if (this.placing === "world") this.floor.follow(rig.middle.x, rig.middle.y);
+    else this.floor.follow(this.placing === "beside" ? this.root.x / 2 : 0, this.placing === "beside" ? this.root.y / 2 : 0);
+    project(robot, rig.camera, boxes.robot);
+    project(this.person.box, rig.camera, boxes.person);
+    if (this.floor.limbs) this.shade(this.floor.limbs);
+    if (!rig.isStill) this.isDirty = true;
+  }
+
+  // Shadows of what is seen: the robot's capsules stand for its shapes.
+  shade(limbs) {
+    const { shown } = this.newest;
+    limbs.begin();
+    if (shown.measured) {
+      const { x, y, radius } = this.standing;
+      limbs.add(x, y, 0.05, x, y, 0.05, radius);
+      for (const { body, a, b, radius } of this.casting) {
+        const { matrix } = this.robots.measured.bodies[body];
+        FROM.set(...a).applyMatrix4(matrix);
+        TO.set(...b).applyMatrix4(matrix);
+        limbs.add(FROM.x, FROM.y, FROM.z, TO.x, TO.y, TO.z, radius);
+      }
+    }
+    if (shown.person) this.person.shade(limbs);
+    limbs.end();
   }
 }
 
-let artist = null, drawn = 0, newest = null;
+// The capsules whose shadows are seen: the largest of each body. What stands on the floor has its disc.
+function casting(capsules) {
+  const size = ({ a, b, radius }) => radius * (Math.hypot(...a.map((x, axis) => x - b[axis])) + radius);
+  const sorted = capsules.filter((one) => one.body !== 0).sort((one, other) => size(other) - size(one));
+  return sorted.filter((one, n) => sorted.slice(0, n).filter((larger) => larger.body === one.body).length < CASTING);
+}
 
-function draw() {
-  // Of frames that came while another was drawn the newest is enough.
-  if (newest) artist.update(newest);
-  newest = null;
-  artist.draw();
-  drawn += 1;
-  postMessage({ drawn });
+// The disc on the floor that a base stands on.
+function standing(capsules) {
+  const ends = capsules.flatMap(({ a, b, radius }) => [[...a, radius], [...b, radius]]);
+  const [x, y] = [0, 1].map((axis) => (Math.min(...ends.map((end) => end[axis])) + Math.max(...ends.map((end) => end[axis]))) / 2);
+  return { x, y, radius: ends.length === 0 ? 0.01 : Math.max(...ends.map((end) => Math.hypot(end[0] - x, end[1] - y) + end[3])) };
+}
+
+// Where a box is in the view: left, bottom, right, top; -1 to 1 is inside.
+function project(box, camera, out) {
+  [out[0], out[1], out[2], out[3]] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (let n = 0; n < 8; n += 1) {
+    CORNER.set(n & 1 ? box.max.x : box.min.x, n & 2 ? box.max.y : box.min.y, n & 4 ? box.max.z : box.min.z).project(camera);
+    out[0] = Math.min(out[0], CORNER.x);
+    out[1] = Math.min(out[1], CORNER.y);
+    out[2] = Math.max(out[2], CORNER.x);
+    out[3] = Math.max(out[3], CORNER.y);
+  }
+}
+
+const [CORNER, FROM, TO] = [0, 1, 2].map(() => new THREE.Vector3());
+let artist = null, before = 0;
+
+function draw(now) {
   requestAnimationFrame(draw);
+  const dt = Math.min(0.25, (now - before) / 1000);
+  if (!artist.isDirty) return;
+  before = now;
+  artist.draw(dt);
+  postMessage({ drawn: artist.drawn, boxes: artist.boxes, ghost: artist.ghosts.target?.material.opacity ?? 0 });
 }
 
 onmessage = ({ data }) => {
   try {
     if (data.do === "canvas") {
-      artist = new Artist(data.canvas);
+      artist = new Artist(data);
       requestAnimationFrame(draw);
-    } else if (data.do === "update") {
-      newest = data;
     } else {
       artist?.[data.do](data);
     }

@@ -1,30 +1,29 @@
 // What the page shows and asks. It can only ask: control decides.
 
 import { Stage } from "./stage.js";
-import { Chart } from "./chart.js";
+import { Panel } from "./panel.js";
 import { Mix } from "./mix.js";
-import { PRESENT, Wire } from "./wire.js";
+import { PRESENT, Wire, isSame } from "./wire.js";
 
 const $ = (id) => document.getElementById(id);
 // While the enable is held, this is said so often, ms; the server lets go after 500.
 const KEEP = 100;
-// A joint this near to a limit is marked, as a share of its range.
-const NEAR = 0.03;
-const EVENTS_KEPT = 1000;
+// The target's ghost appears above the limit, and goes again below this share of it.
+const GONE = 0.6;
 
-const charts = Object.fromEntries([["age", 20], ["late", 200], ["limb", 10], ["clearance", 50]]
-  .map(([name, least]) => [name, new Chart(document.querySelector(`[data-chart=${name}]`), least)]));
-let stage = null, scene = null, frame = null, joints = [], held = false, drawn = 0, keeping = null;
+const panel = new Panel($);
+let stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, keeping = null, isBehind = false, isNew = false;
+// What the artist was told last.
+let drawnFrame = null, drawnLayers = "";
 // Of a recording: whether it plays, whether it is at its end, and whether the slider is being held.
 let playing = true, ended = false, sliding = false;
 
-function text(id, value) {
-  if ($(id).textContent !== value) $(id).textContent = value;
-}
+const text = (id, value) => panel.text(id, value);
 
 function hold(now) {
   held = now;
   $("engage").setAttribute("aria-pressed", String(now));
+  text("engage-key", now ? "E lets go" : "E");
   clearInterval(keeping);
   if (now) keeping = setInterval(() => wire.ask("keep"), KEEP);
 }
@@ -48,13 +47,34 @@ function play(now) {
   wire.ask(now ? "play" : "pause");
 }
 
-function showParts() {
-  stage?.parts($("show-capsules").checked, $("show-shapes").checked);
-}
-
 function engage() {
   text("answer", "");
   ask("engage");
+}
+
+// What covers the scene while there is nothing to see; empty texts lift it.
+function curtain(title, more = "") {
+  if (broken !== null) [title, more] = ["No picture", broken];
+  $("curtain").hidden = title === "";
+  text("curtain-title", title);
+  text("curtain-text", more);
+}
+
+function setMode(name) {
+  text("mode", name);
+  $("mode").dataset.mode = name;
+}
+
+// The user's own meshes, once for each set of them.
+async function loadMeshes({ meshes, missing_meshes: missing }) {
+  const key = JSON.stringify(meshes);
+  if (!stage || key === meshesAre || (meshes.length === 0 && meshesAre === null)) return;
+  meshesAre = key;
+  const { MeshLoader } = await import("./meshes.js");
+  const { drawn, failed } = await new MeshLoader(location.hash.slice(1)).load(meshes, (done, all) => text("meshes", `loading ${done + 1} of ${all}`));
+  const not = [...failed, ...missing.map((name) => `${name}: not found`)];
+  text("meshes", `${drawn.length} drawn${not.length > 0 ? `, not ${not.join("; ")}` : ""}`);
+  stage.tell("load", { meshes: drawn });
 }
 
 const told = {
@@ -67,29 +87,24 @@ const told = {
     mix.told({ on: false });
     frame = null;
     $("link").classList.add("bad");
-    text("link", opened || scene ? "connection lost; has the run ended? Trying again" : "no connection: is the address the one with the token, and does it still run?");
+    text("link", "not connected, trying again");
     setMode("not connected");
+    told.status({ status: null });
+    panel.silent();
+    curtain("No connection", opened || scene ? "The view has ended, or it does not answer. The page connects again by itself when it is back."
+      : "Open the address that the view printed. It ends with a token, which changes with every start.");
   },
   scene(message) {
     scene = message;
     stage?.build(message);
-    showParts();
-    $("joints").replaceChildren(...message.joints.map((joint) => {
-      const row = document.createElement("div");
-      row.className = "joint";
-      const name = document.createElement("span"), bar = document.createElement("div"), value = document.createElement("output");
-      name.textContent = joint.name;
-      bar.className = "bar";
-      bar.append(document.createElement("i"), document.createElement("i"));
-      bar.children[0].className = "target";
-      row.append(name, bar, value);
-      return row;
-    }));
-    joints = [...$("joints").children];
-    $("events").replaceChildren();
-    const recorded = message.about.source === "recording";
+    drawnFrame = null;
+    panel.build(message);
+    const recorded = isRecording();
+    loadMeshes(message);
+    text("robot", message.robot.replaceAll("_", " "));
     $("hand").hidden = recorded;
     $("reel").hidden = !recorded;
+    $("enable-note").hidden = recorded;
     mix.build(message.about.key_poses);
     if (recorded) {
       text("name", message.about.name);
@@ -97,141 +112,138 @@ const told = {
     }
   },
   status({ status }) {
-    text("why", status ? status.why : "control is not heard.");
-    const faults = status?.faults ?? [];
-    $("faults").replaceChildren(...faults.map((fault) => Object.assign(document.createElement("li"), { textContent: fault })));
-    if (status) text("link", `${status.realtime ? "real-time" : "no real-time"}, ${status.missed_deadlines} of ${status.ticks} deadlines missed; calibration: ${status.calibration}`);
+    text("why", status ? status.cause : "");
+    const faults = new Set([...(status?.faults ?? []), ...(status?.latched ?? [])]);
+    const tags = [...faults].map((fault) => Object.assign(document.createElement("span"), { textContent: fault }));
+    $("faults").replaceChildren(...tags);
+    panel.status(status);
   },
-  event({ at_s, gravity, text: sentence }) {
-    const row = document.createElement("li"), at = document.createElement("time");
-    at.textContent = `${at_s.toFixed(1)} s`;
-    row.className = gravity;
-    row.dataset.at = at_s;
-    row.append(at, sentence);
-    $("events").prepend(row);
-    while ($("events").children.length > EVENTS_KEPT) $("events").lastChild.remove();
-  },
+  event: (message) => panel.event(message),
   hand(message) {
     hold(message.held);
     text("answer", message.text ?? "");
   },
-  mix(message) {
-    mix.told(message);
-  },
+  mix: (message) => mix.told(message),
   frame(message) {
     frame = message;
-    const has = (bit) => (message.present & bit) !== 0;
-    const status = has(PRESENT.command);
-    charts.age.add(status && message.age > 0 ? message.age : null);
-    charts.late.add(status ? message.late : null);
-    charts.limb.add(status ? message.limbMeasured : null);
-    charts.clearance.add(status ? message.clearance : null);
+    isNew = true;
+    panel.take(message);
   },
 };
 
-function setMode(name) {
-  text("mode", name);
-  $("mode").dataset.mode = name;
+function showMode(heard) {
+  const silent = isRecording() ? "nothing recorded" : "no instance";
+  setMode(heard ? scene.modes[frame.mode] ?? "unknown" : silent);
+  if (frame.present === 0 && isRecording()) curtain("Nothing recorded here", "Move the slider to another time.");
+  else if (frame.present === 0) curtain("No instance", `Nothing is heard from ${scene.about.run_dir}. Start one there: teleopd up --run-dir ${scene.about.run_dir}. It appears here by itself.`);
+  else if (stage?.drawn > 0) curtain("");
+  else curtain("Loading", "The picture comes in a moment. The numbers and buttons work.");
 }
 
-function show() {
-  const has = (bit) => (frame.present & bit) !== 0;
-  const heard = has(PRESENT.command);
-  setMode(heard ? scene.modes[frame.mode] ?? "unknown" : isRecording() ? "nothing recorded" : "no instance");
-  if (isRecording()) {
-    if (!sliding) $("at").value = frame.at;
-    // It stands by itself when it comes to its end; frames from there may still come when it is played anew. The numbers
-    // of a frame are of single precision.
-    const over = frame.at >= Math.fround(scene.about.duration_s);
-    if (over && !ended) showPlaying(false);
-    ended = over;
-    text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
-    // Sentences of what is yet to come are dim.
-    for (const row of $("events").children) row.classList.toggle("later", Number(row.dataset.at) > frame.at + 0.01);
-  }
-  const figure = (id, value, unit, digits) => text(id, heard ? `${value.toFixed(digits)} ${unit}` : "–");
-  figure("age", frame.age, "ms", 1);
-  figure("late", frame.late, "µs", 0);
-  figure("limb", frame.limbMeasured, "°", 1);
-  figure("clearance", frame.clearance, "mm", 0);
-  const part = (n) => scene.capsules[n]?.name ?? scene.obstacles[n - scene.capsules.length]?.name ?? "?";
-  text("pair", heard ? `nearest: ${part(frame.pairA)} and ${part(frame.pairB)}, ${frame.clearance.toFixed(0)} mm` : "");
-  joints.forEach((row, j) => {
-    const { q_min, q_max, unit } = scene.joints[j];
-    const share = (q) => (q - q_min) / (q_max - q_min);
-    const at = share(frame.q.measured[j]);
-    const [target, measured] = row.children[1].children;
-    measured.style.left = `${100 * Math.min(1, Math.max(0, at))}%`;
-    target.style.left = `${100 * Math.min(1, Math.max(0, share(frame.q.target[j])))}%`;
-    target.hidden = !has(PRESENT.target) || (frame.targetMask >> j & 1) === 0;
-    row.classList.toggle("near", at < NEAR || at > 1 - NEAR);
-    const value = `${frame.q.measured[j].toFixed(3)} ${unit}`;
-    if (row.children[2].textContent !== value) row.children[2].textContent = value;
-  });
-  stage?.update(frame, {
+function showTime() {
+  if (!sliding) $("at").value = frame.at;
+  // It stands by itself when it comes to its end; frames from there may still come when it is played anew. The numbers
+  // of a frame are of single precision.
+  const over = frame.at >= Math.fround(scene.about.duration_s);
+  if (over && !ended) showPlaying(false);
+  ended = over;
+  text("time", `${frame.at.toFixed(2)} of ${scene.about.duration_s.toFixed(2)} s`);
+  panel.later(frame.at);
+}
+
+// Which layers are drawn now. The target is, by itself, while the robot is behind it.
+function layers(heard) {
+  const has = (bit) => (frame.present & bit) !== 0, asked = $("show-target").value;
+  const limit = scene.limits.behind_deg;
+  isBehind = heard && has(PRESENT.person) && frame.limbMeasured > (isBehind ? limit * GONE : limit);
+  return {
     person: has(PRESENT.person) && $("show-person").checked,
-    measured: has(PRESENT.measured) && $("show-measured").checked,
-    target: has(PRESENT.target) && $("show-target").checked,
+    measured: $("show-measured").checked,
+    target: has(PRESENT.target) && (asked === "on" || (asked === "auto" && isBehind)),
     command: heard && $("show-command").checked,
     pair: has(PRESENT.pair),
+  };
+}
+
+function show(now) {
+  const heard = (frame.present & PRESENT.command) !== 0;
+  showMode(heard);
+  if (isRecording()) showTime();
+  const shown = layers(heard);
+  for (const item of $("legend").children) item.hidden = !shown[item.dataset.layer];
+  panel.show(frame, now);
+  const layersAre = JSON.stringify(shown);
+  if (isSame(frame, drawnFrame) && layersAre === drawnLayers) return;
+  [drawnFrame, drawnLayers] = [frame, layersAre];
+  stage?.update(frame, shown);
+}
+
+function draw(now) {
+  requestAnimationFrame(draw);
+  if (!frame || !scene || !isNew) return;
+  isNew = false;
+  show(now);
+}
+
+function listen() {
+  $("stop").addEventListener("click", () => ask("stop"));
+  $("engage").addEventListener("click", () => (held ? ask("release") : engage()));
+  $("release").addEventListener("click", () => ask("release"));
+  $("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
+  $("play").addEventListener("click", () => play(!playing));
+  $("at").addEventListener("pointerdown", () => { sliding = true; });
+  for (const end of ["pointerup", "pointercancel"]) $("at").addEventListener(end, () => { sliding = false; });
+  $("at").addEventListener("input", () => wire.ask("seek", { to_s: Number($("at").value) }));
+  $("drawn-as").addEventListener("change", () => stage?.tell("parts", { kind: $("drawn-as").value }));
+  for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => stage?.tell("look", { view: button.dataset.view }));
+  for (const radio of document.querySelectorAll("[name=placing]")) radio.addEventListener("change", () => stage?.tell("place", { placing: radio.value }));
+  document.addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); }, true);
+  // Before any button: Space on a focused button would press that instead.
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.code === "Space") {
+      event.preventDefault();
+      if (!event.repeat) isRecording() ? play(!playing) : ask("stop");
+    } else if (isRecording()) {
+      return;
+    } else if (event.key === "e" && !event.repeat && !held) {
+      engage();
+    } else if (event.key === "r" && !event.repeat) {
+      ask("release");
+    }
+  }, true);
+  // Nobody looks at a page behind another: it lets go.
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden && held) ask("release");
+    if (document.hidden && mix.on) mix.lead(false);
+  });
+  // Light and dark have colours of their own.
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    if (scene) stage?.build(scene);
+    panel.redraw();
   });
 }
 
-function draw(at) {
-  requestAnimationFrame(draw);
-  if (frame && scene) show();
-  // Charts and texts are for the eye: ten times a second.
-  if (at - drawn > 100) {
-    drawn = at;
-    for (const chart of Object.values(charts)) chart.draw();
-  }
+// Without a picture the numbers and the buttons go on.
+function fail(why) {
+  broken = why;
+  curtain("");
 }
 
-$("stop").addEventListener("click", () => ask("stop"));
-$("engage").addEventListener("click", () => (held ? ask("release") : engage()));
-$("release").addEventListener("click", () => ask("release"));
-$("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
-$("play").addEventListener("click", () => play(!playing));
-$("at").addEventListener("pointerdown", () => { sliding = true; });
-for (const end of ["pointerup", "pointercancel"]) $("at").addEventListener(end, () => { sliding = false; });
-$("at").addEventListener("input", () => wire.ask("seek", { to_s: Number($("at").value) }));
-for (const id of ["show-capsules", "show-shapes"]) $(id).addEventListener("change", showParts);
-// Before any button: Space on a focused button would press that instead.
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.altKey || event.metaKey) return;
-  if (isRecording()) {
-    if (event.code === "Space") {
-      event.preventDefault();
-      if (!event.repeat) play(!playing);
-    }
-  } else if (event.code === "Space") {
-    event.preventDefault();
-    if (!event.repeat) ask("stop");
-  } else if (event.key === "e" && !event.repeat && !held) {
-    engage();
-  } else if (event.key === "r" && !event.repeat) {
-    ask("release");
-  }
-}, true);
-document.addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); }, true);
-// Nobody looks at a page behind another: it lets go.
-document.addEventListener("visibilitychange", () => {
-  if (document.hidden && held) ask("release");
-  if (document.hidden && mix.on) mix.lead(false);
-});
-
+curtain("Loading", "Connecting to the view.");
 try {
-  stage = new Stage($("stage"), (why) => text("trouble", `no picture: ${why}`));
+  stage = new Stage($("stage"), [$("tools"), $("legend")], fail);
 } catch (error) {
-  text("trouble", `no picture: ${error.message}`);
+  fail(error.message);
 }
 const mix = new Mix((what, more) => wire.ask(what, more), $);
 const wire = new Wire(location.hash.slice(1), told);
-// Light and dark have colours of their own.
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  if (scene) stage?.build(scene);
-  showParts();
-});
+listen();
 requestAnimationFrame(draw);
 // For tests: what is shown, as numbers.
-window.teleopd = { frame: () => frame, drawn: () => stage?.drawn ?? 0 };
+window.teleopd = {
+  frame: () => frame,
+  drawn: () => stage?.drawn ?? 0,
+  boxes: () => stage?.boxes ?? null,
+  ghost: () => stage?.ghost ?? 0,
+};

@@ -1,49 +1,56 @@
-// The canvas, seen from the page: where one looks from, and what the artist is told. See `artist.js`.
+// The canvas, seen from the page: what the artist is told, and what pointers do. See `artist.js`.
+
+// Colours of the theme that the artist needs.
+const COLOURS = ["person", "target", "command", "bad", "grid", "shadow"];
+// Pixels of a step with an arrow key.
+const STEP = 24;
 
 export class Stage {
-  // `trouble` is told what keeps the artist from drawing.
-  constructor(canvas, trouble) {
-    this.canvas = canvas;
-    this.drawn = 0;
-    this.eye = { yaw: 0.55, pitch: 0.22, distance: 3.9, at: [0.1, 0.7, 0.85] };
+  // `trouble` is told what keeps the artist from drawing, `tools` are the elements that cover the canvas.
+  constructor(canvas, tools, trouble) {
+    Object.assign(this, { canvas, tools, drawn: 0, boxes: null, ghost: 0 });
     this.artist = new Worker("./artist.js", { type: "module" });
-    this.artist.onmessage = ({ data }) => (data.trouble ? trouble(data.trouble) : (this.drawn = data.drawn));
-    this.artist.onerror = (event) => trouble(event.message ?? "the artist cannot be loaded");
+    this.artist.onmessage = ({ data }) => {
+      if (data.trouble) trouble(data.trouble);
+      else Object.assign(this, data);
+    };
+    this.artist.onerror = (event) => trouble(event.message ?? "the drawing code cannot be loaded");
     const paper = canvas.transferControlToOffscreen();
-    this.artist.postMessage({ do: "canvas", canvas: paper }, [paper]);
+    this.artist.postMessage({ do: "canvas", canvas: paper, quality: new URLSearchParams(location.search).get("quality") }, [paper]);
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.resize();
-    this.tell("look", this.eye);
     this.hold();
   }
 
-  tell(what, more) {
-    this.artist.postMessage({ do: what, ...more });
+  tell(what, more, transfer = []) {
+    this.artist.postMessage({ do: what, ...more }, transfer);
   }
 
+  // What covers the canvas at its upper and lower edge stays free of figures.
   resize() {
-    const scale = Math.min(window.devicePixelRatio || 1, 2);
-    this.tell("resize", { width: this.canvas.clientWidth, height: this.canvas.clientHeight, scale });
+    const scale = Math.min(window.devicePixelRatio || 1, 2), all = this.canvas.getBoundingClientRect();
+    const inset = { left: 0, right: 0, top: 0, bottom: 0 };
+    for (const tool of this.tools) {
+      const box = tool.getBoundingClientRect();
+      if (box.height === 0) continue;
+      if (box.top - all.top < all.height / 2) inset.top = Math.max(inset.top, box.bottom - all.top);
+      else inset.bottom = Math.max(inset.bottom, all.bottom - box.top);
+    }
+    this.tell("resize", { width: this.canvas.clientWidth, height: this.canvas.clientHeight, scale, inset });
   }
 
   build(told) {
     const style = getComputedStyle(document.documentElement);
-    const names = ["person", "measured", "target", "command", "bad"];
-    this.tell("build", { told, colours: Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()])) });
-  }
-
-  parts(capsules, shapes) {
-    this.tell("parts", { capsules, shapes });
+    this.tell("build", { told, colours: Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()])) });
   }
 
   update(frame, shown) {
     this.tell("update", { frame, shown });
   }
 
-  // Drag turns, shift or two fingers move, the wheel or a pinch comes nearer.
+  // Drag or arrows turn; shift and drag, or two fingers, move; the wheel, a pinch, + and - come nearer.
   hold() {
-    const held = new Map();
-    const { canvas, eye } = this;
+    const held = new Map(), { canvas } = this;
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); held.set(event.pointerId, event); });
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => held.delete(event.pointerId));
     canvas.addEventListener("pointermove", (event) => {
@@ -53,25 +60,20 @@ export class Stage {
       if (held.size === 2) {
         const other = [...held.values()].find((one) => one.pointerId !== event.pointerId);
         const apart = (one) => Math.hypot(one.clientX - other.clientX, one.clientY - other.clientY);
-        this.nearer(apart(before) / Math.max(apart(event), 1));
+        this.tell("zoom", { factor: apart(before) / Math.max(apart(event), 1) });
       }
-      if (event.shiftKey || held.size === 2) {
-        const step = eye.distance / canvas.clientHeight * 0.7;
-        eye.at[0] += (Math.sin(eye.yaw) * dx - Math.sin(eye.pitch) * Math.cos(eye.yaw) * dy) * step;
-        eye.at[1] += (-Math.cos(eye.yaw) * dx - Math.sin(eye.pitch) * Math.sin(eye.yaw) * dy) * step;
-        eye.at[2] += Math.cos(eye.pitch) * dy * step;
-      } else {
-        eye.yaw -= dx * 0.006;
-        eye.pitch = Math.min(1.5, Math.max(-0.3, eye.pitch + dy * 0.006));
-      }
+      this.tell(event.shiftKey || held.size === 2 ? "move" : "turn", { dx, dy });
       held.set(event.pointerId, event);
-      this.tell("look", eye);
     });
-    canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.nearer(Math.exp(event.deltaY * 0.001)); }, { passive: false });
-  }
-
-  nearer(factor) {
-    this.eye.distance = Math.min(15, Math.max(0.6, this.eye.distance * factor));
-    this.tell("look", this.eye);
+    canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.tell("zoom", { factor: Math.exp(event.deltaY * 0.001) }); }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      const way = { ArrowLeft: [STEP, 0], ArrowRight: [-STEP, 0], ArrowUp: [0, STEP], ArrowDown: [0, -STEP] }[event.key];
+      const factor = { "+": 0.9, "=": 0.9, "-": 1.1 }[event.key];
+      if (!way && !factor) return;
+      event.preventDefault();
+      if (factor) this.tell("zoom", { factor });
+      else this.tell(event.shiftKey ? "move" : "turn", { dx: way[0], dy: way[1] });
+    });
   }
 }

@@ -1,9 +1,9 @@
 // The connection: texts are JSON, frames are little-endian 32-bit floats in the order of the server's `frame` module.
 
-export const VERSION = 1;
+export const VERSION = 2;
 export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
-  "limbMeasured", "speed", "targetMask"];
-export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16 };
+  "limbMeasured", "speed", "targetMask", "lag"];
+export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32 };
 const PERSON = 22, BODIES = 18, POSE = 7, JOINTS = 17;
 const LENGTH = FIELDS.length + 6 + 3 * PERSON + 3 * BODIES * POSE + 4 * JOINTS;
 // Time to the next attempt, ms.
@@ -15,7 +15,7 @@ export function decode(buffer) {
   if (buffer.byteLength !== 4 * LENGTH) throw new Error(`a frame of ${buffer.byteLength} bytes, not ${4 * LENGTH}`);
   const all = new Float32Array(buffer);
   if (all[0] !== VERSION) throw new Error(`frames of version ${all[0]}, not ${VERSION}: load the page again`);
-  const frame = {};
+  const frame = { all };
   FIELDS.forEach((name, n) => { frame[name] = all[n]; });
   let at = FIELDS.length;
   const take = (count) => all.subarray(at, at += count);
@@ -25,6 +25,13 @@ export function decode(buffer) {
   frame.q = { measured: take(JOINTS), target: take(JOINTS), command: take(JOINTS) };
   frame.v = take(JOINTS);
   return frame;
+}
+
+// Whether two frames show the same, whatever their time.
+export function isSame(a, b) {
+  if (!a || !b) return false;
+  for (let n = 2; n < LENGTH; n += 1) if (a.all[n] !== b.all[n]) return false;
+  return true;
 }
 
 export class Wire {

@@ -15,16 +15,47 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
+/// A script at its address, from its file below `page`.
+macro_rules! script {
+    ($name:literal) => {
+        script!($name, $name)
+    };
+    ($name:literal, $file:literal) => {
+        Asset { path: concat!("/", $name), kind: SCRIPT, bytes: include_bytes!(concat!("../page/", $file)) }
+    };
+}
+
 /// All of them. three.js 0.185.0 (MIT) is as its authors publish it on npm, byte for byte.
-pub const ASSETS: [Asset; 10] = [
+pub const ASSETS: [Asset; 30] = [
     Asset { path: "/", kind: HTML, bytes: include_bytes!("../page/index.html") },
     Asset { path: "/page.css", kind: CSS, bytes: include_bytes!("../page/page.css") },
-    Asset { path: "/page.js", kind: SCRIPT, bytes: include_bytes!("../page/page.js") },
-    Asset { path: "/stage.js", kind: SCRIPT, bytes: include_bytes!("../page/stage.js") },
-    Asset { path: "/artist.js", kind: SCRIPT, bytes: include_bytes!("../page/artist.js") },
-    Asset { path: "/wire.js", kind: SCRIPT, bytes: include_bytes!("../page/wire.js") },
-    Asset { path: "/mix.js", kind: SCRIPT, bytes: include_bytes!("../page/mix.js") },
-    Asset { path: "/chart.js", kind: SCRIPT, bytes: include_bytes!("../page/chart.js") },
-    Asset { path: "/three.module.min.js", kind: SCRIPT, bytes: include_bytes!("../page/three/three.module.min.js") },
-    Asset { path: "/three.core.min.js", kind: SCRIPT, bytes: include_bytes!("../page/three/three.core.min.js") },
+    script!("page.js"),
+    script!("stage.js"),
+    script!("panel.js"),
+    script!("sparkline.js"),
+    script!("mix.js"),
+    script!("wire.js"),
+    script!("artist.js"),
+    script!("camera.js"),
+    script!("floor.js"),
+    script!("person.js"),
+    script!("tube.js"),
+    script!("robot.js"),
+    script!("solid.js"),
+    script!("quality.js"),
+    script!("shadow.js"),
+    script!("meshes.js"),
+    script!("three.module.min.js", "three/three.module.min.js"),
+    script!("three.core.min.js", "three/three.core.min.js"),
+    // For the user's own meshes alone.
+    script!("three/loaders/ColladaLoader.js"),
+    script!("three/loaders/collada/ColladaComposer.js"),
+    script!("three/loaders/collada/ColladaParser.js"),
+    script!("three/loaders/TGALoader.js"),
+    script!("three/loaders/STLLoader.js"),
+    script!("three/loaders/GLTFLoader.js"),
+    script!("three/loaders/OBJLoader.js"),
+    script!("three/loaders/MTLLoader.js"),
+    script!("three/utils/BufferGeometryUtils.js"),
+    script!("three/utils/SkeletonUtils.js"),
 ];

@@ -24,13 +24,29 @@ fn everything_that_the_page_names_is_served_and_nothing_comes_from_elsewhere() {
     assert!(text("/").contains("page.js") && text("/page.js").contains("./wire.js"));
 }
 
-/// Hashes of build/three.module.min.js and build/three.core.min.js of the package three 0.185.0 on npm.
+/// Hashes of the files below build and examples/jsm of the package three 0.185.0 on npm.
 #[test]
 fn three_is_as_published() {
-    for (path, hash) in [
+    let published = [
         ("/three.module.min.js", "86bcee248b64f44bcfc23c331ae74619061957d59cab040171dcb6fb5900beb6"),
         ("/three.core.min.js", "0e9dd2793e01d0d9eb4f2ab00b4ffcdd4488275ebebee5c31fa8d347bc29f0bf"),
-    ] {
+        ("/three/loaders/ColladaLoader.js", "b150c67c4bf98ed1eec3cf291e1bd00fc53016488bcefadd7a24f659e86e52d9"),
+        (
+            "/three/loaders/collada/ColladaComposer.js",
+            "d96f4dcf36bc6a30a4d385bce511ed10e27893d1824074daa97ac863df1232e8",
+        ),
+        ("/three/loaders/collada/ColladaParser.js", "d9532ab17f1d9e2919deba8029d759d5dcaed2f21195ded9e29491f719b1a0c6"),
+        ("/three/loaders/TGALoader.js", "da4cfa0c050b8076a63596f36f6e5a54a4a8271774a5301482996be030505c43"),
+        ("/three/loaders/STLLoader.js", "023ed97f848b633d8bcd53d4db3b996d29d0c644088700691297c552257d480b"),
+        ("/three/loaders/GLTFLoader.js", "97642d720f16cc9a0c9844934198e4d0c023bea8e89576d0f7545d03b2d103d2"),
+        ("/three/loaders/OBJLoader.js", "86c8384e269b75a21d502d438e3f0dc2e09dc61b6e6da6b81947f5b119112bf8"),
+        ("/three/loaders/MTLLoader.js", "f1f8f0c6fcfa09671cb609954ea436521d835606853c110c5aff2dc8188f5e61"),
+        ("/three/utils/BufferGeometryUtils.js", "5c552223a9309883743b80538d6e9cdb45e3227f30d3ec56fb2c39b46e78d595"),
+        ("/three/utils/SkeletonUtils.js", "b1632a703206c3d830de9fcbe515696770d04b71a15ee6b50afa6d2c3298c86f"),
+    ];
+    let vendored = ASSETS.iter().filter(|asset| asset.path.contains("three")).count();
+    assert_eq!(vendored, published.len());
+    for (path, hash) in published {
         let found: String = Sha256::digest(text(path)).iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(found, hash, "{path}");
     }
@@ -48,5 +64,32 @@ fn the_page_reads_frames_as_they_are_written() {
     let (person, bodies, pose, joints) = (number("PERSON"), number("BODIES"), number("POSE"), number("JOINTS"));
     assert_eq!((bodies, pose, number("VERSION")), (BODIES, POSE, VERSION as usize));
     assert_eq!(FIELDS + 6 + 3 * person + 3 * bodies * pose + 4 * joints, LENGTH);
-    assert!(text("/artist.js").contains(&format!("const POSE = {POSE};")));
+    assert!(text("/robot.js").contains(&format!("const POSE = {POSE};")));
+    assert!(text("/robot.js").contains(&format!("const BODIES = {BODIES};")));
+}
+
+/// The browser runs the import map because its hash stands in the policy.
+#[test]
+fn import_map_is_the_one_that_the_policy_allows() {
+    let page = text("/");
+    let (_, after) = page.split_once("<script type=\"importmap\">").expect("an import map");
+    let map = after.split_once("</script>").expect("its end").0;
+    let digest = Sha256::digest(map);
+    let letters = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut hash = String::new();
+    for three in digest.chunks(3) {
+        let bits = (0..3).fold(0, |bits, n| bits << 8 | u32::from(*three.get(n).unwrap_or(&0)));
+        let four = (0..4).map(|n| char::from(letters[(bits >> (18 - 6 * n)) as usize & 63]));
+        hash.extend(four.take(three.len() + 1));
+    }
+    assert!(view::POLICY.contains(&format!("'sha256-{hash}='")), "{hash}= is not in the policy");
+}
+
+/// As for our Rust.
+#[test]
+fn no_script_of_ours_is_longer_than_500_lines() {
+    for asset in ASSETS.iter().filter(|asset| !asset.path.contains("three")) {
+        let lines = text(asset.path).lines().count();
+        assert!(lines <= 500, "{}: {lines} lines", asset.path);
+    }
 }

@@ -1,0 +1,112 @@
+// The robot: its bodies, each one mesh of what its look, its capsules or the user's meshes give it.
+// Constants without a source were chosen by eye: assumptions.
+
+import * as THREE from "./three.module.min.js";
+import { capsule, matrixOf, merged, solid } from "./solid.js";
+
+const BODIES = 18;
+// Numbers of a pose: position, then quaternion.
+export const POSE = 7;
+// Colours of capsules of which no look says anything, by body in turns.
+const PLAIN = ["#e8ebef", "#8d98a5"];
+const ROUGHNESS = 0.55;
+
+// What is drawn of each body: { body, roughness, geometry, matrix, colour }. Parts of a link whose meshes are there make way.
+export function pieces(told, meshes) {
+  if (told.parts.length > 0 || meshes.length > 0) {
+    const drawn = new Set(meshes.map((mesh) => mesh.link));
+    const parts = told.parts.filter((part) => !drawn.has(part.link))
+      .map((part) => ({ body: part.body, roughness: part.roughness, geometry: solid(part), matrix: matrixOf(part.matrix), colour: part.colour }));
+    return [...parts, ...meshes.map(loaded)];
+  }
+  return capsulesOf(told);
+}
+
+// The capsules that are checked for collision.
+export function capsulesOf(told) {
+  return told.capsules.map((one) => ({
+    body: one.body, roughness: ROUGHNESS, geometry: capsule(one.a, one.b, one.radius, one.radius), colour: one.colour ?? PLAIN[one.body % PLAIN.length],
+  }));
+}
+
+// The boxes, cylinders and spheres of the URDF.
+export function shapesOf(told) {
+  return told.shapes.map((shape) => {
+    const [x, y, z, ...turn] = shape.pose;
+    const matrix = new THREE.Matrix4().makeRotationFromQuaternion(new THREE.Quaternion(...turn)).setPosition(x, y, z);
+    return { body: shape.body, roughness: ROUGHNESS, geometry: solid(shape), matrix, colour: "#9fb3c8" };
+  });
+}
+
+// A mesh of the user, as the page has loaded it: plain arrays.
+function loaded(mesh) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(mesh.positions, 3));
+  geometry.setAttribute("normal", new THREE.BufferAttribute(mesh.normals, 3));
+  if (mesh.colours) geometry.setAttribute("color", new THREE.BufferAttribute(mesh.colours, 3));
+  return { body: mesh.body, roughness: 0.6, geometry: geometry.clone(), matrix: matrixOf(mesh.matrix), colour: mesh.colour ?? "#c9ced6" };
+}
+
+// One geometry for each body and roughness.
+export function bodiesOf(all) {
+  const sorted = new Map();
+  for (const piece of all) {
+    const key = `${piece.body} ${piece.roughness}`;
+    if (!sorted.has(key)) sorted.set(key, []);
+    sorted.get(key).push(piece);
+  }
+  return [...sorted.values()].map((same) => ({ body: same[0].body, roughness: same[0].roughness, geometry: merged(same) }));
+}
+
+export class Robot {
+  // `material` gives the material for a roughness; a ghost's meshes are drawn twice, first for their depth alone.
+  constructor(bodies, material, depth = null) {
+    this.group = new THREE.Group();
+    this.bodies = Array.from({ length: BODIES }, () => {
+      const body = new THREE.Group();
+      body.matrixAutoUpdate = false;
+      this.group.add(body);
+      return body;
+    });
+    this.meshes = [];
+    for (const { body, roughness, geometry } of bodies) {
+      const mesh = new THREE.Mesh(geometry, material(roughness));
+      if (depth) {
+        const before = new THREE.Mesh(geometry, depth);
+        [before.renderOrder, mesh.renderOrder] = [1, 2];
+        this.bodies[body].add(before);
+      } else {
+        [mesh.castShadow, mesh.receiveShadow] = [true, true];
+      }
+      this.meshes.push(mesh);
+      this.bodies[body].add(mesh);
+    }
+    this.box = new THREE.Box3();
+  }
+
+  // `poses` are those of all bodies: position, then quaternion.
+  pose(poses) {
+    this.bodies.forEach((body, n) => {
+      const at = n * POSE;
+      PLACE.set(poses[at], poses[at + 1], poses[at + 2]);
+      TURN.set(poses[at + 3], poses[at + 4], poses[at + 5], poses[at + 6]);
+      body.matrix.compose(PLACE, TURN, ONE);
+      body.matrixWorldNeedsUpdate = true;
+    });
+  }
+
+  // The box about all of it, from the boxes about its meshes.
+  bound() {
+    this.box.makeEmpty();
+    for (const mesh of this.meshes) {
+      const box = mesh.geometry.boundingBox;
+      for (let n = 0; n < 8; n += 1) {
+        PLACE.set(n & 1 ? box.max.x : box.min.x, n & 2 ? box.max.y : box.min.y, n & 4 ? box.max.z : box.min.z).applyMatrix4(mesh.parent.matrix);
+        this.box.expandByPoint(PLACE);
+      }
+    }
+    return this.box;
+  }
+}
+
+const [PLACE, ONE] = [new THREE.Vector3(), new THREE.Vector3(1, 1, 1)], TURN = new THREE.Quaternion();
