@@ -269,6 +269,7 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
     };
     let spoken = "document.getElementById('mix-handle').getAttribute('aria-valuetext')";
     browser.wait("the triangle is there", &format!("{spoken} === 't-pose 100 %, hands-up 0 %, box 0 %'"));
+    browser.click("#mix > summary");
     browser.click("#mix-on");
     browser.wait("it is on", "document.getElementById('mix-on').getAttribute('aria-checked') === 'true'");
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);

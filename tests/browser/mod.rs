@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
@@ -23,6 +24,21 @@ pub struct Browser {
     asked: u64,
     _told: BufReader<ChildStderr>,
     _folder: tempfile::TempDir,
+    _turn: MutexGuard<'static, ()>,
+}
+
+/// One browser at a time: each draws with all the cores that there are.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// Where two pictures differ.
+#[derive(Debug)]
+pub struct Difference {
+    /// How many pixels do.
+    pub pixels: u64,
+    /// Left, top, right and bottom of them all.
+    pub edges: [f64; 4],
+    /// Their mean colour in the second picture: red, green, blue.
+    pub mean: [f64; 3],
 }
 
 /// The program: that of TELEOPD_CHROMIUM, or one of the usual names in PATH.
@@ -38,6 +54,7 @@ impl Browser {
     /// Opens `address`; none where there is no browser on this machine.
     pub fn open(address: &str) -> Option<Self> {
         let program = program()?;
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
         let mut child = Command::new(program)
             .args(["--headless=new", "--remote-debugging-port=0", "--no-first-run", "--disable-gpu-sandbox"])
@@ -61,7 +78,8 @@ impl Browser {
             }
         };
         let (socket, _) = tungstenite::connect(door).expect("its door");
-        let mut browser = Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder };
+        let mut browser =
+            Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder, _turn: turn };
         let target = browser.ask("Target.createTarget", &json!({ "url": address }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         let session = browser.ask("Target.attachToTarget", &attach);
@@ -151,6 +169,36 @@ impl Browser {
         let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let result = self.ask("Runtime.evaluate", &with);
         result["result"]["value"].as_u64().unwrap_or_else(|| panic!("no count: {result}"))
+    }
+
+    /// The size of the window, in pixels.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        self.ask("Emulation.setDeviceMetricsOverride", &size);
+    }
+
+    /// What differs between two pictures.
+    pub fn difference(&mut self, before: &str, after: &str) -> Difference {
+        let expression = format!(
+            "(async () => {{ const pixels = async (picture) => {{ const image = new Image(); \
+             image.src = `data:image/png;base64,${{picture}}`; await image.decode(); \
+             const pen = new OffscreenCanvas(image.width, image.height).getContext('2d'); pen.drawImage(image, 0, 0); \
+             return pen.getImageData(0, 0, image.width, image.height); }}; \
+             const [a, b] = [await pixels('{before}'), await pixels('{after}')]; \
+             const [box, mean] = [[1e9, 1e9, -1, -1], [0, 0, 0]]; let n = 0; \
+             for (let i = 0; i < a.data.length; i += 4) {{ \
+             const off = [0, 1, 2].reduce((sum, k) => sum + Math.abs(a.data[i + k] - b.data[i + k]), 0); \
+             if (off < 24) continue; n += 1; const x = i / 4 % a.width, y = Math.floor(i / 4 / a.width); \
+             box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y); box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y); \
+             for (let k = 0; k < 3; k += 1) mean[k] += b.data[i + k]; }} \
+             return [n, ...box, ...mean.map((sum) => sum / Math.max(n, 1))]; }})()"
+        );
+        let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let result = self.ask("Runtime.evaluate", &with);
+        let numbers: Vec<f64> = serde_json::from_value(result["result"]["value"].clone())
+            .unwrap_or_else(|_| panic!("no numbers: {result}"));
+        let [pixels, left, top, right, bottom, r, g, b] = numbers[..] else { panic!("{numbers:?}") };
+        Difference { pixels: pixels as u64, edges: [left, top, right, bottom], mean: [r, g, b] }
     }
 
     /// The page as a PNG, in base64.

@@ -1,0 +1,327 @@
+//! What the page looks like: in a browser, by the pixels and by what the page says of its own picture.
+
+mod animation;
+mod meshes;
+
+use crate::browser::{Browser, Difference};
+use crate::rig::{Rig, config};
+use crate::viewer::Viewer;
+use motion::CalibrationMode;
+use pipeline::{Loaded, Moment, Offline, Overrides, PlayOptions};
+use std::time::{Duration, Instant};
+use view::{Cutter, Heard, Reel, RobotView, Server};
+
+/// A desktop, a laptop, a tablet on its side and upright, a phone.
+const SIZES: [[u32; 2]; 5] = [[1920, 1080], [1280, 720], [1024, 768], [820, 1180], [390, 844]];
+const TICK_S: f64 = 1.0 / messages::TICK_HZ as f64;
+const SKIPPED: &str = "skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none";
+
+pub fn loaded() -> Loaded {
+    let overrides = Overrides { engage_without_realtime: true, ..Overrides::default() };
+    pipeline::load(&config(), overrides).expect("settings")
+}
+
+/// The shipped robot as a page shows it.
+pub fn shown() -> RobotView {
+    RobotView::of(&loaded(), None).expect("the shipped look")
+}
+
+/// The built-in motion through every stage in virtual time, at so many times its speed, and for so many seconds.
+pub fn played(loaded: &Loaded, speed: f64, seconds: f64) -> Reel {
+    reel(loaded, speed, seconds, true)
+}
+
+/// The same; without its person where no skeletons were recorded.
+fn reel(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Reel {
+    let _ = rt::flush_denormals();
+    let (mut cutter, mut heard, mut first) = (Cutter::new(&loaded.model), Heard::default(), None);
+    let ended = std::cell::Cell::new(false);
+    let mut watch = |moment: &Moment, _: &_| {
+        heard.skeleton = moment.skeleton.filter(|_| has_person).or(heard.skeleton);
+        heard.target = moment.target.or(heard.target);
+        heard.state = moment.robot.or(heard.state);
+        heard.command = moment.control.and_then(|control| control.command).or(heard.command);
+        heard.status = moment.control.map(|control| control.status).or(heard.status);
+        let at_s = (moment.k - *first.get_or_insert(moment.k)) as f64 * TICK_S;
+        cutter.add(&heard, at_s);
+        ended.set(at_s > seconds);
+    };
+    let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::First10s };
+    let mut offline = Offline::watched(loaded, &motion::builtin(), options, &mut watch).expect("a run");
+    while offline.step_watched(&mut watch).is_ok() {
+        if ended.get() {
+            break;
+        }
+    }
+    cutter.reel()
+}
+
+/// A page that shows a recording, paused.
+struct Shown {
+    browser: Browser,
+    _server: Server,
+}
+
+impl Shown {
+    fn of(reel: Reel, view: &RobotView) -> Option<Self> {
+        let server = Server::recording(reel, "played.mcap", view, 0).expect("a port");
+        let mut browser = Browser::open(server.address())?;
+        browser.wait("it draws", "window.teleopd.drawn() > 0");
+        // At its end it stands already.
+        browser.evaluate(
+            "document.getElementById('play').textContent === 'Pause' && document.getElementById('play').click()",
+        );
+        Some(Self { browser, _server: server })
+    }
+
+    /// Goes to a time.
+    fn seek(&mut self, at_s: f64) {
+        self.browser.evaluate(&format!(
+            "(() => {{ const at = document.getElementById('at'); at.value = {at_s}; at.dispatchEvent(new Event('input')); }})()"
+        ));
+        self.browser.wait("it is there", &format!("Math.abs(window.teleopd.frame().at - {at_s}) < 0.05"));
+    }
+
+    /// Goes to a time, frames the figures anew, and waits until the picture stands.
+    fn at(&mut self, at_s: f64) {
+        self.seek(at_s);
+        // The page draws a frame that it has in its next picture.
+        self.browser.evaluate("requestAnimationFrame(() => document.querySelector('[data-view=reset]').click())");
+        self.stands();
+    }
+
+    fn stands(&mut self) {
+        let drawn = |browser: &mut Browser| browser.evaluate("window.teleopd.drawn()");
+        let (give_up, mut before) = (Instant::now() + Duration::from_secs(20), drawn(&mut self.browser));
+        loop {
+            std::thread::sleep(Duration::from_millis(300));
+            let now = drawn(&mut self.browser);
+            if now == before {
+                return;
+            }
+            assert!(Instant::now() < give_up, "the picture never stands");
+            before = now;
+        }
+    }
+
+    /// Where person and robot are in the picture, -1 to 1: left, bottom, right, top. Both are inside of it.
+    fn both_inside(&mut self) -> [[f64; 4]; 2] {
+        ["person", "robot"].map(|figure| {
+            let edges: [f64; 4] =
+                serde_json::from_value(self.browser.evaluate(&format!("window.teleopd.boxes().{figure}"))).unwrap();
+            let when = self.browser.evaluate("[innerWidth, innerHeight, window.teleopd.frame().at]");
+            assert!(edges.iter().all(|x| x.abs() < 1.0), "{figure} at {edges:?} (window and time: {when})");
+            edges
+        })
+    }
+
+    /// From now on hiding a figure does not move the camera: it was moved by hand.
+    fn hold_camera(&mut self) {
+        self.browser.evaluate(
+            "document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', { deltaY: 0.01, cancelable: true }))",
+        );
+        self.stands();
+    }
+
+    /// What is in the picture only while the checkbox is on.
+    fn layer(&mut self, checkbox: &str) -> Difference {
+        let toggle = format!("document.getElementById('{checkbox}').click()");
+        self.browser.evaluate(&toggle);
+        self.stands();
+        let without = self.browser.screenshot();
+        self.browser.evaluate(&toggle);
+        self.stands();
+        let with = self.browser.screenshot();
+        self.browser.difference(&without, &with)
+    }
+
+    /// Where an element is in the window: left, top, right, bottom.
+    fn edges(browser: &mut Browser, selector: &str) -> [f64; 4] {
+        let edges = browser.evaluate(&format!(
+            "(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); \
+             return [b.left, b.top, b.right, b.bottom]; }})()"
+        ));
+        serde_json::from_value(edges).expect("four numbers")
+    }
+}
+
+fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn both_figures_are_in_the_frame_at_five_window_sizes() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    for [width, height] in SIZES {
+        shown.browser.resize(width, height);
+        // Arms hanging, both up, one up: the widest and the highest of the motion.
+        for at_s in [1.0, 8.0, 12.0, 16.0] {
+            shown.at(at_s);
+            for [left, bottom, right, top] in shown.both_inside() {
+                let large = (right - left).max(top - bottom);
+                assert!(large > 0.5, "{width} x {height}, {at_s} s: a figure is tiny, {large}");
+            }
+        }
+        // And by the pixels.
+        shown.hold_camera();
+        let [left, top, right, bottom] = Shown::edges(&mut shown.browser, "#stage");
+        for checkbox in ["show-person", "show-measured"] {
+            let seen = shown.layer(checkbox);
+            println!("{width} x {height}: {checkbox} has {} pixels, {:?}", seen.pixels, seen.edges.map(f64::round));
+            assert!(seen.pixels > 2000, "{width} x {height}: {checkbox}: {seen:?}");
+            let [l, t, r, b] = seen.edges;
+            let inside = l > left && t > top && r < right - 1.0 && b < bottom - 1.0;
+            // The legend tells which layers there are, so the lower edge may be its.
+            let legend = b > bottom - 40.0;
+            assert!(inside || legend && l > left && t > top && r < right - 1.0, "{width} x {height}: {seen:?}");
+        }
+    }
+}
+
+#[test]
+fn robot_alone_is_in_the_middle() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::of(reel(&loaded, 1.0, 2.0, false), &view) else { return println!("{SKIPPED}") };
+    let person = shown.browser.evaluate("document.querySelector('#legend [data-layer=person]').hidden");
+    assert_eq!(person, true, "the legend names a person");
+    for [width, height] in SIZES {
+        shown.browser.resize(width, height);
+        shown.at(1.0);
+        let [left, bottom, right, top]: [f64; 4] =
+            serde_json::from_value(shown.browser.evaluate("window.teleopd.boxes().robot")).unwrap();
+        assert!((left + right).abs() < 0.1, "{width} x {height}: from {left} to {right}");
+        assert!(bottom > -1.0 && top < 1.0 && top - bottom > 0.5, "{width} x {height}: from {bottom} to {top}");
+    }
+}
+
+#[test]
+fn figures_and_their_lines_are_shown_right_after_a_seek() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    // Far ahead, back, and a little ahead.
+    for at_s in [16.0, 4.0, 6.0] {
+        shown.at(at_s);
+        for name in ["behind", "delay", "clearance"] {
+            shown.browser.wait(
+                "the number is there",
+                &format!("/^[\\d.]+/.test(document.getElementById('{name}').textContent)"),
+            );
+            let inked = shown.browser.evaluate(&format!(
+                "(() => {{ const c = document.querySelector('[data-line={name}]'); \
+                 const own = getComputedStyle(c).getPropertyValue('--line-data').trim(); \
+                 const [r, g, b] = [1, 3, 5].map((n) => parseInt(own.slice(n, n + 2), 16)); \
+                 const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
+                 for (let i = 0; i < all.length; i += 4) if (all[i + 3] > 200 && Math.abs(all[i] - r) + \
+                 Math.abs(all[i + 1] - g) + Math.abs(all[i + 2] - b) < 12) n += 1; return n; }})()"
+            ));
+            assert!(inked.as_u64() > Some(4), "{name} at {at_s} s: {inked} pixels are drawn");
+        }
+    }
+}
+
+#[test]
+fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 9.0), &view) else { return println!("{SKIPPED}") };
+    // The robot has just been enabled, and the person stands in a T-pose.
+    shown.at(1.2);
+    let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
+    assert!(behind.as_f64() > Some(10.0), "{behind} degrees behind");
+    shown.browser.wait("the ghost is there", "window.teleopd.ghost() > 0.3");
+    shown.hold_camera();
+    let (person, robot) = (shown.layer("show-person"), shown.layer("show-measured"));
+    let asked = |shown: &mut Shown, value: &str| {
+        shown.browser.evaluate(&format!(
+            "(() => {{ const target = document.getElementById('show-target'); target.value = '{value}'; \
+             target.dispatchEvent(new Event('change')); }})()"
+        ));
+        shown.stands();
+        shown.browser.screenshot()
+    };
+    let without = asked(&mut shown, "off");
+    let with = asked(&mut shown, "auto");
+    let ghost = shown.browser.difference(&without, &with);
+    println!("mean colours: person {:?}, robot {:?}, ghost {:?}", person.mean, robot.mean, ghost.mean);
+    assert!(ghost.pixels > 2000, "{ghost:?}");
+    for (a, b, what) in [
+        (&person, &robot, "person and robot"),
+        (&person, &ghost, "person and ghost"),
+        (&robot, &ghost, "robot and ghost"),
+    ] {
+        assert!(apart(a.mean, b.mean) > 30.0, "{what} look alike: {a:?} {b:?}");
+    }
+    // It follows: the ghost has gone by itself, and is there for one who asks.
+    shown.at(7.0);
+    let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
+    assert!(behind.as_f64() < Some(2.0), "{behind} degrees behind");
+    shown.browser.wait("the ghost has gone", "window.teleopd.ghost() === 0");
+    asked(&mut shown, "on");
+    shown.browser.wait("the ghost is asked for", "window.teleopd.ghost() > 0.3");
+}
+
+#[test]
+fn scene_and_buttons_fit_one_screen_and_no_instance_is_said() {
+    let rig = Rig::empty();
+    let viewer = Viewer::of(&rig);
+    let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };
+    browser.wait("it draws", "window.teleopd.drawn() > 1");
+    browser.wait("it says so", "document.getElementById('curtain-title').textContent === 'No instance'");
+    browser.wait("and how to start one", "/teleopd up/.test(document.getElementById('curtain-text').textContent)");
+    assert_eq!(browser.evaluate("document.getElementById('mode').textContent"), "no instance");
+    for [width, height] in SIZES {
+        browser.resize(width, height);
+        browser.evaluate("document.querySelector('main').scrollTo(0, 0)");
+        let (w, h) = (f64::from(width), f64::from(height));
+        for selector in ["#stage", "#stop", "#engage", "#release", "#mode", "#tools"] {
+            let [left, top, right, bottom] = Shown::edges(&mut browser, selector);
+            let visible = left >= 0.0 && top >= 0.0 && right <= w && bottom <= h && right > left && bottom > top;
+            assert!(visible, "{width} x {height}: {selector} at {left}, {top}, {right}, {bottom}");
+        }
+        let [left, top, right, bottom] = Shown::edges(&mut browser, "#stage");
+        let share = (right - left) * (bottom - top) / (w * h);
+        println!("{width} x {height}: the scene has {:.0} % of the window", 100.0 * share);
+        assert!(share > 0.45, "{width} x {height}: the scene has {share} of the window");
+    }
+}
+
+#[test]
+fn instance_that_starts_is_shown_and_one_that_ends_is_missed() {
+    let mut rig = Rig::empty();
+    let viewer = Viewer::of(&rig);
+    let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };
+    let (mode, behind) =
+        ("document.getElementById('mode').textContent", "document.getElementById('clearance').textContent");
+    browser.wait("nothing is there", &format!("{mode} === 'no instance'"));
+    for name in teleopd::PROCESSES {
+        rig.start(name);
+    }
+    browser.wait("it is shown", &format!("{mode} === 'Disengaged' && document.getElementById('curtain').hidden"));
+    browser.wait("with its numbers", &format!("/mm$/.test({behind})"));
+    for name in teleopd::PROCESSES {
+        rig.kill(name);
+    }
+    browser.wait("it is missed", &format!("{mode} === 'no instance' && !document.getElementById('curtain').hidden"));
+    browser.wait("without numbers of before", &format!("{behind} === '–'"));
+    drop(viewer);
+    browser.wait("so is the view", &format!("{mode} === 'not connected' && {behind} === '–'"));
+}
+
+#[test]
+fn picture_rate_with_software_rendering_is_measured() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    shown.browser.resize(1280, 720);
+    shown.at(6.0);
+    shown.browser.click("#play");
+    std::thread::sleep(Duration::from_secs(1));
+    let drawn = |browser: &mut Browser| browser.evaluate("window.teleopd.drawn()").as_u64().expect("a number");
+    let (begun, before) = (Instant::now(), drawn(&mut shown.browser));
+    std::thread::sleep(Duration::from_secs(5));
+    let pictures = drawn(&mut shown.browser) - before;
+    let rate_hz = pictures as f64 / begun.elapsed().as_secs_f64();
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    println!("{rate_hz:.1} pictures a second at 1280 x 720; {cores} cores, load {}", load.trim());
+    assert!(pictures > 0, "the robot moves, and nothing is drawn");
+}
