@@ -196,7 +196,8 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
 /// What helps against a fault, where its meaning does not say it.
 fn advice(fault: Fault) -> Option<&'static str> {
     (fault == Fault::InputStale).then_some(
-        "publish skeletons; the log of `ingest` says which client holds authority, and why frames were dropped",
+        "start a client: `replay builtin --loop` plays a motion; if one runs, the log of `ingest` (the terminal of `up`) says which \
+         client holds authority, and why frames were dropped",
     )
 }
 

@@ -140,9 +140,11 @@ impl Shown {
         let Some(status) = &self.status else {
             return frame.render_widget(Paragraph::new("control does not answer yet"), frame.area());
         };
+        // A bar for each joint fits into 24 rows.
+        let of_why = if frame.area().height < 25 { 2 } else { 3 };
         let rows = Layout::vertical([
             Constraint::Length(1),
-            Constraint::Length(3),
+            Constraint::Length(of_why),
             Constraint::Length(3),
             Constraint::Fill(1),
             Constraint::Length(1),

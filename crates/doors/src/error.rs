@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum DoorError {
     /// There is no socket.
-    #[error("{}: no such socket: is {daemon} running?", path.display())]
+    #[error("{}: no such socket: is {daemon} running? (`teleopd up` starts all)", path.display())]
     NoSocket {
         /// The socket.
         path: PathBuf,

@@ -105,7 +105,7 @@ faults! {
     DeadlinesLate: Hold, 1, "Control missed deadlines too often within a second.";
     OperatorSilent: Release, 1, "The enable heartbeat stopped or its client went away.";
     WriterRestarted: Release, 1, "The retargeting or the driver restarted.";
-    PersonChanged: Release, 1, "The person or the client is another one than before, or the ingest restarted.";
+    PersonChanged: Release, 1, "The person or the client is another one than before, frames contradicted each other, or the ingest restarted.";
     HoldTimeout: Release, 1, "Holding lasted too long.";
     EmergencyStop: Stop, 1, "The emergency stop was pressed, by an operator or at the robot.";
     StateStale: Stop, 1, "The robot state stopped arriving.";

@@ -1,4 +1,4 @@
-//! A client in 30 lines: publishes the frames of a motion, as your own would publish what it sees.
+//! A client in some 30 lines: publishes the frames of a motion, as your own would publish what it sees.
 
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
 use pipeline::{ClientError, Instance, Port, Way};
@@ -7,7 +7,12 @@ use std::time::Duration;
 
 fn main() -> Result<(), ClientError> {
     let run_dir = std::env::args_os().nth(1).map_or_else(|| pipeline::DEFAULT_RUN_DIR.into(), PathBuf::from);
-    let mut port = Port::open(Way::Domain(Instance::unmade(&run_dir).input_domain()), "example")?;
+    let instance = Instance::unmade(&run_dir);
+    if !instance.operator_socket().exists() {
+        eprintln!("usage: client [RUN_DIR]; no instance runs in {}: start `teleopd up`", run_dir.display());
+        std::process::exit(69);
+    }
+    let mut port = Port::open(Way::Domain(instance.input_domain()), "example")?;
     let motion = motion::builtin();
     // Another number at each start: a client that comes back is another one, to be enabled anew.
     let incarnation = rt::incarnation();

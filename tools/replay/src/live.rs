@@ -110,6 +110,9 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     if let (Some(why), false) = (ended, shutdown.requested()) {
         return Err(Failure::failed(format!("the robot did not follow to the end of the motion: {why}")));
     }
+    if !shutdown.requested() {
+        out!("the motion is over: no more skeletons come, so the robot stops");
+    }
     if publisher.failures() > 0 {
         return Err(Failure::failed(format!("{} frames were not taken", publisher.failures())));
     }
