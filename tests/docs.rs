@@ -34,7 +34,7 @@ const RULES: [(&str, How); 29] = [
     ("cargo run --release -- tour", Named("it has a test of its own")),
     ("cargo test", Foreign("it runs this test")),
     ("cargo run --release -- up", Beside("READY", 3, AT)),
-    ("cargo run --release -p replay -- builtin --loop", Beside("", 1, AT)),
+    ("cargo run --release -p replay -- builtin --loop", Beside("until the robot is engaged", 1, AT)),
     ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
     ("python3 -m venv", Foreign("it needs a network")),
     ("venv/bin/", Foreign("it needs a network")),
@@ -65,6 +65,9 @@ const PLACEHOLDERS: [(&str, &str); 2] =
     [(" FOLDER", " {repository}/tools/keyposes/motions"), (" PICTURES", " {work}/pictures")];
 /// Longest time of a command, and of words that one prints; only a hang comes near.
 const WITHIN: Duration = Duration::from_secs(300);
+
+/// What a reader takes to type a command.
+const TYPED_IN: Duration = Duration::from_secs(2);
 
 /// The commands of each block of a document, with lines that go on joined and remarks gone.
 fn blocks(document: &str) -> Vec<Vec<String>> {
@@ -200,6 +203,8 @@ impl Reader {
                     std::thread::sleep(Duration::from_millis(20));
                 }
                 self.beside.push_front((command.to_owned(), child, blocks));
+                // Nobody types the next command sooner, and nothing engages before half a second of skeletons.
+                std::thread::sleep(TYPED_IN);
             }
         }
     }
