@@ -290,6 +290,11 @@ impl Track {
         Some((self.faded(limbs, now), seen))
     }
 
+    /// Whether a restart is faded out.
+    pub fn is_fading(&self) -> bool {
+        self.fade.is_some()
+    }
+
     /// What is shown while a restart is faded out.
     fn faded(&self, limbs: Limbs, now: Stamp) -> Limbs {
         let Some(fade) = self.fade else { return limbs };

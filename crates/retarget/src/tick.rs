@@ -185,6 +185,17 @@ pub struct State {
     sequence: u64,
     session: u64,
     counters: Counters,
+    way: Way,
+}
+
+/// The way as it was laid last, and what it was laid of.
+#[derive(Clone, Debug, Default)]
+struct Way {
+    first: u64,
+    skeletons: u64,
+    meant: [bool; ARMS],
+    nodes: [[[f32; 4]; LIMBS]; WAY_NODES],
+    seen: u32,
 }
 
 /// The target of one tick, and how it came about.
@@ -233,28 +244,42 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
     let ready = state.readiness.judge(now, meant, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
-    lay_way(state, &mut out.target, playhead, now);
+    let way = way(state, input.k, playhead, now);
+    (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
+    out.target.way = way.nodes;
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
     out
 }
 
-/// Lays the way of the arms that are meant: nodes after tick k, at the pace of the playhead's present delay.
-fn lay_way(state: &State, target: &mut JointTarget, playhead: i64, now: Stamp) {
-    let first = target.k / WAY_NODE_TICKS + 1;
-    (target.way_first, target.way_nodes, target.way_seen) = (first, WAY_NODES as u32, WAY_NODES as u32);
-    for arm in (0..ARMS).filter(|&arm| state.q[arm].is_some()) {
+/// The way of the arms that are meant: nodes after tick k, at the pace of the playhead's delay when they were laid. They are laid
+/// anew where a skeleton, an arm or a node is new, and while a restart is faded out: nodes stand at fixed instants.
+fn way(state: &mut State, k: u64, playhead: i64, now: Stamp) -> &Way {
+    let first = k / WAY_NODE_TICKS + 1;
+    let (skeletons, meant) = (state.counters.skeletons, state.q.map(|q| q.is_some()));
+    let known = (state.way.first, state.way.skeletons, state.way.meant) == (first, skeletons, meant);
+    if !known || state.tracks.iter().any(Track::is_fading) {
+        let nodes = [[[0.0; 4]; LIMBS]; WAY_NODES];
+        let mut way = Way { first, skeletons, meant, nodes, seen: WAY_NODES as u32 };
+        lay_way(state, &mut way, k, playhead, now);
+        state.way = way;
+    }
+    &state.way
+}
+
+fn lay_way(state: &State, way: &mut Way, k: u64, playhead: i64, now: Stamp) {
+    for arm in (0..ARMS).filter(|&arm| way.meant[arm]) {
         for i in 0..WAY_NODES {
-            let ticks = (i as u64 + 1) * WAY_NODE_TICKS - target.k % WAY_NODE_TICKS;
+            let ticks = (i as u64 + 1) * WAY_NODE_TICKS - k % WAY_NODE_TICKS;
             let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
             let ahead = state.tracks[arm].ahead(playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
             let Some((limbs, seen)) = ahead else { continue };
             let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
             let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
-            target.way[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(|limb| limb.map(|x| x as f32)));
+            way.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(|limb| limb.map(|x| x as f32)));
             if !seen {
-                target.way_seen = target.way_seen.min(i as u32);
+                way.seen = way.seen.min(i as u32);
             }
         }
     }
