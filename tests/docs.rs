@@ -28,7 +28,7 @@ const DEMO: &[i32] = &[0, 2];
 const AT: &str = "--run-dir {work}/run";
 
 /// By the beginning of the command, the first one that fits.
-const RULES: [(&str, How); 29] = [
+const RULES: [(&str, How); 30] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo", Ends(DEMO, "")),
     ("cargo run --release -- tour", Named("it has a test of its own")),
@@ -40,6 +40,7 @@ const RULES: [(&str, How); 29] = [
     ("venv/bin/", Foreign("it needs a network")),
     ("target/release/replay builtin:calibration", Beside("playing again and again", 1, AT)),
     ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
+    ("cargo run --release -- view --meshes", Named("it needs the maker's meshes")),
     ("cargo run --release -- view", Beside("http://", 1, "--port 0")),
     ("target/release/say \"clap\" --play", Ends(&[0], "-- --offline {work}/out.csv")),
     ("cargo install", Foreign("it needs a network")),
