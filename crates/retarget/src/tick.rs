@@ -188,13 +188,18 @@ pub struct State {
     way: Way,
 }
 
-/// The way as it was laid last, and what it was laid of.
+/// The way as it was laid last.
 #[derive(Clone, Debug, Default)]
 struct Way {
+    /// The first node, in units of `WAY_NODE_TICKS`; 0 before any was laid.
     first: u64,
+    /// Skeletons that were taken before.
     skeletons: u64,
+    /// The arms that are meant.
     meant: [bool; ARMS],
+    /// Limb rotations, x y z w.
     nodes: [[[f32; 4]; LIMBS]; WAY_NODES],
+    /// The first node that is predicted.
     seen: u32,
 }
 
@@ -244,7 +249,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
     let ready = state.readiness.judge(now, meant, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
-    let way = way(state, input.k, playhead, now);
+    lay_way(state, input.k, playhead, now);
+    let way = &state.way;
     (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
     out.target.way = way.nodes;
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
@@ -253,27 +259,22 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     out
 }
 
-/// The way of the arms that are meant: nodes after tick k, at the pace of the playhead's delay when they were laid. They are laid
-/// anew where a skeleton, an arm or a node is new, and while a restart is faded out: nodes stand at fixed instants.
-fn way(state: &mut State, k: u64, playhead: i64, now: Stamp) -> &Way {
+/// Lays the way of the arms that are meant: nodes after tick k, at the pace of the playhead's present delay. Nodes stand at fixed
+/// instants: they are laid anew where a skeleton, an arm or a node is new, and while a restart is faded out.
+fn lay_way(state: &mut State, k: u64, playhead: i64, now: Stamp) {
+    let State { tracks, way, .. } = state;
     let first = k / WAY_NODE_TICKS + 1;
     let (skeletons, meant) = (state.counters.skeletons, state.q.map(|q| q.is_some()));
-    let known = (state.way.first, state.way.skeletons, state.way.meant) == (first, skeletons, meant);
-    if !known || state.tracks.iter().any(Track::is_fading) {
-        let nodes = [[[0.0; 4]; LIMBS]; WAY_NODES];
-        let mut way = Way { first, skeletons, meant, nodes, seen: WAY_NODES as u32 };
-        lay_way(state, &mut way, k, playhead, now);
-        state.way = way;
+    let known = (way.first, way.skeletons, way.meant) == (first, skeletons, meant);
+    if known && !tracks.iter().any(Track::is_fading) {
+        return;
     }
-    &state.way
-}
-
-fn lay_way(state: &State, way: &mut Way, k: u64, playhead: i64, now: Stamp) {
-    for arm in (0..ARMS).filter(|&arm| way.meant[arm]) {
+    *way = Way { first, skeletons, meant, nodes: [[[0.0; 4]; LIMBS]; WAY_NODES], seen: WAY_NODES as u32 };
+    for arm in (0..ARMS).filter(|&arm| meant[arm]) {
         for i in 0..WAY_NODES {
             let ticks = (i as u64 + 1) * WAY_NODE_TICKS - k % WAY_NODE_TICKS;
             let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
-            let ahead = state.tracks[arm].ahead(playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
+            let ahead = tracks[arm].ahead(playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
             let Some((limbs, seen)) = ahead else { continue };
             let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
             let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
