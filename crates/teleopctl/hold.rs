@@ -1,7 +1,7 @@
 //! Holds the enable or the recovery until Ctrl-C, and says every change as it happens.
 
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
-use messages::{Fault, Faults, Mode, Status, TRANSITIONS_KEPT, Transition};
+use messages::{Fault, Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use rt::out;
@@ -21,8 +21,8 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
         diary.tells(&last, names);
         let changed = last.transition_count > first.transition_count;
         if changed && has_ended(&last) {
-            let newest = last.transitions[(last.transition_count - 1) as usize % TRANSITIONS_KEPT];
-            return Ok(newest.why == Transition::RECOVERED);
+            let newest = pipeline::newest_transitions(&last, 1).next();
+            return Ok(newest.is_some_and(|made| made.why == Transition::RECOVERED));
         }
         if !changed && diary.begun.elapsed() > REFUSED_AFTER {
             refused(&last, names);
@@ -78,12 +78,10 @@ impl Diary {
 
     /// Tells what is new in `status`.
     fn tells(&mut self, status: &Status, names: &Names) {
-        let kept = TRANSITIONS_KEPT as u32;
-        self.shown = self.shown.max(status.transition_count.saturating_sub(kept));
-        while self.shown < status.transition_count {
-            self.says(&change(&status.transitions[(self.shown % kept) as usize], status, names));
-            self.shown += 1;
+        for made in pipeline::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
+            self.says(&change(made, status, names));
         }
+        self.shown = self.shown.max(status.transition_count);
         let note = pipeline::status_note(status);
         if let Some(note) = note.filter(|_| note != self.note) {
             self.says(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));

@@ -1,8 +1,8 @@
 //! The cause alone: what keeps the robot from following now, before any history.
 
 use crate::Names;
-use crate::words::{BEHIND_DEG, follows, meaning, moves, newest, not_at_rest, subject, why};
-use messages::{Fault, Faults, Mode, Response, Status, Subject, TRANSITIONS_KEPT, Transition, reduced_flag};
+use crate::words::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
+use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
 use std::cmp::Reverse;
 
 /// What keeps the robot from following now, the gravest fault first. How it came to that is told by the events. While the
@@ -50,7 +50,7 @@ const fn gravity(response: Response) -> u32 {
 
 /// The fault that ended the last motion, although it is over. None where an operator ended it, or reset it.
 fn ended_by(status: &Status, names: &Names) -> Option<String> {
-    let made: Vec<&Transition> = newest(status, TRANSITIONS_KEPT as u32).collect();
+    let made: Vec<&Transition> = newest_transitions(status, u32::MAX).collect();
     let begins = made.iter().rposition(|made| Mode::from_u32(made.from).is_some_and(moves))?;
     let since = &made[begins..];
     if since.iter().any(|made| made.why == Transition::RESET || made.why == Transition::RELEASED) {

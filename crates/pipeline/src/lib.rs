@@ -45,8 +45,8 @@ pub use settings::{
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};
 pub use words::{
-    BEHIND_DEG, Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, not_at_rest, payload,
-    payload_refused, sentences, why, why_stopped,
+    BEHIND_DEG, Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, newest_transitions, not_at_rest,
+    payload, payload_refused, sentences, why, why_stopped,
 };
 pub use world::{Links, Moment, Running, World, WorldConfig};
 

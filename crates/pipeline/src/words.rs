@@ -76,7 +76,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
         all.push(say(Gravity::Warning, format!("{} changes of mode were not seen.", made - KEPT)));
     }
     let mut told = Faults::NONE;
-    for made in newest(now, made.min(KEPT)) {
+    for made in newest_transitions(now, made) {
         let fault = Fault::from_u32(made.why);
         told = fault.map_or(told, |fault| told.with(fault));
         all.push(say(fault.map_or(Gravity::Note, Gravity::of), changed(made, now, names)));
@@ -138,9 +138,9 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
             Transition::RESET => Some(n + 1),
             _ => moved(made).then_some(n),
         };
-        let since = newest(status, KEPT).enumerate().filter_map(begins).last().unwrap_or(0);
+        let since = newest_transitions(status, KEPT).enumerate().filter_map(begins).last().unwrap_or(0);
         let mut told = Faults::NONE;
-        for made in newest(status, KEPT).skip(since) {
+        for made in newest_transitions(status, KEPT).skip(since) {
             told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
             all.push(changed(made, status, names));
         }
@@ -329,7 +329,7 @@ fn changed(made: &Transition, status: &Status, names: &Names) -> String {
 }
 
 /// The newest `count` transitions, the oldest first.
-pub(crate) fn newest(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
+pub fn newest_transitions(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
     let end = status.transition_count;
     (end.saturating_sub(count.min(KEPT))..end).map(|n| &status.transitions[(n % KEPT) as usize])
 }

@@ -2,7 +2,7 @@
 
 use crate::blow::Victim;
 use crate::error::ChaosError;
-use messages::{Mode, Status, TRANSITIONS_KEPT};
+use messages::{Mode, Status, Transition};
 use motion::CalibrationMode;
 use pipeline::{Instance, PlayOptions, Player, Publisher};
 use serde_json::{Map, Value};
@@ -241,12 +241,8 @@ impl Rig {
         let mode = status.and_then(|status| Mode::from_u32(status.mode)).map_or("unknown", Mode::name);
         let faults = messages::Faults(status.map_or(0, |status| status.faults));
         let faults: Vec<_> = faults.iter().map(|fault| fault.row().name).collect();
-        let newest = status.map_or(0, |status| status.transition_count as usize);
-        let passed = status.iter().flat_map(|status| {
-            let kept = TRANSITIONS_KEPT.min(newest);
-            (newest - kept..newest).map(|n| status.transitions[n % TRANSITIONS_KEPT].why_name())
-        });
-        let passed: Vec<_> = passed.collect();
+        let passed = status.iter().flat_map(|status| pipeline::newest_transitions(status, u32::MAX));
+        let passed: Vec<_> = passed.map(Transition::why_name).collect();
         let (faults, passed) = (faults.join(" "), passed.join(", "));
         ChaosError::Stuck(format!("the robot {what}: {mode} {faults}, after {passed}"))
     }

@@ -7,7 +7,7 @@ use chaos::error::ChaosError;
 use chaos::rig::Rig;
 use chaos::trial;
 use chaos::witness::Witness;
-use messages::{Mode, Status, TRANSITIONS_KEPT};
+use messages::{Mode, Status};
 use pipeline::Settings;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -190,9 +190,7 @@ impl Soaked {
         let Some(status) = status else {
             return self.false_stops.push(format!("{:.0} s: no answer", at.as_secs_f64()));
         };
-        let kept = TRANSITIONS_KEPT as u32;
-        for number in (*told).max(status.transition_count.saturating_sub(kept))..status.transition_count {
-            let transition = status.transitions[(number % kept) as usize];
+        for transition in pipeline::newest_transitions(&status, status.transition_count.saturating_sub(*told)) {
             if transition.from == Mode::Engaged as u32 {
                 self.false_stops.push(format!("{:.0} s: {}", at.as_secs_f64(), transition.why_name()));
             }

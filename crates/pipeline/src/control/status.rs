@@ -4,7 +4,7 @@ use super::ControlConfig;
 use crate::{Names, words};
 use messages::{
     FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
-    TRANSITIONS_KEPT, reduced_flag,
+    reduced_flag,
 };
 use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
 use robot::Model;
@@ -99,9 +99,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         .filter(|(_, count)| *count > 0)
         .map(|(name, count)| (name, json!(count)))
         .collect();
-    let kept = TRANSITIONS_KEPT as u32;
-    let transitions: Vec<_> = (status.transition_count.saturating_sub(kept)..status.transition_count)
-        .map(|n| status.transitions[(n % kept) as usize])
+    let transitions: Vec<_> = words::newest_transitions(status, u32::MAX)
         .map(|t| json!({ "k": t.k, "from": mode(t.from), "to": mode(t.to), "why": t.why_name() }))
         .collect();
     let mut all = json!({
