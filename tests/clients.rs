@@ -79,8 +79,7 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     let mut script = Client(script.spawn().expect("it starts"));
     // Nothing stands in the way of engaging once the person is seen, and is a plausible one.
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    let interrupted = Command::new("kill").args(["-s", "INT", &script.0.id().to_string()]).status();
-    assert!(interrupted.expect("kill(1) runs").success());
+    rig::interrupt(&script.0);
     let (mut said, mut wrong) = (String::new(), String::new());
     script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
     script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");

@@ -239,8 +239,7 @@ impl Reader {
         let (ending, going): (Vec<_>, Vec<_>) = self.beside.drain(..).partition(|(_, _, blocks)| *blocks == 0);
         self.beside = going.into();
         for (command, mut child, _) in ending {
-            let pid = child.id().to_string();
-            assert!(Command::new("kill").args(["-s", "INT", &pid]).status().expect("kill(1) runs").success());
+            rig::interrupt(&child);
             let code = child.wait().expect("it ends").code();
             assert!(matches!(code, Some(0 | 130)), "{command}: {code:?}");
             // A client that comes within a second of another's end is not followed.

@@ -3,21 +3,16 @@
 mod rig;
 
 use messages::Mode;
-use rig::{Rig, SOON};
+use rig::{Rig, SOON, interrupt};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 fn teleopd() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
     command.current_dir(rig::repository()).stdin(Stdio::null());
     command
-}
-
-fn interrupt(child: &Child) {
-    let sent = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).status();
-    assert!(sent.expect("kill(1) runs").success());
 }
 
 /// What `up` prints until READY, and what it prints on stderr until it has ended at an interrupt.

@@ -47,6 +47,16 @@ impl Drop for Turn {
 /// Longest time for anything that must happen; only a hang comes near.
 pub const SOON: Duration = Duration::from_secs(25);
 
+/// Presses Ctrl-C.
+pub fn interrupt(child: &Child) {
+    send("INT", child);
+}
+
+fn send(signal: &str, child: &Child) {
+    let sent = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
+    assert!(sent.expect("kill(1) runs").success(), "process {} took no {signal}", child.id());
+}
+
 pub fn repository() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
@@ -186,9 +196,7 @@ impl Rig {
 
     /// Sends the signal of this name, as kill(1) knows it.
     pub fn signal(&mut self, name: &str, signal: &str) {
-        let id = self.id(name).to_string();
-        let sent = Command::new("kill").args(["-s", signal, &id]).status().expect("kill(1) runs");
-        assert!(sent.success(), "{name} took no {signal}");
+        send(signal, self.child(name));
     }
 
     /// kill -9, and waits for the process to be gone.
