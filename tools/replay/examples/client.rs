@@ -8,8 +8,8 @@ use std::time::Duration;
 fn main() -> Result<(), ClientError> {
     let run_dir = std::env::args_os().nth(1).map_or_else(|| pipeline::DEFAULT_RUN_DIR.into(), PathBuf::from);
     let instance = Instance::unmade(&run_dir);
-    if !instance.operator_socket().exists() {
-        eprintln!("usage: client [RUN_DIR]; no instance runs in {}: start `teleopd up`", run_dir.display());
+    if let Err(error) = operator::Client::connect(instance.operator_socket()) {
+        eprintln!("usage: client [RUN_DIR]; no instance runs there: {error}");
         std::process::exit(69);
     }
     let mut port = Port::open(Way::Domain(instance.input_domain()), "example")?;
