@@ -320,7 +320,7 @@ fn create_root(config: &DomainConfig) -> Result<(), BusError> {
     created.map_err(|error| BusError::Root { path: config.root.clone(), reason: error.to_string() })
 }
 
-/// The transport would say no more than that it could draw no number for its node. Root may enter every domain.
+/// Refuses the domain of another user, in words: the transport's own error names no user. Root may enter every domain.
 fn refuse_foreign(config: &DomainConfig) -> Result<(), BusError> {
     let own = rustix::process::geteuid().as_raw();
     let owner = std::fs::metadata(&config.root).map_or(own, |found| found.uid());

@@ -55,7 +55,7 @@ pub enum BusError {
         /// How long was waited.
         waited_ms: u64,
     },
-    /// The folder is another user's.
+    /// The folder belongs to another user.
     #[error(
         "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one user. Run \
          this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, operator.sock",
@@ -64,9 +64,9 @@ pub enum BusError {
     Foreign {
         /// Root path.
         root: PathBuf,
-        /// Whose it is.
+        /// User who owns it.
         owner: u32,
-        /// Who this process is.
+        /// User of this process.
         own: u32,
     },
     /// The domain was refused.

@@ -34,8 +34,8 @@ const AS_FAST_S: f64 = 0.02;
 /// The longest stop that is left when a driver goes on more slowly, s: twice the longest stop of the robots.
 const STOP_MAX_S: f64 = 1.0;
 
-/// A driver that starts waits for so long before it measures where the robot is, ticks: 20 ms. A robot whose last driver has just
-/// died stops by itself by then, and compares the first setpoint with nothing that is older.
+/// A driver starts no sooner after another one ended, ticks: 20 ms. By then the robot stops by itself. It compares the first setpoint
+/// with no older one. A process waits longer: for [`Standstill`].
 pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
 
 /// A driver that starts on a robot that moves waits for it to stand, ticks: 1 s, twice the longest stop of the robots. It stops by
@@ -43,24 +43,24 @@ pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
 pub const STANDS_WITHIN_TICKS: u64 = TICK_HZ;
 
 /// A robot stands once no joint has left a band of [`ENCODER_NOISE`] for so long, ns: 100 ms. A joint that creeps through the band
-/// in that time has 4 mrad/s or mm/s. As `safety` judges rest.
+/// in that time moves at 4 mrad/s or mm/s. `safety` judges rest over the same time.
 pub const STOOD_FOR_NS: u64 = 100_000_000;
 
-/// Whether the robot stands, by the times of its own measurements: one that is silent is not known to stand.
+/// Decides when a robot stands. It counts the times of the robot's own measurements, so a silent robot never stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Standstill {
-    /// No joint has left the band around this since.
+    /// No joint has left the band around this measurement.
     since: Measured,
 }
 
 impl Standstill {
-    /// Of a robot that has just been measured for the first time.
+    /// Begins at the robot's first measurement.
     #[must_use]
     pub fn new(measured: &Measured) -> Self {
         Self { since: *measured }
     }
 
-    /// Whether the robot has stood for [`STOOD_FOR_NS`]. It is to be asked with every measurement.
+    /// Takes the next measurement. Returns whether the robot has stood for [`STOOD_FOR_NS`].
     pub fn stands(&mut self, measured: &Measured) -> bool {
         let stays = |j: usize| (measured.q[j] - self.since.q[j]).abs() <= ENCODER_NOISE;
         if !(0..JOINTS).all(stays) {
