@@ -5,11 +5,11 @@ use crate::oracle::Seen;
 use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 
-/// How far a joint may be from where it is told to be, rad, and for how many ticks: the bounds of the simulated robot (0.049 at
-/// once, 0.035 for 100 ms), 0.12 that a servo lags behind at its largest speed, and what a message and a stop take.
-const AWAY: [(f64, u64); 2] = [(0.17, 30), (0.155, TICK_HZ / 10 + 60)];
-/// The same of a joint that slides, as a share.
-const SLIDES: f64 = 0.2;
+/// How far a joint that turns may be from where it is told to be, rad, besides the known lag of its servo, and for how many
+/// ticks. The bounds of the simulated robot are 0.049 at once and 0.035 for 100 ms. A message and a stop take time.
+const AWAY_RAD: [(f64, u64); 2] = [(0.056, 30), (0.042, TICK_HZ / 10 + 60)];
+/// The same of a joint that slides, m: 0.028 at once and 0.0105 for 100 ms.
+const AWAY_M: [(f64, u64); 2] = [(0.032, 30), (0.0125, TICK_HZ / 10 + 60)];
 /// A measurement that moves by more than this, rad or m, besides three times what its joint can do, jumped.
 const JUMP: f64 = 0.03;
 /// Samples in a row after which a jump must have stopped the robot.
@@ -17,6 +17,8 @@ const JUMPED: u32 = 6;
 /// A measurement that stays the very same for so long, ticks, while its joint is sent on and goes on by so much, rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
 const WENT: f64 = 0.03;
+/// The same of a joint that slides, as a share.
+const SLIDES: f64 = 0.2;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
@@ -38,6 +40,7 @@ struct Still {
 #[derive(Clone)]
 pub struct Feedback {
     limits: [JointLimits; JOINTS],
+    servo_lag_s: f64,
     slides: [bool; JOINTS],
     away: [[u64; 2]; JOINTS],
     good: Option<([f64; JOINTS], u64)>,
@@ -54,10 +57,11 @@ fn index(state: &RobotState) -> u64 {
 }
 
 impl Feedback {
-    /// Of a robot.
-    pub fn new(model: &Model) -> Self {
+    /// Of a robot, and the known lag of its servos.
+    pub fn new(model: &Model, servo_lag_s: f64) -> Self {
         Self {
             limits: model.limits,
+            servo_lag_s,
             slides: model.prismatic,
             away: [[0; 2]; JOINTS],
             good: None,
@@ -92,10 +96,11 @@ impl Feedback {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
         for j in 0..JOINTS {
-            let (away, scale) = ((robot.q[j] - seen.truth[j]).abs(), self.scale(j));
-            for (n, (bound, ticks)) in AWAY.into_iter().enumerate() {
+            let away = (robot.q[j] - self.servo_lag_s * robot.v[j] - seen.truth[j]).abs();
+            let bounds = if self.slides[j] { AWAY_M } else { AWAY_RAD };
+            for (n, (bound, ticks)) in bounds.into_iter().enumerate() {
                 let count = &mut self.away[j][n];
-                *count = if judged && away > scale * bound { *count + 1 } else { 0 };
+                *count = if judged && away > bound { *count + 1 } else { 0 };
                 if *count > ticks {
                     return Err((
                         "not followed",

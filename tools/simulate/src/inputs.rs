@@ -73,6 +73,8 @@ pub struct Inputs {
     sent: Vec<Sent>,
     next: usize,
     last: Option<Skeleton>,
+    /// Where each joint of the person was seen last.
+    shown: [[f32; 3]; SMPL_JOINTS],
     /// Ticks of control: who sleeps follows nobody.
     awake: u64,
     /// The one since which the payload repeats, and the one since which the robot has followed without a break.
@@ -143,8 +145,17 @@ impl Inputs {
             self.same_since = self.awake;
             return Ok(());
         };
-        if last.positions != skeleton.positions {
-            self.same_since = self.awake;
+        // An arm that `ingest` refuses does not show whether the person moves.
+        let refused = |joint| {
+            ENDS.iter()
+                .position(|ends| ends[1] == joint)
+                .filter(|&limb| skeleton.flags & skeleton_flag::LIMB[limb] == 0)
+        };
+        for (joint, shown) in self.shown.iter_mut().enumerate().filter(|(joint, _)| refused(*joint).is_none()) {
+            let is = skeleton.positions[joint];
+            if std::mem::replace(shown, is) != is {
+                self.same_since = self.awake;
+            }
         }
         if skeleton.header.origin.since(last.header.origin) > NEXT_NS {
             return Ok(());

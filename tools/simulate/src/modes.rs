@@ -99,7 +99,13 @@ impl Modes {
         let Some(mode) = Mode::from_u32(control.status.mode) else {
             return Err(("mode", format!("{} is no mode", control.status.mode)));
         };
-        self.strangers(seen, &operator);
+        let restarted = self.strangers(seen, &operator);
+        if restarted != Faults(control.status.faults).has(Fault::WriterRestarted) {
+            return Err((
+                "restart",
+                format!("of retarget or the driver: {restarted}, and the status says the opposite"),
+            ));
+        }
         self.note(seen, &operator);
         self.transition(seen, &operator, mode)?;
         self.stops(seen, &operator, mode)?;
@@ -147,7 +153,8 @@ impl Modes {
         Ok(())
     }
 
-    fn strangers(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
+    /// Notes who is another one than before. Returns whether `retarget` or the driver is.
+    fn strangers(&mut self, seen: &Seen<'_>, operator: &OperatorView) -> bool {
         fn other<T: PartialEq + Copy>(known: &mut Option<T>, is: T) -> bool {
             known.replace(is).is_some_and(|was| was != is)
         }
@@ -156,17 +163,18 @@ impl Modes {
         if self.stranger_k.is_some_and(|k| k < seen.k) && (operator.enable_edge || operator.recover_edge) {
             self.stranger_k = None;
         }
-        let mut changed = false;
+        let (mut restarted, mut person) = (false, false);
         if let Some(target) = &seen.moment.target_seen {
-            changed |= other(&mut self.behind.retarget, target.header.incarnation);
-            changed |= target.session_nonce != 0 && other(&mut self.behind.session, target.session_nonce);
+            restarted |= other(&mut self.behind.retarget, target.header.incarnation);
+            person = target.session_nonce != 0 && other(&mut self.behind.session, target.session_nonce);
         }
         if let Some(state) = &seen.moment.state_seen {
-            changed |= other(&mut self.behind.driver, state.header.incarnation);
+            restarted |= other(&mut self.behind.driver, state.header.incarnation);
         }
-        if changed {
+        if restarted || person {
             self.stranger_k = Some(seen.k);
         }
+        restarted
     }
 
     /// Ages, counted while control is awake.

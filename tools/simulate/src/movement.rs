@@ -185,6 +185,8 @@ impl Movement {
         let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > self.scale[j] * FAR_RAD);
         self.far = if far.is_some() { self.far + 1 } else { 0 };
         if mode == Mode::Faulted {
+            // Told. Its place is where it stands after the reset.
+            (self.place, self.far) = (None, 0);
             return Ok(());
         }
         match far.filter(|_| self.far > FAR_TICKS) {

@@ -12,8 +12,8 @@ use crate::modes::{Modes, moves};
 use crate::movement::Movement;
 use crate::rules::Rules;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
-use pipeline::Moment;
-use robot::{JointLimits, Model};
+use pipeline::{ControlConfig, Moment};
+use robot::JointLimits;
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
 
@@ -138,7 +138,8 @@ pub struct Oracle {
 
 impl Oracle {
     /// Of a robot, at index `k`.
-    pub fn new(model: &Model, k: u64) -> Self {
+    pub fn new(control: &ControlConfig, k: u64) -> Self {
+        let model = &control.model;
         let limits = &model.limits;
         Self {
             limits: *limits,
@@ -156,7 +157,7 @@ impl Oracle {
             modes: Modes::new(),
             inputs: Inputs::default(),
             rules: Rules::new(model),
-            feedback: Feedback::new(model),
+            feedback: Feedback::new(model, control.servo_lag_s()),
             movement: Movement::new(model),
             likeness: Likeness::new(model),
             hash: 0xcbf2_9ce4_8422_2325,

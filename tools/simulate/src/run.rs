@@ -29,8 +29,8 @@ const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
 const FAULTY: u64 = 3000;
 
 /// Least and greatest frequency of a joint that swings, Hz, and its greatest speed as a share of the joint's limit.
-const SWING_HZ: [f64; 2] = [0.5, 20.0];
-const SWING_SPEED: [f64; 2] = [0.2, 2.0];
+const SWING_HZ: [f64; 2] = [0.1, 20.0];
+const SWING_SPEED: [f64; 2] = [0.08, 2.0];
 
 /// A bug that is planted on purpose, so that a test sees it found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +95,7 @@ impl<'a> Run<'a> {
     pub fn cold(subject: &'a Subject, seed: u64) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
-            oracle: Oracle::new(&subject.config.control.model, tick_at(world.now())),
+            oracle: Oracle::new(&subject.config.control, tick_at(world.now())),
             world,
             subject,
             client: Client::new(subject.player.clone()),
@@ -444,10 +444,11 @@ fn inject(sim: &mut sim::State, limits: &[JointLimits; JOINTS], fault: Fault, pa
     });
 }
 
-/// Of any frequency that a drive may have, as often slow as fast, from what is borne to twice the speed of the joint.
+/// Of any frequency that a drive may have, from what is borne to twice the speed of the joint. Slow ones come more often: the
+/// tracking error alone sees those.
 fn swing(joint: usize, v_max: f64, strength: f64, rng: &mut Pcg64Mcg) -> Injection {
     let frequency = SWING_HZ[0] * (SWING_HZ[1] / SWING_HZ[0]).powf(rng.random());
-    let speed = (SWING_SPEED[0] + (SWING_SPEED[1] - SWING_SPEED[0]) * strength) * v_max;
+    let speed = SWING_SPEED[0] * (SWING_SPEED[1] / SWING_SPEED[0]).powf(strength * strength) * v_max;
     Injection::Swing { joint, amplitude: speed / (std::f64::consts::TAU * frequency), frequency }
 }
 

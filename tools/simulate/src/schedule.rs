@@ -20,9 +20,10 @@ const STORM_MAX: usize = 8;
 
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for, and how many times more they are
 /// drawn than others.
-const RARE: [(&str, usize); 17] = [
+const RARE: [(&str, usize); 18] = [
     ("found-outside", 9),
     ("found-close", 9),
+    ("joint-swings", 5),
     ("kill-driver", 5),
     ("kill-control", 5),
     ("kill-ingest", 5),

@@ -83,6 +83,11 @@ impl ControlConfig {
             model,
         })
     }
+
+    /// Known delay of the robot's servos, s.
+    pub const fn servo_lag_s(&self) -> f64 {
+        self.servo_lag_s
+    }
 }
 
 /// Everything remembered between two ticks.
