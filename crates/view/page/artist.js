@@ -7,7 +7,7 @@ import { CameraRig } from "./camera.js";
 import { Floor } from "./floor.js";
 import { Person } from "./person.js";
 import { POSE, Robot, bodiesOf, capsulesOf, pieces, shapesOf } from "./robot.js";
-import { isHigh } from "./quality.js";
+import { isHigh, Sharpness } from "./quality.js";
 import { coarse, solid } from "./solid.js";
 
 // The person stands beside the robot as it is looked at, m: to its left, or behind it where it is seen from its left. In a
@@ -29,6 +29,7 @@ const LAYERS = ["measured", "target", "command"];
 class Artist {
   constructor({ canvas, quality }) {
     this.isHigh = isHigh(quality);
+    this.sharpness = new Sharpness(this.isHigh);
     if (!this.isHigh) coarse();
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.isHigh, alpha: true, powerPreference: "high-performance" });
     this.renderer.shadowMap.enabled = this.isHigh;
@@ -129,7 +130,8 @@ class Artist {
   }
 
   resize({ width, height, scale, inset }) {
-    this.renderer.setPixelRatio(scale);
+    this.scale = scale;
+    this.renderer.setPixelRatio(scale * this.sharpness.share);
     this.renderer.setSize(width, height, false);
     this.rig.resize(width, height, inset);
     this.isDirty = true;
@@ -168,6 +170,11 @@ class Artist {
     ghost.material.opacity = Math.abs(to - now) < 0.01 ? to : now + (to - now) * (1 - Math.exp(-dt / FADE_S));
     robot.group.visible = ghost.material.opacity > 0;
     if (ghost.material.opacity !== to) this.isDirty = true;
+  }
+
+  // The time between two pictures of a scene that moves, s, is the time that one takes.
+  took(dt) {
+    if (this.sharpness.note(dt)) this.renderer.setPixelRatio(this.scale * this.sharpness.share);
   }
 
   draw(dt) {
@@ -242,11 +249,14 @@ function project(box, camera, out) {
 }
 
 const [CORNER, FROM, TO] = [0, 1, 2].map(() => new THREE.Vector3());
-let artist = null, before = 0;
+let artist = null, before = 0, asked = null;
 
 function draw(now) {
   requestAnimationFrame(draw);
   const dt = Math.min(0.25, (now - before) / 1000);
+  // After a picture the browser asks for the next one when that is done.
+  if (asked !== null) artist.took((now - asked) / 1000);
+  asked = artist.isDirty ? now : null;
   if (!artist.isDirty) return;
   before = now;
   artist.draw(dt);
