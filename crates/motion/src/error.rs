@@ -22,6 +22,12 @@ pub enum MotionError {
         /// Extension in lower case.
         extension: String,
     },
+    /// A folder.
+    #[error("{file} is a folder; name one motion file in it (.bvh, .npy, .npz or .mcap)")]
+    Folder {
+        /// Path.
+        file: String,
+    },
     /// Refused before reading.
     #[error("{file}: {bytes} bytes, at most {bound}")]
     TooLarge {

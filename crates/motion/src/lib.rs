@@ -126,6 +126,9 @@ pub fn load(path: &Path) -> Result<Motion, MotionError> {
 /// Names the file and the cause: line, key, shape or frame. A mirror image is refused unless `mirror` is set.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
+    if path.is_dir() {
+        return Err(MotionError::Folder { file: file() });
+    }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     if !EXTENSIONS.contains(&extension.as_str()) {
         return Err(MotionError::UnknownFormat { file: file(), extension });

@@ -297,6 +297,7 @@ fn f104_files_are_dispatched_by_extension_and_bounded_before_reading() {
     let other = folder.path().join("clip.fbx");
     std::fs::write(&other, "x").expect("saved");
     assert!(matches!(load(&other), Err(MotionError::UnknownFormat { .. })));
+    assert!(matches!(load(std::env::temp_dir().as_path()), Err(MotionError::Folder { .. })));
     assert!(matches!(load(&folder.path().join("none.bvh")), Err(MotionError::Io { .. })));
     let huge = folder.path().join("huge.bvh");
     // Sparse: 10 GB that take no room.

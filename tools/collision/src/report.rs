@@ -29,6 +29,11 @@ pub fn table(survey: &Survey<'_>, motion: &Motion, found: &[Found], climbed: &[O
             found.exceeding_coasting,
         );
     }
+    text.push_str(
+        "v max in rad/s or m/s, a max in rad/s^2 or m/s^2. Effort is the limit, N m or N. Sampled and climbed are the largest\n\
+         shares of it that random states and a climb from the worst of them reach. Exceeding counts the states above the\n\
+         share that is allowed, the last column those that exceed it without any acceleration.\n",
+    );
     text
 }
 
