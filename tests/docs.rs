@@ -261,18 +261,77 @@ fn read(log: &Path) -> String {
     std::fs::read_to_string(log).unwrap_or_default()
 }
 
+/// The book's chapters, in its order.
+fn chapters() -> Vec<PathBuf> {
+    let folder = rig::repository().join("docs/src");
+    let links = links(&read(&folder.join("SUMMARY.md")));
+    links.into_iter().map(|link| folder.join(link)).collect()
+}
+
+/// Where the links and pictures of a document point to, but for addresses.
+fn links(document: &str) -> Vec<String> {
+    let prose: String = document.split("\n```").step_by(2).collect();
+    let targets = prose.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    targets.filter(|target| !target.contains("://")).map(str::to_owned).collect()
+}
+
+/// The names by which a browser finds the headings of a document.
+fn anchors(document: &str) -> Vec<String> {
+    let headings = document.lines().filter_map(|line| line.strip_prefix('#'));
+    let kept = |c: &char| c.is_alphanumeric() || "-_ ".contains(*c);
+    headings
+        .map(|text| text.trim_start_matches('#').trim().to_lowercase().chars().filter(kept).collect::<String>())
+        .map(|text| text.replace(' ', "-"))
+        .collect()
+}
+
+#[test]
+fn links_of_the_documents_lead_somewhere() {
+    let root = rig::repository();
+    let own = ["README.md", "SAFETY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/src/SUMMARY.md"];
+    let mut count = 0;
+    for document in own.iter().map(|name| root.join(name)).chain(chapters()) {
+        for link in links(&read(&document)) {
+            let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
+            let to = if file.is_empty() { document.clone() } else { document.with_file_name("").join(file) };
+            assert!(to.exists(), "{}: {link} leads nowhere", document.display());
+            let found = anchor.is_empty() || anchors(&read(&to)).iter().any(|name| name == anchor);
+            assert!(found, "{}: {link} names no heading", document.display());
+            count += 1;
+        }
+    }
+    assert!(count > 40, "{count} links");
+}
+
+#[test]
+fn book_lists_every_chapter_and_readme_stays_short() {
+    let folder = rig::repository().join("docs/src");
+    let listed = chapters();
+    for entry in std::fs::read_dir(&folder).expect("docs/src") {
+        let path = entry.expect("an entry").path();
+        let is_chapter = path.extension().is_some_and(|ending| ending == "md") && !path.ends_with("SUMMARY.md");
+        assert!(!is_chapter || listed.contains(&path), "{} stands in no table of contents", path.display());
+    }
+    let words = read(&rig::repository().join("README.md")).split_whitespace().count();
+    assert!(words <= 700, "README has {words} words");
+}
+
 #[test]
 fn every_command_of_the_documents_runs_in_order() {
     let mut reader = Reader::new();
     reader.build(&["--workspace".to_owned()]);
     let mut seen = Vec::new();
-    let readme = std::fs::read_to_string(rig::repository().join("README.md")).expect("README.md");
-    for commands in blocks(&readme) {
-        for command in commands {
-            reader.run(&command);
-            seen.push(command);
+    for document in std::iter::once(rig::repository().join("README.md")).chain(chapters()) {
+        for commands in blocks(&read(&document)) {
+            // What an earlier document ran is not run again.
+            for command in commands {
+                if !seen.contains(&command) {
+                    reader.run(&command);
+                    seen.push(command);
+                }
+            }
+            reader.end_block();
         }
-        reader.end_block();
     }
     for (start, how) in RULES {
         assert!(seen.iter().any(|command| command.starts_with(start)), "a rule for no command: {start} {how:?}");

@@ -446,9 +446,13 @@ fn no_file_of_tests_is_left_out() {
 
 /// A file of the repository, or a motion to play, is one that a reader has; but for what the commands write.
 #[test]
-fn files_that_the_readme_names_exist() {
+fn files_that_readme_and_book_name_exist() {
     const WRITTEN: [&str; 2] = ["config/operators/anna.toml", "weights/mine"];
-    let text = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    let chapters =
+        std::fs::read_dir(root().join("docs/src")).expect("docs/src").map(|entry| entry.expect("an entry").path());
+    let chapters = chapters.filter(|path| path.extension().is_some_and(|ending| ending == "md"));
+    let documents = chapters.chain([root().join("README.md")]);
+    let text: String = documents.map(|path| std::fs::read_to_string(path).expect("a document")).collect();
     let words = text.split(|c: char| c.is_whitespace() || "`()[]\"',;=".contains(c));
     let words = words.map(|word| word.trim_end_matches(['.', ':']).split([':', '@']).next().unwrap_or(word));
     let folders = ["crates/", "tools/", "tests/", "config/", "weights/", ".ci/", "./tools/"];
@@ -458,7 +462,7 @@ fn files_that_the_readme_names_exist() {
     // A network is two files, whose common name is given.
     let exists = |name: &&&str| root().join(name).exists() || root().join(format!("{name}.safetensors")).exists();
     let missing: Vec<_> = named.iter().filter(|name| !WRITTEN.contains(name) && !exists(name)).collect();
-    assert!(missing.is_empty(), "README.md names files that are not there: {missing:?}");
+    assert!(missing.is_empty(), "files that are not there: {missing:?}");
 }
 
 #[test]

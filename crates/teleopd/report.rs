@@ -16,7 +16,7 @@ const FOLLOWED_MIN: f64 = 0.5;
 /// The percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
-/// The report of a run; its keys are documented in the README.
+/// The report of a run; its keys name what they hold.
 pub struct Report {
     value: Value,
 }

@@ -48,7 +48,7 @@ const STEPS: [Step; 4] = [
 ];
 
 const NEXT: &str = "\
-Where to go next (README.md says more):
+Where to go next (README.md and docs say more):
   your own tracker    tools/clients/python/examples/own.py, or a webcam: tools/clients/python
   a suit or VMC       cargo run --release -p bridge -- mvn (or vmc)
   in words            cargo run --release -p say -- \"greet with your left hand\" --play

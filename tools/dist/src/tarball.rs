@@ -17,11 +17,12 @@ const PROGRAMS: [(&str, &str); 6] = [
 ];
 
 /// Folders of the repository, the endings of their files that are taken, and where they go.
-const FOLDERS: [(&str, &[&str], &str); 4] = [
+const FOLDERS: [(&str, &[&str], &str); 5] = [
     ("config/robots", &["toml", "urdf"], "share/teleopd/robots"),
     ("config/skeletons", &["toml"], "share/teleopd/skeletons"),
     ("weights", &["toml", "safetensors"], "share/teleopd/weights"),
     ("tools/keyposes/motions", &["bvh", "tsv", "txt"], "share/teleopd/motions"),
+    ("docs/src", &["md", "webp", "png"], "docs/src"),
 ];
 
 /// Documents at the root of the repository.

@@ -2,7 +2,7 @@
 
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;
-use messages::{JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
+use messages::{Fault, Faults, JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 
 /// How far a joint that turns may be from where it is told to be, rad, besides the known lag of its servo, and for how many
@@ -16,7 +16,7 @@ const JUMP: f64 = 0.03;
 const JUMPED: u32 = 6;
 /// A measurement that stays the very same for so long, ticks, while its joint is sent on and goes on by so much, rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
-const WENT: f64 = 0.03;
+const WENT: f64 = 0.024;
 /// The same of a joint that slides, as a share.
 const SLIDES: f64 = 0.2;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
@@ -83,7 +83,7 @@ impl Feedback {
             return Ok(());
         }
         let Some(state) = &seen.moment.state_seen else { return Ok(()) };
-        self.jumps(state, mode)?;
+        self.jumps(seen, state, mode)?;
         self.stands(seen, state, mode)
     }
 
@@ -127,7 +127,8 @@ impl Feedback {
         let judged = seen.unpowered && !seen.encoders_lie;
         self.lied = seen.unpowered && (self.lied || seen.encoders_lie);
         self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
-        let back_ticks = off(worst) / (FALLS * self.limits[worst].v_max * TICK_S);
+        // A posture is believed as a whole: the slowest joint decides.
+        let back_ticks = (0..JOINTS).map(|j| off(j) / (FALLS * self.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
         let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
         if self.sagged > allowed {
             return Err(("without power", format!("joint {worst} is {} from where it is told to hold", off(worst))));
@@ -135,22 +136,24 @@ impl Feedback {
         Ok(())
     }
 
-    /// A measurement that jumped, and stays there, stops.
-    fn jumps(&mut self, state: &RobotState, mode: Mode) -> Result<(), Broken> {
+    /// A measurement that jumped, and stays there, stops, and the status says so.
+    fn jumps(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
         let (q, k) = (state.q_measured, index(state));
-        let Some((good, good_k)) = self.good.filter(|_| moves(mode)) else {
+        let Some((good, good_k)) = self.good.filter(|_| moves(mode) || self.jumped > 0) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
         };
+        let status = seen.moment.control.as_ref().map(|control| Faults(control.status.faults | control.status.latched));
+        let told = status.is_some_and(|faults| faults.has(Fault::FeedbackInvalid));
         let dt = k.saturating_sub(good_k).max(1) as f64 * TICK_S;
         let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * self.limits[j].v_max * dt + JUMP;
-        let Some(j) = (0..JOINTS).find(|&j| off(j)) else {
+        let Some(j) = (0..JOINTS).find(|&j| off(j)).filter(|_| !told) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
         };
         self.jumped += 1;
         if self.jumped > JUMPED {
-            return Err(("encoder jump", format!("joint {j} from {} to {}, and it moves on", good[j], q[j])));
+            return Err(("encoder jump", format!("joint {j} from {} to {}, untold", good[j], q[j])));
         }
         Ok(())
     }

@@ -341,7 +341,7 @@ kinds! {
     "kill-control" ["f058" "f073"] Pr(Process::Kill(Who::Control)), 60..900;
     "kill-driver" ["f051" "f073"] Pr(Process::Kill(Who::Driver)), 60..900;
     "state-silent" ["f051"] Of(C::StateSilent), 4..100;
-    "feedback-frozen" ["f052"] Ro(Robot::Frozen), 15..600;
+    "feedback-frozen" ["f052"] Ro(Robot::Frozen), 15..900;
     "encoder-jump" ["f053"] Ro(Robot::EncoderJump), 1..60;
     "encoder-spike" ["f053"] Ro(Robot::EncoderSpike), 1..60;
     "feedback-nan" ["f054"] Ro(Robot::Nan), 1..60;
