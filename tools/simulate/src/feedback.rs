@@ -45,6 +45,8 @@ pub struct Feedback {
     away: [[u64; 2]; JOINTS],
     good: Option<([f64; JOINTS], u64)>,
     jumped: u32,
+    /// The mode of the tick before permitted motion.
+    moved: bool,
     /// Of the last change of each measurement.
     still: [Still; JOINTS],
     sagged: u32,
@@ -66,6 +68,7 @@ impl Feedback {
             away: [[0; 2]; JOINTS],
             good: None,
             jumped: 0,
+            moved: false,
             still: [Still::default(); JOINTS],
             sagged: 0,
             lied: false,
@@ -83,8 +86,10 @@ impl Feedback {
             return Ok(());
         }
         let Some(state) = &seen.moment.state_seen else { return Ok(()) };
-        self.jumps(seen, state, mode)?;
-        self.stands(seen, state, mode)
+        self.jumps(seen, state)?;
+        self.stands(seen, state, mode)?;
+        self.moved = moves(mode);
+        Ok(())
     }
 
     fn scale(&self, j: usize) -> f64 {
@@ -137,9 +142,9 @@ impl Feedback {
     }
 
     /// A measurement that jumped, and stays there, stops, and the status says so.
-    fn jumps(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
+    fn jumps(&mut self, seen: &Seen<'_>, state: &RobotState) -> Result<(), Broken> {
         let (q, k) = (state.q_measured, index(state));
-        let Some((good, good_k)) = self.good.filter(|_| moves(mode) || self.jumped > 0) else {
+        let Some((good, good_k)) = self.good.filter(|_| self.moved || self.jumped > 0) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
         };

@@ -89,6 +89,8 @@ pub struct Seen<'a> {
     pub judged: &'a plant::Report,
     /// A fault of the robot is in force, or was a moment ago: its joints move as the fault says.
     pub robot_faulty: bool,
+    /// Commands that the driver refused since it started, by the reason.
+    pub refused: [u64; driver::Refusal::COUNT],
     /// Where the joints are in truth.
     pub truth: [f64; JOINTS],
     /// Frames that clients sent in this tick.

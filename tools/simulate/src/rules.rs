@@ -2,6 +2,7 @@
 
 use crate::modes::{Broken, follows, moves};
 use crate::oracle::{RESTING, Seen};
+use driver::Refusal;
 use messages::{JOINTS, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
 use robot::{JointLimits, Model};
 
@@ -16,9 +17,13 @@ const STRANGE: u64 = TICK_HZ / 10 + 100;
 /// Ticks without a command after which a driver must say that it has latched: 10 ms, and as much again.
 const SILENCE: u64 = 30;
 
+/// Refusals that are about the motion that a command asks for, not about when it comes.
+const ASKED: [Refusal; 4] = [Refusal::NotFinite, Refusal::NotAStop, Refusal::Jump, Refusal::OutsideLimits];
+
 /// What is remembered.
 #[derive(Clone)]
 pub struct Rules {
+    refused: [u64; Refusal::COUNT],
     limits: [JointLimits; JOINTS],
     target: Option<JointTarget>,
     command: Option<JointCommand>,
@@ -40,6 +45,7 @@ impl Rules {
     /// Of a robot.
     pub fn new(model: &Model) -> Self {
         Self {
+            refused: [0; Refusal::COUNT],
             limits: model.limits,
             target: None,
             command: None,
@@ -61,6 +67,7 @@ impl Rules {
             (self.denials, self.no_numbers, self.command) = (0, 0, None);
         }
         self.velocity(seen)?;
+        self.refusals(seen)?;
         self.silence(seen)?;
         self.stranger(seen);
         let Some(control) = &seen.moment.control else { return Ok(()) };
@@ -130,6 +137,16 @@ impl Rules {
             }
         }
         Ok(())
+    }
+
+    /// `control` sends nothing that the driver has to refuse for what it asks of the robot.
+    fn refusals(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let [before, now] = [self.refused, seen.refused];
+        self.refused = now;
+        match ASKED.iter().find(|&&reason| now[reason as usize] > before[reason as usize]) {
+            Some(reason) if !seen.driver_restarted => Err(("refused", format!("a command of control: {reason:?}"))),
+            _ => Ok(()),
+        }
     }
 
     /// A driver without commands says so.

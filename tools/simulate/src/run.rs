@@ -228,6 +228,7 @@ impl<'a> Run<'a> {
             self.undriven_until = self.undriven_until.max(k + UNDRIVEN);
         }
         let truth = *robot.q();
+        let refused = robot.follower().refused;
         let seen = Seen {
             tick: k,
             k: grid,
@@ -243,6 +244,7 @@ impl<'a> Run<'a> {
             judged: self.world.judged(),
             robot_faulty: k < self.faulty_until,
             truth,
+            refused,
             sent: &self.frames,
             drained: &self.drained,
             unpowered: self.has(|robot| matches!(robot, Robot::PowerReturns | Robot::Stopped)),

@@ -20,12 +20,11 @@ const STORM_MAX: usize = 8;
 
 /// Kinds that act once an episode, or only if the robot happens to do what they wait for, and how many times more they are
 /// drawn than others.
-const RARE: [(&str, usize); 20] = [
+const RARE: [(&str, usize); 19] = [
     ("found-outside", 9),
     ("found-close", 9),
     ("joint-swings", 5),
-    ("feedback-frozen", 5),
-    ("encoder-jump", 5),
+    ("target-late", 3),
     ("kill-driver", 5),
     ("kill-control", 5),
     ("kill-ingest", 5),
