@@ -36,6 +36,8 @@ pub struct Plan {
     pub ticks: u64,
     /// Threads.
     pub jobs: usize,
+    /// Stop at the first seed that breaks a promise.
+    pub until_found: bool,
     /// Kinds that schedules may hold.
     pub kinds: Vec<usize>,
     /// A bug planted on purpose.
@@ -128,23 +130,30 @@ pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
     schedule::draw(seed, plan.ticks, &plan.kinds, &schedule::dealt(seed, &plan.kinds))
 }
 
-/// Runs all seeds; the summary does not depend on the number of threads. `done` is told of every run.
+/// Runs all seeds, or those up to the first that breaks a promise; the summary does not depend on the number of threads.
+/// `done` is told of every run.
 pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Summary, String> {
     let engaged = subject.engaged()?;
     let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
     let last = plan.first_seed.checked_add(plan.seeds).ok_or("the last seed is too large")?;
-    let outcomes: Vec<(u64, usize, Outcome)> = pool.install(|| {
-        let seeds: Vec<u64> = (plan.first_seed..last).collect();
-        let seeds = seeds.into_par_iter().with_max_len(1);
-        seeds
-            .map(|seed| {
-                let episodes = drawn(seed, plan);
-                let outcome = single(&engaged, subject, seed, plan, &episodes);
-                done();
-                (seed, episodes.len(), outcome)
-            })
-            .collect()
-    });
+    let one = |seed| {
+        let episodes = drawn(seed, plan);
+        let outcome = single(&engaged, subject, seed, plan, &episodes);
+        done();
+        (seed, episodes.len(), outcome)
+    };
+    let at_once = if plan.until_found { plan.jobs } else { plan.seeds as usize };
+    let mut outcomes: Vec<(u64, usize, Outcome)> = vec![];
+    for from in (plan.first_seed..last).step_by(at_once) {
+        let seeds: Vec<u64> = (from..last).take(at_once).collect();
+        outcomes.extend(pool.install(|| seeds.into_par_iter().with_max_len(1).map(one).collect::<Vec<_>>()));
+        if plan.until_found
+            && let Some(found) = outcomes.iter().position(|(.., outcome)| outcome.violation.is_some())
+        {
+            outcomes.truncate(found + 1);
+            break;
+        }
+    }
     let failed: Vec<_> = outcomes.iter().filter(|(_, _, outcome)| outcome.violation.is_some()).collect();
     let failures = pool.install(|| {
         failed
@@ -154,7 +163,7 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
             .filter_map(|(n, (seed, _, outcome))| {
                 let violation = outcome.violation.clone()?;
                 let episodes = drawn(*seed, plan);
-                let shrunk = n < SHRUNK_MAX;
+                let shrunk = n < SHRUNK_MAX && !plan.until_found;
                 let (schedule, smallest) = if shrunk {
                     let fails = |some: &[Episode]| single(&engaged, subject, *seed, plan, some).violation;
                     shrink::smallest(&episodes, &violation, fails)
@@ -185,13 +194,14 @@ pub fn alone(plan: &Plan, seed: u64, episodes: &[Episode], outcome: Outcome) -> 
 }
 
 fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure>) -> Summary {
+    let seeds = outcomes.len() as u64;
     let mut sum = Summary {
-        seeds: plan.seeds,
+        seeds,
         ticks: 0,
         failures,
         fired: [0; KIND_COUNT],
         missing: vec![],
-        demanded: demanded(plan.seeds, plan.seeds.saturating_mul(plan.ticks)),
+        demanded: demanded(seeds, seeds.saturating_mul(plan.ticks)),
         ticks_in: [0; Mode::ALL.len()],
         episodes: 0,
         transitions: 0,

@@ -30,6 +30,9 @@ pub struct Cli {
     /// Threads; the results do not depend on them.
     #[arg(long, default_value_t = cores())]
     pub jobs: usize,
+    /// Stop at the first seed that breaks a promise; its schedule is told as it was drawn.
+    #[arg(long, conflicts_with = "replay")]
+    pub until_found: bool,
     /// Write the figures here as JSON; of --replay, those of the one run.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -87,7 +90,7 @@ impl Cli {
             kinds = (0..KIND_COUNT).collect();
         }
         let (first_seed, seeds, ticks, jobs) = (self.first_seed, self.seeds, self.ticks, self.jobs);
-        Ok(Plan { first_seed, seeds, ticks, jobs, kinds, bug: None })
+        Ok(Plan { first_seed, seeds, ticks, jobs, until_found: self.until_found, kinds, bug: None })
     }
 
     /// All faults.

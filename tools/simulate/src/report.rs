@@ -40,7 +40,7 @@ pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
     json!({
         "config_hash": format!("{settings:016x}"),
         "kinds": plan.kinds.iter().map(|&kind| KINDS[kind].name).collect::<Vec<_>>(),
-        "seeds": plan.seeds,
+        "seeds": sum.seeds,
         "first_seed": plan.first_seed,
         "ticks": sum.ticks,
         "ticks_per_seed": plan.ticks,
@@ -157,7 +157,7 @@ mod tests {
         let violation = Violation { tick: 7, invariant: "joint limits", detail: "of joint 3".to_owned() };
         let smallest = violation.clone();
         let mut failure = Failure { seed: 4, violation, schedule: vec![], shrunk: true, smallest, episodes: 9 };
-        let plan = Plan { first_seed: 1, seeds: 9, ticks: 9000, jobs: 1, kinds: vec![], bug: None };
+        let plan = Plan { first_seed: 1, seeds: 9, ticks: 9000, jobs: 1, until_found: false, kinds: vec![], bug: None };
         let told = |failure: &Failure, config: &str| failure_words(failure, &plan, Path::new(config));
         let shipped = told(&failure, CONFIG);
         assert!(shipped.contains("  smallest schedule (0 of 9 episodes)"), "{shipped}");

@@ -20,7 +20,7 @@ fn subject() -> Subject {
 }
 
 fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {
-    Plan { first_seed: 1, seeds, ticks, jobs, kinds: (0..KIND_COUNT).collect(), bug: None }
+    Plan { first_seed: 1, seeds, ticks, jobs, until_found: false, kinds: (0..KIND_COUNT).collect(), bug: None }
 }
 
 fn told(sum: &Summary) -> String {
@@ -95,6 +95,23 @@ fn nothing_that_is_scheduled_breaks_a_promise() {
     }
     let moving = sum.ticks_in[Mode::Engaging as usize] + sum.ticks_in[Mode::Engaged as usize];
     assert!(2 * moving > sum.ticks, "the robot moved in {moving} of {} ticks only", sum.ticks);
+}
+
+/// The first seed that breaks a promise ends the campaign, and is the same whatever the threads.
+#[test]
+fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
+    let subject = subject();
+    let mut plan = Plan { until_found: true, bug: Some(Bug::DeafWhileTargetsAreLost), ..plan(50, 9000, 1) };
+    let one = campaign::run(&subject, &plan, || {}).expect("a campaign");
+    let [failure] = &one.failures[..] else { panic!("{} failures", one.failures.len()) };
+    assert_eq!((failure.seed, failure.shrunk), (one.seeds, false), "it is the last that ran");
+    assert!(one.seeds < 50, "the others did not run");
+    plan.jobs = 3;
+    assert_eq!(campaign::run(&subject, &plan, || {}).expect("a campaign"), one);
+    plan.bug = None;
+    plan.seeds = one.seeds;
+    let sound = campaign::run(&subject, &plan, || {}).expect("a campaign");
+    assert_eq!((sound.seeds, sound.failures.len()), (one.seeds, 0));
 }
 
 /// The options of a build that knows bugs say so in any other; see `.ci/known_bugs`.
