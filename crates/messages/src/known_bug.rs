@@ -73,18 +73,6 @@ mod planted {
     }
 
     known_bugs! {
-        // skeleton
-        FutureAccepted, "A frame whose stamp lies in the future is taken, and everything after it looks old.", like "moveit/moveit2#772";
-        OldFrameAccepted, "A frame may be any age: what was held up on its way is taken like what is new.";
-        FrozenAccepted, "A tracker that repeats its last frame for ever counts as alive.";
-        NanAccepted, "The bound is written so that a position which is no number passes it.", like "ros-controls/ros2_controllers#2587";
-        MirroredAccepted, "A frame that says of itself that it is a mirror image is taken as it is.";
-        TeleportAccepted, "A joint may be anywhere in the next frame.";
-        LowConfidenceUsed, "Joints that the tracker only guesses are used like those that it sees.";
-        // retarget
-        ArmsSwapped, "The left arm follows the right one and the other way round.";
-        MirrorForgotten, "The right arm is treated as if it were a left one.";
-        VelocityOfOneTick, "The velocity of a target is its step over one tick, however many have passed.";
         // wbc
         NeighbourVelocityLimit, "Each joint is planned with the speed limit of the next one.";
         MirroredLimits, "The lower limit of each joint is taken for the upper one with its sign changed.";

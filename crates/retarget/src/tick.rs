@@ -2,7 +2,7 @@
 
 use messages::{
     Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, TICK_HZ, TICK_S,
-    WAY_NODE_TICKS, WAY_NODES, known_bug, skeleton_flag, target_flag,
+    WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
 };
 use serde::Deserialize;
 
@@ -378,14 +378,13 @@ fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
 
 /// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.
 fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option<Limbs> {
-    let arm = if known_bug!(ArmsSwapped) { 1 - arm } else { arm };
     let bits = skeleton_flag::LIMB[2 * arm] | skeleton_flag::LIMB[2 * arm + 1];
     if skeleton.flags & bits != bits {
         return None;
     }
     let rotation = |limb: [f32; 4]| {
         let limb = limb.map(f64::from);
-        rotation_from_xyzw(if arm == 0 || known_bug!(MirrorForgotten) { limb } else { mirror(limb) })
+        rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) })
     };
     let limbs = rotation(skeleton.limbs[2 * arm]).zip(rotation(skeleton.limbs[2 * arm + 1]));
     if limbs.is_none() {
@@ -424,7 +423,7 @@ fn velocity(config: &Config, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ
     let Some(before) = before.filter(|_| ticks <= VELOCITY_TICKS_MAX) else {
         return [0.0; ARM_Q];
     };
-    let dt = if known_bug!(VelocityOfOneTick) { 1.0 } else { ticks as f64 } * TICK_S;
+    let dt = ticks as f64 * TICK_S;
     std::array::from_fn(|j| ((q[j] - before[j]) / dt).max(-config.velocity_max[j]).min(config.velocity_max[j]))
 }
 

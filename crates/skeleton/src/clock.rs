@@ -2,7 +2,7 @@
 //! a camera has a clock that drifts, and is followed as long as it drifts no faster than quartz does.
 
 use crate::config::{Config, DropReason};
-use messages::{Stamp, known_bug};
+use messages::Stamp;
 
 /// Fastest drift that is followed, parts per million: twice the 500 that is taken for the worst quartz.
 const DRIFT_MAX_PPM: i64 = 1000;
@@ -39,9 +39,8 @@ impl ClientClock {
         let age_ns = late_ns.saturating_sub(self.offset_ns);
         let unseen_ns = if self.seen == Stamp::NONE { 0 } else { now.since(self.seen).min(UNSEEN_MAX_NS) };
         let drift_max = unseen_ns as i64 * DRIFT_MAX_PPM / 1_000_000;
-        let ahead = age_ns < (-future_max).saturating_sub(drift_max) && !known_bug!(FutureAccepted);
-        let old = age_ns > age_max.saturating_add(drift_max) && !known_bug!(OldFrameAccepted);
-        if ahead || old {
+        let ahead = age_ns < (-future_max).saturating_sub(drift_max);
+        if ahead || age_ns > age_max.saturating_add(drift_max) {
             // It was no drift, or it is over: a stamp that fits our clock as it is needs no offset.
             if self.offset_ns != 0 && (0..=age_max).contains(&late_ns) {
                 *self = Self { seen: now, ..Self::new() };

@@ -6,7 +6,7 @@ use crate::person::Person;
 use crate::plausible::{Chirality, chirality};
 use crate::reference::Learnt;
 use crate::steps::{Body, Part, Which};
-use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after, known_bug};
+use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after};
 
 /// Time over which the evidence on left and right is averaged, s. Dancers turn shoulders and feet against the hips for a moment
 /// (CMU 005_16), a mirrored tracker does so always.
@@ -216,7 +216,6 @@ impl Session {
         }
         // A client holds its first frame until it is engaged: only what moved before can freeze.
         let frozen = config.frozen_after_ns > 0 && self.moved && still_ns >= config.frozen_after_ns;
-        let frozen = frozen && !known_bug!(FrozenAccepted);
         if frozen { Err(DropReason::Frozen) } else { Ok(()) }
     }
 

@@ -7,8 +7,7 @@ use crate::person::Person;
 use crate::reference::Calibration;
 use crate::session::Session;
 use messages::{
-    CalibrationSource, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, known_bug,
-    raw_flag,
+    CalibrationSource, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, raw_flag,
 };
 
 /// The sample of this tick.
@@ -190,7 +189,7 @@ fn check_envelope(raw: &RawSkeleton) -> Result<(), DropReason> {
     if raw.joint_count as usize != SMPL_JOINTS || raw.flags & !(raw_flag::MIRRORED | raw_flag::ROTATIONS) != 0 {
         return Err(DropReason::Count);
     }
-    if raw.flags & raw_flag::MIRRORED != 0 && !known_bug!(MirroredAccepted) {
+    if raw.flags & raw_flag::MIRRORED != 0 {
         return Err(DropReason::Mirrored);
     }
     if raw.header.origin == Stamp::NONE {
