@@ -73,16 +73,6 @@ mod planted {
     }
 
     known_bugs! {
-        // wbc
-        NeighbourVelocityLimit, "Each joint is planned with the speed limit of the next one.";
-        MirroredLimits, "The lower limit of each joint is taken for the upper one with its sign changed.";
-        LastPhaseJerk, "The last phase of a stop is twice as sharp and half as long.", like "pantor/ruckig#86";
-        DegreesForOneJoint, "One joint's target is taken for degrees.";
-        ClearanceInMillimetres, "The distance to keep is divided by a thousand.";
-        ScaleIgnored, "The reduced speed is computed, shown and not applied.";
-        RecoveryOutward, "A joint beyond its limit is moved further out.";
-        RecoveryTooFast, "A recovery moves at ten times its speed.";
-        TorqueUnchecked, "Whether the motors can give what a motion asks for is not looked at.";
         // safety
         StopForgottenWhileEngaging, "A stop is not heard in one of the modes: while the robot engages.";
         StopLostWithEnable, "An emergency stop that comes together with an enable is lost.";

@@ -13,7 +13,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
 use crate::torque::{self, Load, TorqueScratch, joints};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
-use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S, known_bug};
+use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 
 /// Share of the way from the plan's jerk to the wanted one that a candidate is tried with. The share 0 is the plan
 /// itself, which needs no proof.
@@ -81,8 +81,6 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
         } else {
             JointAim { q: config.home[j], dq: 0.0, ddq: 0.0 }
         };
-        let degrees = known_bug!(DegreesForOneJoint) && j == LEFT_ARM.start + 1;
-        let aim = if degrees { JointAim { q: aim.q.to_radians(), ..aim } } else { aim };
         aim.within(&config.bounds[j])
     })
 }

@@ -7,7 +7,7 @@ use crate::hand::HandSpeed;
 use crate::interface::Interface;
 use crate::interval::Bounds;
 use crate::torque::Load;
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, known_bug};
+use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use robot::{Payload, Solid};
 use thiserror::Error;
 
@@ -227,17 +227,12 @@ impl Config {
             return Err(WbcError::Clearance(parts.d_min_m));
         }
         check_masses(&parts.masses, &parts.effort_max)?;
-        let bounds: [Bounds; JOINTS] = std::array::from_fn(|j| planned(j, &parts.limits[j]));
-        let next = |j: usize| bounds[(j + usize::from(known_bug!(NeighbourVelocityLimit))) % JOINTS].v_max;
-        let bounds = std::array::from_fn(|j| Bounds { v_max: next(j), ..bounds[j] });
-        let unit = if known_bug!(ClearanceInMillimetres) { 1e-3 } else { 1.0 };
-        let d_min_m = unit * parts.d_min_m + CLEARANCE_INSET_M;
+        let d_min_m = parts.d_min_m + CLEARANCE_INSET_M;
         let mut load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
         load.carry(&parts.payload);
-        let load = (options.torque && !known_bug!(TorqueUnchecked)).then_some(load);
         Ok(Self {
-            bounds,
-            load,
+            bounds: std::array::from_fn(|j| planned(j, &parts.limits[j])),
+            load: options.torque.then_some(load),
             stop_time_max_s: parts.stop_time_max_s,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
             home: parts.home,
@@ -270,7 +265,7 @@ fn planned(j: usize, l: &Bounds) -> Bounds {
         false => (PLANNED_SPEED_SHARE, POSITION_INSET),
     };
     Bounds {
-        q_min: if known_bug!(MirroredLimits) { -l.q_max } else { l.q_min } + inset,
+        q_min: l.q_min + inset,
         q_max: l.q_max - inset,
         v_max: speed_share * l.v_max,
         a_max: PLANNED_SHARE * l.a_max,

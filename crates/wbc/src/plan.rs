@@ -13,7 +13,7 @@
 //! a_p without the cap follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal, so what is left of it after
 //! a while is the stop of the state then: a tick along the plan never lengthens it.
 
-use messages::{JOINTS, StopPlan, known_bug};
+use messages::{JOINTS, StopPlan};
 
 /// Position, velocity and acceleration of one joint; rad or m, and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -76,7 +76,6 @@ impl JointStop {
             0.0
         };
         let first_jerk = if a + peak < 0.0 { j_max } else { -j_max };
-        let j_max = if known_bug!(LastPhaseJerk) { 2.0 * j_max } else { j_max };
         Self { jerk: [s * first_jerk, 0.0, s * j_max], duration_s: [first, cruise, peak / j_max] }
     }
 

@@ -28,7 +28,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use crate::torque::{self, Load, TorqueScratch};
-use messages::{ALL_JOINTS, JOINTS, TICK_S, known_bug};
+use messages::{ALL_JOINTS, JOINTS, TICK_S};
 use robot::Solid;
 
 /// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s, below the 250 mm/s that
@@ -161,8 +161,7 @@ impl Recovery {
             needed |= below || above;
             self.problem.lower[j] = if below { 0.0 } else { -towards(x.q - bounds.q_min) };
             self.problem.upper[j] = if above { 0.0 } else { towards(bounds.q_max - x.q) };
-            let inward = f64::from(u8::from(below)) - f64::from(u8::from(above));
-            self.problem.reference[j] = if known_bug!(RecoveryOutward) { -inward } else { inward };
+            self.problem.reference[j] = f64::from(u8::from(below)) - f64::from(u8::from(above));
         }
         self.find_near(&config.geometry, anchor);
         needed |= self.near_count > 0;
@@ -256,7 +255,6 @@ fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS] {
         let (x, bounds) = (before.joint(j), &config.bounds[j]);
         let speed = if config.geometry.chain.links()[j].prismatic { SPEED_M_PER_S } else { SPEED_RAD_PER_S };
         let q = [bounds.q_min.min(x.q), bounds.q_max.max(x.q)];
-        let speed = if known_bug!(RecoveryTooFast) { 10.0 * speed } else { speed };
         Reach { x, q, speed: PLANNED_SHARE * speed.min(bounds.v_max) }
     })
 }

@@ -11,7 +11,7 @@ use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, command_flag, known_bug};
+use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, command_flag};
 use robot::Payload;
 
 /// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
@@ -190,7 +190,6 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
         Permit::Follow { speed_scale } if speed_scale > 0.0 => {
             let State { planned, anchor, barrier, scratch, torque, load, .. } = state;
             let mut chooser = Chooser { config, load: load.as_ref(), anchor, barrier, scratch, torque };
-            let speed_scale = if known_bug!(ScaleIgnored) { 1.0 } else { speed_scale };
             chooser.choose(planned, &on_plan, &aims, speed_scale.min(1.0))
         }
         Permit::Recover => {
