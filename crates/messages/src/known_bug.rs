@@ -73,33 +73,6 @@ mod planted {
     }
 
     known_bugs! {
-        // safety
-        StopForgottenWhileEngaging, "A stop is not heard in one of the modes: while the robot engages.";
-        StopLostWithEnable, "An emergency stop that comes together with an enable is lost.";
-        StopIsDisplayOnly, "A stop changes the mode that is shown, and the robot follows on.", like "ros-controls/ros2_controllers#683";
-        HoldIsDisplayOnly, "Holding follows the target on.";
-        ReleaseIgnoredWhileEngaging, "The dead-man's handle is not looked at while the robot engages.";
-        ResetWhileMoving, "A reset is taken while the robot still moves.";
-        ResetWithEnableHeld, "A reset is taken with the enable held.";
-        LevelEngages, "The enable engages by its level: whoever holds it is engaged again without pressing.";
-        EngagesDespiteFaults, "An enable is taken though a fault holds.";
-        StuckEnableAccepted, "An enable that was pressed before the program started counts.";
-        ResumesWithoutEnable, "A hold resumes though the enable was let go meanwhile.", like "UniversalRobots/Universal_Robots_ROS_Driver#68";
-        StrangerResumes, "After a restart of another process the motion resumes without a new enable.";
-        LatchClearsItself, "A latched fault is gone as soon as its cause is.";
-        RampMissing, "The robot goes to a person who stands elsewhere at full speed.", like "UniversalRobots/Universal_Robots_ROS2_Driver#515";
-        RampForgottenOnResume, "The slow first second is left out when a hold resumes.";
-        SessionChangeIgnored, "Another client's frames move the robot without a new enable.";
-        RetargetRestartIgnored, "A restarted writer of targets counts as the one before.";
-        DriverRestartIgnored, "A restarted driver counts as the one before.";
-        TargetStaleIgnored, "The last target is followed for ever.", like "moveit/moveit#3049";
-        StateLateIgnored, "The robot's state may be any age.";
-        OperatorSilenceIgnored, "The enable of a silent operator's device stays in force.", like "duckietown/Software#200";
-        FaultActsForOneTick, "A fault acts in the tick in which it is noticed, and is forgotten in the next.";
-        TrackingErrorSigned, "The tracking error is compared with its bound without its magnitude being taken.";
-        EncoderJumpIgnored, "A measurement may be anywhere in the next sample.";
-        FrozenFeedbackIgnored, "A measurement that stands still while its joint is sent on is believed.";
-        OutsideBelowUnseen, "Only the upper limits are looked at before a start.";
         // pipeline
         NanTargetPasses, "A target that is no number is below every bound.";
         StopLostWithReset, "An emergency stop that comes together with a reset is lost.";
@@ -125,8 +98,6 @@ mod planted {
         SilenceNotLatched, "Silence latches nothing: whoever speaks again moves the robot on.";
         GapBridged, "A driver that was suspended takes the newest command as if no time had passed.";
         PauseBridged, "A driver that was suspended plays all missed ticks of its plan in one step.";
-        SwingIgnored, "A joint whose measured speed is not the one it is sent stops nothing.";
-        StandstillIgnored, "A robot that leaves its place while nothing moves it is left to itself.";
         ResetWhileSwinging, "The driver takes a reset while the joints still move, if only the command stands.";
         HoldDrifts, "A robot at rest is told to stay where it is measured, in every tick anew.", like "moveit/moveit2#2127";
         SagForgotten, "A robot that sank without power is sent back to where it was.", like "RethinkRobotics/baxter_interface#65";

@@ -32,7 +32,7 @@ mod recovery;
 mod reduced;
 mod watch;
 
-use messages::{Fault, Faults, Mode, Response, Stamp, Transition, known_bug};
+use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
 
 pub use config::{Config, ConfigError, Settings};
 pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, TargetView};
@@ -157,7 +157,6 @@ impl Default for State {
 /// 0.05 + 0.95 (3 s^2 - 2 s^3), so neither the scale nor its slope jumps.
 pub fn speed_scale(elapsed_ns: u64) -> f64 {
     let s = elapsed_ns.saturating_sub(FIRST_NS).min(RAMP_NS) as f64 / RAMP_NS as f64;
-    let s = if known_bug!(RampMissing) { 1.0 } else { s };
     SPEED_SCALE_FIRST + (1.0 - SPEED_SCALE_FIRST) * s * s * (3.0 - 2.0 * s)
 }
 
@@ -177,7 +176,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         jumps_on: state.reduced.jumps_on(config, &input),
     };
     let active = state.watch.judge(config, mode, now, &input);
-    let stops = if deaf_to_stops(before) { Faults::NONE } else { active.of(Response::Stop) };
+    let stops = active.of(Response::Stop);
     state.latched = state.latched.union(stops);
     let (share, why_reduced) = state.reduced.judge(config, state.watch.ages, &input);
 
@@ -211,8 +210,6 @@ fn permit(phase: Phase, share: f64) -> Permit {
     match phase {
         Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: share * speed_scale(elapsed_ns) },
         Phase::Engaged => Permit::Follow { speed_scale: share },
-        Phase::Holding { .. } if known_bug!(HoldIsDisplayOnly) => Permit::Follow { speed_scale: share },
-        Phase::Faulted { .. } if known_bug!(StopIsDisplayOnly) => Permit::Follow { speed_scale: share },
         Phase::Recovering { .. } => Permit::Recover,
         Phase::Disengaged | Phase::Holding { .. } | Phase::Faulted { .. } => Permit::Stop,
     }
@@ -243,8 +240,7 @@ fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<
 }
 
 fn may_reset(input: &Input) -> bool {
-    let at_rest = input.at_rest() || known_bug!(ResetWhileMoving);
-    input.operator.reset_edge && at_rest && (!held(input) || known_bug!(ResetWithEnableHeld))
+    input.operator.reset_edge && input.at_rest() && !held(input)
 }
 
 /// The operator holds the enable or the recovery.
@@ -256,10 +252,8 @@ fn held(input: &Input) -> bool {
 fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
-        Phase::Engaging { elapsed_ns, settled_ns } => {
-            let withdrawn = withdrawn(input, active, false).filter(|&(_, why)| !deaf_to_release(why));
-            withdrawn.unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full()))
-        }
+        Phase::Engaging { elapsed_ns, settled_ns } => withdrawn(input, active, false)
+            .unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full())),
         Phase::Engaged => withdrawn(input, active, active.is_in(GAPS)).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, ended, gap } => {
             holding(input, active, elapsed_ns, ended, gap && active.is_in(GAPS))
@@ -269,21 +263,11 @@ fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     }
 }
 
-fn deaf_to_stops(phase: Phase) -> bool {
-    known_bug!(StopForgottenWhileEngaging) && phase.mode() == Mode::Engaging
-}
-
-fn deaf_to_release(why: u32) -> bool {
-    known_bug!(ReleaseIgnoredWhileEngaging) && why == Transition::RELEASED
-}
-
 fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     let operator = &input.operator;
-    let pressed = operator.enable_edge || known_bug!(LevelEngages);
-    let asked = pressed && operator.enable_level && !operator.release_edge;
-    let armed = state.watch.armed() || known_bug!(StuckEnableAccepted);
-    let ready = armed && state.watch.operator_alive && input.at_rest();
-    if ready && asked && (active.is_empty() || known_bug!(EngagesDespiteFaults)) {
+    let asked = operator.enable_edge && operator.enable_level && !operator.release_edge;
+    let ready = state.watch.armed() && state.watch.operator_alive && input.at_rest();
+    if ready && asked && active.is_empty() {
         (Phase::engaging(), Transition::ENABLED)
     } else if ready && recovery::begins(input, active) {
         (Phase::Recovering { blocked_ns: 0 }, Transition::RECOVERING)
@@ -297,7 +281,7 @@ fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
     // The reason is told now; at rest there is no other.
     let ended = Some(Transition::AT_REST);
     if let Some(fault) = active.of(Response::Release).iter().next() {
-        return Some((Phase::holding(ended.filter(|_| !known_bug!(StrangerResumes))), fault as u32));
+        return Some((Phase::holding(ended), fault as u32));
     }
     if let Some(fault) = active.of(Response::Hold).iter().next() {
         let ended = released(input).then_some(Transition::RELEASED);
@@ -327,18 +311,14 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
 
 fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: bool) -> (Phase, u32) {
     let elapsed_ns = elapsed_ns.saturating_add(charged_ns(input.own_gap_ns));
-    let released = released(input) && !known_bug!(ResumesWithoutEnable);
     let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
-    let ended = ended.or(if released { Some(Transition::RELEASED) } else { fault() });
+    let ended = ended.or(if released(input) { Some(Transition::RELEASED) } else { fault() });
     match ended {
         _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended, gap }, 0),
         Some(_) if active.has(Fault::HoldTimeout) => (Phase::Disengaged, Fault::HoldTimeout as u32),
         Some(why) => (Phase::Disengaged, why),
         None if active.is_empty() && gap && elapsed_ns <= GAP_MAX_NS => (Phase::Engaged, Transition::CLEARED),
-        None if active.is_empty() => {
-            let elapsed_ns = if known_bug!(RampForgottenOnResume) { u64::MAX } else { 0 };
-            (Phase::Engaging { elapsed_ns, settled_ns: 0 }, Transition::CLEARED)
-        }
+        None if active.is_empty() => (Phase::engaging(), Transition::CLEARED),
         None => (Phase::Holding { elapsed_ns, ended, gap }, 0),
     }
 }
@@ -347,7 +327,7 @@ fn faulted(state: &mut State, input: &Input, cause: Fault, pending_ns: Option<u6
     let driver_cleared = pending_ns.is_some() && input.at_rest() && !held(input);
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
-    } else if !(driver_cleared || known_bug!(LatchClearsItself) && input.at_rest()) {
+    } else if !driver_cleared {
         return (Phase::Faulted { cause, reset_pending_ns: None }, 0);
     }
     state.latched = Faults::NONE;

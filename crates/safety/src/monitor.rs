@@ -4,7 +4,7 @@ mod feedback;
 mod movement;
 mod target;
 
-use messages::{JOINTS, known_bug};
+use messages::JOINTS;
 use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
@@ -55,7 +55,7 @@ fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
     let mut worst: Option<Outside> = None;
     for (joint, (limits, q)) in model.limits.iter().zip(q).enumerate() {
         let by = q - q.clamp(limits.q_min, limits.q_max);
-        let inside = if known_bug!(OutsideBelowUnseen) { by } else { by.abs() } <= margin;
+        let inside = by.abs() <= margin;
         let worse = worst.is_none_or(|worst| by.is_nan() || by.abs() > worst.by.abs());
         if !inside && worse {
             worst = Some(Outside { joint, by });
@@ -91,8 +91,7 @@ pub fn tracking_error(
 ) -> (Farthest, Farthest) {
     let (mut angle_rad, mut length_m) = (Farthest::default(), Farthest::default());
     for j in 0..JOINTS {
-        let error = q_command[j] - servo_lag_s * v_command[j] - q_measured[j];
-        let error = if known_bug!(TrackingErrorSigned) { error } else { error.abs() };
+        let error = (q_command[j] - servo_lag_s * v_command[j] - q_measured[j]).abs();
         let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
         if error.is_nan() {
             let nothing = Farthest { error, joint: j };

@@ -1,6 +1,6 @@
 //! From what is seen at a tick to the set of faults that hold: ages by the own clock, restarts, and debouncing.
 
-use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ, known_bug};
+use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ};
 
 use super::reduced::{Ages, Lateness};
 use super::{Config, Input};
@@ -93,10 +93,6 @@ pub(super) fn charged_ns(own_gap_ns: u64) -> u64 {
     own_gap_ns.min(CHARGE_MAX_NS)
 }
 
-fn deaf_to_what_lasts(ticks: u32, debounce_ticks: u32) -> bool {
-    known_bug!(FaultActsForOneTick) && ticks > debounce_ticks
-}
-
 impl Watch {
     /// Whether the enable has been seen released for long enough since start.
     pub(super) fn armed(&self) -> bool {
@@ -113,7 +109,7 @@ impl Watch {
         for row in &FAULTS {
             let held = &mut self.ticks_held[row.fault.index()];
             *held = if seen.has(row.fault) { held.saturating_add(1) } else { 0 };
-            if *held >= row.debounce_ticks && !deaf_to_what_lasts(*held, row.debounce_ticks) {
+            if *held >= row.debounce_ticks {
                 active = active.with(row.fault);
                 if !self.active.has(row.fault) {
                     let count = &mut self.counts[row.fault.index()];
@@ -140,10 +136,8 @@ impl Watch {
         let heartbeat_age = self.heartbeat.judge(now, input.operator.heartbeat_received, charged, slept);
         self.ages = Ages { target_ns: target_age, input_ns: input_age };
         let (has_target, has_state) = (self.target.seen(), self.state.seen());
-        let target_stale = target_age > config.target_stale_ns && !known_bug!(TargetStaleIgnored);
-        let heard = heartbeat_age <= config.operator_silent_ns || known_bug!(OperatorSilenceIgnored);
-        self.operator_alive = input.operator.connected && heard;
-        let deaf = known_bug!(StopLostWithEnable) && input.operator.enable_edge;
+        let target_stale = target_age > config.target_stale_ns;
+        self.operator_alive = input.operator.connected && heartbeat_age <= config.operator_silent_ns;
 
         let mut seen = Faults::NONE;
         seen.set(Fault::NotRealtime, !input.realtime_ok);
@@ -159,18 +153,17 @@ impl Watch {
         seen.set(Fault::InputImplausible, has_target && (input.target.implausible || mode.jumps_on));
         seen.set(Fault::TargetStale, has_target && target_stale);
         seen.set(Fault::CollisionNear, has_state && input.robot.collision_near);
-        let late = state_age > config.state_late_ns && !known_bug!(StateLateIgnored);
-        seen.set(Fault::StateLate, has_state && late);
+        seen.set(Fault::StateLate, has_state && state_age > config.state_late_ns);
         seen.set(Fault::OperatorSilent, mode.has_authority && !self.operator_alive);
         seen.set(Fault::WriterRestarted, self.writer_restarted(input));
         seen.set(Fault::PersonChanged, self.person_changed(input));
         seen.set(Fault::HoldTimeout, mode.hold_expired);
-        seen.set(Fault::EmergencyStop, input.operator.estop_edge && !deaf || has_state && input.robot.emergency_stop);
+        seen.set(Fault::EmergencyStop, input.operator.estop_edge || has_state && input.robot.emergency_stop);
         seen.set(Fault::StateStale, has_state && state_age > config.state_stale_ns);
         seen.set(Fault::FeedbackInvalid, has_state && input.robot.feedback_invalid);
         seen.set(Fault::TrackingError, has_state && self.tracking_lost(config, input));
-        seen.set(Fault::VelocityError, has_state && input.robot.velocity_error && !known_bug!(SwingIgnored));
-        seen.set(Fault::StandstillLost, has_state && input.robot.standstill_lost && !known_bug!(StandstillIgnored));
+        seen.set(Fault::VelocityError, has_state && input.robot.velocity_error);
+        seen.set(Fault::StandstillLost, has_state && input.robot.standstill_lost);
         seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);
         seen.set(Fault::GateDenied, input.motion.gate_denied);
@@ -181,15 +174,12 @@ impl Watch {
     fn writer_restarted(&mut self, input: &Input) -> bool {
         let target = self.target.seen() && self.target_writer.changed(u64::from(input.target.incarnation));
         let driver = self.state.seen() && self.driver.changed(u64::from(input.robot.incarnation));
-        let target = target && !known_bug!(RetargetRestartIgnored);
-        let driver = driver && !known_bug!(DriverRestartIgnored);
         target || driver
     }
 
     /// Nobody has enabled another person. A session is one person of one client of one run of `ingest`.
     fn person_changed(&mut self, input: &Input) -> bool {
-        let session = input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce);
-        session && !known_bug!(SessionChangeIgnored)
+        input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce)
     }
 
     /// Counts the time of a large error, by the samples' own distance, and takes half the time of a small one off again. So a

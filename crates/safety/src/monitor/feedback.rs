@@ -1,6 +1,6 @@
 //! Whether what is measured can be.
 
-use messages::{JOINTS, TICK_HZ, TICK_S, known_bug};
+use messages::{JOINTS, TICK_HZ, TICK_S};
 use robot::Model;
 
 use super::OUTSIDE_MARGIN;
@@ -86,7 +86,7 @@ impl Feedback {
             self.last = None;
             return Judged { q_measured: *sample.q_measured, invalid: true };
         }
-        let off = self.is_off(model, sample) && !known_bug!(EncoderJumpIgnored);
+        let off = self.is_off(model, sample);
         if let (true, false, Some((last, _))) = (off, self.suspect, self.last) {
             self.suspect = true;
             return Judged { q_measured: last, invalid: false };
@@ -117,8 +117,7 @@ impl Before {
         if measured != self.held || k < self.held_k {
             (self.held, self.held_sent, self.held_k) = (measured, sent, k);
         }
-        let believed = known_bug!(FrozenFeedbackIgnored);
-        !believed && k - self.held_k >= FROZEN_TICKS && (sent - self.held_sent).abs() > travel
+        k - self.held_k >= FROZEN_TICKS && (sent - self.held_sent).abs() > travel
     }
 
     fn is_senseless(&mut self, begins: bool, sent: f64, measured: f64, travel: f64) -> bool {
