@@ -4,7 +4,7 @@ use crate::chain::Chain;
 use crate::follower::{Config, State};
 use crate::limits::Point;
 use crate::plan::Motion;
-use messages::{JointCommand, LEFT_ARM, RIGHT_ARM, Stamp, TICK_HZ, TICK_S, deadline, known_bug, tick_at};
+use messages::{JointCommand, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 
 /// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms. A drive that carries on by itself between
 /// two setpoints is then off by less than J t^3 / 3, 2e-5 rad at the 400 rad/s^3 of an arm, and its own watchdog (10 ms in
@@ -94,11 +94,11 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
         return Err(Refusal::Latched);
     }
     let played = state.plan_ticks_played;
-    if command.k.saturating_sub(state.index()) > GAP_MAX_TICKS && !known_bug!(GapBridged) {
+    if command.k.saturating_sub(state.index()) > GAP_MAX_TICKS {
         return Err(Refusal::Gap);
     }
     if state.chain == Some(Chain::of(command)) {
-        if played > 0 && !known_bug!(LeftChainContinued) {
+        if played > 0 {
             return Err(Refusal::ChainLeft);
         }
         if command.k <= state.executed_k {
@@ -137,9 +137,5 @@ fn continues(config: &Config, from: &Motion, from_k: u64, command: &JointCommand
 
 /// The motion that a command asks for.
 pub(crate) fn motion_of(command: &JointCommand) -> Motion {
-    let mut motion = Motion { q: command.q, v: command.v, a: command.a, plan: command.plan };
-    if known_bug!(JointsSwapped) {
-        motion.q.swap(LEFT_ARM.start, RIGHT_ARM.start);
-    }
-    motion
+    Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
 }

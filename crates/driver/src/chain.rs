@@ -2,7 +2,7 @@
 //! model test proves is what runs.
 
 use crate::plan::Motion;
-use messages::{JointCommand, RobotState, known_bug};
+use messages::{JointCommand, RobotState};
 
 /// The name of a chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,10 +48,7 @@ pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     let index = echo.executed_k.checked_add(echo.plan_ticks_played)?;
     let missing = k.checked_sub(1)?.checked_sub(index)?;
     let mut motion = Motion { q: echo.q, v: echo.v, a: echo.a, plan: echo.plan };
-    if known_bug!(SeedFromMeasured) {
-        motion.q = echo.q_measured;
-    }
-    motion.play(if known_bug!(OldPlanResumed) { 0 } else { missing });
+    motion.play(missing);
     Some(Seed { seed_k: echo.executed_k, seed_played: echo.plan_ticks_played + missing, motion })
 }
 

@@ -5,9 +5,7 @@ use crate::chain::Chain;
 use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
-use messages::{
-    Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, TICK_S, known_bug, state_flag,
-};
+use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, TICK_S, state_flag};
 
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
@@ -294,9 +292,6 @@ pub fn tick_each(
     }
     state.play(input.due_k.saturating_sub(state.index()), &mut each);
     let advanced = state.index() - index_before;
-    if let (true, true, Some(measured)) = (known_bug!(HoldDrifts), state.motion.at_rest(), input.measured) {
-        state.motion = Motion::rest(measured.q);
-    }
     let mut withheld = false;
     if advanced > 0 {
         state.watch_standing(config, input.measured);
@@ -328,7 +323,7 @@ impl State {
         // The first count of a new writer is no edge: a restart resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
-        let stands = self.still_ticks >= STILL_TICKS || known_bug!(ResetWhileSwinging);
+        let stands = self.still_ticks >= STILL_TICKS;
         if edge && self.latched && self.motion.at_rest() && driven && !self.holds_measured && stands {
             self.latched = false;
             self.silent = None;
@@ -339,7 +334,7 @@ impl State {
     /// Executes an acceptable command.
     fn take(&mut self, now: Stamp, command: &JointCommand, rule: Rule, each: &mut impl FnMut(&Step)) -> Accepted {
         if let Rule::New { play_ticks } = rule {
-            self.play(play_ticks + u64::from(known_bug!(PlanOffByOne)), each);
+            self.play(play_ticks, each);
         }
         self.motion = acceptance::motion_of(command);
         self.executed_k = command.k;
@@ -364,9 +359,6 @@ impl State {
         while left > 0 {
             let at_rest = self.motion.at_rest();
             let (played, kind) = if at_rest { (left, StepKind::Rest) } else { (1, StepKind::Plan) };
-            if known_bug!(StopsAtOnce) {
-                self.motion = Motion::rest(self.motion.q);
-            }
             if !at_rest {
                 self.motion.play_tick();
             }
@@ -429,7 +421,7 @@ impl State {
     ) -> bool {
         let drives = input.measured.map_or(Drives::SOUND, |measured| measured.drives);
         let powered = drives.powered && !drives.emergency_stop;
-        let undriven = (input.port_fault || !powered) && !known_bug!(SagForgotten);
+        let undriven = input.port_fault || !powered;
         self.undriven = if undriven { self.undriven.saturating_add(1) } else { 0 };
         let complained = undriven || drives.fault;
         let stands = input.measured.is_none_or(|measured| is_slow(config, measured));
@@ -469,10 +461,7 @@ impl State {
             && let Some(ticks) = &mut self.silent
         {
             *ticks = ticks.saturating_add(1);
-            self.latched |= *ticks >= config.silence_ticks && !known_bug!(SilenceNotLatched);
-            if known_bug!(HaltSendsZeros) && *ticks == config.silence_ticks {
-                self.motion = Motion::rest([0.0; JOINTS]);
-            }
+            self.latched |= *ticks >= config.silence_ticks;
         }
     }
 }

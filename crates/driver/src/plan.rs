@@ -2,7 +2,7 @@
 //! dead must not rest on the code of `control`.
 
 use crate::limits::JointLimits;
-use messages::{JOINTS, LEFT_ARM, Layout, StopPlan, TICK_S, known_bug};
+use messages::{JOINTS, Layout, StopPlan, TICK_S};
 
 /// The motion of all joints at one instant, and the stop that follows if nothing else does.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,11 +63,7 @@ impl Motion {
     /// Plays one tick of the plan.
     pub(crate) fn play_tick(&mut self) {
         for j in 0..JOINTS {
-            if known_bug!(LastVelocityKept) {
-                self.q[j] += self.v[j] * TICK_S;
-            } else if !known_bug!(OneJointNotStopped) || j != LEFT_ARM.start {
-                self.play_joint(j, TICK_S);
-            }
+            self.play_joint(j, TICK_S);
         }
     }
 
@@ -78,7 +74,7 @@ impl Motion {
             let t = rest_s.min(self.plan.duration_s[j][phase]);
             if t > 0.0 {
                 [q, v, a] = after([q, v, a], self.plan.jerk[j][phase], t);
-                self.plan.duration_s[j][phase] -= if known_bug!(PlanFromStart) { 0.0 } else { t };
+                self.plan.duration_s[j][phase] -= t;
                 rest_s -= t;
             }
         }

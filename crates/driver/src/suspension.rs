@@ -5,7 +5,7 @@ use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind
 use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::Measured;
-use messages::{JOINTS, Stamp, TICK_HZ, TICK_S, known_bug};
+use messages::{JOINTS, Stamp, TICK_HZ, TICK_S};
 
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
 const SPEED_NOISE: f64 = 0.036;
@@ -107,7 +107,7 @@ impl State {
     /// The ticks for which the driver was suspended, if those are too many for one motion.
     pub(crate) fn suspension(&self, due_k: u64) -> Option<u64> {
         let ticks = due_k.saturating_sub(self.index());
-        (ticks > GAP_MAX_TICKS && !self.motion.at_rest() && !known_bug!(PauseBridged)).then_some(ticks)
+        (ticks > GAP_MAX_TICKS && !self.motion.at_rest()).then_some(ticks)
     }
 
     /// The driver was suspended for `ticks` while the robot moved.

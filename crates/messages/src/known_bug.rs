@@ -83,24 +83,7 @@ mod planted {
         ReseedForgotten, "Control goes on from its own last command though the driver is elsewhere.";
         PlannerNotReseeded, "The check is told where the robot is, the planner is not.";
         CommandIndexOffByOne, "A command carries the index of the tick after.";
-        OldPlanResumed, "After a pause control goes on from its last command, as if the plan had not been played meanwhile.", like "moveit/moveit2#1885";
         EngagesAtTarget, "Engaging begins at the target instead of where the robot is.";
-        // driver
-        SeedFromMeasured, "A new motion begins where the robot is measured instead of where it is told to be.", like "ros-controls/ros2_controllers#2587";
-        HaltSendsZeros, "A halt sends zero for every position.", like "moveit/moveit2#410";
-        StopsAtOnce, "A stop takes all speed away in one tick.", like "ros-controls/ros2_controllers#2163";
-        LastVelocityKept, "When commands cease the last velocity stays in force.", like "amor-ros-pkg/rosaria#51";
-        PlanFromStart, "The first phase of a stop is played again and again.";
-        PlanOffByOne, "One tick too many of the plan is played before a new motion begins.";
-        OneJointNotStopped, "A stop leaves out one joint.";
-        JointsSwapped, "Two joints of a command have changed places.";
-        LeftChainContinued, "A stream of commands goes on though its stop has begun to play.", like "UniversalRobots/Universal_Robots_ROS_Driver#274";
-        SilenceNotLatched, "Silence latches nothing: whoever speaks again moves the robot on.";
-        GapBridged, "A driver that was suspended takes the newest command as if no time had passed.";
-        PauseBridged, "A driver that was suspended plays all missed ticks of its plan in one step.";
-        ResetWhileSwinging, "The driver takes a reset while the joints still move, if only the command stands.";
-        HoldDrifts, "A robot at rest is told to stay where it is measured, in every tick anew.", like "moveit/moveit2#2127";
-        SagForgotten, "A robot that sank without power is sent back to where it was.", like "RethinkRobotics/baxter_interface#65";
     }
 }
 
