@@ -471,24 +471,3 @@ fn readme_gives_the_test_command() {
     assert!(text.contains("cargo test --release --workspace"));
     assert!(text.contains("cargo run --release -- demo"));
 }
-
-/// Every known bug has a place where it is planted, every place names one, and no other source asks for the build that
-/// knows them.
-#[test]
-fn known_bugs_are_planted_and_stay_out_of_the_product() {
-    const TABLE: &str = "crates/messages/src/known_bug.rs";
-    let mut names = BTreeSet::new();
-    let mut planted = BTreeSet::new();
-    for (name, text) in rust_files() {
-        if name == TABLE {
-            let rows = text.lines().skip_while(|line| !line.trim().starts_with("known_bugs! {")).skip(1);
-            names.extend(rows.filter_map(|row| row.trim().split_once(", \"")).map(|(bug, _)| bug.to_owned()));
-        } else if name != "tests/tidy.rs" && name != "tools/simulate/tests/campaign.rs" {
-            let places = text.split("known_bug!(").skip(1).filter_map(|rest| rest.split(')').next());
-            planted.extend(places.map(str::to_owned));
-            let knows = ["crates/messages/src/lib.rs", "tools/simulate/src/known.rs"].contains(&name.as_str());
-            assert!(knows || !text.contains("(known_bugs)"), "{name}: known_bug! is the one way to ask");
-        }
-    }
-    assert_eq!(names, planted, "{TABLE} and the places where bugs are planted");
-}

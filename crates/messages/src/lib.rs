@@ -10,7 +10,6 @@ mod command;
 mod fault;
 mod input;
 mod joints;
-mod known_bug;
 mod layout;
 mod operator;
 mod payload;
@@ -27,8 +26,6 @@ pub use command::{
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
-#[cfg(known_bugs)]
-pub use known_bug::KnownBug;
 pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest, payload_flag};
 pub use payload::{PayloadOrder, PayloadRefusal};

@@ -1,6 +1,6 @@
 //! Which client moves the robot: at most one, the first that is live, and no other by itself.
 
-use messages::{RawSkeleton, Stamp, known_bug};
+use messages::{RawSkeleton, Stamp};
 
 /// Sessions that are remembered as refused; older ones fall out, which only lets a client of long ago try again.
 const REFUSED_KEPT: usize = 32;
@@ -99,8 +99,7 @@ impl Authority {
 
     /// Whether a holder's frame came within the last `timeout_ns`.
     pub fn is_held(&self, now: Stamp, timeout_ns: u64) -> bool {
-        let timeout_ns = if known_bug!(AuthorityInMicroseconds) { timeout_ns / 1000 } else { timeout_ns };
-        self.holder.is_some() && now.since(self.last_seen) <= timeout_ns && !known_bug!(AuthorityOfLastComer)
+        self.holder.is_some() && now.since(self.last_seen) <= timeout_ns
     }
 
     /// Frames of clients without authority.

@@ -1,6 +1,5 @@
 //! Turns the operator socket's counters into the edges of one tick.
 
-use messages::known_bug;
 use safety::engage::OperatorView;
 
 /// Edges gathered since the last tick, and the level now.
@@ -27,8 +26,7 @@ impl OperatorEdges {
         self.now.recover_edge |= recovers;
         self.now.release_edge |= view.release_edges != self.seen.release_edges;
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
-        let deaf = known_bug!(StopLostWithReset) && view.reset_edges != self.seen.reset_edges;
-        self.now.estop_edge |= view.estop_edges != self.seen.estop_edges && !deaf;
+        self.now.estop_edge |= view.estop_edges != self.seen.estop_edges;
         for (hand, said) in self.now.payload.iter_mut().enumerate() {
             if view.payload_edges[hand] != self.seen.payload_edges[hand] {
                 *said = view.payload[hand];
@@ -55,7 +53,7 @@ impl OperatorEdges {
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;
         self.now = OperatorView {
-            enable_edge: view.enable_edge && known_bug!(EnableEdgeRemains),
+            enable_edge: false,
             recover_edge: false,
             release_edge: false,
             reset_edge: false,

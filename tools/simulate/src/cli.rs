@@ -19,10 +19,10 @@ const JOBS_MAX: usize = 1024;
 #[command(version)]
 pub struct Cli {
     /// Runs, one per seed.
-    #[arg(long, default_value_t = 100, default_value_if("known_bugs", "true", "400"))]
+    #[arg(long, default_value_t = 100)]
     pub seeds: u64,
     /// Ticks of each run, 8,250 or more; the last 7,500 (5 s) are without faults.
-    #[arg(long, default_value_t = 60_000, default_value_if("known_bugs", "true", "15000"))]
+    #[arg(long, default_value_t = 60_000)]
     pub ticks: u64,
     /// The first seed.
     #[arg(long, default_value_t = 1)]
@@ -48,14 +48,6 @@ pub struct Cli {
     /// Settings file.
     #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,
-    /// Plant this known bug, and look for the first seed that finds it; with --replay, run that seed with it. Needs a build
-    /// with `--cfg known_bugs`.
-    #[arg(long, value_name = "NAME", conflicts_with = "known_bugs")]
-    pub known_bug: Option<String>,
-    /// Plant every known bug in turn: up to 400 seeds of 15,000 ticks (or --seeds, --ticks) must find each. Needs a build
-    /// with `--cfg known_bugs`.
-    #[arg(long, conflicts_with = "replay")]
-    pub known_bugs: bool,
     /// List all faults with their identities.
     #[arg(long)]
     pub list: bool,

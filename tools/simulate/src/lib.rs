@@ -13,7 +13,6 @@ pub mod frames;
 pub mod hand;
 pub mod inputs;
 pub mod kinds;
-pub mod known;
 pub mod likeness;
 pub mod modes;
 pub mod movement;

@@ -6,7 +6,7 @@ use serde_json::Value;
 use simulate::campaign::{self, Plan};
 use simulate::cli::Cli;
 use simulate::subject::Subject;
-use simulate::{known, report, schedule};
+use simulate::{report, schedule};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -41,12 +41,6 @@ fn main() -> ExitCode {
 fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
     let plan = cli.plan().map_err(|cause| (EX_USAGE, cause))?;
     let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(|cause| (EX_CANTCREAT, cause))?;
-    match &cli.known_bug {
-        _ if cli.known_bugs => return known::hunt(cli).map_err(|cause| (EX_USAGE, cause)),
-        Some(name) if cli.replay.is_none() => return known::hunt_one(cli, name).map_err(|cause| (EX_USAGE, cause)),
-        Some(name) => known::plant(name).map_err(|cause| (EX_USAGE, cause))?,
-        None => {}
-    }
     let subject = Subject::load(&cli.config).map_err(|error| (EX_CONFIG, error.to_string()))?;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),

@@ -114,21 +114,6 @@ fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
     assert_eq!((sound.seeds, sound.failures.len()), (one.seeds, 0));
 }
 
-/// The options of a build that knows bugs say so in any other; see `.ci/known_bugs`.
-#[cfg(not(known_bugs))]
-#[test]
-fn a_product_build_knows_no_bugs() {
-    use clap::Parser;
-    use simulate::{cli::Cli, known};
-    let cli = Cli::parse_from(["simulate", "--known-bugs"]);
-    assert_eq!((cli.seeds, cli.ticks), (400, 15_000), "enough to find each");
-    for refused in
-        [known::hunt(&cli), known::hunt_one(&cli, "HaltSendsZeros"), known::plant("HaltSendsZeros").map(|()| true)]
-    {
-        assert!(refused.is_err_and(|told| told.contains(".ci/known_bugs")), "it says how to build one");
-    }
-}
-
 #[test]
 fn a_schedule_names_what_is_wrong_with_it() {
     for (text, part) in [("nonsense@1+2:3", "nonsense"), ("frame-nan@1", "frame-nan@1"), ("frame-nan@x+2:3", "@x+2")] {

@@ -1,7 +1,7 @@
 //! Whole-body control proposes, the gate disposes.
 
 use driver::Motion;
-use messages::{JOINTS, PayloadRefusal, Stamp, known_bug};
+use messages::{JOINTS, PayloadRefusal, Stamp};
 use safety::{engage, gate};
 
 /// Both stages with all that they remember.
@@ -30,12 +30,7 @@ impl Commander {
 
     /// Continues from what the driver executes. Never allocates.
     pub fn reseed(&mut self, motion: &Motion) {
-        if known_bug!(ReseedForgotten) {
-            return;
-        }
-        if !known_bug!(PlannerNotReseeded) {
-            self.wbc.reseed(&planned(motion));
-        }
+        self.wbc.reseed(&planned(motion));
         self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
     }
 

@@ -13,11 +13,10 @@ pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json, s
 
 use crate::ConfigError;
 use crate::load::Loaded;
-use driver::Motion;
 use following::{Following, Wish};
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
-    known_bug, reduced_flag, state_flag, target_flag,
+    reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -201,10 +200,6 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     state.take_payloads(config, &input.operator.payload, &decided);
     let target =
         state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
-    let enabled = decided.transition.is_some_and(|made| made.why == messages::Transition::ENABLED);
-    if let (true, true, Some(target)) = (known_bug!(EngagesAtTarget), enabled, &target) {
-        state.commander.reseed(&Motion::rest(target.q));
-    }
     let command = match from {
         Continue::Nothing => None,
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
@@ -302,8 +297,7 @@ fn too_close_to_start(
 fn implausible(target: &JointTarget) -> bool {
     // Ten turns: no joint of a TiaGo++ makes two, and nothing a limit could be compared with is lost.
     let far = 20.0 * core::f64::consts::PI;
-    let no_number = |value: f64| !value.is_finite() && !known_bug!(NanTargetPasses);
-    target.q.iter().chain(&target.dq).any(|&value| no_number(value) || value.abs() > far)
+    target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
 }
 
 /// Whole-body control proposes, the gate disposes, and the command says so.
@@ -363,7 +357,7 @@ fn command(
             incarnation: state.incarnation,
             reserved: 0,
         },
-        k: input.k + u64::from(known_bug!(CommandIndexOffByOne)),
+        k: input.k,
         seed_k: chain.map_or(0, |chain| chain.seed_k),
         seed_played: chain.map_or(0, |chain| chain.seed_played),
         q: motion.q,
@@ -450,8 +444,7 @@ impl ControlState {
             reserved: 0,
         };
         status.k = input.k;
-        let shown = known_bug!(StatusReadyWhileLatched) && out.mode == Mode::Faulted && out.active.is_empty();
-        status.mode = if shown { Mode::Disengaged } else { out.mode } as u32;
+        status.mode = out.mode as u32;
         status.faults = out.active.0;
         status.latched = out.latched.0;
         status.fault_counts = out.fault_counts;

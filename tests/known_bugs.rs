@@ -1,0 +1,93 @@
+//! Every known bug is a patch that fits the tree as it is. `.ci/known_bugs` builds each, and the simulation must find it.
+
+use std::io::ErrorKind;
+use std::path::PathBuf;
+use std::process::Command;
+
+const DOCUMENTS: [&str; 5] = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SAFETY.md", "CHANGELOG.md"];
+/// Lines that a patch takes away and adds: a bug is small.
+const CHANGED_MAX: usize = 12;
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).canonicalize().expect("the tree")
+}
+
+/// The patches by name; nothing else lies in their folder.
+fn patches() -> Vec<(String, String)> {
+    let entries = std::fs::read_dir(root().join("tests/known_bugs")).expect("the folder of the patches");
+    let mut found: Vec<_> = entries
+        .map(|entry| {
+            let path = entry.expect("an entry").path();
+            let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+            let stem = name.strip_suffix(".patch").unwrap_or_else(|| panic!("{name} is no patch"));
+            assert!(stem.chars().all(|c| c.is_ascii_lowercase() || c == '_'), "{name}: words and underscores");
+            (name, std::fs::read_to_string(&path).expect("text"))
+        })
+        .collect();
+    found.sort();
+    found
+}
+
+#[test]
+fn every_known_bug_applies_to_the_tree_as_it_is() {
+    let root = root();
+    let mut refused = vec![];
+    for (name, _) in patches() {
+        let mut git = Command::new("git");
+        git.args(["apply", "--check", &format!("tests/known_bugs/{name}")]).current_dir(&root);
+        // A tree without a repository of its own is a part of none further up.
+        git.env("GIT_CEILING_DIRECTORIES", root.parent().unwrap_or(&root));
+        for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX"] {
+            git.env_remove(variable);
+        }
+        match git.output() {
+            Ok(output) if output.status.success() => {}
+            Ok(output) => refused.push(String::from_utf8_lossy(&output.stderr).into_owned()),
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                eprintln!("skipped: git is not installed");
+                return;
+            }
+            Err(error) => panic!("git: {error}"),
+        }
+    }
+    assert!(refused.is_empty(), "adapt these to the code, so that they still hold the bug:\n{}", refused.concat());
+}
+
+/// What the bug is, in one sentence; the public bug that it resembles, if one is known; then a small change of one file.
+#[test]
+fn every_known_bug_says_what_it_is() {
+    for (name, text) in patches() {
+        let (header, diff) = text.split_once("\n\ndiff --git a/crates/").unwrap_or_else(|| panic!("{name}: no header"));
+        let (what, like) = header.split_once('\n').map_or((header, None), |(what, like)| (what, Some(like)));
+        assert!(what.ends_with('.') && what.split(' ').count() >= 4, "{name}: {what:?} is no sentence");
+        if let Some(like) = like {
+            let issue = like.strip_prefix("Resembles ").and_then(|like| like.strip_suffix('.'));
+            let (project, number) = issue.and_then(|issue| issue.split_once('#')).unwrap_or_default();
+            let named = project.split('/').filter(|part| !part.is_empty()).count() == 2;
+            assert!(named && number.parse::<u32>().is_ok(), "{name}: {like:?} names no public bug");
+        }
+        assert_eq!(diff.matches("\n+++ ").count(), 1, "{name}: a bug is in one file");
+        let changed = diff.lines().skip_while(|line| !line.starts_with("@@"));
+        let changed = changed.filter(|line| line.starts_with(['+', '-'])).count();
+        assert!((1..=CHANGED_MAX).contains(&changed), "{name} changes {changed} lines");
+    }
+}
+
+/// A number before "bugs" or "known bugs" is that of the patches.
+#[test]
+fn the_documents_know_how_many_there_are() {
+    let count = patches().len();
+    let mut told = 0;
+    for name in DOCUMENTS {
+        let text = std::fs::read_to_string(root().join(name)).expect(name);
+        let words: Vec<_> = text.split_whitespace().map(|word| word.trim_end_matches([',', '.', ':'])).collect();
+        for (at, _) in words.iter().enumerate().filter(|(_, word)| **word == "bugs") {
+            let before = at.checked_sub(1).map(|at| if words[at] == "known" { at.saturating_sub(1) } else { at });
+            if let Some(number) = before.and_then(|at| words[at].parse::<usize>().ok()) {
+                assert_eq!(number, count, "{name}: the patches in tests/known_bugs");
+                told += 1;
+            }
+        }
+    }
+    assert!(told > 0, "no document says how many known bugs there are");
+}
