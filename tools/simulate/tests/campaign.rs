@@ -101,7 +101,9 @@ fn nothing_that_is_scheduled_breaks_a_promise() {
 #[test]
 fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
     let subject = subject();
-    let mut plan = Plan { until_found: true, bug: Some(Bug::DeafWhileTargetsAreLost), ..plan(50, 9000, 1) };
+    let kinds = ["drop-target", "estop-chatter"].map(|name| by_name(name).expect("a kind")).to_vec();
+    let bug = Some(Bug::DeafWhileTargetsAreLost);
+    let mut plan = Plan { until_found: true, kinds, bug, ..plan(50, 9000, 1) };
     let one = campaign::run(&subject, &plan, || {}).expect("a campaign");
     let [failure] = &one.failures[..] else { panic!("{} failures", one.failures.len()) };
     assert_eq!((failure.seed, failure.shrunk), (one.seeds, false), "it is the last that ran");
