@@ -9,6 +9,7 @@ mod edges;
 mod input;
 mod installed;
 mod instance;
+mod interface;
 mod load;
 mod names;
 mod offline;
@@ -32,6 +33,7 @@ pub use edges::OperatorEdges;
 pub use input::{InputConfig, InputState, input_tick};
 pub use installed::{default_config, default_motions, default_run_dir, is_installed};
 pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
+pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
@@ -40,7 +42,7 @@ pub use player::{PlayOptions, Player};
 pub use publisher::{ClientError, Port, Publisher, Way};
 pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
-    MetricsSettings, Policy, RealtimeSettings, RetargetSettings, RobotInterface, SafetySettings, Settings, SimSettings,
+    MetricsSettings, Policy, RealtimeSettings, RetargetSettings, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untouched};

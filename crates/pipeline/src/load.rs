@@ -1,7 +1,8 @@
 //! Reads an instance's files: settings, robot, weights; and makes of them one hash that travels in every header.
 
+use crate::interface::RobotInterface;
 use crate::operators::Operators;
-use crate::settings::{Method, RobotInterface, Settings};
+use crate::settings::{Method, Settings};
 use crate::{ConfigError, fnv_continue};
 use layouts::{Layouts, Map};
 use robot::Model;

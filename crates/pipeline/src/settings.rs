@@ -2,34 +2,35 @@
 
 use crate::ConfigError;
 use crate::cores::Cores;
-use messages::{HEAD, LEFT_ARM, TORSO};
+use crate::interface::RobotInterface;
 use serde::{Deserialize, Serialize};
 
 /// All settings of one instance, as written in the file.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Robot description.
+    /// Robot file, relative to the settings file.
     pub robot: FileKey,
-    /// What stands about the robot.
+    /// What stands about the robot, in the frame of its base.
     pub environment: robot::Environment,
-    /// Trained weights, without extension.
+    /// Trained weights, as a path without extension, relative to the settings file. It names `FILE.safetensors` and
+    /// `FILE.toml`.
     pub weights: FileKey,
     /// Retargeting.
     pub retarget: RetargetSettings,
-    /// Who may come in.
+    /// Groups of the sockets.
     pub doors: DoorSettings,
-    /// What clients bring.
+    /// What clients may send.
     pub ingest: IngestSettings,
     /// The control process.
     pub control: ControlSettings,
-    /// The driver's side of the command stream.
+    /// The driver.
     pub driver: DriverSettings,
     /// Thresholds of the monitors.
     pub safety: SafetySettings,
-    /// What is asked of the kernel.
+    /// Scheduling, cores and memory.
     pub realtime: RealtimeSettings,
-    /// What is told of the loops while they run.
+    /// Figures of the loops while they run.
     pub metrics: MetricsSettings,
     /// The simulated robot.
     pub sim: SimSettings,
@@ -53,14 +54,20 @@ pub enum Method {
     ClosedForm,
 }
 
-#[allow(missing_docs)]
+/// How skeletons become joint positions.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetargetSettings {
+    /// Method that turns a skeleton into joint positions. `"network"` is the trained latent space, `"closed-form"` the
+    /// geometric baseline.
     pub method: Method,
+    /// Levenberg-Marquardt steps after the network. 0 to 10.
     pub refinement_steps: u32,
+    /// Time from the capture of a person to the command that stands for it, ms. 0 to 250. A longer delay brings the
+    /// robot nearer to the person's motion.
     pub following_delay_ms: f64,
-    /// Without extension, relative to the settings file; empty: none.
+    /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
+    /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
     pub prediction: String,
 }
 
@@ -68,9 +75,9 @@ pub struct RetargetSettings {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DoorSettings {
-    /// Whose members may publish skeletons.
+    /// Group whose members may publish skeletons through `skeleton.sock`. `""` is the group of the daemon's process.
     pub skeleton_group: String,
-    /// Whose members may command.
+    /// Group whose members may command through `operator.sock`. `""` is the group of the daemon's process.
     pub operator_group: String,
 }
 
@@ -87,20 +94,35 @@ pub enum Filter {
 }
 
 /// What clients may send, and for how long they may be silent.
-#[allow(missing_docs)]
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct IngestSettings {
+    /// Silence after which a client's lease ends, ms. 100 to 60000. It is at least `safety.input_stale_ms` and the
+    /// longest stop (500 ms), so the lease never passes on while the robot still moves.
     pub authority_timeout_ms: f64,
-    /// Files of layouts beside the built-in ones, relative to the settings.
+    /// Files of skeleton layouts beside the built-in ones, relative to the settings file. At most 16.
     pub layouts: Vec<String>,
-    /// Folder of the operators' files, relative to the settings.
+    /// Folder of the files that `teleopctl calibrate` writes, relative to the settings file.
     pub operators: String,
+    /// Layouts whose positions are filtered. `"cameras"` filters those that a camera sees, `"all"` filters every one,
+    /// `"none"` filters none.
     pub filter: Filter,
+    /// Cut-off of the One-Euro filter at rest, Hz. 0.5 to 100. It delays a joint at rest by 1 / (2 pi cut-off), which
+    /// is 106 ms at 1.5 Hz. Assumption.
     pub filter_rest_cutoff_hz: f64,
+    /// Growth of the cut-off with the joint's speed, Hz per m/s. 0 to 1000. With the shipped values the delay is 1 / (2
+    /// pi (1.5 + 10 v) Hz) at v m/s, which is 14 ms at 1 m/s. Assumption.
     pub filter_cutoff_per_m: f64,
+    /// Threshold of the Hampel filter, in scaled median deviations of the joint's last 7 frames. 0 to 20. A joint is an
+    /// outlier if it comes further than that from where it could have gone, and further than 1.8 m/s times the period
+    /// (6 cm at 30 Hz). An outlier is held for one frame. A second one in a row counts as motion. The filter delays by
+    /// one frame where it holds, and by none elsewhere. 0 holds none.
     pub filter_outliers_mad: f64,
+    /// Largest change of a limb's length in a camera's layout, in all, as a share. 0.01 to 0.5. Motion capture has
+    /// 0.05. Assumption.
     pub camera_length_change_max: f64,
+    /// Largest change of a limb's length in a camera's layout from frame to frame, as a share. 0.01 to 0.5. Motion
+    /// capture has 0.02. Assumption.
     pub camera_length_step_max: f64,
 }
 
@@ -124,12 +146,16 @@ impl EmergencyStopReset {
     }
 }
 
-#[allow(missing_docs)]
+/// When control ticks, and who may engage and reset.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControlSettings {
+    /// How long after its deadline tick k runs without a target, us. 0 to 600.
     pub grace_us: f64,
+    /// Lets a machine without real-time scheduling engage. It counts with a simulated driver only.
     pub engage_without_realtime: bool,
+    /// Who may reset an emergency stop that an operator pressed. With `"anyone"` every operator may. With `"presser"`
+    /// each user who pressed it has to, or root. SAFETY.md says more.
     pub emergency_stop_reset: EmergencyStopReset,
 }
 
@@ -141,40 +167,73 @@ pub enum DriverKind {
     Sim,
 }
 
-#[allow(missing_docs)]
+/// The robot that the driver talks to, and its timing.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriverSettings {
+    /// Robot that the driver talks to. `"sim"` is the simulated one.
     pub kind: DriverKind,
+    /// How long after its deadline command k is due, us. From `control.grace_us` to 660.
     pub grace_us: f64,
+    /// Silence of `control` that latches the driver's fault, ms. One tick (0.67) to 10. The stop plan plays from the
+    /// first missed tick.
     pub silence_latch_ms: f64,
 }
 
-#[allow(missing_docs)]
+/// Thresholds of the monitors.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SafetySettings {
+    /// Silence of `retarget` that holds, ms. 1 to 50.
     pub target_stale_ms: f64,
+    /// Silence of `retarget` from which the speed falls, ms. 0.5 to 50, below `target_stale_ms`. The speed is zero at
+    /// `target_stale_ms`.
     pub target_late_ms: f64,
+    /// Silence of the driver that holds, ms. 1 to 50, below `state_stale_ms`.
     pub state_late_ms: f64,
+    /// Silence of the driver that stops and latches, ms. 2 to 100.
     pub state_stale_ms: f64,
+    /// Silence of the skeleton from which the speed falls, ms. 5 to 500, below `input_stale_ms`. The speed is zero at
+    /// `input_stale_ms`. At 50 ms one frame of 30 Hz may be lost.
     pub input_late_ms: f64,
+    /// Silence of the skeleton that holds, ms. 10 to 500.
     pub input_stale_ms: f64,
+    /// Silence of the operator's heartbeat that releases, ms. 40 to 1000.
     pub operator_silent_ms: f64,
+    /// How long the enable must have been released since the start before a press counts, ms. 200 to 5000. A dead-man's
+    /// handle that is stuck at the start never engages.
     pub enable_released_ms: f64,
+    /// Longest hold, ms. 100 to 60000. Then the robot is released.
     pub hold_timeout_ms: f64,
+    /// Largest tracking error of a turning joint that may last longer than `tracking_error_ms`, rad. 0.001 to 0.25,
+    /// below `tracking_error_now_rad`. More stops. 5 mrad are 5 mm at 0.98 m of reach.
     pub tracking_error_rad: f64,
+    /// Largest tracking error of a turning joint, rad. 0.001 to 0.5. More stops at once. 7 mrad are 7 mm at 0.98 m of
+    /// reach, which is `clearance_min_mm` less `clearance_measured_min_mm`.
     pub tracking_error_now_rad: f64,
+    /// As `tracking_error_rad`, for the torso lift, m. 0.0005 to 0.05, below `tracking_error_now_m`.
     pub tracking_error_m: f64,
+    /// As `tracking_error_now_rad`, for the torso lift, m. 0.0005 to 0.1.
     pub tracking_error_now_m: f64,
+    /// How long the smaller tracking error may last, ms. 1 to 500.
     pub tracking_error_ms: f64,
+    /// How long the command may stay far behind a target that jumped, ms. 1 to 1000, below `target_jump_hold_ms`. Then
+    /// the target is followed slowly.
     pub target_jump_slow_ms: f64,
+    /// How long a target may jump again and again, ms. 100 to 5000. Then the robot holds.
     pub target_jump_hold_ms: f64,
+    /// Missed deadlines in a row that make the robot slow for a second. 1 to 50, below `deadlines_missed_max`.
     pub deadlines_missed_slow: u32,
+    /// Missed deadlines in a row that stop. 1 to 50.
     pub deadlines_missed_max: u32,
+    /// Late ticks within a second that hold. 1 to 100.
     pub deadlines_late_per_s_max: u32,
+    /// Factor on the stale times and on the number of missed deadlines above, where scheduling is not real-time. 1 to
+    /// 50.
     pub stale_factor_without_realtime: f64,
+    /// Largest speed of elbows and hands in the base frame, m/s. 0.05 to 3.
     pub hand_speed_max_m_per_s: f64,
+    /// Limits elbows and hands to 0.25 m/s, the reduced speed of ISO 10218-1.
     pub hand_speed_reduced: bool,
 }
 
@@ -213,22 +272,35 @@ pub enum HandOff {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MetricsSettings {
-    /// Port of the first process, of the others those that follow; 0 serves none.
+    /// Port of the Prometheus text on 127.0.0.1. 0 to 65531. `ingest` has this port, and retarget, control, sim and
+    /// robot have the next four. 0 serves none.
     pub port: u32,
 }
 
-#[allow(missing_docs)]
+/// What the processes ask of the kernel.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RealtimeSettings {
+    /// Scheduling policy of the loops, `"fifo"` or `"other"`.
     pub policy: Policy,
+    /// How the next process learns of a message. With `"events"` the writer wakes it. With `"polled"` each process
+    /// looks once a period, which is slower and is there to compare.
     pub hand_off: HandOff,
+    /// Locks the processes' memory, so that no page fault waits for a disk.
     pub lock_memory: bool,
+    /// Real-time priority of retarget. 1 to 98.
     pub priority_retarget: u32,
+    /// Real-time priority of control. 1 to 98.
     pub priority_control: u32,
+    /// Real-time priority of the driver. 1 to 98.
     pub priority_driver: u32,
+    /// Cores of retarget, control and driver. A list such as `[2, 3]` names 1 to 1024 cores, each 0 to 1023. `"free"`
+    /// leaves them to the kernel. `"auto"` takes the first isolated core, or the last of 2 to 4, or none.
     pub cores: Cores,
+    /// How long before each tick retarget watches the clock, us. 0 to 200. It wakes closer to the tick and keeps a core
+    /// busy meanwhile. 100 costs 15 % of a core.
     pub spin_us: f64,
+    /// Keeps every core awake while the daemon runs. It wakes sooner and uses more power.
     pub cpu_dma_latency: bool,
 }
 
@@ -255,85 +327,40 @@ impl RobotReaction {
     }
 }
 
-/// How the simulated robot takes what its driver executes.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum RobotInterface {
-    /// Every command at its index.
-    Direct,
-    /// Four joint trajectory controllers, not synchronised, that take points at 100 Hz.
-    Jtc100,
-}
-
-impl RobotInterface {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Direct, Self::Jtc100];
-
-    /// Its name in settings and on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Direct => "direct",
-            Self::Jtc100 => "jtc100",
-        }
-    }
-
-    /// As the simulated robot calls it.
-    pub(crate) const fn simulated(self) -> sim::Interface {
-        match self {
-            Self::Direct => sim::Interface::Direct,
-            Self::Jtc100 => sim::Interface::Jtc100,
-        }
-    }
-
-    /// As the certificate knows it.
-    pub(crate) fn certified(self) -> wbc::Interface {
-        match self {
-            Self::Direct => wbc::Interface::default(),
-            Self::Jtc100 => wbc::Interface::JTC_100_HZ,
-        }
-    }
-
-    /// As the gate knows it: controllers of torso, head, left arm and right arm. Splines through points every h leave a
-    /// motion with the jerk limit J by at most J h^3 / 96.
-    pub fn gated(self, model: &robot::Model) -> safety::gate::Interface {
-        match self {
-            Self::Direct => safety::gate::Interface::default(),
-            Self::Jtc100 => {
-                let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
-                let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
-                let controller = |j: usize| match j {
-                    TORSO => 0,
-                    _ if HEAD.contains(&j) => 1,
-                    _ if LEFT_ARM.contains(&j) => 2,
-                    _ => 3,
-                };
-                safety::gate::Interface {
-                    off: std::array::from_fn(spline),
-                    skew_s,
-                    controller: std::array::from_fn(controller),
-                }
-            }
-        }
-    }
-}
-
-#[allow(missing_docs)]
+/// The simulated robot.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimSettings {
+    /// How the simulated robot takes setpoints. `"direct"` takes every command. `"jtc100"` has four trajectory
+    /// controllers, not synchronised, that take points at 100 Hz.
     pub interface: RobotInterface,
+    /// Seed of the encoders' noise and of the delays of jtc100.
     pub seed: u64,
+    /// Natural frequency of a joint's closed position loop, Hz. 1 to 50. Assumption for a geared arm joint.
     pub natural_frequency_hz: f64,
+    /// Damping ratio of that loop. 0.1 to 1.5. Assumption.
     pub damping_ratio: f64,
+    /// Factor on the bounds of the tracking error. 1 to 10. At all limits at once these soft drives stay 20 mrad
+    /// behind, and nobody stands beside a simulated robot.
     pub tracking_error_factor: f64,
+    /// Delay between driver and robot, in ticks of 1/1500 s. 0 to 30. Assumption of one field-bus cycle of 1 ms,
+    /// rounded up.
     pub delay_ticks: u32,
+    /// Silence of the driver after which the robot reacts by itself, ms. 1 to 20 with `reaction = "play"`, otherwise 1
+    /// to 1000. Assumption.
     pub watchdog_ms: f64,
+    /// What the robot does by itself then. `"play"` plays the certified stop that came with the last setpoint. Behind
+    /// jtc100 no stop comes, and the joints brake alone. `"hold"` brakes each joint alone. `"damp"` lets the motors
+    /// damp. Real robots differ.
     pub reaction: RobotReaction,
+    /// Standard deviation of the encoders' noise, rad. 0 to 0.0001. Assumption of one step of the encoder.
     pub encoder_noise_rad: f64,
+    /// Step of the encoders, rad. 0 to 0.01. Assumption of 17 bits per turn.
     pub encoder_step_rad: f64,
-    /// What the left hand truly carries, kg; without it what the robot file says.
+    /// Mass that the left hand truly carries, kg. 0 to 5. Without it the robot file's value counts. `control` learns a
+    /// payload only from `teleopctl payload`.
     pub payload_left_kg: Option<f64>,
-    /// The same of the right hand.
+    /// As `payload_left_kg`, for the right hand, kg. 0 to 5.
     pub payload_right_kg: Option<f64>,
 }
 

@@ -23,10 +23,10 @@ const NORMAL_TOLERANCE: f64 = 1e-3;
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Environment {
-    /// Floors and walls.
+    /// Floors and walls. At most 8. Every capsule that moves keeps the robot file's `clearance_min_mm` from them.
     #[serde(default)]
     pub planes: Vec<PlaneEntry>,
-    /// Tables and cupboards.
+    /// Tables and cupboards, kept clear in the same way. At most 8.
     #[serde(default)]
     pub boxes: Vec<BoxEntry>,
 }
@@ -37,9 +37,9 @@ pub struct Environment {
 pub struct PlaneEntry {
     /// Unique name of 1 to 64 characters, none of them a control character.
     pub name: String,
-    /// Unit vector that leads out of what is solid.
+    /// Unit vector that points out of the solid half. Its length is 1 within 0.001.
     pub normal: [f64; 3],
-    /// Distance of the surface from the base's origin along the normal, m.
+    /// Distance of the surface from the base's origin along the normal, m. -10 to 10.
     pub offset_m: f64,
 }
 
@@ -47,13 +47,14 @@ pub struct PlaneEntry {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxEntry {
-    /// Unique name, as that of a plane.
+    /// Unique name of 1 to 64 characters, none of them a control character.
     pub name: String,
-    /// Its centre, m.
+    /// Centre, m. Each -10 to 10.
     pub center_m: [f64; 3],
-    /// Lengths of its edges, m.
+    /// Lengths of the edges, m. Each 0.001 to 20.
     pub size_m: [f64; 3],
-    /// Roll, pitch and yaw in degrees, R = Rz(yaw) Ry(pitch) Rx(roll); none: the edges are parallel to the base's axes.
+    /// Roll, pitch and yaw, degrees, with R = Rz(yaw) Ry(pitch) Rx(roll). Each -360 to 360. Without it the edges are
+    /// parallel to the base's axes.
     #[serde(default)]
     pub rpy_deg: [f64; 3],
 }
