@@ -275,6 +275,13 @@ fn links(document: &str) -> Vec<String> {
     targets.filter(|target| !target.contains("://")).map(str::to_owned).collect()
 }
 
+/// A document, or the one that it includes as a whole.
+fn whole(path: &Path) -> String {
+    let text = read(path);
+    let included = text.strip_prefix("{{#include ").and_then(|rest| rest.trim_end().strip_suffix("}}"));
+    included.map_or(text.clone(), |name| read(&path.with_file_name("").join(name)))
+}
+
 /// The names by which a browser finds the headings of a document.
 fn anchors(document: &str) -> Vec<String> {
     let headings = document.lines().filter_map(|line| line.strip_prefix('#'));
@@ -295,7 +302,7 @@ fn links_of_the_documents_lead_somewhere() {
             let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
             let to = if file.is_empty() { document.clone() } else { document.with_file_name("").join(file) };
             assert!(to.exists(), "{}: {link} leads nowhere", document.display());
-            let found = anchor.is_empty() || anchors(&read(&to)).iter().any(|name| name == anchor);
+            let found = anchor.is_empty() || anchors(&whole(&to)).iter().any(|name| name == anchor);
             assert!(found, "{}: {link} names no heading", document.display());
             count += 1;
         }
