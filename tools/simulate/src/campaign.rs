@@ -142,7 +142,7 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
         done();
         (seed, episodes.len(), outcome)
     };
-    let at_once = if plan.until_found { plan.jobs } else { plan.seeds as usize };
+    let at_once = if plan.until_found { plan.jobs } else { plan.seeds.max(1) as usize };
     let mut outcomes: Vec<(u64, usize, Outcome)> = vec![];
     for from in (plan.first_seed..last).step_by(at_once) {
         let seeds: Vec<u64> = (from..last).take(at_once).collect();

@@ -1,6 +1,7 @@
 //! Judges whether a robot that does not do, or does not measure, what it is told is stopped.
 
 use crate::modes::{Broken, moves};
+use crate::movement::SLIDES;
 use crate::oracle::Seen;
 use messages::{Fault, Faults, JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
@@ -17,8 +18,6 @@ const JUMPED: u32 = 6;
 /// A measurement that stays the very same for so long, ticks, while its joint is sent on and goes on by so much, rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
 const WENT: f64 = 0.024;
-/// The same of a joint that slides, as a share.
-const SLIDES: f64 = 0.2;
 /// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;

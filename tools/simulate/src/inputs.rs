@@ -146,16 +146,14 @@ impl Inputs {
             return Ok(());
         };
         // An arm that `ingest` refuses does not show whether the person moves.
-        let refused = |joint| {
-            ENDS.iter()
-                .position(|ends| ends[1] == joint)
-                .filter(|&limb| skeleton.flags & skeleton_flag::LIMB[limb] == 0)
-        };
-        for (joint, shown) in self.shown.iter_mut().enumerate().filter(|(joint, _)| refused(*joint).is_none()) {
-            let is = skeleton.positions[joint];
-            if std::mem::replace(shown, is) != is {
-                self.same_since = self.awake;
+        let mut shown = skeleton.positions;
+        for (limb, [_, end]) in ENDS.into_iter().enumerate() {
+            if skeleton.flags & skeleton_flag::LIMB[limb] == 0 {
+                shown[end] = self.shown[end];
             }
+        }
+        if std::mem::replace(&mut self.shown, shown) != shown {
+            self.same_since = self.awake;
         }
         if skeleton.header.origin.since(last.header.origin) > NEXT_NS {
             return Ok(());

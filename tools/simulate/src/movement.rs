@@ -34,7 +34,7 @@ const SETTLE_TICKS: u64 = 2 * TICK_HZ + LATE;
 /// Ticks for which a robot that lost its standstill has stood before a reset, less those in which it may have begun to move.
 const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
 /// The same bounds for a joint that slides, as a share.
-const SLIDES: f64 = 0.2;
+pub const SLIDES: f64 = 0.2;
 /// The largest speed of a command at rest, rad/s or m/s.
 const COMMAND_REST: f64 = 1e-7;
 
