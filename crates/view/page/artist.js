@@ -131,7 +131,7 @@ class Artist {
 
   resize({ width, height, scale, inset }) {
     this.scale = scale;
-    this.renderer.setPixelRatio(scale * this.sharpness.share);
+    this.sharpen();
     this.renderer.setSize(width, height, false);
     this.rig.resize(width, height, inset);
     this.isDirty = true;
@@ -174,8 +174,10 @@ class Artist {
 
   // The time between two pictures of a scene that moves, s, is the time that one takes.
   took(dt) {
-    if (this.sharpness.note(dt)) this.renderer.setPixelRatio(this.scale * this.sharpness.share);
+    if (this.sharpness.note(dt)) this.sharpen();
   }
+
+  sharpen() { this.renderer.setPixelRatio(this.scale * this.sharpness.share); }
 
   draw(dt) {
     this.isDirty = false;
