@@ -330,7 +330,7 @@ fn every_command_of_the_documents_runs_in_order() {
     let mut seen = Vec::new();
     for document in std::iter::once(rig::repository().join("README.md")).chain(chapters()) {
         for commands in blocks(&read(&document)) {
-            // What an earlier document ran is not run again.
+            // What was run before is not run again.
             for command in commands {
                 if !seen.contains(&command) {
                     reader.run(&command);
