@@ -3,7 +3,7 @@
 use crate::{Hazard, does};
 
 /// What a dropped frame leads to if it is not the only one.
-const DROPPED: &str = "dropped, counted; after 100 ms the robot stops, to be enabled anew";
+const DROPPED: &str = "dropped and counted; after 100 ms the robot stops and needs a new enable";
 /// The bound on that.
 const STALE: &str = "the frame at once; 100 ms + B";
 
@@ -37,8 +37,8 @@ pub(crate) const CONTENT: &[Hazard] = &[
     does("f012", "the tracker is sure of old data", "as f013", "200 ms + B"),
     does(
         "f013",
-        "the same body again and again, newly stamped",
-        "dropped after 100 ms; the robot stops, to be enabled anew",
+        "the tracker repeats one body with new stamps",
+        "dropped after 100 ms; the robot stops and needs a new enable",
         "200 ms + B",
     ),
     does("f014", "frames of before come again", "dropped: stamps and sequence only grow", "at once"),

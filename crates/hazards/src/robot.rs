@@ -64,8 +64,8 @@ pub(crate) const DRIVER: &[Hazard] = &[
     does("f053", "an encoder jumps", "one sample is passed over, the second in a row stops, latched", "2 samples + B"),
     does(
         "f054",
-        "the state is no number, or of other joints",
-        "no number: stop, latched; other names: another configuration, cannot engage",
+        "the state is not finite, or names other joints",
+        "not finite: stop, latched; other names: another configuration, cannot engage",
         "3 ticks + B",
     ),
     does(
@@ -104,7 +104,12 @@ pub(crate) const AUTHORITY: &[Hazard] = &[
     ),
     does("f066", "the enable is held at start", "nothing: it must be seen released first", "0 engagements"),
     does("f067", "the enable is let go", "stop, authority withdrawn", "the same tick + B"),
-    does("f068", "two clients publish", "the first holds one lease across both doors; others are told", "0.5 s"),
+    does(
+        "f068",
+        "two clients publish",
+        "the first holds one lease across both doors; the door tells the other that it has none",
+        "0.5 s",
+    ),
     does(
         "f069",
         "the holder of the lease dies",

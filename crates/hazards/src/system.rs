@@ -39,7 +39,7 @@ pub(crate) const MEMORY: &[Hazard] = &[
     does(
         "f088",
         "clients take every place",
-        "the holder keeps its place; more than 8 on the socket are told",
+        "the holder keeps its place; the socket tells every client beyond the eighth",
         "every frame",
     ),
     does(
@@ -70,7 +70,7 @@ pub(crate) const FILES: &[Hazard] = &[
     ),
     does(
         "f097",
-        "a key unknown, missing, no number, bounds swapped",
+        "a key is unknown or missing, a value is not a number, bounds are swapped",
         "does not start; file, key, value, bound",
         "at start",
     ),

@@ -154,8 +154,8 @@ pub struct ControlSettings {
     pub grace_us: f64,
     /// Lets a machine without real-time scheduling engage. It counts with a simulated driver only.
     pub engage_without_realtime: bool,
-    /// Who may reset an emergency stop that an operator pressed. With `"anyone"` every operator may. With `"presser"`
-    /// each user who pressed it has to, or root. SAFETY.md says more.
+    /// Who may reset an emergency stop that an operator pressed. `"anyone"` allows every operator. `"presser"` requires a
+    /// reset by every user who pressed it, or by root. SAFETY.md says more.
     pub emergency_stop_reset: EmergencyStopReset,
 }
 
