@@ -4,7 +4,7 @@ mod rig;
 
 use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use pipeline::{Port, Way};
+use pipeline::{Port, Transport};
 use rig::{Rig, SOON};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -58,7 +58,7 @@ struct Client {
 impl Client {
     fn start(rig: &Rig, session: u64) -> Self {
         let end = Arc::new(AtomicBool::new(false));
-        let (twin, way) = (Arc::clone(&end), Way::Domain(rig.instance.input_domain()));
+        let (twin, way) = (Arc::clone(&end), Transport::Domain(rig.instance.input_domain()));
         let thread = std::thread::spawn(move || {
             let mut port = Port::open(way, "calibrated").expect("the input domain");
             let (begun, incarnation) = (Instant::now(), rt::incarnation());

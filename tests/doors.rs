@@ -2,12 +2,12 @@
 
 mod rig;
 
-use doors::{Client, DoorError, Hello, Word};
+use doors::{Client, DoorError, Hello, Reply};
 use messages::{Fault, Mode, RawSkeleton};
 use motion::CalibrationMode;
-use pipeline::{ClientError, PlayOptions, Player, Publisher, Way};
+use pipeline::{ClientError, PlayOptions, Player, Publisher, Transport};
 use rig::user::{User, can_be_another};
-use rig::{Hand, Rig, assert_no_violations, modes};
+use rig::{OperatorSession, Rig, assert_no_violations, modes};
 use rustix::net::{RecvFlags, SendFlags};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
@@ -101,7 +101,7 @@ fn f106_f107_f111_strangers_open_nothing_and_connect_to_nothing() {
     }
     User::stranger(SOMEBODY).does(|| {
         let refused = Client::attach(&skeleton).expect_err("a stranger");
-        assert!(matches!(refused, DoorError::Refused { word: Word::Forbidden, .. }), "{refused}");
+        assert!(matches!(refused, DoorError::Refused { word: Reply::Forbidden, .. }), "{refused}");
         let mut client = operator::Client::connect(&operator).expect("the file lets everybody connect");
         assert!(client.estop().heartbeat().is_err(), "and control puts him out");
     });
@@ -131,7 +131,7 @@ fn f106_f111_members_come_in_by_their_own_door_and_by_no_other() {
         by_group(skeletons).into_iter().take(1).chain([User { groups: &[skeletons], ..User::stranger(SOMEBODY) }])
     {
         member.does(|| {
-            assert_eq!(Client::attach(&skeleton).expect("a member").told(), Word::Granted);
+            assert_eq!(Client::attach(&skeleton).expect("a member").told(), Reply::Granted);
             assert!(operator::Client::connect(&operator).is_err(), "no operator");
         });
     }
@@ -171,8 +171,8 @@ fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_log
         }
         rustix::net::send(&socket, &operator::encode_request(&order), SendFlags::empty()).unwrap();
         let (length, _) = rustix::net::recv(&socket, &mut answer[..], RecvFlags::empty()).unwrap();
-        let word = doors::Answer::decode(&answer[..length]).map(|answer| answer.word);
-        assert_eq!(word, Some(if greets { Word::WrongSize } else { Word::NoHello }));
+        let word = doors::ReplyPacket::decode(&answer[..length]).map(|answer| answer.word);
+        assert_eq!(word, Some(if greets { Reply::WrongSize } else { Reply::NoHello }));
     }
     let status = hand.wait("ticking", |status| status.ticks > 100);
     assert_eq!((status.mode, status.transition_count), (Mode::Disengaged as u32, 0));
@@ -197,8 +197,8 @@ fn f068_one_lease_across_both_doors_whoever_comes_second() {
     std::thread::sleep(Duration::from_secs(2));
     // Nobody else disturbs: without authority the robot would be let go, and not come back.
     hand.wait_mode(Mode::Engaged);
-    assert_eq!(first.told().as_deref(), Some(Word::Holder.meaning()));
-    assert_eq!(by_socket.told().as_deref(), Some(Word::NotHolder.meaning()));
+    assert_eq!(first.told().as_deref(), Some(Reply::Holder.meaning()));
+    assert_eq!(by_socket.told().as_deref(), Some(Reply::NotHolder.meaning()));
     assert_eq!(first.failures(), 0);
     let ingest = rig.end("ingest");
     assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"socket".into()), "{ingest:#}");
@@ -229,7 +229,7 @@ fn a_client_in_a_process_of_its_own() {
     let Some(socket) = std::env::var_os(CLIENT_OF) else { return };
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let player = Player::new(&motion::builtin(), play, 0, rt::incarnation());
-    let client = Publisher::start_on(Way::Socket(socket.into()), player, rt::now).expect("the door is open");
+    let client = Publisher::start_on(Transport::Socket(socket.into()), player, rt::now).expect("the door is open");
     client.set_engaged(true);
     loop {
         std::thread::sleep(Duration::from_secs(1));
@@ -267,7 +267,7 @@ fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
         let newcomer = rig.socket_client(&motion::builtin()).expect("the door is open");
         newcomer.set_engaged(true);
         std::thread::sleep(Duration::from_millis(60));
-        if newcomer.told().as_deref() == Some(Word::Holder.meaning()) {
+        if newcomer.told().as_deref() == Some(Reply::Holder.meaning()) {
             return (newcomer, since.elapsed());
         }
         assert!(since.elapsed() < rig::SOON, "the lease never ends");
@@ -370,7 +370,7 @@ fn f023_a_flood_of_10_khz_by_another_client_costs_the_holder_nothing() {
     });
     let after_kb = resident_kb(id);
     assert_eq!(hand.raised(Fault::InputStale), stale, "no frame of the holder came late");
-    assert_eq!((holder.failures(), holder.told().as_deref()), (0, Some(Word::Holder.meaning())));
+    assert_eq!((holder.failures(), holder.told().as_deref()), (0, Some(Reply::Holder.meaning())));
     drop(holder);
     let ingest = rig.end("ingest");
     let over = ingest["over_quota"]["socket"].as_u64().unwrap();
@@ -434,7 +434,7 @@ fn f092_f110_links_files_and_other_servers_in_the_place_of_a_socket_are_left_alo
 fn f112_no_core_file_and_no_segment_of_the_input_domain_in_the_core_processes() {
     let mut rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 51);
-    let hand: Hand = rig.hand();
+    let hand: OperatorSession = rig.hand();
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0);
     let input = rig.instance.input_domain().prefix;
     for name in teleopd::PROCESSES {

@@ -37,7 +37,7 @@ fn input_segments(rig: &Rig) -> Vec<File> {
 }
 
 /// Engaged and moving for a client of the socket, so that what happens to shared memory happens to `ingest` alone.
-fn moving() -> (Rig, rig::Hand, rig::Eyes, pipeline::Publisher) {
+fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, pipeline::Publisher) {
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -47,7 +47,7 @@ fn moving() -> (Rig, rig::Hand, rig::Eyes, pipeline::Publisher) {
     (rig, hand, eyes, client)
 }
 
-fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &rig::Hand, eyes: &mut rig::Eyes) {
+fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &rig::OperatorSession, eyes: &mut rig::StateObserver) {
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
     assert!(CORE.iter().all(|name| rig.runs(name)));

@@ -48,14 +48,19 @@ fn every_known_bug_applies_to_the_tree_as_it_is() {
     assert!(refused.is_empty(), "adapt these to the code, so that they still hold the bug:\n{}", refused.concat());
 }
 
-/// What the bug is, in one sentence; the public bug that it resembles, if one is known; then a small change of one file.
+/// What the bug is, in one sentence; the public bug that it resembles, if one is known; the test that finds what another
+/// layer hides from the simulation; then a small change of one file.
 #[test]
 fn every_known_bug_says_what_it_is() {
     for (name, text) in patches() {
         let (header, diff) = text.split_once("\n\ndiff --git a/crates/").unwrap_or_else(|| panic!("{name}: no header"));
         let (what, like) = header.split_once('\n').map_or((header, None), |(what, like)| (what, Some(like)));
         assert!(what.ends_with('.') && what.split(' ').count() >= 4, "{name}: {what:?} is no sentence");
-        if let Some(like) = like {
+        for like in like.iter().flat_map(|like| like.lines()) {
+            if let Some((why, test)) = like.split_once("; found by `cargo test ") {
+                assert!(why.split(' ').count() >= 4 && test.ends_with("`."), "{name}: {like:?}");
+                continue;
+            }
             let issue = like.strip_prefix("Resembles ").and_then(|like| like.strip_suffix('.'));
             let (project, number) = issue.and_then(|issue| issue.split_once('#')).unwrap_or_default();
             let named = project.split('/').filter(|part| !part.is_empty()).count() == 2;

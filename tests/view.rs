@@ -235,11 +235,11 @@ fn in_a_browser_the_robot_moves_and_space_stops_it() {
 #[test]
 fn in_a_browser_a_recording_stands_at_its_end_and_plays_anew() {
     let shown = appearance::shown();
-    let mut cutter = view::Cutter::new(&shown.model);
-    let heard = view::Heard { status: Some(Status::ZERO), ..view::Heard::default() };
+    let mut builder = view::RecordingViewBuilder::new(&shown.model);
+    let heard = view::LatestMessages { status: Some(Status::ZERO), ..view::LatestMessages::default() };
     // 2.8 is less once it is of single precision.
-    (0..29).for_each(|n| cutter.add(&heard, f64::from(n) / 10.0));
-    let server = view::Server::recording(cutter.reel(), "still.mcap", &shown, 0).expect("a port");
+    (0..29).for_each(|n| builder.add(&heard, f64::from(n) / 10.0));
+    let server = view::Server::recording(builder.build(), "still.mcap", &shown, 0).expect("a port");
     let Some(mut browser) = Browser::open(server.address()) else {
         return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
     };

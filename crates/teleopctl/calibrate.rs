@@ -34,7 +34,7 @@ pub struct Job<'a> {
 }
 
 /// What the instance says of the person.
-struct Eyes {
+struct StateObserver {
     skeletons: Reader<Skeleton>,
     inputs: Reader<InputStatus>,
     input: InputStatus,
@@ -43,7 +43,7 @@ struct Eyes {
     _domain: Domain,
 }
 
-impl Eyes {
+impl StateObserver {
     fn open(run_dir: &Path) -> Result<Self, BusError> {
         let domain = Domain::open(Instance::unmade(run_dir).core_domain(), "calibrate")?;
         let (skeletons, inputs) = (domain.reader(Service::Skeleton)?, domain.reader(Service::InputStatus)?);
@@ -71,7 +71,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &Names::read(run_dir)));
         return Ok(false);
     }
-    let mut eyes = match Eyes::open(run_dir) {
+    let mut eyes = match StateObserver::open(run_dir) {
         Ok(eyes) => eyes,
         Err(error) => {
             err!("teleopctl: {error}");
@@ -166,8 +166,8 @@ enum Step {
 /// Looks until a step is done, and keeps a line up to date meanwhile; false if it took too long or the robot was engaged.
 fn wait(
     client: &mut Client,
-    eyes: &mut Eyes,
-    mut look: impl FnMut(&mut Eyes, &Status) -> Step,
+    eyes: &mut StateObserver,
+    mut look: impl FnMut(&mut StateObserver, &Status) -> Step,
 ) -> Result<bool, OperatorError> {
     let begun = Instant::now();
     let (mut status, mut asked, mut heard) = (client.heartbeat()?, begun, begun);

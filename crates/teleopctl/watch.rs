@@ -4,7 +4,7 @@
 use bus::{Domain, Reader};
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Gravity, Instance, Names, calibration_name, mode_name, sentences};
+use pipeline::{Instance, Names, Severity, calibration_name, mode_name, sentences};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -107,7 +107,7 @@ struct Shown {
     q: Option<[f64; JOINTS]>,
     silent: bool,
     ages_us: VecDeque<u64>,
-    events: VecDeque<(Gravity, String)>,
+    events: VecDeque<(Severity, String)>,
     counted: Option<(Instant, u64)>,
     rate_hz: f64,
 }
@@ -240,9 +240,9 @@ impl Shown {
         lines.extend(self.events.iter().map(|(gravity, text)| {
             let line = Line::from(text.clone());
             match gravity {
-                Gravity::Note => line,
-                Gravity::Warning => line.yellow(),
-                Gravity::Error => line.red(),
+                Severity::Note => line,
+                Severity::Warning => line.yellow(),
+                Severity::Error => line.red(),
             }
         }));
         lines

@@ -1,12 +1,12 @@
 //! Prints every effective value, where it came from, and the hash that travels in every header.
 
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use messages::JOINTS;
 use rt::out;
 
 /// Reads everything an instance would read, refuses what it would refuse, and prints the rest.
-pub fn run(place: &Place) -> Result<Exit, Failure> {
+pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;

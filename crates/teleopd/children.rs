@@ -1,6 +1,6 @@
 //! Starts the processes in order and ends them in the opposite one, the driver last.
 
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::doctor::holder;
 use crate::exit::{Exit, Failure};
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
@@ -61,7 +61,7 @@ pub struct Children {
 
 impl Children {
     /// Starts every process and waits until each is READY.
-    pub fn start(instance: &Instance, place: &Place, output: Output) -> Result<Self, Failure> {
+    pub fn start(instance: &Instance, place: &InstanceArgs, output: Output) -> Result<Self, Failure> {
         // Of its own, so that a second start in the same folder disturbs nothing before it is refused.
         remove_dead_sockets(instance.run_dir());
         let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
@@ -86,7 +86,7 @@ impl Children {
         &mut self,
         name: &'static str,
         instance: &Instance,
-        place: &Place,
+        place: &InstanceArgs,
         output: Output,
     ) -> Result<(), Failure> {
         let program = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;

@@ -15,7 +15,7 @@ pub struct Cli {
 
 /// Where an instance finds its settings and keeps its sockets and shared memory.
 #[derive(Args, Clone, Debug)]
-pub struct Place {
+pub struct InstanceArgs {
     /// Settings of this instance. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
@@ -38,7 +38,7 @@ fn interface_parser() -> impl TypedValueParser<Value = RobotInterface> {
         .try_map(move |name| find(name).ok_or("no such interface"))
 }
 
-impl Place {
+impl InstanceArgs {
     /// What the command line changes of the settings.
     pub fn overrides(&self) -> Overrides {
         Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
@@ -49,7 +49,7 @@ impl Place {
 #[derive(Args, Clone, Debug)]
 pub struct Process {
     #[command(flatten)]
-    pub place: Place,
+    pub place: InstanceArgs,
     /// Log warnings and errors alone.
     #[arg(long)]
     pub quiet: bool,
@@ -75,7 +75,7 @@ pub enum Command {
     /// is shown, run and checked.
     Tour(Tour),
     /// Prints every effective value, where it came from, and the hash of them all.
-    Check(Place),
+    Check(InstanceArgs),
     /// Shows a running instance in a browser on this machine: the address, with the token of this run, is printed.
     View(View),
     /// Examines the machine and the instance's place, and says what to do about each finding; changes nothing. Exit code 0: ready
@@ -86,7 +86,7 @@ pub enum Command {
 #[derive(Args, Clone, Debug)]
 pub struct Up {
     #[command(flatten)]
-    pub place: Place,
+    pub place: InstanceArgs,
     /// Also record the instance to this MCAP file, from a process of its own (the program `record`): every message that it can
     /// see. Refused if the file exists.
     #[arg(long, value_name = "FILE.mcap")]
@@ -111,7 +111,7 @@ pub struct Page {
 #[derive(Args, Clone, Debug)]
 pub struct View {
     #[command(flatten)]
-    pub place: Place,
+    pub place: InstanceArgs,
     /// Show this recording in place of a running instance (by the program `record`).
     #[arg(value_name = "FILE.mcap")]
     pub recording: Option<PathBuf>,
@@ -129,7 +129,7 @@ pub struct View {
 #[derive(Args, Clone, Debug)]
 pub struct Doctor {
     #[command(flatten)]
-    pub place: Place,
+    pub place: InstanceArgs,
     /// Print {simulator, robot, findings} as JSON: whether the machine is fit for each, and {check, level, found, advice}.
     #[arg(long)]
     pub json: bool,

@@ -3,13 +3,13 @@
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
+use crate::live_display::LiveDisplay;
 use crate::operate::Operator;
 use crate::process::bus_failure;
 use crate::processes::PROCESSES;
 use crate::programs::TELEOPD;
 use crate::recorder::Recorder;
 use crate::report::Report;
-use crate::show::Show;
 use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
 use pipeline::{ClientError, Instance, Loaded, Overrides, PlayOptions, Player, Publisher, RealtimeSettings};
@@ -37,7 +37,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let (motion, loaded) = read(options)?;
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = instance_in(&folder.path)?;
-    let place = cli::Place {
+    let place = cli::InstanceArgs {
         config: options.config.clone(),
         run_dir: folder.path.clone(),
         engage_without_realtime: true,
@@ -57,7 +57,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
     let mut operator = Operator::connect(&instance.operator_socket())?;
     let missing = missing(&loaded.settings.realtime);
-    let mut show = Show::new(&instance, loaded.model, options.quiet)?;
+    let mut show = LiveDisplay::new(&instance, loaded.model, options.quiet)?;
     let page = cli::Page { port: options.view_port, meshes: options.meshes.clone() };
     let server = if options.view { Some(shown(&instance, &place, &page, &shutdown)?) } else { None };
     let mut run = Run {
@@ -171,7 +171,7 @@ pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
 /// Serves the page, and waits until one is open.
 fn shown(
     instance: &Instance,
-    place: &cli::Place,
+    place: &cli::InstanceArgs,
     page: &cli::Page,
     shutdown: &Shutdown,
 ) -> Result<view::Server, Failure> {
@@ -199,7 +199,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// Engages, follows the motion to its end (or for `seconds` of it), and returns what went wrong.
-    fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut Show) -> Result<(), String> {
+    fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut LiveDisplay) -> Result<(), String> {
         // An enable that was never seen released engages nothing: wait for that, and for every inhibit to clear.
         let clear =
             self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);

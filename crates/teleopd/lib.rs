@@ -9,13 +9,13 @@ mod doctor;
 mod exit;
 mod figure;
 mod figures;
+mod live_display;
 mod operate;
 mod process;
 mod processes;
 mod programs;
 mod recorder;
 mod report;
-mod show;
 mod timeline;
 mod tour;
 mod up;
@@ -27,7 +27,7 @@ use rt::err;
 use std::process::ExitCode;
 
 pub use children::{Children, Output};
-pub use cli::Place;
+pub use cli::InstanceArgs;
 pub use exit::{Exit, Failure};
 pub use operate::Operator;
 pub use process::realtime::placement;
@@ -63,7 +63,7 @@ pub fn main() -> ExitCode {
 }
 
 /// Runs a process of an instance to its end.
-fn process(one: &cli::Process, run: impl Fn(&Place) -> Result<(), Failure>) -> Result<Exit, Failure> {
+fn process(one: &cli::Process, run: impl Fn(&InstanceArgs) -> Result<(), Failure>) -> Result<Exit, Failure> {
     let level = if one.quiet { telemetry::LevelFilter::WARN } else { telemetry::LevelFilter::INFO };
     telemetry::install_logging(level);
     run(&one.place).map(|()| Exit::Ok)

@@ -13,7 +13,7 @@ const HEARTBEAT: Duration = Duration::from_millis(20);
 
 /// What the hand does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Hand {
+enum Request {
     Enable,
     Release,
     Reset,
@@ -21,7 +21,7 @@ enum Hand {
 
 /// A virtual operator.
 pub struct Operator {
-    hand: Sender<Hand>,
+    hand: Sender<Request>,
     statuses: Receiver<Status>,
     latest: Option<Status>,
     thread: Option<JoinHandle<()>>,
@@ -42,17 +42,17 @@ impl Operator {
 
     /// Presses the enable and holds it.
     pub fn enable(&self) {
-        let _ = self.hand.send(Hand::Enable);
+        let _ = self.hand.send(Request::Enable);
     }
 
     /// Lets the enable go.
     pub fn release(&self) {
-        let _ = self.hand.send(Hand::Release);
+        let _ = self.hand.send(Request::Release);
     }
 
     /// Asks for a reset of what is latched.
     pub fn reset(&self) {
-        let _ = self.hand.send(Hand::Reset);
+        let _ = self.hand.send(Request::Reset);
     }
 
     /// The newest status; nothing before the first reply.
@@ -96,13 +96,13 @@ impl Drop for Operator {
     }
 }
 
-fn heartbeats(mut client: Client, commands: &Receiver<Hand>, statuses: &Sender<Status>) {
+fn heartbeats(mut client: Client, commands: &Receiver<Request>, statuses: &Sender<Status>) {
     let mut beat = Instant::now();
     loop {
         match commands.try_recv() {
-            Ok(Hand::Enable) => _ = client.enable(),
-            Ok(Hand::Release) => _ = client.release(),
-            Ok(Hand::Reset) => _ = client.reset(),
+            Ok(Request::Enable) => _ = client.enable(),
+            Ok(Request::Release) => _ = client.release(),
+            Ok(Request::Reset) => _ = client.reset(),
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => {
                 client.release();

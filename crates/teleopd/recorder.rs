@@ -1,6 +1,6 @@
 //! The recorder of `up` and `demo`: a child that only reads. Whatever becomes of it, the robot goes on.
 
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
@@ -25,12 +25,12 @@ pub struct Recorder {
 
 impl Recorder {
     /// Starts it if a file is given, and waits until it reads.
-    pub fn start_if(file: Option<&Path>, instance: &Instance, place: &Place) -> Result<Option<Self>, Failure> {
+    pub fn start_if(file: Option<&Path>, instance: &Instance, place: &InstanceArgs) -> Result<Option<Self>, Failure> {
         file.map(|file| Self::start(file, instance, place)).transpose()
     }
 
     /// Starts it, and waits until it reads.
-    pub fn start(file: &Path, instance: &Instance, place: &Place) -> Result<Self, Failure> {
+    pub fn start(file: &Path, instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
         let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
         let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
@@ -114,7 +114,7 @@ impl Drop for Recorder {
 }
 
 /// Starts `command` off the cores of the real-time processes: a child stays where the thread is that starts it.
-fn spawned_aside(mut command: Command, place: &Place) -> std::io::Result<Child> {
+fn spawned_aside(mut command: Command, place: &InstanceArgs) -> std::io::Result<Child> {
     let settings = pipeline::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
     let spawned = std::thread::scope(|scope| {
         let spawn = || {

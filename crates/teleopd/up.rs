@@ -64,7 +64,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
 }
 
 /// What runs, which robot it is, where a person comes in, how to engage, and how to stop.
-fn introduce(loaded: &Loaded, place: &cli::Place) {
+fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     let (settings, run_dir) = (&loaded.settings, place.run_dir.display());
     let at = run_dir_option(&place.run_dir);
     let kind = match settings.driver.kind {

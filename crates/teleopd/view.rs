@@ -58,11 +58,11 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
 }
 
 /// A server for `instance` as it was started at `place`, by whose pages nobody is the person.
-pub fn start(instance: &Instance, place: &cli::Place, page: &cli::Page) -> Result<Server, Failure> {
+pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -> Result<Server, Failure> {
     serve(instance, &load(place)?, None, page)
 }
 
-fn load(place: &cli::Place) -> Result<Loaded, Failure> {
+fn load(place: &cli::InstanceArgs) -> Result<Loaded, Failure> {
     pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
 }
 

@@ -9,7 +9,7 @@ use crate::viewer::Viewer;
 use motion::CalibrationMode;
 use pipeline::{Loaded, Moment, Offline, Overrides, PlayOptions};
 use std::time::{Duration, Instant};
-use view::{Cutter, Heard, Reel, RobotView, Server};
+use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
 
 /// A desktop, a laptop, a tablet on its side and upright, a phone.
 const SIZES: [[u32; 2]; 5] = [[1920, 1080], [1280, 720], [1024, 768], [820, 1180], [390, 844]];
@@ -27,14 +27,15 @@ pub fn shown() -> RobotView {
 }
 
 /// The built-in motion through every stage in virtual time, at so many times its speed, and for so many seconds.
-pub fn played(loaded: &Loaded, speed: f64, seconds: f64) -> Reel {
-    reel(loaded, speed, seconds, true)
+pub fn played(loaded: &Loaded, speed: f64, seconds: f64) -> RecordingView {
+    recording(loaded, speed, seconds, true)
 }
 
 /// The same; without its person where no skeletons were recorded.
-fn reel(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Reel {
+fn recording(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> RecordingView {
     let _ = rt::flush_denormals();
-    let (mut cutter, mut heard, mut first) = (Cutter::new(&loaded.model), Heard::default(), None);
+    let (mut builder, mut heard, mut first) =
+        (RecordingViewBuilder::new(&loaded.model), LatestMessages::default(), None);
     let ended = std::cell::Cell::new(false);
     let mut watch = |moment: &Moment, _: &_| {
         heard.skeleton = moment.skeleton.filter(|_| has_person).or(heard.skeleton);
@@ -43,7 +44,7 @@ fn reel(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Reel {
         heard.command = moment.control.and_then(|control| control.command).or(heard.command);
         heard.status = moment.control.map(|control| control.status).or(heard.status);
         let at_s = (moment.k - *first.get_or_insert(moment.k)) as f64 * TICK_S;
-        cutter.add(&heard, at_s);
+        builder.add(&heard, at_s);
         ended.set(at_s > seconds);
     };
     let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::First10s };
@@ -53,7 +54,7 @@ fn reel(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Reel {
             break;
         }
     }
-    cutter.reel()
+    builder.build()
 }
 
 /// A page that shows a recording, paused.
@@ -63,8 +64,8 @@ struct Shown {
 }
 
 impl Shown {
-    fn of(reel: Reel, view: &RobotView) -> Option<Self> {
-        let server = Server::recording(reel, "played.mcap", view, 0).expect("a port");
+    fn of(recording: RecordingView, view: &RobotView) -> Option<Self> {
+        let server = Server::recording(recording, "played.mcap", view, 0).expect("a port");
         let mut browser = Browser::open(server.address())?;
         browser.wait("it draws", "window.teleopd.drawn() > 0");
         // At its end it stands already.
@@ -182,7 +183,7 @@ fn both_figures_are_in_the_frame_at_five_window_sizes() {
 #[test]
 fn robot_alone_is_in_the_middle() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(reel(&loaded, 1.0, 2.0, false), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::of(recording(&loaded, 1.0, 2.0, false), &view) else { return println!("{SKIPPED}") };
     let person = shown.browser.evaluate("document.querySelector('#legend [data-layer=person]').hidden");
     assert_eq!(person, true, "the legend names a person");
     for [width, height] in SIZES {

@@ -7,7 +7,7 @@ use bus::{Domain, Reader};
 use messages::{Fault, Faults, Mode, RobotState, Service, Status};
 use motion::{CalibrationMode, Motion};
 use operator::Client;
-use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Way};
+use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Transport};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -232,8 +232,8 @@ impl Rig {
         assert!(status.success(), "up ended with {status}");
     }
 
-    pub fn hand(&self) -> Hand {
-        Hand::connect(&self.instance.operator_socket())
+    pub fn hand(&self) -> OperatorSession {
+        OperatorSession::connect(&self.instance.operator_socket())
     }
 
     /// A client that publishes `motion`, holding its first frame.
@@ -247,7 +247,7 @@ impl Rig {
     pub fn socket_client(&self, motion: &Motion) -> Result<Publisher, ClientError> {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         let player = Player::new(motion, play, 0, rt::incarnation());
-        Publisher::start_on(Way::Socket(self.instance.skeleton_socket()), player, rt::now)
+        Publisher::start_on(Transport::Socket(self.instance.skeleton_socket()), player, rt::now)
     }
 
     /// Lets other users pass through the folder, as that of an installed instance does.
@@ -274,10 +274,10 @@ impl Rig {
         }
     }
 
-    pub fn eyes(&self) -> Eyes {
+    pub fn eyes(&self) -> StateObserver {
         let domain = Domain::open(self.instance.core_domain(), "eyes").expect("the core domain");
         let states = domain.reader(Service::RobotState).expect("robot states");
-        Eyes { states, latest: None, _domain: domain }
+        StateObserver { states, latest: None, _domain: domain }
     }
 }
 
@@ -292,13 +292,13 @@ impl Drop for Rig {
 }
 
 /// Sees what the driver executes.
-pub struct Eyes {
+pub struct StateObserver {
     states: Reader<RobotState>,
     latest: Option<RobotState>,
     _domain: Domain,
 }
 
-impl Eyes {
+impl StateObserver {
     pub fn robot(&mut self) -> Option<RobotState> {
         self.latest = self.states.latest().or(self.latest);
         self.latest
@@ -332,7 +332,7 @@ const RESET: u32 = 4;
 const ESTOP: u32 = 8;
 
 /// An operator's hand: heartbeats at 50 Hz in a thread of its own.
-pub struct Hand {
+pub struct OperatorSession {
     orders: Arc<AtomicU32>,
     silent: Arc<AtomicBool>,
     status: Arc<Mutex<Option<Status>>>,
@@ -340,7 +340,7 @@ pub struct Hand {
     thread: Option<JoinHandle<()>>,
 }
 
-impl Hand {
+impl OperatorSession {
     fn connect(socket: &Path) -> Self {
         let mut client = Client::connect(socket).expect("the operator socket answers");
         let (orders, silent) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicBool::new(false)));
@@ -453,7 +453,7 @@ impl Hand {
     }
 }
 
-impl Drop for Hand {
+impl Drop for OperatorSession {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {

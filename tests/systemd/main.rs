@@ -6,7 +6,7 @@ mod stand_in;
 
 use machine::{Machine, Manager, OPERATOR};
 use motion::CalibrationMode;
-use pipeline::{Instance, PlayOptions, Player, Publisher, Way};
+use pipeline::{Instance, PlayOptions, Player, Publisher, Transport};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -149,7 +149,7 @@ fn client() {
     let instance = Instance::unmade(&run_dir);
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let player = Player::new(&motion::builtin(), play, 1, rt::incarnation());
-    let way = Way::Socket(instance.skeleton_socket());
+    let way = Transport::Socket(instance.skeleton_socket());
     let publisher = Publisher::start_on(way, player, rt::now).expect("a client");
     publisher.set_engaged(true);
     loop {

@@ -4,7 +4,7 @@ use crate::carried::{Carried, ReadPort, WritePort};
 use crate::error::BusError;
 use crate::payload::Payload;
 use crate::presence::Presence;
-use crate::reader::{Ear, IpcEar, IpcReader, Reader, WakingReader};
+use crate::reader::{IpcReader, IpcWakeListener, Reader, WakeListener, WakingReader};
 use crate::shared_memory;
 use crate::writer::{IpcWriter, Writer};
 use iceoryx2::node::NodeCreationFailure;
@@ -143,10 +143,10 @@ impl Domain {
         Ok(WakingReader::new(self.reader(service)?, self.ear(service)?))
     }
 
-    fn ear(&self, service: Service) -> Result<Box<dyn Ear>, BusError> {
+    fn ear(&self, service: Service) -> Result<Box<dyn WakeListener>, BusError> {
         let listener = self.event_service(service)?.listener_builder().create();
         let listener = listener.map_err(|error| self.service_error(service, format!("listener: {error:?}"), 1))?;
-        Ok(Box::new(IpcEar { listener, _presence: self.presence.clone() }))
+        Ok(Box::new(IpcWakeListener { listener, _presence: self.presence.clone() }))
     }
 
     #[doc(hidden)]

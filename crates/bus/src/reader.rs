@@ -142,7 +142,7 @@ pub enum Wake {
 }
 
 /// What waits for `Writer::notify`.
-pub(crate) trait Ear {
+pub(crate) trait WakeListener {
     /// Takes the wake-ups that have been sent: how many.
     fn take(&mut self) -> Result<u64, Unconnected>;
     /// Readable while there are any.
@@ -150,13 +150,13 @@ pub(crate) trait Ear {
 }
 
 /// An ear over iceoryx2.
-pub(crate) struct IpcEar {
+pub(crate) struct IpcWakeListener {
     pub(crate) listener: Listener<ipc::Service>,
     // Declared last, so that the port goes before it.
     pub(crate) _presence: Arc<Presence>,
 }
 
-impl Ear for IpcEar {
+impl WakeListener for IpcWakeListener {
     fn take(&mut self) -> Result<u64, Unconnected> {
         self.listener.try_wait(|_| {}).map_err(|_| Unconnected)
     }
@@ -170,7 +170,7 @@ impl Ear for IpcEar {
 /// A reader that can also wait.
 pub struct WakingReader<M: Message> {
     reader: Reader<M>,
-    ear: Box<dyn Ear>,
+    ear: Box<dyn WakeListener>,
     failures: u64,
 }
 
@@ -181,7 +181,7 @@ impl<M: Message> fmt::Debug for WakingReader<M> {
 }
 
 impl<M: Message> WakingReader<M> {
-    pub(crate) fn new(reader: Reader<M>, ear: Box<dyn Ear>) -> Self {
+    pub(crate) fn new(reader: Reader<M>, ear: Box<dyn WakeListener>) -> Self {
         Self { reader, ear, failures: 0 }
     }
 

@@ -3,7 +3,7 @@
 use crate::error::DoorError;
 use crate::frame::encode_frame;
 use crate::listener::connect;
-use crate::protocol::{ANSWER_BYTES, Answer, Hello, Word};
+use crate::protocol::{ANSWER_BYTES, Hello, Reply, ReplyPacket};
 use messages::RawSkeleton;
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
@@ -22,7 +22,7 @@ pub struct Client {
     path: PathBuf,
     socket: OwnedFd,
     session_nonce: u64,
-    told: Word,
+    told: Reply,
 }
 
 impl Client {
@@ -30,7 +30,7 @@ impl Client {
     pub fn attach(path: impl AsRef<Path>) -> Result<Self, DoorError> {
         let path = path.as_ref().to_path_buf();
         let socket = connect(&path, DAEMON, TIMEOUT_MS)?;
-        let mut client = Self { path, socket, session_nonce: 0, told: Word::Granted };
+        let mut client = Self { path, socket, session_nonce: 0, told: Reply::Granted };
         match net::send(&client.socket, &Hello::OURS.encode(), SendFlags::NOSIGNAL) {
             // Turned away already: the answer says why.
             Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => {}
@@ -71,7 +71,7 @@ impl Client {
     }
 
     /// What the daemon said last.
-    pub fn told(&self) -> Word {
+    pub fn told(&self) -> Reply {
         self.told
     }
 
@@ -81,14 +81,14 @@ impl Client {
     }
 
     /// One answer; nothing if none comes in time. A refusal is an error.
-    fn receive(&self, flags: RecvFlags) -> Result<Option<Answer>, DoorError> {
+    fn receive(&self, flags: RecvFlags) -> Result<Option<ReplyPacket>, DoorError> {
         let mut bytes = [0; ANSWER_BYTES + 1];
         let mut resets = 0;
         loop {
             match net::recv(&self.socket, &mut bytes[..], flags) {
                 Ok((length, _)) => {
                     let closed = || DoorError::Closed { path: self.path.clone(), daemon: DAEMON };
-                    let answer = Answer::decode(&bytes[..length]).ok_or_else(closed)?;
+                    let answer = ReplyPacket::decode(&bytes[..length]).ok_or_else(closed)?;
                     if answer.word.is_refusal() {
                         return Err(DoorError::Refused { path: self.path.clone(), word: answer.word });
                     }

@@ -1,6 +1,6 @@
 //! Why a door cannot be opened or entered.
 
-use crate::protocol::Word;
+use crate::protocol::Reply;
 use rustix::io::Errno;
 use std::path::PathBuf;
 
@@ -85,7 +85,7 @@ pub enum DoorError {
         /// The socket.
         path: PathBuf,
         /// Why.
-        word: Word,
+        word: Reply,
     },
     /// The daemon ended the connection.
     #[error("{}: {daemon} closed the connection", path.display())]

@@ -24,19 +24,19 @@ pub trait Fields {
 }
 
 /// Puts fields into a buffer.
-pub struct Put<'a> {
+pub struct FieldWriter<'a> {
     bytes: &'a mut [u8],
     at: usize,
 }
 
-impl<'a> Put<'a> {
+impl<'a> FieldWriter<'a> {
     /// From the start of `bytes`, which must hold all fields.
     pub fn new(bytes: &'a mut [u8]) -> Self {
         Self { bytes, at: 0 }
     }
 }
 
-impl Fields for Put<'_> {
+impl Fields for FieldWriter<'_> {
     fn u32(&mut self, value: &mut u32) {
         self.bytes[self.at..self.at + 4].copy_from_slice(&value.to_le_bytes());
         self.at += 4;
@@ -49,12 +49,12 @@ impl Fields for Put<'_> {
 }
 
 /// Takes fields out of a buffer, whose length was checked before.
-pub struct Take<'a> {
+pub struct FieldReader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
-impl<'a> Take<'a> {
+impl<'a> FieldReader<'a> {
     /// From the start of `bytes`, which must hold all fields.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { bytes, at: 0 }
@@ -68,7 +68,7 @@ impl<'a> Take<'a> {
     }
 }
 
-impl Fields for Take<'_> {
+impl Fields for FieldReader<'_> {
     fn u32(&mut self, value: &mut u32) {
         *value = u32::from_le_bytes(self.next());
     }

@@ -1,6 +1,6 @@
 //! A `RawSkeleton` as bytes.
 
-use crate::fields::{Fields, Put, Take};
+use crate::fields::{FieldReader, FieldWriter, Fields};
 use messages::{Header, HingeCalibration, Layout, RawSkeleton, Stamp};
 
 /// Length of a frame on the socket.
@@ -31,7 +31,7 @@ fn fields(fields: &mut impl Fields, frame: &mut RawSkeleton) {
 /// The bytes of a frame.
 pub fn encode_frame(frame: &RawSkeleton) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
-    fields(&mut Put::new(&mut bytes), &mut { *frame });
+    fields(&mut FieldWriter::new(&mut bytes), &mut { *frame });
     bytes
 }
 
@@ -41,7 +41,7 @@ pub fn decode_frame(bytes: &[u8]) -> Option<RawSkeleton> {
     if bytes.len() != FRAME_BYTES {
         return None;
     }
-    fields(&mut Take::new(bytes), &mut frame);
+    fields(&mut FieldReader::new(bytes), &mut frame);
     Some(frame)
 }
 

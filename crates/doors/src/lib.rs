@@ -12,6 +12,7 @@
 
 mod bucket;
 mod client;
+mod connection;
 mod error;
 mod fields;
 mod frame;
@@ -19,16 +20,15 @@ mod group;
 mod listener;
 mod nonce;
 mod protocol;
-mod seat;
 mod server;
 
 pub use bucket::{BURST, Bucket, RATE_MAX_HZ};
 pub use client::Client;
 pub use error::DoorError;
-pub use fields::{Fields, Put, Take};
+pub use fields::{FieldReader, FieldWriter, Fields};
 pub use frame::{FRAME_BYTES, decode_frame, encode_frame};
 pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
 pub use nonce::draw_nonce;
-pub use protocol::{ANSWER_BYTES, Answer, HELLO_BYTES, Hello, Word};
-pub use server::{Arrival, CONNECTIONS_MAX, HELLO_WITHIN_NS, IDLE_NS, Notice, Server, Standing};
+pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket};
+pub use server::{CONNECTIONS_MAX, FrameSource, HELLO_WITHIN_NS, IDLE_NS, LeaseState, Server, SocketEvent};

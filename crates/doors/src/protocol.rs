@@ -1,7 +1,7 @@
 //! What is said at the door for skeletons beside the frames themselves.
 
 use crate::bucket::RATE_MAX_HZ;
-use crate::fields::{Fields, Put, Take};
+use crate::fields::{FieldReader, FieldWriter, Fields};
 use messages::{Layout, Message, RawSkeleton};
 
 /// First word of every hello and answer: "TPSK" in memory order.
@@ -53,21 +53,21 @@ impl Hello {
     /// Its bytes.
     pub fn encode(mut self) -> [u8; HELLO_BYTES] {
         let mut bytes = [0; HELLO_BYTES];
-        self.fields(&mut Put::new(&mut bytes));
+        self.fields(&mut FieldWriter::new(&mut bytes));
         bytes
     }
 
     /// Why a client that opens with `bytes` is refused.
-    pub fn refusal(bytes: &[u8]) -> Option<Word> {
+    pub fn refusal(bytes: &[u8]) -> Option<Reply> {
         let mut hello = Self::OURS;
         if bytes.len() != HELLO_BYTES {
-            return Some(Word::NoHello);
+            return Some(Reply::NoHello);
         }
-        hello.fields(&mut Take::new(bytes));
+        hello.fields(&mut FieldReader::new(bytes));
         if hello.magic != MAGIC {
-            Some(Word::NoHello)
+            Some(Reply::NoHello)
         } else if hello != Self::OURS {
-            Some(Word::OtherLayout)
+            Some(Reply::OtherLayout)
         } else {
             None
         }
@@ -77,7 +77,7 @@ impl Hello {
 /// What the daemon says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Word {
+pub enum Reply {
     /// Frames are taken; the answer carries the session number. Nobody moves the robot at the moment.
     Granted = 1,
     /// As `Granted`, but another client holds the lease.
@@ -106,7 +106,7 @@ pub enum Word {
     Idle = 23,
 }
 
-impl Word {
+impl Reply {
     /// All of them.
     pub const ALL: [Self; 13] = [
         Self::Granted,
@@ -172,25 +172,25 @@ impl Word {
 
 /// A packet of the daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub struct ReplyPacket {
     /// What it says.
-    pub word: Word,
+    pub word: Reply,
     /// The session number that every frame of this connection must carry; 0 in a refusal.
     pub session_nonce: u64,
     /// Frames a second that are looked at.
     pub rate_max_hz: u32,
 }
 
-impl Answer {
+impl ReplyPacket {
     /// `word` to the session `session_nonce`.
-    pub fn new(word: Word, session_nonce: u64) -> Self {
+    pub fn new(word: Reply, session_nonce: u64) -> Self {
         Self { word, session_nonce, rate_max_hz: RATE_MAX_HZ as u32 }
     }
 
     /// Its bytes.
     pub fn encode(self) -> [u8; ANSWER_BYTES] {
         let mut bytes = [0; ANSWER_BYTES];
-        let mut put = Put::new(&mut bytes);
+        let mut put = FieldWriter::new(&mut bytes);
         for mut value in [MAGIC, self.word as u32, self.rate_max_hz, 0] {
             put.u32(&mut value);
         }
@@ -203,11 +203,11 @@ impl Answer {
         if bytes.len() != ANSWER_BYTES {
             return None;
         }
-        let (mut take, mut words, mut session_nonce) = (Take::new(bytes), [0; 4], 0);
+        let (mut take, mut words, mut session_nonce) = (FieldReader::new(bytes), [0; 4], 0);
         words.iter_mut().for_each(|word| take.u32(word));
         take.u64(&mut session_nonce);
         let [magic, word, rate_max_hz, _] = words;
-        let word = Word::ALL.into_iter().find(|known| *known as u32 == word)?;
+        let word = Reply::ALL.into_iter().find(|known| *known as u32 == word)?;
         (magic == MAGIC).then_some(Self { word, session_nonce, rate_max_hz })
     }
 }
@@ -218,12 +218,12 @@ mod tests {
 
     #[test]
     fn every_answer_survives_and_nothing_else_is_one() {
-        for word in Word::ALL {
-            let answer = Answer::new(word, 77);
-            assert_eq!(Answer::decode(&answer.encode()), Some(answer));
+        for word in Reply::ALL {
+            let answer = ReplyPacket::new(word, 77);
+            assert_eq!(ReplyPacket::decode(&answer.encode()), Some(answer));
         }
-        assert_eq!(Answer::decode(&[0; ANSWER_BYTES]), None);
-        assert_eq!(Answer::decode(&Answer::new(Word::Holder, 1).encode()[1..]), None);
+        assert_eq!(ReplyPacket::decode(&[0; ANSWER_BYTES]), None);
+        assert_eq!(ReplyPacket::decode(&ReplyPacket::new(Reply::Holder, 1).encode()[1..]), None);
     }
 
     #[test]
@@ -239,11 +239,11 @@ mod tests {
         for change in changes {
             let mut hello = Hello::OURS;
             change(&mut hello);
-            assert_eq!(Hello::refusal(&hello.encode()), Some(Word::OtherLayout), "{hello:?}");
+            assert_eq!(Hello::refusal(&hello.encode()), Some(Reply::OtherLayout), "{hello:?}");
         }
         let other = Hello { magic: 0, ..Hello::OURS };
-        assert_eq!(Hello::refusal(&other.encode()), Some(Word::NoHello));
-        assert_eq!(Hello::refusal(&Hello::OURS.encode()[1..]), Some(Word::NoHello));
-        assert_eq!(Hello::refusal(&[]), Some(Word::NoHello));
+        assert_eq!(Hello::refusal(&other.encode()), Some(Reply::NoHello));
+        assert_eq!(Hello::refusal(&Hello::OURS.encode()[1..]), Some(Reply::NoHello));
+        assert_eq!(Hello::refusal(&[]), Some(Reply::NoHello));
     }
 }

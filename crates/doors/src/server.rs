@@ -1,11 +1,11 @@
 //! The end of the skeleton socket in `ingest`.
 
+use crate::connection::{Connection, say};
 use crate::error::DoorError;
 use crate::frame::{FRAME_BYTES, decode_frame};
 use crate::listener::{Admission, Listener};
 use crate::nonce::draw_nonce;
-use crate::protocol::{Answer, HELLO_BYTES, Hello, Word};
-use crate::seat::{Seat, say};
+use crate::protocol::{HELLO_BYTES, Hello, Reply, ReplyPacket};
 use messages::{RawSkeleton, Stamp};
 use rt::Peer;
 use rustix::io::Errno;
@@ -32,7 +32,7 @@ const DAEMON: &str = "teleopd ingest";
 
 /// Where a frame came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Arrival {
+pub struct FrameSource {
     /// Counts the connections of this server from 1.
     pub connection: u64,
     /// The process that connected.
@@ -43,7 +43,7 @@ pub struct Arrival {
 
 /// What became of a frame, for its sender to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standing {
+pub enum LeaseState {
     /// Its session holds the lease.
     Holder,
     /// Another does.
@@ -52,9 +52,9 @@ pub enum Standing {
 
 /// Something worth a line in the log: who was let in, who was not, who sends too much.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Notice {
+pub struct SocketEvent {
     /// What was said.
-    pub word: Word,
+    pub word: Reply,
     /// To whom.
     pub peer: Peer,
 }
@@ -63,14 +63,14 @@ pub struct Notice {
 #[derive(Debug)]
 pub struct Server {
     listener: Listener,
-    seats: [Option<Seat>; CONNECTIONS_MAX],
+    seats: [Option<Connection>; CONNECTIONS_MAX],
     buffers: Box<[[u8; BUFFER_BYTES]; CONNECTIONS_MAX]>,
     /// The seat whose frames were last told to be the holder's: served first.
     holder: usize,
     connections: u64,
     over_quota: u64,
-    said: [u64; Word::ALL.len()],
-    notices: [Option<Notice>; NOTICES_MAX],
+    said: [u64; Reply::ALL.len()],
+    notices: [Option<SocketEvent>; NOTICES_MAX],
 }
 
 impl Server {
@@ -85,14 +85,14 @@ impl Server {
             holder: 0,
             connections: 0,
             over_quota: 0,
-            said: [0; Word::ALL.len()],
+            said: [0; Reply::ALL.len()],
             notices: [None; NOTICES_MAX],
         })
     }
 
     /// Takes new connections and what has arrived, the holder's first; hands at most the rate of frames of each connection to
     /// `use_frame`. `held`: somebody holds the lease. `now` is the time of CLOCK_MONOTONIC.
-    pub fn poll(&mut self, now: Stamp, held: bool, mut use_frame: impl FnMut(Arrival, &RawSkeleton) -> Standing) {
+    pub fn poll(&mut self, now: Stamp, held: bool, mut use_frame: impl FnMut(FrameSource, &RawSkeleton) -> LeaseState) {
         let first = self.holder;
         for index in (first..CONNECTIONS_MAX).chain(0..first) {
             if let Err(refusal) = self.serve(index, now, held, &mut use_frame) {
@@ -118,7 +118,7 @@ impl Server {
     }
 
     /// Hands out what is worth a line in the log since the last time.
-    pub fn take_notices(&mut self, use_notice: impl FnMut(Notice)) {
+    pub fn take_notices(&mut self, use_notice: impl FnMut(SocketEvent)) {
         self.notices.iter_mut().filter_map(Option::take).for_each(use_notice);
     }
 
@@ -128,7 +128,7 @@ impl Server {
     }
 
     /// How often `word` was said when a connection began or ended.
-    pub fn said(&self, word: Word) -> u64 {
+    pub fn said(&self, word: Reply) -> u64 {
         self.said[place(word)]
     }
 
@@ -137,14 +137,14 @@ impl Server {
         self.seats.iter().flatten().count()
     }
 
-    fn note(&mut self, word: Word, peer: Peer) {
+    fn note(&mut self, word: Reply, peer: Peer) {
         self.said[place(word)] += 1;
         if let Some(free) = self.notices.iter_mut().find(|notice| notice.is_none()) {
-            *free = Some(Notice { word, peer });
+            *free = Some(SocketEvent { word, peer });
         }
     }
 
-    fn close(&mut self, index: usize, refusal: Option<Word>) {
+    fn close(&mut self, index: usize, refusal: Option<Reply>) {
         if let (Some(seat), Some(word)) = (self.seats[index].take(), refusal) {
             seat.say(word);
             self.note(word, seat.peer);
@@ -156,18 +156,18 @@ impl Server {
         for _ in 0..CONNECTIONS_MAX {
             let (socket, peer, refusal) = match self.listener.accept() {
                 None => return,
-                Some(Admission::Forbidden(socket, peer)) => (socket, peer, Word::Forbidden),
+                Some(Admission::Forbidden(socket, peer)) => (socket, peer, Reply::Forbidden),
                 Some(Admission::Admitted(socket, peer)) => match self.free_place(now) {
-                    None => (socket, peer, Word::Full),
+                    None => (socket, peer, Reply::Full),
                     Some(index) => {
-                        self.close(index, Some(Word::Idle));
+                        self.close(index, Some(Reply::Idle));
                         self.connections += 1;
-                        self.seats[index] = Some(Seat::new(socket, peer, self.connections, now));
+                        self.seats[index] = Some(Connection::new(socket, peer, self.connections, now));
                         continue;
                     }
                 },
             };
-            say(&socket, Answer::new(refusal, 0));
+            say(&socket, ReplyPacket::new(refusal, 0));
             self.note(refusal, peer);
         }
     }
@@ -188,8 +188,8 @@ impl Server {
         index: usize,
         now: Stamp,
         held: bool,
-        use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
-    ) -> Result<(), Option<Word>> {
+        use_frame: &mut impl FnMut(FrameSource, &RawSkeleton) -> LeaseState,
+    ) -> Result<(), Option<Reply>> {
         match &self.seats[index] {
             Some(seat) if seat.session_nonce == 0 => self.greet(index, now, held),
             Some(seat) if seat.muted_until <= now => self.drain(index, now, use_frame),
@@ -198,7 +198,7 @@ impl Server {
     }
 
     /// Waits for the hello and answers it.
-    fn greet(&mut self, index: usize, now: Stamp, held: bool) -> Result<(), Option<Word>> {
+    fn greet(&mut self, index: usize, now: Stamp, held: bool) -> Result<(), Option<Reply>> {
         let Some(seat) = &mut self.seats[index] else { return Ok(()) };
         let mut bytes = [0; HELLO_BYTES + 1];
         match net::recv(&seat.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
@@ -207,13 +207,13 @@ impl Server {
                 Some(word) => Err(Some(word)),
                 None => {
                     (seat.session_nonce, seat.heard) = (draw_nonce(), now);
-                    seat.say(if held { Word::GrantedButHeld } else { Word::Granted });
+                    seat.say(if held { Reply::GrantedButHeld } else { Reply::Granted });
                     let peer = seat.peer;
-                    self.note(Word::Granted, peer);
+                    self.note(Reply::Granted, peer);
                     Ok(())
                 }
             },
-            Err(Errno::AGAIN | Errno::INTR) if now.since(seat.since) > HELLO_WITHIN_NS => Err(Some(Word::Late)),
+            Err(Errno::AGAIN | Errno::INTR) if now.since(seat.since) > HELLO_WITHIN_NS => Err(Some(Reply::Late)),
             Err(Errno::AGAIN | Errno::INTR) => Ok(()),
             Err(_) => Err(None),
         }
@@ -225,8 +225,8 @@ impl Server {
         &mut self,
         index: usize,
         now: Stamp,
-        use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
-    ) -> Result<(), Option<Word>> {
+        use_frame: &mut impl FnMut(FrameSource, &RawSkeleton) -> LeaseState,
+    ) -> Result<(), Option<Reply>> {
         let Some(seat) = &mut self.seats[index] else { return Ok(()) };
         let buffer = &mut self.buffers[index];
         // Whoever sent too much before is first read empty, so that the token buys its newest frame.
@@ -235,7 +235,7 @@ impl Server {
             match net::recv(&seat.socket, &mut buffer[..], RecvFlags::DONTWAIT) {
                 Ok((0, _)) => return Err(None),
                 Ok((FRAME_BYTES, _)) => {}
-                Ok(_) => return Err(Some(Word::WrongSize)),
+                Ok(_) => return Err(Some(Reply::WrongSize)),
                 Err(Errno::INTR | Errno::CONNRESET) => continue,
                 Err(Errno::AGAIN) => break,
                 Err(_) => return Err(None),
@@ -259,7 +259,7 @@ impl Server {
                 seat.muted_until = seat.bucket.next();
                 if seat.tell_quota(now) {
                     let peer = seat.peer;
-                    self.note(Word::OverQuota, peer);
+                    self.note(Reply::OverQuota, peer);
                 }
             }
         }
@@ -269,22 +269,22 @@ impl Server {
 
 /// Hands the frame in the buffer over; whether its session holds the lease.
 fn deliver(
-    seat: &mut Seat,
+    seat: &mut Connection,
     buffer: &[u8; BUFFER_BYTES],
     now: Stamp,
-    use_frame: &mut impl FnMut(Arrival, &RawSkeleton) -> Standing,
-) -> Result<bool, Option<Word>> {
+    use_frame: &mut impl FnMut(FrameSource, &RawSkeleton) -> LeaseState,
+) -> Result<bool, Option<Reply>> {
     seat.pending = false;
-    let frame = decode_frame(&buffer[..FRAME_BYTES]).ok_or(Some(Word::WrongSize))?;
+    let frame = decode_frame(&buffer[..FRAME_BYTES]).ok_or(Some(Reply::WrongSize))?;
     if frame.session_nonce != seat.session_nonce {
-        return Err(Some(Word::ForgedSession));
+        return Err(Some(Reply::ForgedSession));
     }
-    let arrival = Arrival { connection: seat.connection, peer: seat.peer, session_nonce: seat.session_nonce };
+    let arrival = FrameSource { connection: seat.connection, peer: seat.peer, session_nonce: seat.session_nonce };
     let standing = use_frame(arrival, &frame);
-    seat.tell_standing(now, if standing == Standing::Holder { Word::Holder } else { Word::NotHolder });
-    Ok(standing == Standing::Holder)
+    seat.tell_standing(now, if standing == LeaseState::Holder { Reply::Holder } else { Reply::NotHolder });
+    Ok(standing == LeaseState::Holder)
 }
 
-fn place(word: Word) -> usize {
-    Word::ALL.iter().position(|known| *known == word).unwrap_or_default()
+fn place(word: Reply) -> usize {
+    Reply::ALL.iter().position(|known| *known == word).unwrap_or_default()
 }

@@ -1,6 +1,6 @@
 //! No poll allocates once the server has started.
 
-use doors::{ANSWER_BYTES, Answer, Hello, Server, Standing, encode_frame};
+use doors::{ANSWER_BYTES, Hello, LeaseState, ReplyPacket, Server, encode_frame};
 use messages::{Layout as _, RawSkeleton, Stamp};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 
@@ -21,25 +21,25 @@ fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
         rustix::net::connect(&socket, &address).unwrap();
         rustix::net::send(&socket, &Hello::OURS.encode(), SendFlags::empty()).unwrap();
-        server.poll(now, false, |_, _| Standing::Holder);
-        server.poll(now, false, |_, _| Standing::Holder);
+        server.poll(now, false, |_, _| LeaseState::Holder);
+        server.poll(now, false, |_, _| LeaseState::Holder);
         let mut bytes = [0; ANSWER_BYTES];
         rustix::net::recv(&socket, &mut bytes[..], RecvFlags::DONTWAIT).unwrap();
-        let session_nonce = Answer::decode(&bytes).unwrap().session_nonce;
+        let session_nonce = ReplyPacket::decode(&bytes).unwrap().session_nonce;
         let frame = encode_frame(&RawSkeleton { session_nonce, ..RawSkeleton::ZERO });
         for round in 0..40 {
             now = now.plus_ns(1_000_000);
             let _ = rustix::net::send(&socket, &frame, SendFlags::DONTWAIT);
             server.poll(now, round % 2 == 0, |_, _| {
                 used += 1;
-                if round % 3 == 0 { Standing::Holder } else { Standing::NotHolder }
+                if round % 3 == 0 { LeaseState::Holder } else { LeaseState::NotHolder }
             });
             server.descriptors(now);
             server.take_notices(|_| {});
         }
         rustix::net::send(&socket, b"no frame", SendFlags::DONTWAIT).unwrap();
         now = now.plus_ns(1_000_000_000);
-        server.poll(now, true, |_, _| Standing::Holder);
+        server.poll(now, true, |_, _| LeaseState::Holder);
         assert_eq!(server.connections(), 0);
     }
     assert_eq!(rt::allocations().0.allocated, 0);

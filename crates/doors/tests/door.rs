@@ -1,8 +1,8 @@
 //! The skeleton socket: who is let in, what is refused, and what nobody can do to the others.
 
 use doors::{
-    Answer, Arrival, BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, HELLO_WITHIN_NS, Hello, IDLE_NS, Server,
-    Standing, Word, encode_frame,
+    BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, FrameSource, HELLO_WITHIN_NS, Hello, IDLE_NS, LeaseState,
+    Reply, ReplyPacket, Server, encode_frame,
 };
 use messages::{Layout, RawSkeleton, Stamp};
 use rustix::io::Errno;
@@ -19,7 +19,7 @@ struct House {
     server: Server,
     now: Stamp,
     holder: Option<u64>,
-    used: Vec<(Arrival, u64)>,
+    used: Vec<(FrameSource, u64)>,
 }
 
 impl House {
@@ -38,7 +38,7 @@ impl House {
         self.server.poll(self.now, holder.is_some(), |from, frame| {
             used.push((from, frame.header.sequence));
             let holds = *holder.get_or_insert(from.session_nonce) == from.session_nonce;
-            if holds { Standing::Holder } else { Standing::NotHolder }
+            if holds { LeaseState::Holder } else { LeaseState::NotHolder }
         });
     }
 
@@ -61,7 +61,7 @@ impl House {
         self.poll();
         self.poll();
         let answer = raw.answer().expect("an answer");
-        assert!(matches!(answer.word, Word::Granted | Word::GrantedButHeld), "{answer:?}");
+        assert!(matches!(answer.word, Reply::Granted | Reply::GrantedButHeld), "{answer:?}");
         raw.nonce = answer.session_nonce;
         raw
     }
@@ -87,11 +87,11 @@ impl Raw {
         sent
     }
 
-    fn answer(&self) -> Option<Answer> {
+    fn answer(&self) -> Option<ReplyPacket> {
         let mut bytes = [0; 64];
         for _ in 0..2 {
             match rustix::net::recv(&self.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
-                Ok((length, _)) => return Answer::decode(&bytes[..length]),
+                Ok((length, _)) => return ReplyPacket::decode(&bytes[..length]),
                 Err(Errno::CONNRESET) => {}
                 Err(_) => return None,
             }
@@ -100,7 +100,7 @@ impl Raw {
     }
 
     /// The last thing that was said.
-    fn told(&self) -> Option<Word> {
+    fn told(&self) -> Option<Reply> {
         std::iter::from_fn(|| self.answer()).last().map(|answer| answer.word)
     }
 
@@ -139,14 +139,14 @@ fn f068_the_first_is_told_that_it_holds_and_the_others_twice_a_second_that_they_
         house.later(10 * MS);
         told.extend(second.answer().map(|answer| answer.word));
     }
-    assert_eq!(first.told(), Some(Word::Holder));
-    assert_eq!(told, [Word::NotHolder; 4], "in two seconds");
+    assert_eq!(first.told(), Some(Reply::Holder));
+    assert_eq!(told, [Reply::NotHolder; 4], "in two seconds");
     assert_eq!(house.used.len(), 200);
     let third = house.raw();
     third.send(&Hello::OURS.encode());
     house.poll();
     house.poll();
-    assert_eq!(third.told(), Some(Word::GrantedButHeld));
+    assert_eq!(third.told(), Some(Reply::GrantedButHeld));
 }
 
 #[test]
@@ -158,7 +158,7 @@ fn f068_a_forged_session_number_ends_the_connection() {
     forger.nonce = holder.nonce;
     forger.frame().unwrap();
     house.poll();
-    assert_eq!(forger.told(), Some(Word::ForgedSession));
+    assert_eq!(forger.told(), Some(Reply::ForgedSession));
     assert!(forger.is_closed());
     assert_eq!(house.used.len(), 1, "nothing of it went through");
 }
@@ -170,12 +170,12 @@ fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
     let mut engage = [0; 32];
     (engage[0], engage[4], engage[8], engage[24]) = (1, 1, 1, 1);
     let other = Hello { layout: 1, ..Hello::OURS };
-    let openings: [(&[u8], Word); 5] = [
-        (&engage, Word::NoHello),
-        (b"x", Word::NoHello),
-        (&[0; 65536], Word::NoHello),
-        (&other.encode(), Word::OtherLayout),
-        (&encode_frame(&RawSkeleton::ZERO), Word::NoHello),
+    let openings: [(&[u8], Reply); 5] = [
+        (&engage, Reply::NoHello),
+        (b"x", Reply::NoHello),
+        (&[0; 65536], Reply::NoHello),
+        (&other.encode(), Reply::OtherLayout),
+        (&encode_frame(&RawSkeleton::ZERO), Reply::NoHello),
     ];
     for (bytes, word) in openings {
         let raw = house.raw();
@@ -189,11 +189,11 @@ fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
         let guest = house.guest();
         guest.send(bytes);
         house.poll();
-        assert_eq!(guest.told(), Some(Word::WrongSize));
+        assert_eq!(guest.told(), Some(Reply::WrongSize));
         assert!(guest.is_closed());
     }
     assert_eq!((house.used.len(), house.server.connections()), (0, 0));
-    assert_eq!(house.server.said(Word::WrongSize), 4);
+    assert_eq!(house.server.said(Reply::WrongSize), 4);
 }
 
 #[test]
@@ -202,9 +202,9 @@ fn f088_the_ninth_is_told_and_half_open_connections_lose_their_places() {
     let silent: Vec<_> = (0..CONNECTIONS_MAX).map(|_| (house.raw(), house.poll()).0).collect();
     let ninth = house.raw();
     house.poll();
-    assert_eq!(ninth.told(), Some(Word::Full));
+    assert_eq!(ninth.told(), Some(Reply::Full));
     house.later(HELLO_WITHIN_NS + 1);
-    assert!(silent.iter().all(|raw| raw.told() == Some(Word::Late) && raw.is_closed()));
+    assert!(silent.iter().all(|raw| raw.told() == Some(Reply::Late) && raw.is_closed()));
     house.guest();
 }
 
@@ -222,12 +222,12 @@ fn f088_forgotten_guests_make_room_and_busy_ones_do_not() {
     late.send(&Hello::OURS.encode());
     house.poll();
     house.poll();
-    assert_eq!(late.told(), Some(Word::GrantedButHeld));
-    assert_eq!(guests[0].told(), Some(Word::Idle));
+    assert_eq!(late.told(), Some(Reply::GrantedButHeld));
+    assert_eq!(guests[0].told(), Some(Reply::Idle));
     assert!(guests[1..].iter().all(|guest| !guest.is_closed()));
     let more = house.raw();
     house.poll();
-    assert_eq!(more.told(), Some(Word::Full), "nobody else was idle");
+    assert_eq!(more.told(), Some(Reply::Full), "nobody else was idle");
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn f088_a_thousand_connects_leave_the_holder_alone() {
     assert_eq!(house.used.len(), 1000, "every frame of the holder was used in its round");
     house.poll();
     assert_eq!(house.server.connections(), 1);
-    assert_eq!(holder.told(), Some(Word::Holder));
+    assert_eq!(holder.told(), Some(Reply::Holder));
 }
 
 #[test]
@@ -295,8 +295,8 @@ fn f023_of_a_flood_the_newest_frame_is_used_250_times_a_second_and_the_other_cli
     assert!((2300..=most).contains(&of(flood.nonce)), "{}", of(flood.nonce));
     assert_eq!(lagged, 0, "what is used is what the kernel's queue held last");
     assert!(house.server.over_quota() > 20_000, "{}", house.server.over_quota());
-    assert_eq!(flood.told(), Some(Word::OverQuota));
-    assert_eq!(holder.told(), Some(Word::Holder));
+    assert_eq!(flood.told(), Some(Reply::OverQuota));
+    assert_eq!(holder.told(), Some(Reply::Holder));
 }
 
 #[test]
@@ -325,7 +325,7 @@ fn a_client_attaches_publishes_and_hears_why_it_is_put_out() {
     client.publish(&RawSkeleton::ZERO).unwrap();
     house.poll();
     client.listen().unwrap();
-    assert_eq!((client.told(), house.used.len()), (Word::Holder, 1));
+    assert_eq!((client.told(), house.used.len()), (Reply::Holder, 1));
     assert_eq!(house.used[0].0.session_nonce, client.session_nonce());
     assert_eq!(house.used[0].0.peer.pid, std::process::id());
     let path = house.path();

@@ -1,6 +1,6 @@
 //! The bytes on the socket: the fields of the message in their order (`doors::Fields`).
 
-use doors::{Fields, Put, Take};
+use doors::{FieldReader, FieldWriter, Fields};
 use messages::{HOLDS_RECOVERY, Header, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status, Transition};
 
 /// Length of a request.
@@ -100,7 +100,7 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
 /// The bytes of a request.
 pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     let mut bytes = [0; REQUEST_BYTES];
-    request_fields(&mut Put::new(&mut bytes), &mut { *request });
+    request_fields(&mut FieldWriter::new(&mut bytes), &mut { *request });
     bytes
 }
 
@@ -111,14 +111,14 @@ pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     if bytes.len() != REQUEST_BYTES {
         return None;
     }
-    request_fields(&mut Take::new(bytes), &mut request);
+    request_fields(&mut FieldReader::new(bytes), &mut request);
     (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
 }
 
 /// The bytes of a status.
 pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
     let mut bytes = [0; STATUS_BYTES];
-    status_fields(&mut Put::new(&mut bytes), &mut { *status });
+    status_fields(&mut FieldWriter::new(&mut bytes), &mut { *status });
     bytes
 }
 
@@ -128,6 +128,6 @@ pub fn decode_status(bytes: &[u8]) -> Option<Status> {
     if bytes.len() != STATUS_BYTES {
         return None;
     }
-    status_fields(&mut Take::new(bytes), &mut status);
+    status_fields(&mut FieldReader::new(bytes), &mut status);
     Some(status)
 }

@@ -26,4 +26,4 @@ pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, enco
 pub use error::OperatorError;
 pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
-pub use server::{Deed, Order, Server};
+pub use server::{AuditEvent, AuditRecord, Server};

@@ -53,12 +53,12 @@ pub struct OperatorView {
 
 /// What is remembered of one connection: its last request and when it came.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seat {
+pub(crate) struct Connection {
     last: OperatorRequest,
     pub(crate) heard: Stamp,
 }
 
-impl Seat {
+impl Connection {
     /// A connection that has not said anything yet.
     pub(crate) fn new(now: Stamp) -> Self {
         Self { last: messages::Layout::ZERO, heard: now }
@@ -91,7 +91,7 @@ impl Merge {
         &mut self,
         index: usize,
         uid: u32,
-        seat: &mut Seat,
+        seat: &mut Connection,
         now: Stamp,
         request: &OperatorRequest,
     ) -> bool {

@@ -4,7 +4,7 @@ use crate::client::DAEMON;
 use crate::codec::{self, REQUEST_BYTES};
 use crate::error::OperatorError;
 use crate::locks::ResetRule;
-use crate::merge::{CLIENTS_MAX, LEASE_NS, Merge, OperatorView, Seat};
+use crate::merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorView};
 use doors::{Admission, Listener};
 use messages::{Stamp, Status};
 use rt::Peer;
@@ -25,7 +25,7 @@ const ORDERS_MAX: usize = 32;
 
 /// What one process did at the socket, for the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deed {
+pub enum AuditEvent {
     /// It connected.
     Connected,
     /// It is neither the daemon's user nor a member of the socket's group, and was put out.
@@ -48,9 +48,9 @@ pub enum Deed {
 
 /// A deed and who did it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Order {
+pub struct AuditRecord {
     /// What was done.
-    pub deed: Deed,
+    pub deed: AuditEvent,
     /// The process that connected.
     pub peer: Peer,
 }
@@ -58,10 +58,10 @@ pub struct Order {
 /// The server. Bound once; polling neither blocks nor allocates.
 pub struct Server {
     listener: Listener,
-    clients: [Option<(OwnedFd, Peer, Seat)>; CLIENTS_MAX],
+    clients: [Option<(OwnedFd, Peer, Connection)>; CLIENTS_MAX],
     merge: Merge,
     lease_ns: u64,
-    orders: [Option<Order>; ORDERS_MAX],
+    orders: [Option<AuditRecord>; ORDERS_MAX],
 }
 
 impl Server {
@@ -126,13 +126,13 @@ impl Server {
     }
 
     /// Hands out what was done since the last time, and by whom.
-    pub fn take_orders(&mut self, use_order: impl FnMut(Order)) {
+    pub fn take_orders(&mut self, use_order: impl FnMut(AuditRecord)) {
         self.orders.iter_mut().filter_map(Option::take).for_each(use_order);
     }
 
-    fn note(&mut self, deed: Deed, peer: Peer) {
+    fn note(&mut self, deed: AuditEvent, peer: Peer) {
         if let Some(free) = self.orders.iter_mut().find(|order| order.is_none()) {
-            *free = Some(Order { deed, peer });
+            *free = Some(AuditRecord { deed, peer });
         }
     }
 
@@ -149,7 +149,7 @@ impl Server {
                 None => return,
                 Some(Admission::Forbidden(_, peer)) => {
                     self.merge.view.connections_refused += 1;
-                    self.note(Deed::Forbidden, peer);
+                    self.note(AuditEvent::Forbidden, peer);
                 }
                 Some(Admission::Admitted(socket, peer)) => match self.place(now, peer, &mut may_displace) {
                     Some(index) => {
@@ -157,8 +157,8 @@ impl Server {
                             self.serve(index, now, &codec::encode_status(reply));
                             self.merge.gone(index);
                         }
-                        self.clients[index] = Some((socket, peer, Seat::new(now)));
-                        self.note(Deed::Connected, peer);
+                        self.clients[index] = Some((socket, peer, Connection::new(now)));
+                        self.note(AuditEvent::Connected, peer);
                     }
                     None => self.turn_away(&socket, peer, reply),
                 },
@@ -174,7 +174,7 @@ impl Server {
             let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
             if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(peer.uid, &request))
             {
-                self.note(Deed::EmergencyStop, peer);
+                self.note(AuditEvent::EmergencyStop, peer);
                 let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
                 return;
             }
@@ -227,13 +227,13 @@ impl Server {
         let stays = self.take_requests(index, now, reply);
         let view = self.merge.view;
         for (is, was, deed) in [
-            (view.enable_edges, before.enable_edges, Deed::Enabled),
-            (view.recover_edges, before.recover_edges, Deed::Recovers),
-            (view.estop_edges, before.estop_edges, Deed::EmergencyStop),
-            (view.reset_edges, before.reset_edges, Deed::Reset),
-            (view.payload_edges[0], before.payload_edges[0], Deed::PayloadLeft),
-            (view.payload_edges[1], before.payload_edges[1], Deed::PayloadRight),
-            (view.resets_refused, before.resets_refused, Deed::ResetRefused),
+            (view.enable_edges, before.enable_edges, AuditEvent::Enabled),
+            (view.recover_edges, before.recover_edges, AuditEvent::Recovers),
+            (view.estop_edges, before.estop_edges, AuditEvent::EmergencyStop),
+            (view.reset_edges, before.reset_edges, AuditEvent::Reset),
+            (view.payload_edges[0], before.payload_edges[0], AuditEvent::PayloadLeft),
+            (view.payload_edges[1], before.payload_edges[1], AuditEvent::PayloadRight),
+            (view.resets_refused, before.resets_refused, AuditEvent::ResetRefused),
         ] {
             if is > was {
                 self.note(deed, peer);

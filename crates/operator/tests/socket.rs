@@ -95,13 +95,13 @@ impl Raw {
 }
 
 /// Connections of another process, which speaks with all of them when it is told so.
-struct Crowd {
+struct ConnectionFlood {
     process: Child,
     orders: ChildStdin,
     answers: Lines<BufReader<ChildStdout>>,
 }
 
-impl Crowd {
+impl ConnectionFlood {
     fn at(path: &Path) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "a_crowd_in_a_process_of_its_own", "--nocapture", "--test-threads=1"]);
@@ -119,7 +119,7 @@ impl Crowd {
     }
 }
 
-impl Drop for Crowd {
+impl Drop for ConnectionFlood {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
@@ -142,10 +142,10 @@ fn a_crowd_in_a_process_of_its_own() {
 #[test]
 fn a_process_with_all_places_gives_one_to_each_other() {
     let mut house = House::new();
-    let mut crowd = Crowd::at(&house.path);
+    let mut crowd = ConnectionFlood::at(&house.path);
     crowd.come(CLIENTS_MAX);
     assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
-    let mut others = [Crowd::at(&house.path), Crowd::at(&house.path)];
+    let mut others = [ConnectionFlood::at(&house.path), ConnectionFlood::at(&house.path)];
     let mut own = house.raw();
     own.say(|r| r.reset_count += 1);
     // Between them at the door, more of those who have all places.

@@ -31,7 +31,7 @@ impl Door {
 /// What a session is known by; two that differ in anything are two. Only the kernel's and the daemon's own numbers keep a
 /// client from passing for another, so they stand beside the number that the client may choose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Claim {
+pub struct ClientIdentity {
     /// The way in.
     pub door: Door,
     /// User of the process; on shared memory the daemon's.
@@ -47,10 +47,10 @@ pub struct Claim {
 /// Who holds authority over the input: an exclusive lease, across both doors.
 #[derive(Clone, Debug, Default)]
 pub struct Authority {
-    holder: Option<Claim>,
+    holder: Option<ClientIdentity>,
     last_seen: Stamp,
     last_look: Stamp,
-    refused: [Claim; REFUSED_KEPT],
+    refused: [ClientIdentity; REFUSED_KEPT],
     refused_count: usize,
     frames_refused: u64,
     grants: u64,
@@ -70,14 +70,18 @@ impl Authority {
 
     /// Whether the frame's session holds authority, where sessions are known by the client's number alone.
     pub fn admits(&mut self, now: Stamp, raw: &RawSkeleton, timeout_ns: u64) -> bool {
-        self.admits_claim(now, Claim { session_nonce: raw.session_nonce, ..Claim::default() }, timeout_ns)
+        self.admits_claim(
+            now,
+            ClientIdentity { session_nonce: raw.session_nonce, ..ClientIdentity::default() },
+            timeout_ns,
+        )
     }
 
     /// Whether a frame of `claim` may move the robot. The lease goes to the first whose frame arrives while nobody's has for
     /// `timeout_ns`. A session that once was refused stays refused: a client that wants to take over must start a new
     /// session after the holder has left, and `control` then asks for a new enable edge. A holder that returns finds its
     /// lease unless another has taken it.
-    pub fn admits_claim(&mut self, now: Stamp, claim: Claim, timeout_ns: u64) -> bool {
+    pub fn admits_claim(&mut self, now: Stamp, claim: ClientIdentity, timeout_ns: u64) -> bool {
         if self.holder == Some(claim) {
             self.last_seen = now;
             return true;
@@ -113,7 +117,7 @@ impl Authority {
     }
 
     /// The session that holds authority, or held it last.
-    pub fn holder(&self) -> Option<Claim> {
+    pub fn holder(&self) -> Option<ClientIdentity> {
         self.holder
     }
 }
@@ -184,8 +188,8 @@ mod tests {
         assert!(!Authority::default().admits(at(0), &frame(0), TIMEOUT_NS));
     }
 
-    fn claim(door: Door, port: u128, session_nonce: u64) -> Claim {
-        Claim { door, uid: 0, pid: 1, port, session_nonce }
+    fn claim(door: Door, port: u128, session_nonce: u64) -> ClientIdentity {
+        ClientIdentity { door, uid: 0, pid: 1, port, session_nonce }
     }
 
     #[test]
@@ -215,7 +219,7 @@ mod tests {
     #[test]
     fn f068_there_is_one_holder_at_every_moment_whoever_publishes() {
         let mut authority = Authority::default();
-        let mut last: Option<(Claim, Stamp)> = None;
+        let mut last: Option<(ClientIdentity, Stamp)> = None;
         // A linear congruential generator (Knuth, MMIX) draws who publishes and when.
         let mut seed = 1_u64;
         let mut draw = |below: u64| {

@@ -1,7 +1,7 @@
 //! The cause alone: what keeps the robot from following now, before any history.
 
 use crate::Names;
-use crate::words::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
+use crate::explain::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
 use std::cmp::Reverse;
 

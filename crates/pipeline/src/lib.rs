@@ -6,6 +6,7 @@ mod cause;
 mod control;
 mod cores;
 mod edges;
+mod explain;
 mod input;
 mod installed;
 mod instance;
@@ -19,10 +20,9 @@ mod publisher;
 mod settings;
 mod stages;
 mod tamper;
-mod words;
 mod world;
 
-pub use authority::{Authority, Claim, Door};
+pub use authority::{Authority, ClientIdentity, Door};
 pub use cause::cause;
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
@@ -30,6 +30,10 @@ pub use control::{
 };
 pub use cores::Cores;
 pub use edges::OperatorEdges;
+pub use explain::{
+    BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, meaning, mode_name, newest_transitions, not_at_rest,
+    payload, payload_refused, sentences, why, why_stopped,
+};
 pub use input::{InputConfig, InputState, input_tick};
 pub use installed::{default_config, default_motions, default_run_dir, is_installed};
 pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
@@ -39,17 +43,13 @@ pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use operators::{Operator, Operators};
 pub use player::{PlayOptions, Player};
-pub use publisher::{ClientError, Port, Publisher, Way};
+pub use publisher::{ClientError, Port, Publisher, Transport};
 pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, RetargetSettings, SafetySettings, Settings, SimSettings,
 };
 pub use stages::{retarget_config, sim_config};
-pub use tamper::{Tamper, Untouched};
-pub use words::{
-    BEHIND_DEG, Gravity, Sentence, calibration_name, dropped_now, meaning, mode_name, newest_transitions, not_at_rest,
-    payload, payload_refused, sentences, why, why_stopped,
-};
+pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Why an instance cannot start. The text names file, key, value and bound.

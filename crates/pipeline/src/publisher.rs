@@ -15,11 +15,11 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// What the daemon said last.
-type Told = Arc<Mutex<Option<String>>>;
+type LastReply = Arc<Mutex<Option<String>>>;
 
 /// Where a motion is published to.
 #[derive(Clone, Debug)]
-pub enum Way {
+pub enum Transport {
     /// The input domain, in shared memory.
     Domain(DomainConfig),
     /// The skeleton socket of `ingest`.
@@ -53,13 +53,13 @@ impl Port {
     ///
     /// # Errors
     /// The domain cannot be entered, or the door is closed.
-    pub fn open(way: Way, name: &str) -> Result<Self, ClientError> {
+    pub fn open(way: Transport, name: &str) -> Result<Self, ClientError> {
         Ok(Self(match way {
-            Way::Domain(config) => {
+            Transport::Domain(config) => {
                 let domain = Domain::open(config, name)?;
                 Open::Bus(Box::new((domain.writer(Service::RawSkeleton)?, domain)))
             }
-            Way::Socket(path) => Open::Socket(doors::Client::attach(path)?),
+            Transport::Socket(path) => Open::Socket(doors::Client::attach(path)?),
         }))
     }
 
@@ -91,7 +91,7 @@ impl Port {
 #[derive(Debug)]
 pub struct Publisher {
     shared: Arc<Shared>,
-    told: Told,
+    told: LastReply,
     frames: u64,
     thread: Option<JoinHandle<()>>,
 }
@@ -99,13 +99,13 @@ pub struct Publisher {
 impl Publisher {
     /// Starts to publish `player`'s motion into `domain`; `now` reads CLOCK_MONOTONIC.
     pub fn start(domain: DomainConfig, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
-        Self::start_on(Way::Domain(domain), player, now)
+        Self::start_on(Transport::Domain(domain), player, now)
     }
 
     /// As `start`, on any way. On the socket the session is the one that `ingest` gives.
-    pub fn start_on(way: Way, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
+    pub fn start_on(way: Transport, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
         let shared = Arc::new(Shared::default());
-        let told = Told::default();
+        let told = LastReply::default();
         let (frames, twin, said) = (player.progress().1, Arc::clone(&shared), Arc::clone(&told));
         let (opened, outcome) = channel();
         let thread = std::thread::Builder::new()
@@ -164,7 +164,7 @@ impl Drop for Publisher {
     }
 }
 
-fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &Told, now: fn() -> Stamp) {
+fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &LastReply, now: fn() -> Stamp) {
     while !shared.stopped() {
         if let Some((_, frame)) = player.due(now(), shared.engaged()) {
             let outcome = port.publish(&frame);

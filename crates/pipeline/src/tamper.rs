@@ -27,6 +27,6 @@ pub trait Tamper {
 
 /// Leaves every message as it is.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Untouched;
+pub struct Untampered;
 
-impl Tamper for Untouched {}
+impl Tamper for Untampered {}

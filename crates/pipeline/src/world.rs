@@ -4,7 +4,7 @@
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::input::{InputConfig, InputState, input_tick};
 use crate::load::Loaded;
-use crate::tamper::{Tamper, Untouched};
+use crate::tamper::{Tamper, Untampered};
 use crate::{Authority, ConfigError};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
@@ -266,12 +266,12 @@ impl World {
         let now = deadline(self.k);
         self.raw.advance(now);
         self.skeletons.advance(now);
-        self.ingest(config, now, &mut Untouched)
+        self.ingest(config, now, &mut Untampered)
     }
 
     /// Advances the world by one tick.
     pub fn step(&mut self, config: &WorldConfig, operator: &OperatorView, running: Running) -> Moment {
-        self.step_tampered(config, operator, running, &mut Untouched)
+        self.step_tampered(config, operator, running, &mut Untampered)
     }
 
     /// As [`World::step`], with messages that may be altered where they are published.

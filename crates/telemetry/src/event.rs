@@ -52,7 +52,7 @@ pub enum Event {
         meaning: &'static str,
     },
     /// Somebody did something at the operator's socket.
-    Order {
+    Audit {
         /// What was done.
         what: &'static str,
         /// The user.
@@ -82,7 +82,7 @@ impl Event {
             Self::WithoutAuthority { .. } => 3,
             Self::Lease { .. } => 4,
             Self::Visitor { .. } => 5,
-            Self::Order { .. } => 6,
+            Self::Audit { .. } => 6,
             Self::Dropped { .. } => 7,
             Self::Payload { .. } => 8,
         }
@@ -139,7 +139,7 @@ impl Event {
             Self::Payload { kg: [left, right], refused: Some(why) } => tracing::warn!(
                 "{process}: payload refused: {why}; the hands count as carrying {left:.3} kg left, {right:.3} kg right"
             ),
-            Self::Order { what, uid, pid } => {
+            Self::Audit { what, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");
             }
         }

@@ -1,7 +1,7 @@
 //! What is so on this machine; read, not judged.
 
 use super::places::{self, Folder, Segment};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::process::realtime;
 use pipeline::{Method, Settings};
 use rt::{CoreMap, Limits, Placement, Realtime};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug)]
 pub struct Facts {
     pub files: Files,
-    pub rights: Rights,
+    pub rights: UserRights,
     pub kernel: Kernel,
     pub cores: Cores,
     pub memory: Memory,
@@ -32,7 +32,7 @@ pub struct Files {
 
 /// What the user that asks may do.
 #[derive(Clone, Debug)]
-pub struct Rights {
+pub struct UserRights {
     pub uid: u32,
     pub limits: Limits,
     /// The highest priority that the settings ask for, and whether it was granted to a thread that tried.
@@ -88,10 +88,10 @@ pub struct PlaceFacts {
 
 impl Facts {
     /// Of this machine, and of the instance at `place`.
-    pub fn read(place: &Place) -> Self {
+    pub fn read(place: &InstanceArgs) -> Self {
         let files = files(place);
         let settings = files.settings.as_ref().ok().map(|settings| &settings.realtime);
-        let rights = Rights {
+        let rights = UserRights {
             uid: rustix::process::geteuid().as_raw(),
             limits: Limits::of_process(),
             fifo: settings.filter(|settings| settings.policy == pipeline::Policy::Fifo).map(|settings| {
@@ -111,7 +111,7 @@ impl Facts {
 /// The device that keeps cores awake.
 const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
-fn files(place: &Place) -> Files {
+fn files(place: &InstanceArgs) -> Files {
     let config = place.config.display().to_string();
     let settings = pipeline::read_text(&place.config)
         .map_err(|error| error.to_string())
@@ -142,7 +142,7 @@ fn files(place: &Place) -> Files {
 }
 
 /// The whole, as each process reads it.
-fn stages(place: &Place) -> Result<String, String> {
+fn stages(place: &InstanceArgs) -> Result<String, String> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| error.to_string())?;
     pipeline::retarget_config(&loaded).map_err(|error| error.to_string())?;

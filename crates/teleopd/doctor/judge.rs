@@ -1,6 +1,6 @@
 //! What the facts mean for the daemon as it is configured.
 
-use super::facts::{Cores, Facts, Files, Kernel, Memory, Rights};
+use super::facts::{Cores, Facts, Files, Kernel, Memory, UserRights};
 use super::judge_place;
 use super::{Finding, Level};
 use crate::process::{NOFILE_LEAST, may_lack_realtime};
@@ -73,7 +73,7 @@ fn without_realtime(settings: &Settings) -> (Level, &'static str) {
     (level, so)
 }
 
-fn user(rights: &Rights) -> Finding {
+fn user(rights: &UserRights) -> Finding {
     if rights.uid == 0 {
         let advice = "ask as the daemon's user, whose limits these are not: sudo -u teleop teleopd doctor ...";
         return Finding::note("user", "root", advice);
@@ -81,7 +81,7 @@ fn user(rights: &Rights) -> Finding {
     Finding::ok("user", format!("uid {}; limits are those of this shell", rights.uid))
 }
 
-fn priority(settings: &Settings, rights: &Rights) -> Finding {
+fn priority(settings: &Settings, rights: &UserRights) -> Finding {
     let (level, so) = without_realtime(settings);
     let finding = |found: String, advice: String| Finding { check: "priority", level, found, advice };
     match &rights.fifo {
@@ -100,7 +100,7 @@ fn priority(settings: &Settings, rights: &Rights) -> Finding {
     }
 }
 
-fn memory_lock(settings: &Settings, rights: &Rights) -> Finding {
+fn memory_lock(settings: &Settings, rights: &UserRights) -> Finding {
     let (level, so) = without_realtime(settings);
     let finding = |found: String, advice: &str| Finding { check: "memory lock", level, found, advice: advice.into() };
     if !settings.realtime.lock_memory {
@@ -119,7 +119,7 @@ fn memory_lock(settings: &Settings, rights: &Rights) -> Finding {
     }
 }
 
-fn nofile(rights: &Rights) -> Finding {
+fn nofile(rights: &UserRights) -> Finding {
     let advice = "LimitNOFILE=4096 in the unit; in a shell: ulimit -n 4096";
     match rights.limits.nofile {
         Some(limit) if limit < NOFILE_LEAST => {
@@ -133,7 +133,7 @@ fn nofile(rights: &Rights) -> Finding {
     }
 }
 
-fn idle(settings: &Settings, rights: &Rights) -> Finding {
+fn idle(settings: &Settings, rights: &UserRights) -> Finding {
     match (settings.realtime.cpu_dma_latency, rights.cpu_dma_latency) {
         (false, _) => {
             Finding::ok("cpu_dma_latency", "not asked for (realtime.cpu_dma_latency = false): cores may sleep")

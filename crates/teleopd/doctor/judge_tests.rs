@@ -25,7 +25,7 @@ fn good() -> Facts {
             weights: ok("weights"),
             stages: ok("accepted"),
         },
-        rights: Rights {
+        rights: UserRights {
             uid: 990,
             limits,
             fifo: Some((80, Ok("SCHED_FIFO priority 80".into()))),

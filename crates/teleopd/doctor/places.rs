@@ -1,7 +1,7 @@
 //! The instance's folder, its shared memory, and who holds it.
 
 use super::facts::PlaceFacts;
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use pipeline::Instance;
 use rustix::fs::{Access, AtFlags, CWD, accessat};
 use std::os::unix::fs::MetadataExt;
@@ -37,7 +37,7 @@ pub struct Segment {
     pub in_use: bool,
 }
 
-pub fn read(place: &Place) -> PlaceFacts {
+pub fn read(place: &InstanceArgs) -> PlaceFacts {
     let instance = Instance::unmade(&place.run_dir);
     let domains = [instance.core_domain(), instance.input_domain()];
     let roots = domains.iter().map(|domain| domain.root.clone());

@@ -2,7 +2,7 @@
 //! socket.
 
 use super::{Process, WARM_TICKS, bus_failure, door_group};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::figures::Following;
 use crate::timeline::Timeline;
@@ -11,7 +11,7 @@ use messages::{
     Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
     Status, deadline, tick_at,
 };
-use operator::{Deed, OperatorError, Order, Server};
+use operator::{AuditEvent, AuditRecord, OperatorError, Server};
 use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
 use rt::SleepWatch;
 use std::time::Duration;
@@ -23,7 +23,7 @@ const SERVE_EVERY: u64 = 4;
 const END_WITHIN_NS: u64 = 2_000_000_000;
 
 /// Runs until shutdown, and then until the robot is at rest.
-pub fn run(place: &Place) -> Result<(), Failure> {
+pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
@@ -234,8 +234,8 @@ impl Control {
             self.look_for_sleep(k);
             let probe = &mut self.process.probe;
             probe.counters().set(Counter::Refused, view.connections_refused + view.requests_refused);
-            self.server.take_orders(|Order { deed, peer }| {
-                probe.event(Event::Order { what: deed_name(deed), uid: peer.uid, pid: peer.pid });
+            self.server.take_orders(|AuditRecord { deed, peer }| {
+                probe.event(Event::Audit { what: deed_name(deed), uid: peer.uid, pid: peer.pid });
             });
         }
     }
@@ -257,17 +257,17 @@ impl Control {
     }
 }
 
-fn deed_name(deed: Deed) -> &'static str {
+fn deed_name(deed: AuditEvent) -> &'static str {
     match deed {
-        Deed::Connected => "connected",
-        Deed::Forbidden => "refused: neither the daemon's user nor a member of the socket's group",
-        Deed::Enabled => "pressed the enable",
-        Deed::Recovers => "pressed the recovery",
-        Deed::EmergencyStop => "pressed the emergency stop",
-        Deed::Reset => "pressed reset",
-        Deed::PayloadLeft => "said what the left hand carries",
-        Deed::PayloadRight => "said what the right hand carries",
-        Deed::ResetRefused => {
+        AuditEvent::Connected => "connected",
+        AuditEvent::Forbidden => "refused: neither the daemon's user nor a member of the socket's group",
+        AuditEvent::Enabled => "pressed the enable",
+        AuditEvent::Recovers => "pressed the recovery",
+        AuditEvent::EmergencyStop => "pressed the emergency stop",
+        AuditEvent::Reset => "pressed reset",
+        AuditEvent::PayloadLeft => "said what the left hand carries",
+        AuditEvent::PayloadRight => "said what the right hand carries",
+        AuditEvent::ResetRefused => {
             "pressed reset, refused: another user pressed the emergency stop and has to reset it first"
         }
     }

@@ -14,7 +14,7 @@ const EVERY: Duration = Duration::from_millis(50);
 /// Scrapers that are answered each time; one that says nothing costs 100 ms.
 const SCRAPERS: usize = 4;
 
-enum Order {
+enum AuditRecord {
     /// The loop begins: from now on the watchdog is fed while it goes round.
     Ready,
     Stop,
@@ -22,7 +22,7 @@ enum Order {
 
 /// The running thread.
 pub struct Housekeeping {
-    orders: Sender<Order>,
+    orders: Sender<AuditRecord>,
     thread: JoinHandle<Collector>,
 }
 
@@ -61,12 +61,12 @@ impl Housekeeping {
 
     /// The loop begins.
     pub fn ready(&self) {
-        let _ = self.orders.send(Order::Ready);
+        let _ = self.orders.send(AuditRecord::Ready);
     }
 
     /// Ends the thread and gives back what it collected.
     pub fn stop(self) -> Option<Collector> {
-        let _ = self.orders.send(Order::Stop);
+        let _ = self.orders.send(AuditRecord::Stop);
         self.thread.join().ok()
     }
 }
@@ -75,13 +75,13 @@ fn keep_house(
     mut collector: Collector,
     exposition: Option<&Exposition>,
     manager: &ServiceManager,
-    orders: &Receiver<Order>,
+    orders: &Receiver<AuditRecord>,
 ) -> Collector {
     let mut watchdog: Option<Watchdog> = None;
     loop {
         match orders.recv_timeout(EVERY) {
-            Ok(Order::Ready) => watchdog = manager.watchdog_timeout().map(Watchdog::new),
-            Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => return collector,
+            Ok(AuditRecord::Ready) => watchdog = manager.watchdog_timeout().map(Watchdog::new),
+            Ok(AuditRecord::Stop) | Err(RecvTimeoutError::Disconnected) => return collector,
             Err(RecvTimeoutError::Timeout) => {}
         }
         collector.drain();

@@ -2,12 +2,12 @@
 //! daemon's own user come in by shared memory, those of other users by a socket.
 
 use super::{Process, bus_failure, door_group};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
-use doors::{Arrival, Bucket, DoorError, Notice, Server, Standing, Word, draw_nonce};
+use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};
 use messages::{InputStatus, Layout, RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, Claim, HandOff, InputConfig, InputState, Operators, input_tick};
+use pipeline::{Authority, ClientIdentity, HandOff, InputConfig, InputState, Operators, input_tick};
 use serde_json::json;
 use skeleton::DropReason;
 use std::time::Duration;
@@ -24,7 +24,7 @@ const STATUS_EVERY_NS: u64 = 100_000_000;
 const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
 
 /// Runs until shutdown.
-pub fn run(place: &Place) -> Result<(), Failure> {
+pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("ingest", place, |_| None)?;
     let group = door_group(place, "doors.skeleton_group", &process.loaded.settings.doors.skeleton_group)?;
     let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
@@ -35,7 +35,7 @@ pub fn run(place: &Place) -> Result<(), Failure> {
     // Last, because nobody else may write skeletons now: the socket belongs to this process.
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
-    let mut hall = Hall {
+    let mut hall = IngestLoop {
         authority: Authority::default(),
         session_nonce: 0,
         quotas: Quotas::default(),
@@ -114,7 +114,7 @@ impl Quotas {
 }
 
 /// What a frame passes behind the doors: authority, validation, the core domain.
-struct Hall {
+struct IngestLoop {
     authority: Authority,
     /// The session of the lease, drawn here, by which the core knows it: no client can continue another's.
     session_nonce: u64,
@@ -165,11 +165,11 @@ impl Dropped {
     }
 }
 
-impl Hall {
+impl IngestLoop {
     fn take_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
         let now = rt::now();
         if self.quotas.admits(now, sample.publisher) {
-            let claim = Claim {
+            let claim = ClientIdentity {
                 door: pipeline::Door::SharedMemory,
                 uid: self.uid,
                 pid: sample.process,
@@ -180,19 +180,19 @@ impl Hall {
         }
     }
 
-    fn take_packet(&mut self, process: &mut Process, from: Arrival, frame: &RawSkeleton) -> Standing {
-        let claim = Claim {
+    fn take_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
+        let claim = ClientIdentity {
             door: pipeline::Door::Socket,
             uid: from.peer.uid,
             pid: from.peer.pid,
             port: u128::from(from.connection),
             session_nonce: from.session_nonce,
         };
-        if self.take(process, rt::now(), claim, frame) { Standing::Holder } else { Standing::NotHolder }
+        if self.take(process, rt::now(), claim, frame) { LeaseState::Holder } else { LeaseState::NotHolder }
     }
 
     /// Whether the frame's session holds the lease.
-    fn take(&mut self, process: &mut Process, now: Stamp, claim: Claim, raw: &RawSkeleton) -> bool {
+    fn take(&mut self, process: &mut Process, now: Stamp, claim: ClientIdentity, raw: &RawSkeleton) -> bool {
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
         let grants = self.authority.grants();
         if !self.authority.admits_claim(now, claim, self.timeout_ns) {
@@ -254,11 +254,11 @@ impl Hall {
         let counters = process.probe.counters();
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
         counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
-        let refused = Word::ALL.into_iter().filter(|word| word.is_refusal());
+        let refused = Reply::ALL.into_iter().filter(|word| word.is_refusal());
         counters.set(Counter::Refused, refused.map(|word| socket.said(word)).sum());
         counters.set(Counter::Outliers, self.state.outliers());
-        socket.take_notices(|Notice { word, peer }| {
-            let refused = word.is_refusal() || word == Word::OverQuota;
+        socket.take_notices(|SocketEvent { word, peer }| {
+            let refused = word.is_refusal() || word == Reply::OverQuota;
             process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
         });
         self.dropped.turn(rt::now(), &self.state.skeleton, |reason, frames| {
@@ -269,9 +269,9 @@ impl Hall {
 
     fn figures(&self, socket: &Server) -> serde_json::Value {
         let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
-        let words = Word::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
+        let words = Reply::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
         let holder = self.authority.holder().map(|claim| {
-            let Claim { door, uid, pid, .. } = claim;
+            let ClientIdentity { door, uid, pid, .. } = claim;
             json!({ "door": door.name(), "uid": uid, "pid": pid })
         });
         json!({

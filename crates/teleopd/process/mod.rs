@@ -11,7 +11,7 @@ pub mod sim;
 mod housekeeping;
 
 use crate::children::instance_in;
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::processes::metrics_port;
 use bus::Writer;
@@ -61,7 +61,7 @@ impl Process {
     /// Reads the configuration and asks for real-time rights: `priority` of SCHED_FIFO, nothing for an expendable process.
     pub fn start(
         name: &'static str,
-        place: &Place,
+        place: &InstanceArgs,
         priority: impl Fn(&Loaded) -> Option<u32>,
     ) -> Result<Self, Failure> {
         let started = rt::now();
@@ -231,7 +231,7 @@ pub fn bus_failure(error: bus::BusError) -> Failure {
 }
 
 /// The group of a door by its name; the process's own for none. An unknown one is refused.
-pub fn door_group(place: &Place, key: &'static str, name: &str) -> Result<Option<u32>, Failure> {
+pub fn door_group(place: &InstanceArgs, key: &'static str, name: &str) -> Result<Option<u32>, Failure> {
     if name.is_empty() {
         return Ok(None);
     }

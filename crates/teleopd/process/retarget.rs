@@ -1,7 +1,7 @@
 //! Turns skeletons into joint targets on the fixed deadlines of the tick grid.
 
 use super::{Process, WARM_TICKS, bus_failure};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
@@ -11,7 +11,7 @@ use serde_json::json;
 use telemetry::Metric;
 
 /// Runs until shutdown.
-pub fn run(place: &Place) -> Result<(), Failure> {
+pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;
     let config = pipeline::retarget_config(&process.loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     let core = Domain::open(process.instance.core_domain(), "retarget").map_err(bus_failure)?;

@@ -2,7 +2,7 @@
 //! bring them, moves the joints, measures, and judges what the joints truly do.
 
 use super::{Process, WARM_TICKS, bus_failure};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use bus::Domain;
 use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag};
@@ -20,7 +20,7 @@ const END_WITHIN_NS: u64 = 1_000_000_000;
 const STANDING: f64 = 0.01;
 
 /// Runs until shutdown, and then until the joints stand.
-pub fn run(place: &Place) -> Result<(), Failure> {
+pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("robot", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;

@@ -2,7 +2,7 @@
 //! setpoint to the process `teleopd robot`.
 
 use super::{Process, WARM_TICKS, bus_failure};
-use crate::cli::Place;
+use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, Writer};
@@ -148,7 +148,7 @@ impl Driver for RemoteRobot {
 }
 
 /// Runs until shutdown, and then until the robot is at rest.
-pub fn run(place: &Place) -> Result<(), Failure> {
+pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;

@@ -72,7 +72,7 @@ pub const LENGTH: usize = FIELDS + 6 + 3 * SMPL_JOINTS + 3 * BODIES * POSE + 4 *
 
 /// The newest of every message; what was never heard, or not for too long, is not there.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Heard {
+pub struct LatestMessages {
     /// The person.
     pub skeleton: Option<Skeleton>,
     /// Where the arms should be.
@@ -85,7 +85,7 @@ pub struct Heard {
     pub status: Option<Status>,
 }
 
-impl Heard {
+impl LatestMessages {
     /// Whether anybody is heard.
     pub fn is_anything(&self) -> bool {
         let Self { skeleton, target, command, state, status } = self;
@@ -94,7 +94,7 @@ impl Heard {
 }
 
 /// Writes one frame at `at_s` into `out`, which is emptied first.
-pub fn encode(model: &Model, frames: &mut Frames, heard: &Heard, at_s: f64, out: &mut Vec<u8>) {
+pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: f64, out: &mut Vec<u8>) {
     let mut numbers = Vec::with_capacity(LENGTH);
     numbers.resize(FIELDS, 0.0);
     let mut bits = 0;

@@ -77,7 +77,7 @@ impl Key {
 
 /// What a server serves beside its own files, and to whom.
 #[derive(Clone, Debug)]
-pub struct Site {
+pub struct SiteConfig {
     /// Who may ask.
     pub key: Key,
     /// The user's meshes.
@@ -88,7 +88,7 @@ pub struct Site {
 ///
 /// # Errors
 /// The other side is gone, too slow, or speaks something else.
-pub fn answer(mut stream: TcpStream, site: &Site) -> std::io::Result<Option<TcpStream>> {
+pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Option<TcpStream>> {
     stream.set_write_timeout(Some(PATIENCE))?;
     let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
@@ -121,7 +121,7 @@ pub fn answer(mut stream: TcpStream, site: &Site) -> std::io::Result<Option<TcpS
 
 /// A file of the user's meshes: `path` is the token, and the file's path below the folder. The token stands in the path
 /// because a mesh refers to its textures by paths that are relative to its own.
-fn mesh(mut stream: TcpStream, site: &Site, path: &str) -> std::io::Result<Option<TcpStream>> {
+fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result<Option<TcpStream>> {
     let Some((token, path)) = path.split_once('/') else { return refuse(stream, "404 Not Found", "no such mesh") };
     if !site.key.is_token(token) {
         return refuse(

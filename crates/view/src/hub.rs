@@ -1,6 +1,6 @@
 //! What all pages are shown: one thread reads, the pages copy.
 
-use crate::frame::{self, Heard};
+use crate::frame::{self, LatestMessages};
 use crate::robot_view::RobotView;
 use crate::scene::scene;
 use messages::Status;
@@ -101,8 +101,8 @@ impl Hub {
     }
 }
 
-/// What a [`Teller`] has to say of one moment.
-pub struct News {
+/// What a [`StatusWriter`] has to say of one moment.
+pub struct StatusUpdate {
     /// The frame.
     pub frame: Vec<u8>,
     /// A status, if it is time for one.
@@ -112,7 +112,7 @@ pub struct News {
 }
 
 /// Puts into words what is heard.
-pub struct Teller<'a> {
+pub struct StatusWriter<'a> {
     model: &'a Model,
     frames: Frames,
     names: Names,
@@ -123,7 +123,7 @@ pub struct Teller<'a> {
 /// Time between two statuses, and between what happens all the time, s: nobody reads faster. A change of mode is told at once.
 const TELL_EVERY_S: f64 = 0.2;
 
-impl<'a> Teller<'a> {
+impl<'a> StatusWriter<'a> {
     /// Nothing told yet.
     pub fn new(model: &'a Model) -> Self {
         let (names, frames) = (Names::of(model), Frames::default());
@@ -131,12 +131,12 @@ impl<'a> Teller<'a> {
     }
 
     /// What is to be told of what is heard at `at_s`.
-    pub fn tell(&mut self, heard: &Heard, at_s: f64) -> News {
+    pub fn tell(&mut self, heard: &LatestMessages, at_s: f64) -> StatusUpdate {
         let mut frame = Vec::new();
         frame::encode(self.model, &mut self.frames, heard, at_s, &mut frame);
         let made = |status: &Option<Status>| status.map(|status| (status.header.incarnation, status.transition_count));
         if made(&heard.status) == made(&self.before) && at_s - self.told_at_s < TELL_EVERY_S {
-            return News { frame, status: None, events: Vec::new() };
+            return StatusUpdate { frame, status: None, events: Vec::new() };
         }
         self.told_at_s = at_s;
         let events = self.events(heard, at_s);
@@ -147,10 +147,10 @@ impl<'a> Teller<'a> {
             told
         });
         let status = json!({ "tell": "status", "at_s": at_s, "status": status }).to_string();
-        News { frame, status: Some(status), events }
+        StatusUpdate { frame, status: Some(status), events }
     }
 
-    fn events(&self, heard: &Heard, at_s: f64) -> Vec<String> {
+    fn events(&self, heard: &LatestMessages, at_s: f64) -> Vec<String> {
         let event = |gravity: &str, text: &str| {
             json!({ "tell": "event", "at_s": at_s, "gravity": gravity, "text": text }).to_string()
         };

@@ -1,7 +1,7 @@
 //! Reads a running instance, by polling alone: a reader that waits would cost the writers a system call.
 
 use crate::ViewError;
-use crate::frame::Heard;
+use crate::frame::LatestMessages;
 use bus::{BusError, Domain, DomainConfig, Reader};
 use messages::{Header, JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
 
@@ -44,7 +44,7 @@ impl Readers {
 /// The newest message of every service.
 pub struct Live {
     readers: Readers,
-    heard: Heard,
+    heard: LatestMessages,
 }
 
 impl Live {
@@ -53,11 +53,11 @@ impl Live {
     /// # Errors
     /// The domain or a service cannot be opened.
     pub fn open(domain: DomainConfig) -> Result<Self, ViewError> {
-        Ok(Self { readers: Readers::open(domain, "view")?, heard: Heard::default() })
+        Ok(Self { readers: Readers::open(domain, "view")?, heard: LatestMessages::default() })
     }
 
     /// The newest of everything at `now`.
-    pub fn look(&mut self, now: Stamp) -> &Heard {
+    pub fn look(&mut self, now: Stamp) -> &LatestMessages {
         let Self { readers, heard } = self;
         newest(&mut heard.skeleton, readers.skeletons.latest(), now, |message| &message.header);
         newest(&mut heard.target, readers.targets.latest(), now, |message| &message.header);

@@ -1,10 +1,10 @@
 //! A page as a client: the person that is the mix of three key poses, published through the skeleton socket like any
 //! client's. A page asks for shares alone; the lease, validation, the enable and the gate are those of every client.
 
-use crate::hand::HOLD_FOR;
+use crate::operator_worker::HOLD_FOR;
 use crate::shares::Shares;
 use crate::worker::Worker;
-use doors::{Client, DoorError, Word};
+use doors::{Client, DoorError, Reply};
 use messages::RawSkeleton;
 use pipeline::Instance;
 use std::sync::Arc;
@@ -41,7 +41,7 @@ impl std::fmt::Debug for KeyPoses {
 
 /// What a page asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Turn {
+pub enum MixRequest {
     /// Be the client whose person the robot follows.
     Join,
     /// Go there; also that the page is still there. Nothing unless it has joined.
@@ -62,7 +62,7 @@ pub struct Mixed {
 }
 
 /// The mixer. Dropping it ends the person.
-pub type Mixer = Worker<Turn, Mixed>;
+pub type Mixer = Worker<MixRequest, Mixed>;
 
 impl Mixer {
     /// A mixer that connects when it is first asked to join.
@@ -113,7 +113,7 @@ struct Person {
 }
 
 impl Person {
-    fn work(mut self, asked: &Receiver<Turn>) {
+    fn work(mut self, asked: &Receiver<MixRequest>) {
         loop {
             let turn = match self.on {
                 None => asked.recv().map_err(|RecvError| RecvTimeoutError::Disconnected),
@@ -129,10 +129,10 @@ impl Person {
         }
     }
 
-    fn obey(&mut self, turn: Turn) {
+    fn obey(&mut self, turn: MixRequest) {
         match turn {
-            Turn::Join if self.on.is_some() => {}
-            Turn::Join => match self.join() {
+            MixRequest::Join if self.on.is_some() => {}
+            MixRequest::Join => match self.join() {
                 Ok(()) => {
                     let now = Instant::now();
                     // It goes on from where it was: there is no leap for whoever still follows.
@@ -141,23 +141,23 @@ impl Person {
                 }
                 Err(why) => self.end(Some(why)),
             },
-            Turn::Mix(shares) => {
+            MixRequest::Mix(shares) => {
                 if let Some(on) = &mut self.on {
                     on.until = Instant::now() + HOLD_FOR;
                     self.asked = shares;
                 }
             }
-            Turn::Leave => self.end(None),
+            MixRequest::Leave => self.end(None),
         }
     }
 
     /// A session that may move the robot, or why there is none. One that lost its lease to another never gets it back.
     fn join(&mut self) -> Result<(), String> {
-        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Word::NotHolder;
+        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
         self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
         if self.client.is_none() {
             let client = Client::attach(self.instance.skeleton_socket()).map_err(|error| error.to_string())?;
-            if client.told() == Word::GrantedButHeld {
+            if client.told() == Reply::GrantedButHeld {
                 return Err(HELD.to_owned());
             }
             self.client = Some(client);
@@ -180,7 +180,7 @@ impl Person {
         let before = self.at;
         self.at = self.at.toward(self.asked, STEP);
         match self.publish(now) {
-            Ok(Word::NotHolder) => {
+            Ok(Reply::NotHolder) => {
                 self.client = None;
                 self.end(Some(HELD.to_owned()));
             }
@@ -200,8 +200,8 @@ impl Person {
     }
 
     /// What `ingest` has said by then.
-    fn publish(&mut self, now: Instant) -> Result<Word, DoorError> {
-        let Some(client) = &mut self.client else { return Ok(Word::NotHolder) };
+    fn publish(&mut self, now: Instant) -> Result<Reply, DoorError> {
+        let Some(client) = &mut self.client else { return Ok(Reply::NotHolder) };
         let at_s = now.saturating_duration_since(self.begun).as_secs_f64();
         let mut frame = (self.key_poses.person)(&self.at.get(), at_s);
         self.sequence += 1;
@@ -229,7 +229,7 @@ const HELD: &str = "Another client moves the robot, or did a moment ago: switch 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use doors::{Arrival, Server, Standing};
+    use doors::{FrameSource, LeaseState, Server};
     use messages::{Layout, Stamp};
     use std::path::PathBuf;
     use std::sync::atomic::{AtomicBool, Ordering};
@@ -255,9 +255,9 @@ mod tests {
             let mut server = Server::bind(&path, None).expect("a socket");
             ingest.thread = Some(std::thread::spawn(move || {
                 while !ended.load(Ordering::Relaxed) {
-                    server.poll(rt::now(), held, |from: Arrival, frame| {
+                    server.poll(rt::now(), held, |from: FrameSource, frame| {
                         frames.lock().unwrap().push((from.connection, *frame));
-                        if refuses.load(Ordering::Relaxed) { Standing::NotHolder } else { Standing::Holder }
+                        if refuses.load(Ordering::Relaxed) { LeaseState::NotHolder } else { LeaseState::Holder }
                     });
                     std::thread::sleep(Duration::from_millis(1));
                 }
@@ -301,8 +301,8 @@ mod tests {
         (folder, instance.skeleton_socket(), mixer)
     }
 
-    fn corner(n: usize) -> Turn {
-        Turn::Mix(Shares::nearest(std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 })).expect("numbers"))
+    fn corner(n: usize) -> MixRequest {
+        MixRequest::Mix(Shares::nearest(std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 })).expect("numbers"))
     }
 
     /// The next answer of this kind to a page that is silent.
@@ -340,7 +340,7 @@ mod tests {
         let ingest = Ingest::at(path, false);
         // To go somewhere without being there is nothing.
         mixer.ask(corner(2));
-        mixer.ask(Turn::Join);
+        mixer.ask(MixRequest::Join);
         assert_eq!(told(&mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
         ingest.wait(3, &mixer, 0);
         assert_eq!(ingest.frames()[2].1.positions[0], [1.0, 0.0, 0.0]);
@@ -352,9 +352,9 @@ mod tests {
         mixer.ask(corner(0));
         std::thread::sleep(Duration::from_millis(200));
         // It goes on where it was, in the same session.
-        mixer.ask(Turn::Join);
+        mixer.ask(MixRequest::Join);
         ingest.wait(30, &mixer, 2);
-        mixer.ask(Turn::Leave);
+        mixer.ask(MixRequest::Leave);
         told(&mixer, |mixed| !mixed.on && mixed.text.is_none());
         let frames = ingest.frames();
         assert_no_leap(&frames);
@@ -372,7 +372,7 @@ mod tests {
     fn a_corner_is_arrived_at_in_steps_and_told() {
         let (_folder, path, mixer) = mixer();
         let ingest = Ingest::at(path, false);
-        mixer.ask(Turn::Join);
+        mixer.ask(MixRequest::Join);
         loop {
             ingest.wait(1, &mixer, 1);
             if mixer.answer().is_some_and(|mixed| mixed.shares.get() == [0.0, 1.0, 0.0]) {
@@ -387,19 +387,19 @@ mod tests {
     fn a_lease_that_another_holds_is_told_and_a_lost_session_is_not_used_again() {
         let (_folder, path, other) = mixer();
         let held = Ingest::at(path.clone(), true);
-        other.ask(Turn::Join);
+        other.ask(MixRequest::Join);
         assert_eq!(told(&other, |_| true).text.as_deref(), Some(HELD));
         assert!(held.frames().is_empty(), "nothing was published");
         drop(held);
         let ingest = Ingest::at(path, false);
-        other.ask(Turn::Join);
+        other.ask(MixRequest::Join);
         assert!(told(&other, |_| true).on);
         ingest.wait(2, &other, 0);
         ingest.refuses.store(true, Ordering::Relaxed);
         let lost = told_meanwhile(&other, |mixed| !mixed.on, || other.ask(corner(0)));
         assert_eq!(lost.text.as_deref(), Some(HELD));
         ingest.refuses.store(false, Ordering::Relaxed);
-        other.ask(Turn::Join);
+        other.ask(MixRequest::Join);
         ingest.wait(2, &other, 0);
         let frames = ingest.frames();
         let (before, after) = (&frames[0], &frames[frames.len() - 1]);
@@ -409,10 +409,10 @@ mod tests {
     #[test]
     fn without_ingest_the_page_is_told() {
         let (_folder, path, mixer) = mixer();
-        mixer.ask(Turn::Join);
+        mixer.ask(MixRequest::Join);
         assert!(told(&mixer, |_| true).text.is_some_and(|text| text.contains("skeleton.sock")));
         let ingest = Ingest::at(path, false);
-        mixer.ask(Turn::Join);
+        mixer.ask(MixRequest::Join);
         ingest.wait(2, &mixer, 0);
         drop(ingest);
         let lost = told_meanwhile(&mixer, |mixed| !mixed.on, || mixer.ask(corner(0)));

@@ -1,10 +1,10 @@
 //! One open page: frames out, requests in.
 
 use crate::counted::Counted;
-use crate::hand::{Answer, Ask, Hand};
 use crate::hub::{Hub, Seen};
-use crate::mixer::{KeyPoses, Mixed, Mixer, Turn};
-use crate::reel::Position;
+use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
+use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
+use crate::recording_view::Position;
 use crate::shares::Shares;
 use pipeline::Instance;
 use serde::Deserialize;
@@ -35,13 +35,13 @@ const SILENT_MAX: Duration = Duration::from_secs(10);
 enum Request {
     /// Nothing: it is there.
     Here {},
-    /// See [`Ask`]; of an instance alone.
+    /// See [`OperatorCommand`]; of an instance alone.
     Engage {},
     Keep {},
     Release {},
     Reset {},
     Stop {},
-    /// See [`Turn`]; of an instance with key poses alone. What is no number ends the page, what lies outside the triangle is
+    /// See [`MixRequest`]; of an instance with key poses alone. What is no number ends the page, what lies outside the triangle is
     /// taken for the nearest point of it.
     Join {},
     Mix {
@@ -58,7 +58,7 @@ enum Request {
 
 /// What is behind a page.
 #[derive(Clone, Debug)]
-pub enum Behind {
+pub enum PageSource {
     /// A running instance, and what pages may lead it through.
     Instance(Instance, Option<Arc<KeyPoses>>),
     /// A recording, and where it is being looked at.
@@ -66,19 +66,19 @@ pub enum Behind {
 }
 
 /// What a page can move.
-enum Lever {
-    Hand(Hand, Option<Mixer>),
+enum PageControl {
+    OperatorWorker(OperatorWorker, Option<Mixer>),
     Position(Arc<Position>),
 }
 
-impl Lever {
-    fn of(behind: &Behind) -> std::io::Result<Self> {
+impl PageControl {
+    fn of(behind: &PageSource) -> std::io::Result<Self> {
         Ok(match behind {
-            Behind::Instance(instance, key_poses) => {
+            PageSource::Instance(instance, key_poses) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
-                Self::Hand(Hand::new(instance)?, mixer)
+                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer)
             }
-            Behind::Recording(position) => Self::Position(position.clone()),
+            PageSource::Recording(position) => Self::Position(position.clone()),
         })
     }
 
@@ -86,15 +86,15 @@ impl Lever {
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here {}) => {}
-            (Self::Hand(hand, _), Request::Engage {}) => hand.ask(Ask::Engage),
-            (Self::Hand(hand, _), Request::Keep {}) => hand.ask(Ask::Keep),
-            (Self::Hand(hand, _), Request::Release {}) => hand.ask(Ask::Release),
-            (Self::Hand(hand, _), Request::Reset {}) => hand.ask(Ask::Reset),
-            (Self::Hand(hand, _), Request::Stop {}) => hand.ask(Ask::Stop),
-            (Self::Hand(_, Some(mixer)), Request::Join {}) => mixer.ask(Turn::Join),
-            (Self::Hand(_, Some(mixer)), Request::Leave {}) => mixer.ask(Turn::Leave),
-            (Self::Hand(_, Some(mixer)), Request::Mix { shares }) => match Shares::nearest(shares) {
-                Some(shares) => mixer.ask(Turn::Mix(shares)),
+            (Self::OperatorWorker(hand, _), Request::Engage {}) => hand.ask(OperatorCommand::Engage),
+            (Self::OperatorWorker(hand, _), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
+            (Self::OperatorWorker(hand, _), Request::Release {}) => hand.ask(OperatorCommand::Release),
+            (Self::OperatorWorker(hand, _), Request::Reset {}) => hand.ask(OperatorCommand::Reset),
+            (Self::OperatorWorker(hand, _), Request::Stop {}) => hand.ask(OperatorCommand::Stop),
+            (Self::OperatorWorker(_, Some(mixer)), Request::Join {}) => mixer.ask(MixRequest::Join),
+            (Self::OperatorWorker(_, Some(mixer)), Request::Leave {}) => mixer.ask(MixRequest::Leave),
+            (Self::OperatorWorker(_, Some(mixer)), Request::Mix { shares }) => match Shares::nearest(shares) {
+                Some(shares) => mixer.ask(MixRequest::Mix(shares)),
                 None => return false,
             },
             (Self::Position(position), Request::Play {}) => position.play(true),
@@ -107,7 +107,7 @@ impl Lever {
 }
 
 /// Serves a page until it goes, or until `ended`.
-pub fn serve(stream: TcpStream, hub: &Hub, behind: &Behind, ended: &AtomicBool) -> Result<(), Error> {
+pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     let config = WebSocketConfig::default()
@@ -116,7 +116,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &Behind, ended: &AtomicBool) 
         .max_write_buffer_size(WAITING_BYTES);
     let mut page = Page {
         socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
-        lever: Lever::of(behind)?,
+        lever: PageControl::of(behind)?,
         spoke: Instant::now(),
         second: Instant::now(),
         asked: 0,
@@ -144,7 +144,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &Behind, ended: &AtomicBool) 
 
 struct Page {
     socket: WebSocket<TcpStream>,
-    lever: Lever,
+    lever: PageControl,
     spoke: Instant,
     /// The second that runs, and the requests in it.
     second: Instant,
@@ -154,12 +154,12 @@ struct Page {
 impl Page {
     /// Tells what became of what was asked.
     fn tell(&mut self) -> Result<(), Error> {
-        while let Lever::Hand(hand, _) = &self.lever
-            && let Some(Answer { held, text }) = hand.answer()
+        while let PageControl::OperatorWorker(hand, _) = &self.lever
+            && let Some(CommandOutcome { held, text }) = hand.answer()
         {
             self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
         }
-        while let Lever::Hand(_, Some(mixer)) = &self.lever
+        while let PageControl::OperatorWorker(_, Some(mixer)) = &self.lever
             && let Some(Mixed { on, shares, text }) = mixer.answer()
         {
             let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });

@@ -1,14 +1,14 @@
 //! The listener, the thread that reads the instance, and a thread for every page.
 
 use crate::ViewError;
-use crate::http::{self, Site};
-use crate::hub::{Hub, Teller};
+use crate::http::{self, SiteConfig};
+use crate::hub::{Hub, StatusWriter};
 use crate::live::Live;
 use crate::meshes::MeshFolder;
 use crate::mixer::KeyPoses;
 use crate::page;
-use crate::page::Behind;
-use crate::reel::{Position, Reel};
+use crate::page::PageSource;
+use crate::recording_view::{Position, RecordingView};
 use crate::robot_view::RobotView;
 use bus::DomainConfig;
 use pipeline::Instance;
@@ -56,7 +56,7 @@ impl Server {
     ) -> Result<Self, ViewError> {
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names });
-        let behind = Behind::Instance(instance.clone(), key_poses.map(Arc::new));
+        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new));
         let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
@@ -70,25 +70,25 @@ impl Server {
     ///
     /// # Errors
     /// The port is taken.
-    pub fn recording(reel: Reel, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
-        let about = json!({ "source": "recording", "name": name, "duration_s": reel.duration_s() });
-        let position = Arc::new(Position::new(reel.duration_s()));
-        let behind = Behind::Recording(position.clone());
+    pub fn recording(recording: RecordingView, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
+        let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
+        let position = Arc::new(Position::new(recording.duration_s()));
+        let behind = PageSource::Recording(position.clone());
         let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
         let hub = server.hub.clone();
-        let thread = server.spawn("view", move |ended| play(&hub, &reel, &position, &ended));
+        let thread = server.spawn("view", move |ended| play(&hub, &recording, &position, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
         Ok(server)
     }
 
-    fn listen(hub: Hub, behind: Behind, meshes: Option<Arc<MeshFolder>>, port: u16) -> Result<Self, ViewError> {
+    fn listen(hub: Hub, behind: PageSource, meshes: Option<Arc<MeshFolder>>, port: u16) -> Result<Self, ViewError> {
         let bind = |source| ViewError::Listen { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
         listener.set_nonblocking(true).map_err(bind)?;
         let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
         let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
         let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        let site = Site { key, meshes };
+        let site = SiteConfig { key, meshes };
         server.spawn("listen", move |ended| accept(&listener, &site, &hub, &behind, &ended)).map_err(bind)?;
         Ok(server)
     }
@@ -134,7 +134,7 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         }
     };
     let _ = opened.send(Ok(()));
-    let mut teller = Teller::new(model);
+    let mut teller = StatusWriter::new(model);
     let (begun, mut heard_at, mut next) = (rt::now(), Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = rt::now();
@@ -154,8 +154,8 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
     }
 }
 
-fn play(hub: &Hub, reel: &Reel, position: &Position, ended: &AtomicBool) {
-    hub.happened(reel.events().to_vec());
+fn play(hub: &Hub, recording: &RecordingView, position: &Position, ended: &AtomicBool) {
+    hub.happened(recording.events().to_vec());
     let (mut next, mut before) = (Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = Instant::now();
@@ -163,7 +163,7 @@ fn play(hub: &Hub, reel: &Reel, position: &Position, ended: &AtomicBool) {
         let seen = hub.pages().load(Ordering::Relaxed) > 0;
         let at_s = position.advance(if seen { (now - before).as_secs_f64() } else { 0.0 });
         before = now;
-        reel.show(hub, at_s);
+        recording.show(hub, at_s);
         wait(&mut next);
     }
 }
@@ -181,7 +181,7 @@ struct Connection {
 }
 
 /// Pages end before this does.
-fn accept(listener: &TcpListener, site: &Site, hub: &Arc<Hub>, behind: &Behind, ended: &Arc<AtomicBool>) {
+fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &PageSource, ended: &Arc<AtomicBool>) {
     let mut open: Vec<Arc<Connection>> = Vec::new();
     while !ended.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
@@ -221,7 +221,14 @@ fn has_ended(connection: &Arc<Connection>) -> bool {
     Arc::strong_count(connection) == 1
 }
 
-fn answer(stream: TcpStream, site: &Site, hub: &Hub, behind: &Behind, is_page: &AtomicBool, ended: &AtomicBool) {
+fn answer(
+    stream: TcpStream,
+    site: &SiteConfig,
+    hub: &Hub,
+    behind: &PageSource,
+    is_page: &AtomicBool,
+    ended: &AtomicBool,
+) {
     // Who breaks off has harmed nobody but himself.
     if let Ok(Some(stream)) = http::answer(stream, site) {
         is_page.store(true, Ordering::Relaxed);

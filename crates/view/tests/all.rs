@@ -3,4 +3,4 @@
 mod frames;
 mod look;
 mod page;
-mod reel;
+mod recording_view;

@@ -6,7 +6,7 @@ use messages::{
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 use std::path::Path;
-use view::{BODIES, FIELDS, Field, Heard, LENGTH, POSE, RobotView, encode, present, scene};
+use view::{BODIES, FIELDS, Field, LENGTH, LatestMessages, POSE, RobotView, encode, present, scene};
 
 pub fn loaded() -> pipeline::Loaded {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
@@ -22,7 +22,7 @@ pub fn shown() -> RobotView {
     RobotView::of(&loaded(), None).expect("a look")
 }
 
-fn encoded(model: &Model, heard: &Heard) -> Vec<f32> {
+fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
     let mut out = vec![1; 3];
     encode(model, &mut Frames::default(), heard, 2.5, &mut out);
     let numbers: Vec<_> = out.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
@@ -50,7 +50,7 @@ fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS], what: &
 #[test]
 fn without_an_instance_there_is_a_robot_at_home_and_nothing_else() {
     let model = model();
-    let numbers = encoded(&model, &Heard::default());
+    let numbers = encoded(&model, &LatestMessages::default());
     assert_eq!(numbers[Field::Present as usize], 0.0);
     assert_eq!(numbers[Field::AtS as usize], 2.5);
     poses_are_those_of(&model, &numbers[ROBOTS..], &model.home, "home");
@@ -71,7 +71,7 @@ fn postures_of_measured_target_and_command_are_told_apart() {
         (Stamp(5), [model.pairs[0].a as u32, model.pairs[0].b as u32]);
     let mut skeleton = Skeleton::ZERO;
     skeleton.positions = core::array::from_fn(|n| [n as f32, -1.0, 0.5]);
-    let heard = Heard {
+    let heard = LatestMessages {
         skeleton: Some(skeleton),
         state: Some(state),
         command: Some(command),
@@ -119,7 +119,7 @@ fn what_is_no_number_is_not_told() {
     state.q_measured = [f64::NAN; JOINTS];
     let mut skeleton = Skeleton::ZERO;
     skeleton.positions = [[f32::INFINITY; 3]; SMPL_JOINTS];
-    let heard = Heard { state: Some(state), skeleton: Some(skeleton), ..Heard::default() };
+    let heard = LatestMessages { state: Some(state), skeleton: Some(skeleton), ..LatestMessages::default() };
     assert!(encoded(&model, &heard).iter().all(|number| number.is_finite()));
 }
 
@@ -148,7 +148,7 @@ fn lag_is_the_time_by_which_the_joints_trail_the_command() {
     state.dq_measured = core::array::from_fn(|j| 0.1 * (j as f64 - 8.0));
     command.q = core::array::from_fn(|j| state.q_measured[j] + 0.021 * state.dq_measured[j]);
     let told = |state, command| {
-        let heard = Heard { state: Some(state), command: Some(command), ..Heard::default() };
+        let heard = LatestMessages { state: Some(state), command: Some(command), ..LatestMessages::default() };
         let numbers = encoded(&model, &heard);
         (numbers[Field::Present as usize] as u32 & present::LAG != 0, numbers[Field::LagMs as usize])
     };

@@ -1,6 +1,6 @@
 //! The door for skeletons of other users: what a client says, and what it is told.
 
-use doors::{ANSWER_BYTES, Answer, FRAME_BYTES, HELLO_BYTES, Hello, decode_frame, encode_frame};
+use doors::{ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, ReplyPacket, decode_frame, encode_frame};
 
 /// The bytes as a packet of each kind, and the frame that they become if they are made as long as one.
 pub(crate) fn run(input: &[u8]) {
@@ -11,10 +11,10 @@ pub(crate) fn run(input: &[u8]) {
     hello[..length].iter_mut().zip(input).for_each(|(byte, change)| *byte ^= change);
     assert_eq!(Hello::refusal(&hello).is_none(), hello == ours, "only our own hello is admitted");
 
-    if let Some(answer) = Answer::decode(input) {
-        assert_eq!(Answer::decode(&answer.encode()).map(|again| again.word), Some(answer.word));
+    if let Some(answer) = ReplyPacket::decode(input) {
+        assert_eq!(ReplyPacket::decode(&answer.encode()).map(|again| again.word), Some(answer.word));
     }
-    assert!(input.len() == ANSWER_BYTES || Answer::decode(input).is_none());
+    assert!(input.len() == ANSWER_BYTES || ReplyPacket::decode(input).is_none());
 
     assert_eq!(decode_frame(input).is_some(), input.len() == FRAME_BYTES, "a frame of another length");
     let mut bytes = [0; FRAME_BYTES];

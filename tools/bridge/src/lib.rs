@@ -11,7 +11,7 @@ mod users;
 mod vmc;
 
 pub use mvn::Mvn;
-pub use senders::{Senders, Turn, canonical};
+pub use senders::{SenderChange, Senders, canonical};
 pub use users::Users;
 pub use vmc::Vmc;
 

@@ -1,10 +1,10 @@
 //! See the library.
 
 use bridge::cli::{Cli, Program, To};
-use bridge::{Mvn, PACKET_MAX, Protocol, Refused, Senders, Taken, Turn, Users, Vmc, canonical};
+use bridge::{Mvn, PACKET_MAX, Protocol, Refused, SenderChange, Senders, Taken, Users, Vmc, canonical};
 use clap::Parser;
 use messages::{Header, Layout, RawSkeleton, Stamp};
-use pipeline::{Instance, Port, Way};
+use pipeline::{Instance, Port, Transport};
 use rt::{Peer, Shutdown, err, out};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
@@ -43,8 +43,8 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
     let socket = UdpSocket::bind(bind).map_err(|error| unavailable(format!("{bind}: {error}")))?;
     socket.set_read_timeout(Some(LOOK)).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
     let way = match &to.socket {
-        Some(path) => Way::Socket(path.clone()),
-        None if to.run_dir.is_dir() => Way::Domain(Instance::unmade(&to.run_dir).input_domain()),
+        Some(path) => Transport::Socket(path.clone()),
+        None if to.run_dir.is_dir() => Transport::Domain(Instance::unmade(&to.run_dir).input_domain()),
         None => return Err(unavailable(format!("{}: no instance of teleopd runs there", to.run_dir.display()))),
     };
     let port = Port::open(way, "bridge").map_err(|error| unavailable(error.to_string()))?;
@@ -143,7 +143,7 @@ impl<P: Protocol> Listener<P> {
         if !self.users.may(sender, now) {
             return Err(Refused::User);
         }
-        if turn == Turn::New {
+        if turn == SenderChange::New {
             // Nobody has the turn for a packet that is none; nor does it change what is known of the sender before.
             if self.protocol.anew().take(packet, &mut |_| {})? == Taken::Aside {
                 return Ok(());

@@ -9,7 +9,7 @@ const SILENT_NS: u64 = 1_000_000_000;
 
 /// Whose turn it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
+pub enum SenderChange {
     /// The sender of before.
     Same,
     /// Another one, or the first.
@@ -34,14 +34,14 @@ impl Senders {
     ///
     /// # Errors
     /// It is not the address that may send, or another sender was heard within the last second.
-    pub fn whose(&self, sender: SocketAddr, now: Stamp) -> Result<Turn, Refused> {
+    pub fn whose(&self, sender: SocketAddr, now: Stamp) -> Result<SenderChange, Refused> {
         if self.only.is_some_and(|only| only != sender.ip()) {
             return Err(Refused::Stranger);
         }
         match self.present {
-            Some((present, _)) if present == sender => Ok(Turn::Same),
+            Some((present, _)) if present == sender => Ok(SenderChange::Same),
             Some((_, heard)) if now.since(heard) < SILENT_NS => Err(Refused::Stranger),
-            _ => Ok(Turn::New),
+            _ => Ok(SenderChange::New),
         }
     }
 
@@ -69,13 +69,13 @@ mod tests {
         let at = |ms: u64| Stamp(1 + ms * 1_000_000);
         let mut senders = Senders::new(None);
         for (port, ms, expected) in [
-            (1, 0, Ok(Turn::New)),
-            (1, 10, Ok(Turn::Same)),
+            (1, 0, Ok(SenderChange::New)),
+            (1, 10, Ok(SenderChange::Same)),
             (2, 20, Err(Refused::Stranger)),
             (2, 1009, Err(Refused::Stranger)),
-            (2, 1010, Ok(Turn::New)),
+            (2, 1010, Ok(SenderChange::New)),
             (1, 1020, Err(Refused::Stranger)),
-            (2, 9000, Ok(Turn::Same)),
+            (2, 9000, Ok(SenderChange::Same)),
         ] {
             let turn = senders.whose(sender(port), at(ms));
             assert_eq!(turn, expected, "port {port} at {ms} ms");
@@ -85,18 +85,18 @@ mod tests {
         }
         let only = Senders::new(Some([10, 0, 0, 1].into()));
         assert_eq!(only.whose(sender(1), at(0)), Err(Refused::Stranger));
-        assert_eq!(only.whose(SocketAddr::from(([10, 0, 0, 1], 5)), at(0)), Ok(Turn::New));
+        assert_eq!(only.whose(SocketAddr::from(([10, 0, 0, 1], 5)), at(0)), Ok(SenderChange::New));
     }
 
     #[test]
     fn who_sends_nothing_good_has_no_turn() {
         let sender = |port| SocketAddr::from(([127, 0, 0, 1], port));
         let mut senders = Senders::new(None);
-        assert_eq!(senders.whose(sender(1), Stamp(1)), Ok(Turn::New));
-        assert_eq!(senders.whose(sender(2), Stamp(2)), Ok(Turn::New), "the first was not heard");
+        assert_eq!(senders.whose(sender(1), Stamp(1)), Ok(SenderChange::New));
+        assert_eq!(senders.whose(sender(2), Stamp(2)), Ok(SenderChange::New), "the first was not heard");
         senders.heard(sender(2), Stamp(2));
-        assert_eq!(senders.whose(sender(2), Stamp(SILENT_NS)), Ok(Turn::Same));
-        assert_eq!(senders.whose(sender(1), Stamp(2 + SILENT_NS)), Ok(Turn::New), "nothing good for a second");
+        assert_eq!(senders.whose(sender(2), Stamp(SILENT_NS)), Ok(SenderChange::Same));
+        assert_eq!(senders.whose(sender(1), Stamp(2 + SILENT_NS)), Ok(SenderChange::New), "nothing good for a second");
     }
 
     #[test]
@@ -104,7 +104,7 @@ mod tests {
         let mapped: SocketAddr = "[::ffff:127.0.0.1]:7".parse().expect("an address");
         for only in ["127.0.0.1", "::ffff:127.0.0.1"] {
             let senders = Senders::new(Some(only.parse().expect("an address")));
-            assert_eq!(senders.whose(canonical(mapped), Stamp(1)), Ok(Turn::New), "--from {only}");
+            assert_eq!(senders.whose(canonical(mapped), Stamp(1)), Ok(SenderChange::New), "--from {only}");
         }
         let six: SocketAddr = "[fe80::1%3]:7".parse().expect("an address");
         assert_eq!(canonical(six), six);

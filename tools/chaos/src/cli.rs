@@ -1,7 +1,7 @@
 //! The command line.
 
-use crate::blow::Victim;
 use crate::error::ChaosError;
+use crate::injection::Target;
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -60,9 +60,9 @@ impl Cli {
     ///
     /// # Errors
     /// Names a victim that nobody knows.
-    pub fn victims(&self) -> Result<Vec<Victim>, ChaosError> {
-        let Some(name) = &self.only else { return Ok(Victim::ALL.to_vec()) };
-        let found = Victim::ALL.iter().find(|victim| victim.name() == name);
-        found.map(|&victim| vec![victim]).ok_or_else(|| ChaosError::Victim(name.clone()))
+    pub fn victims(&self) -> Result<Vec<Target>, ChaosError> {
+        let Some(name) = &self.only else { return Ok(Target::ALL.to_vec()) };
+        let found = Target::ALL.iter().find(|victim| victim.name() == name);
+        found.map(|&victim| vec![victim]).ok_or_else(|| ChaosError::Target(name.clone()))
     }
 }

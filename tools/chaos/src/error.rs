@@ -27,7 +27,7 @@ pub enum ChaosError {
     },
     /// Nobody of that name is struck.
     #[error("--only {0}: must be ingest, retarget, control, sim, client or operator")]
-    Victim(String),
+    Target(String),
     /// Settings, robot or weights are refused.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
@@ -70,7 +70,7 @@ impl ChaosError {
     /// Exit code, of sysexits(3) where it has one.
     pub fn exit(&self) -> u8 {
         match self {
-            Self::Option { .. } | Self::Share { .. } | Self::Victim(_) => 64,
+            Self::Option { .. } | Self::Share { .. } | Self::Target(_) => 64,
             Self::Config(_) => 78,
             Self::Start(failure) => failure.exit as u8,
             Self::Bus(_) | Self::Client(_) => 69,

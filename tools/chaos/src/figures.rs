@@ -1,8 +1,8 @@
 //! What the trials amount to.
 
-use crate::blow::{Kind, Victim};
+use crate::injection::{Kind, Target};
+use crate::monitor::Seen;
 use crate::trial::Outcome;
-use crate::witness::Seen;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 
 /// Figures of one victim.
 #[derive(Clone, Debug, Default)]
-struct OfVictim {
+struct OfTarget {
     kills: u64,
     suspends: u64,
     moving: u64,
@@ -23,7 +23,7 @@ struct OfVictim {
 /// Figures of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    victims: BTreeMap<Victim, OfVictim>,
+    victims: BTreeMap<Target, OfTarget>,
     /// What the witness saw: violations by kind.
     witnessed: [u64; ViolationKind::ALL.len()],
     states: u64,
@@ -235,21 +235,21 @@ fn by_kind(counts: &[u64; ViolationKind::ALL.len()]) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blow::Blow;
+    use crate::injection::Injection;
     use std::time::Duration;
 
-    fn outcome(victim: Victim, rest_after_ticks: Option<u64>) -> Outcome {
+    fn outcome(victim: Target, rest_after_ticks: Option<u64>) -> Outcome {
         let kind = Kind::Kill { held_on: Duration::ZERO };
-        let blow = Blow { victim, kind, engaged: false, phase: Duration::ZERO };
+        let blow = Injection { victim, kind, engaged: false, phase: Duration::ZERO };
         Outcome { blow, moving: true, rest_after_ticks, rested: rest_after_ticks.is_some() }
     }
 
     #[test]
     fn whatever_must_not_happen_is_a_complaint() {
         let mut figures = Figures::default();
-        figures.add(&outcome(Victim::Control, Some(40)), 752);
+        figures.add(&outcome(Target::Control, Some(40)), 752);
         assert!(figures.complaints().is_empty());
-        figures.add(&outcome(Victim::Ingest, None), 902);
+        figures.add(&outcome(Target::Ingest, None), 902);
         figures.add_seen(&Seen { moved_without_enable: 1, violations: [0, 2, 0, 0, 0, 0, 0], ..Seen::default() });
         figures.add_record(&json!({ "violations": { "position": 3, "velocity": 0, "acceleration": 0, "jerk": 0 } }));
         let complaints = figures.complaints();
@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn a_late_rest_is_counted_and_not_judged() {
         let mut figures = Figures::default();
-        figures.add(&outcome(Victim::Control, Some(753)), 752);
+        figures.add(&outcome(Target::Control, Some(753)), 752);
         assert_eq!(figures.to_json()["victims"]["control"]["beyond_bound"], 1);
         assert!(figures.complaints().is_empty());
     }
@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn ticks_are_called_so_and_none_are_a_dash() {
         let mut figures = Figures::default();
-        figures.add(&outcome(Victim::Ingest, None), 902);
+        figures.add(&outcome(Target::Ingest, None), 902);
         let words = figures.words();
         let line = words.lines().find(|line| line.starts_with("ingest")).expect("a line");
         let said: Vec<_> = line.split_whitespace().collect();

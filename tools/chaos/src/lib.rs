@@ -9,10 +9,10 @@
 //! - [`trial`]: one blow and what came of it.
 //! - [`figures`]: what the trials amount to, as JSON and in words.
 
-pub mod blow;
 pub mod cli;
 pub mod error;
 pub mod figures;
+pub mod injection;
+pub mod monitor;
 pub mod rig;
 pub mod trial;
-pub mod witness;

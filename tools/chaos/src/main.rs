@@ -1,12 +1,12 @@
 //! See the library. The same program is every process that is struck, the client and the operator too.
 
-use chaos::blow::{Blow, Victim};
 use chaos::cli::Cli;
 use chaos::error::ChaosError;
 use chaos::figures::Figures;
+use chaos::injection::{Injection, Target};
+use chaos::monitor::Monitor;
 use chaos::rig::{self, Rig};
 use chaos::trial;
-use chaos::witness::Witness;
 use clap::Parser;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -78,7 +78,7 @@ fn strike(options: &Cli) -> Result<bool, ChaosError> {
 
 /// Every victim as often as every other, in random order; but the driver's deaths come last, because each takes the
 /// driver's record of everything before with it. The robot's record outlives them.
-fn drawn(options: &Cli) -> Result<Vec<Blow>, ChaosError> {
+fn drawn(options: &Cli) -> Result<Vec<Injection>, ChaosError> {
     let victims = options.victims()?;
     let mut dice = Pcg64Mcg::seed_from_u64(options.seed);
     let mut all = Vec::new();
@@ -89,16 +89,16 @@ fn drawn(options: &Cli) -> Result<Vec<Blow>, ChaosError> {
         }
     }
     all.shuffle(&mut dice);
-    all.sort_by_key(|&(victim, kill)| kill && victim == Victim::Driver);
-    Ok(all.into_iter().map(|(victim, kill)| Blow::draw(victim, kill, options.engaged, &mut dice)).collect())
+    all.sort_by_key(|&(victim, kill)| kill && victim == Target::Driver);
+    Ok(all.into_iter().map(|(victim, kill)| Injection::draw(victim, kill, options.engaged, &mut dice)).collect())
 }
 
-fn instance(options: &Cli, blows: &[Blow], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
+fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
     let mut rig = Rig::start(&options.config)?;
     let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
     let safety = &loaded.settings.safety;
     let limits = pipeline::sim_config(&loaded, true)?;
-    let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let (mut outcomes, mut moved) = (Vec::new(), 0);
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
         let outcome = match trial::run(&mut rig, &witness, &loaded.settings, blow) {

@@ -1,7 +1,7 @@
 //! The processes of an instance, a client and an operator, each in a process of its own that can be struck.
 
-use crate::blow::Victim;
 use crate::error::ChaosError;
+use crate::injection::Target;
 use messages::{Mode, Status, Transition};
 use motion::CalibrationMode;
 use pipeline::{Instance, PlayOptions, Player, Publisher};
@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
-use teleopd::{Children, Operator, Output, PROCESSES, Place};
+use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES};
 
 /// First argument with which this program is the client that publishes.
 const CLIENT: &str = "client";
@@ -34,7 +34,7 @@ pub struct Ended {
 impl Ended {
     /// What the driver wrote of itself.
     pub fn record(&self) -> Option<&Value> {
-        self.reports.get(Victim::Driver.name())
+        self.reports.get(Target::Driver.name())
     }
 
     /// What the judge says of the joints' true motion.
@@ -44,13 +44,13 @@ impl Ended {
 
     /// Whether control had real-time scheduling, and no stale time was relaxed.
     pub fn realtime(&self) -> bool {
-        self.reports.get(Victim::Control.name()).is_some_and(|control| control["realtime"] == true)
+        self.reports.get(Target::Control.name()).is_some_and(|control| control["realtime"] == true)
     }
 }
 
 /// A running instance with everybody around it.
 pub struct Rig {
-    place: Place,
+    place: InstanceArgs,
     instance: Instance,
     children: Children,
     client: Child,
@@ -71,7 +71,7 @@ impl Rig {
         let folder = tempfile::Builder::new().prefix("chaos-").tempdir();
         let folder = folder.map_err(|error| ChaosError::write(&std::env::temp_dir(), error))?;
         let instance = Instance::new(folder.path()).map_err(|error| ChaosError::write(folder.path(), error))?;
-        let place = Place {
+        let place = InstanceArgs {
             config: config.to_path_buf(),
             run_dir: folder.path().to_path_buf(),
             // The driver is simulated; a kernel without PREEMPT_RT serves as well.
@@ -90,7 +90,7 @@ impl Rig {
     }
 
     /// What the processes were started with.
-    pub fn place(&self) -> &Place {
+    pub fn place(&self) -> &InstanceArgs {
         &self.place
     }
 
@@ -153,8 +153,8 @@ impl Rig {
     ///
     /// # Errors
     /// If the mode does not come.
-    pub fn engage(&mut self, victim: Victim, mode: Mode) -> Result<(), ChaosError> {
-        if victim == Victim::Operator {
+    pub fn engage(&mut self, victim: Target, mode: Mode) -> Result<(), ChaosError> {
+        if victim == Target::Operator {
             self.hand = Some(role(OPERATOR, &self.instance)?);
         } else {
             self.operator.enable();
@@ -179,20 +179,20 @@ impl Rig {
     ///
     /// # Errors
     /// If it does not run.
-    pub fn id(&self, victim: Victim) -> Result<u32, ChaosError> {
+    pub fn id(&self, victim: Target) -> Result<u32, ChaosError> {
         let id = match victim {
-            Victim::Client => Some(self.client.id()),
-            Victim::Operator => self.hand.as_ref().map(Child::id),
+            Target::Client => Some(self.client.id()),
+            Target::Operator => self.hand.as_ref().map(Child::id),
             process => self.children.id(process.name()),
         };
         id.ok_or_else(|| ChaosError::Stuck(format!("{} does not run", victim.name())))
     }
 
     /// kill -9.
-    pub fn kill(&mut self, victim: Victim) {
+    pub fn kill(&mut self, victim: Target) {
         match victim {
-            Victim::Client => end(&mut self.client),
-            Victim::Operator => self.let_go(),
+            Target::Client => end(&mut self.client),
+            Target::Operator => self.let_go(),
             process => self.children.kill(process.name()),
         }
     }
@@ -201,10 +201,10 @@ impl Rig {
     ///
     /// # Errors
     /// If it does not start.
-    pub fn revive(&mut self, victim: Victim) -> Result<(), ChaosError> {
+    pub fn revive(&mut self, victim: Target) -> Result<(), ChaosError> {
         match victim {
-            Victim::Client => self.client = role(CLIENT, &self.instance)?,
-            Victim::Operator => {}
+            Target::Client => self.client = role(CLIENT, &self.instance)?,
+            Target::Operator => {}
             process => self.children.start_one(process.name(), &self.instance, &self.place, Output::Files)?,
         }
         Ok(())

@@ -1,9 +1,9 @@
 //! One blow and what came of it.
 
-use crate::blow::{Blow, Kind, Victim};
 use crate::error::ChaosError;
+use crate::injection::{Injection, Kind, Target};
+use crate::monitor::Monitor;
 use crate::rig::Rig;
-use crate::witness::Witness;
 use messages::{Mode, TICK_HZ, state_flag, tick_at};
 use pipeline::{SafetySettings, Settings};
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ const WATCHED: Duration = Duration::from_millis(250);
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     /// The blow.
-    pub blow: Blow,
+    pub blow: Injection,
     /// Whether the robot moved in the tick of the blow.
     pub moving: bool,
     /// Ticks from the blow to rest, by the driver's own count; nothing where it was the driver that died, or where nothing
@@ -35,7 +35,7 @@ pub struct Outcome {
 ///
 /// # Errors
 /// If it does not come there, tried again and again.
-pub fn engage(rig: &mut Rig, witness: &Witness, victim: Victim, mode: Mode) -> Result<(), ChaosError> {
+pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> Result<(), ChaosError> {
     let mut tries = 0;
     loop {
         rig.clear()?;
@@ -52,7 +52,7 @@ pub fn engage(rig: &mut Rig, witness: &Witness, victim: Victim, mode: Mode) -> R
 ///
 /// # Errors
 /// If the instance does not come to where it can be struck, or does not come back.
-pub fn run(rig: &mut Rig, witness: &Witness, settings: &Settings, blow: Blow) -> Result<Outcome, ChaosError> {
+pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injection) -> Result<Outcome, ChaosError> {
     engage(rig, witness, blow.victim, if blow.engaged { Mode::Engaged } else { Mode::Engaging })?;
     std::thread::sleep(blow.phase);
     let mut outcome = Outcome { blow, moving: !witness.seen().at_rest(), rest_after_ticks: None, rested: true };
@@ -66,7 +66,7 @@ pub fn run(rig: &mut Rig, witness: &Witness, settings: &Settings, blow: Blow) ->
 
 fn kill(
     rig: &mut Rig,
-    witness: &Witness,
+    witness: &Monitor,
     settings: &Settings,
     outcome: &mut Outcome,
     held_on: Duration,
@@ -74,7 +74,7 @@ fn kill(
     let victim = outcome.blow.victim;
     let struck = tick_at(rt::now());
     rig.kill(victim);
-    if victim == Victim::Driver {
+    if victim == Target::Driver {
         // The robot stops by itself, and control notices.
         outcome.rested =
             rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32) && robot_stands(witness);
@@ -84,7 +84,7 @@ fn kill(
     // Rest is rest: neither the return of the process nor the enable that is still held may end it.
     witness.must_rest(outcome.rested);
     std::thread::sleep(held_on);
-    if victim == Victim::Client {
+    if victim == Target::Client {
         // A session that begins while another still holds authority is refused for good.
         std::thread::sleep(Duration::from_secs_f64(settings.ingest.authority_timeout_ms * 1e-3));
     }
@@ -95,7 +95,7 @@ fn kill(
 
 fn suspend(
     rig: &mut Rig,
-    witness: &Witness,
+    witness: &Monitor,
     safety: &SafetySettings,
     outcome: &mut Outcome,
     length: Duration,
@@ -106,7 +106,7 @@ fn suspend(
     let struck = tick_at(rt::now());
     rt::suspend(id);
     // A suspended driver executes nothing; any other is a silence like that of a death, if it lasts.
-    let must_rest = victim != Victim::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
+    let must_rest = victim != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
         wait_rest(rig, witness, outcome, struck);
@@ -118,7 +118,7 @@ fn suspend(
 }
 
 /// Waits until the robot is measured standing.
-fn robot_stands(witness: &Witness) -> bool {
+fn robot_stands(witness: &Monitor) -> bool {
     let give_up = Instant::now() + REST_WITHIN;
     while Instant::now() < give_up {
         if witness.seen().robot_stands() {
@@ -131,13 +131,13 @@ fn robot_stands(witness: &Witness) -> bool {
 
 /// Waits until the driver says rest at a tick in which the blow was noticed: a person who stands still lets a robot rest
 /// that is still engaged, and what control commanded before it noticed is still to be executed.
-fn wait_rest(rig: &mut Rig, witness: &Witness, outcome: &mut Outcome, struck: u64) {
+fn wait_rest(rig: &mut Rig, witness: &Monitor, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;
     while Instant::now() < give_up {
         let seen = witness.seen();
         noticed = noticed.or_else(|| {
-            if outcome.blow.victim == Victim::Control {
+            if outcome.blow.victim == Target::Control {
                 return seen.latest.filter(|state| state.flags & state_flag::DRIVER_FAULT != 0).map(|_| seen.k());
             }
             let status = rig.operator().status()?;

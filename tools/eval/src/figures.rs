@@ -19,7 +19,7 @@ const ROBOT: RGBColor = RGBColor(190, 130, 40);
 
 /// Who is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Who {
+pub enum FigureKind {
     /// Round head.
     Human,
     /// Square head.
@@ -73,13 +73,13 @@ pub type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: Who) -> Drawn {
+pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: FigureKind) -> Drawn {
     let torso = torso_rotation(positions).unwrap_or_else(Matrix3::identity);
     let (width, height) = area.dim_in_pixel();
     let scale = f64::from(width.min(height)) * 0.62;
     let middle = (point(positions, Smpl::LeftShoulder as usize) + point(positions, Smpl::RightShoulder as usize)) / 2.0;
     let at = |joint: Smpl| screen(&torso.tr_mul(&(point(positions, joint as usize) - middle)), scale, width, height);
-    let body = if who == Who::Robot { ROBOT } else { BODY };
+    let body = if who == FigureKind::Robot { ROBOT } else { BODY };
     let trunk = [Smpl::Pelvis, Smpl::Spine3, Smpl::Neck, Smpl::Head].map(at);
     let shoulders = [Smpl::LeftShoulder, Smpl::Neck, Smpl::RightShoulder].map(at);
     area.draw(&PathElement::new(trunk, body.stroke_width(4)))?;
@@ -87,8 +87,8 @@ pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: Who) -> D
     let head = at(Smpl::Head);
     let radius = (0.1 * scale) as i32;
     match who {
-        Who::Human => area.draw(&Circle::new((head.0, head.1 - radius), radius, body.stroke_width(2)))?,
-        Who::Robot => {
+        FigureKind::Human => area.draw(&Circle::new((head.0, head.1 - radius), radius, body.stroke_width(2)))?,
+        FigureKind::Robot => {
             let corners = [(head.0 - radius, head.1 - 2 * radius), (head.0 + radius, head.1)];
             area.draw(&Rectangle::new(corners, body.stroke_width(2)))?;
         }

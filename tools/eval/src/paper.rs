@@ -2,7 +2,7 @@
 
 use crate::clips::{Clip, clip_of};
 use crate::error::EvalError;
-use crate::figures::{Who, limbs_of, with_limbs};
+use crate::figures::{FigureKind, limbs_of, with_limbs};
 use crate::methods::Method;
 use crate::metrics::{Figures, Task, measure};
 use crate::plots::{FigureRow, figure_rows};
@@ -151,7 +151,8 @@ pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) ->
         };
         instants.iter().filter_map(at).collect()
     };
-    let mut rows: Vec<FigureRow> = vec![("human".to_owned(), Who::Human, figures(&|_, _, positions| Some(*positions)))];
+    let mut rows: Vec<FigureRow> =
+        vec![("human".to_owned(), FigureKind::Human, figures(&|_, _, positions| Some(*positions)))];
     for method in ROWS.iter().filter_map(|name| methods.iter().find(|method| method.name == *name)) {
         let Ok(solver) = &method.solver else { continue };
         let postures = crate::run::postures(solver, &arm, tasks);
@@ -159,7 +160,7 @@ pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) ->
             let posture = postures.get(index)?.get(frame)?;
             Some(with_limbs(positions, &limbs_of(&arm, posture)))
         };
-        rows.push((method.name.clone(), Who::Robot, figures(&shown)));
+        rows.push((method.name.clone(), FigureKind::Robot, figures(&shown)));
     }
     let columns: Vec<String> =
         instants.iter().filter_map(|(index, _)| tasks.get(*index).map(|task| task.clip.name.clone())).collect();

@@ -1,7 +1,7 @@
 //! The figures as pictures.
 
 use crate::error::EvalError;
-use crate::figures::{Area, Drawn, Who, draw, limbs_of, with_limbs};
+use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use crate::methods::Posture;
 use crate::metrics::Task;
 use crate::report::Report;
@@ -183,8 +183,8 @@ fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: 
     for (column, (task, frame, posture)) in chosen.enumerate() {
         let (Some(above), Some(below)) = (cells.get(column), cells.get(INSTANTS + column)) else { continue };
         let Some(positions) = task.clip.positions.get(*frame) else { continue };
-        draw(above, positions, Who::Human)?;
-        draw(below, &with_limbs(positions, &limbs_of(arm, posture)), Who::Robot)?;
+        draw(above, positions, FigureKind::Human)?;
+        draw(below, &with_limbs(positions, &limbs_of(arm, posture)), FigureKind::Robot)?;
         label(above, &format!("{} {:.1} s", task.clip.name, *frame as f64 / task.clip.rate_hz))?;
         label(below, name)?;
     }
@@ -201,7 +201,7 @@ pub fn label(area: &Area<'_>, text: &str) -> Drawn {
 }
 
 /// Rows of stick figures under one another: a name, and one set of joints per column.
-pub type FigureRow = (String, Who, Vec<[[f32; 3]; SMPL_JOINTS]>);
+pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
 
 /// Draws rows of figures with the columns' names at the bottom.
 ///

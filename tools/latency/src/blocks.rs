@@ -8,7 +8,7 @@ pub enum Kind {
     /// The processes, each looking at its input once a tick.
     Polled,
     /// As `Events`, beside a page and a recorder.
-    Watched,
+    ObserverCost,
     /// cyclictest, alone.
     Cyclictest,
     /// Our own clock_nanosleep loop, alone.
@@ -62,7 +62,7 @@ pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
 pub fn plan_watched(seconds: f64) -> Vec<Block> {
     let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
     let block = |kind| Block { kind, seconds: (seconds / rounds / 2.0).max(SECONDS_MIN) };
-    [block(Kind::Events), block(Kind::Watched)].repeat(rounds as usize)
+    [block(Kind::Events), block(Kind::ObserverCost)].repeat(rounds as usize)
 }
 
 /// Seconds of all blocks of one kind.

@@ -18,7 +18,7 @@ pub mod figures;
 pub mod host;
 pub mod load;
 pub mod measured;
-pub mod onlookers;
+pub mod observers;
 pub mod plot;
 pub mod processes;
 pub mod reference;

@@ -121,7 +121,7 @@ fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
 fn kind_text(kind: Kind) -> &'static str {
     match kind {
         Kind::Events => "events",
-        Kind::Watched => "watched",
+        Kind::ObserverCost => "watched",
         Kind::Polled => "polled",
         Kind::Cyclictest => "cyclictest",
         Kind::Probe => "probe",

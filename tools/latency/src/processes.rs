@@ -3,7 +3,7 @@
 use crate::blocks::{Block, Kind};
 use crate::client::Client;
 use crate::error::LatencyError;
-use crate::onlookers::Onlookers;
+use crate::observers::Observers;
 use crate::settings::{self, Changes};
 use messages::{Faults, Mode};
 use pipeline::Instance;
@@ -11,7 +11,7 @@ use rt::{Realtime, Shutdown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use teleopd::{Children, Operator, Output, PROCESSES, Place, Report};
+use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES, Report};
 
 /// Time between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(50);
@@ -90,7 +90,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     let instance = Instance::new(folder.path()).map_err(|error| LatencyError::write(folder.path(), error))?;
     // Before the processes, so that it ends after them: also if one of them does not start.
     let instance = Retired(instance);
-    let place = Place {
+    let place = InstanceArgs {
         config,
         run_dir: folder.path().to_path_buf(),
         // The driver is simulated, and a kernel without PREEMPT_RT is to be measured too.
@@ -98,7 +98,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         interface: None,
     };
     let mut children = Children::start(&instance.0, &place, Output::Files)?;
-    let onlookers = (block.kind == Kind::Watched).then(|| Onlookers::start(&instance.0, &place)).transpose()?;
+    let onlookers = (block.kind == Kind::ObserverCost).then(|| Observers::start(&instance.0, &place)).transpose()?;
     let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
     // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.
     let others = teleopd::placement(&settings).others;
@@ -112,7 +112,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         scope.spawn(drive).join()
     });
     let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread ended badly".into())));
-    let mut trouble = onlookers.map_or(Vec::new(), Onlookers::stop);
+    let mut trouble = onlookers.map_or(Vec::new(), Observers::stop);
     trouble.extend(children.stop());
     let Driven { wall_s, published, failures, ended } = driven?;
     trouble.extend(ended.err());

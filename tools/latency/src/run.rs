@@ -44,7 +44,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
                 probe.merge(&all);
                 probe_realtime = granted;
             }
-            (Kind::Events | Kind::Watched | Kind::Polled, _) => {
+            (Kind::Events | Kind::ObserverCost | Kind::Polled, _) => {
                 let outcome = processes::run(&setup, *block, shutdown)?;
                 if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
                     return Err(LatencyError::Invalid("--pin: the system refused these cores (teleopd doctor)".into()));

@@ -2,11 +2,11 @@
 //! descriptors, threads, segments. A stop that no blow explains is a false one.
 
 use crate::error::LatencyError;
-use chaos::blow::{Blow, Victim};
 use chaos::error::ChaosError;
+use chaos::injection::{Injection, Target};
+use chaos::monitor::Monitor;
 use chaos::rig::Rig;
 use chaos::trial;
-use chaos::witness::Witness;
 use messages::{Mode, Status};
 use pipeline::Settings;
 use rand::SeedableRng;
@@ -28,13 +28,13 @@ const GROWTH_MAX_KIB: u64 = 512;
 const WARM_AFTER: Duration = Duration::from_secs(6);
 /// Who is struck in turn, and whether by death. Control and driver live through the whole soak, so that a slow leak has
 /// its time: they are suspended.
-const TURNS: [(Victim, bool); 6] = [
-    (Victim::Ingest, true),
-    (Victim::Control, false),
-    (Victim::Retarget, true),
-    (Victim::Client, true),
-    (Victim::Driver, false),
-    (Victim::Operator, true),
+const TURNS: [(Target, bool); 6] = [
+    (Target::Ingest, true),
+    (Target::Control, false),
+    (Target::Retarget, true),
+    (Target::Client, true),
+    (Target::Driver, false),
+    (Target::Operator, true),
 ];
 
 /// How long, and how often somebody is struck.
@@ -110,10 +110,10 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     let mut rig = Rig::start(config)?;
     let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
     let limits = pipeline::sim_config(&loaded, true)?;
-    let witness = Witness::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let mut soaked = Soaked::default();
-    trial::engage(&mut rig, &witness, Victim::Ingest, Mode::Engaged)?;
+    trial::engage(&mut rig, &witness, Target::Ingest, Mode::Engaged)?;
     let begun = Instant::now();
     loop {
         clean(&mut rig, &mut soaked, begun, soak, shutdown);
@@ -121,7 +121,7 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
             break;
         }
         let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
-        let blow = Blow::draw(victim, kill, 1.0, &mut dice);
+        let blow = Injection::draw(victim, kill, 1.0, &mut dice);
         soaked.blows += 1;
         if let Err(error) = strike(&mut rig, &witness, &loaded.settings, blow, &mut soaked.trouble) {
             // What was seen until then is worth its report.
@@ -147,16 +147,16 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
 /// Strikes, and follows the person again.
 fn strike(
     rig: &mut Rig,
-    witness: &Witness,
+    witness: &Monitor,
     settings: &Settings,
-    blow: Blow,
+    blow: Injection,
     trouble: &mut Vec<String>,
 ) -> Result<(), ChaosError> {
     let outcome = trial::run(rig, witness, settings, blow)?;
     if !outcome.rested {
         trouble.push(format!("no rest after {blow:?}"));
     }
-    trial::engage(rig, witness, Victim::Ingest, Mode::Engaged)
+    trial::engage(rig, witness, Target::Ingest, Mode::Engaged)
 }
 
 /// Follows the person, engaged as it is, until the next blow is due or the end; every stop in it is a false one.

@@ -17,7 +17,7 @@ const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), 
 
 /// Both variants, and what chance alone does: every second block without page and recorder, and those between.
 #[derive(Clone, Debug)]
-pub struct Watched {
+pub struct ObserverCost {
     alone: Figures,
     watched: Figures,
     halves: [Figures; 2],
@@ -41,7 +41,7 @@ impl Row<'_> {
 ///
 /// # Errors
 /// If the options or settings are refused, or a block is not valid.
-pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Watched, LatencyError> {
+pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, LatencyError> {
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
     let load = Load::start(options.load).map_err(|error| LatencyError::reference("load", error))?;
@@ -50,7 +50,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Watched, LatencyError> 
     for (i, block) in blocks.iter().enumerate() {
         eprintln!("latency: block {} of {}: {:?}, {:.1} s", i + 1, blocks.len(), block.kind, block.seconds);
         let outcome = processes::run(&setup, *block, shutdown)?;
-        if block.kind == Kind::Watched { &mut watched } else { &mut alone }.push(outcome);
+        if block.kind == Kind::ObserverCost { &mut watched } else { &mut alone }.push(outcome);
         if shutdown.requested() {
             return Err(LatencyError::Interrupted);
         }
@@ -58,10 +58,10 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Watched, LatencyError> 
     drop(load);
     let half = |n: usize| alone.iter().skip(n).step_by(2).cloned().collect::<Vec<_>>();
     let halves = [Figures::merge(&half(0))?, Figures::merge(&half(1))?];
-    Ok(Watched { alone: Figures::merge(&alone)?, watched: Figures::merge(&watched)?, halves })
+    Ok(ObserverCost { alone: Figures::merge(&alone)?, watched: Figures::merge(&watched)?, halves })
 }
 
-impl Watched {
+impl ObserverCost {
     /// What is compared: work and wake-ups of control first, then of the others, and the path.
     fn rows(&self) -> Vec<Row<'_>> {
         let all = [&self.alone, &self.watched, &self.halves[0], &self.halves[1]];

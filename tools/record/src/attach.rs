@@ -1,7 +1,7 @@
 //! Reads a running instance's messages. Only by polling: a reader that waits would have to be woken, which costs the writer a
 //! system call; polling costs this process alone.
 
-use crate::scribe::{Sample, Scribe};
+use crate::encoder::{RecordingEncoder, Sample};
 use crate::{Entry, Rates, Topic};
 use bus::{BusError, DomainConfig};
 use messages::Stamp;
@@ -15,7 +15,7 @@ const LOOK_NS: u64 = 2_000_000;
 /// Hears a running instance.
 pub struct Attached {
     readers: Readers,
-    scribe: Scribe,
+    scribe: RecordingEncoder,
     look_ns: u64,
     /// Hash of the settings that messages carry, where it is not ours.
     other_settings: Option<u64>,
@@ -37,7 +37,7 @@ impl Attached {
     ) -> Result<Self, BusError> {
         Ok(Self {
             readers: Readers::open(domain, "record")?,
-            scribe: Scribe::new(model, rates, offset_ns),
+            scribe: RecordingEncoder::new(model, rates, offset_ns),
             look_ns: if rates.full { LOOK_FULL_NS } else { LOOK_NS },
             other_settings: None,
             own_hash: hash,
@@ -84,7 +84,7 @@ impl Attached {
         self.any
     }
 
-    /// See [`Scribe::missed`].
+    /// See [`RecordingEncoder::missed`].
     pub fn missed(&self) -> [(Topic, u64); 4] {
         self.scribe.missed()
     }

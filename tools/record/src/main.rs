@@ -64,13 +64,14 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
         err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
     }
     err!("record: reads {}", file.display());
-    let (reel, broken_off) = record::reel(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
+    let (recording, broken_off) =
+        record::recording_view(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
     let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(why) = broken_off {
         err!("record: {} breaks off ({why}): what is shown is what stands before", file.display());
         name.push_str(", which breaks off");
     }
-    let server = view::Server::recording(reel, &name, &shown, cli.port);
+    let server = view::Server::recording(recording, &name, &shown, cli.port);
     let server = server.map_err(|error| match error {
         ViewError::Listen { port, source } => Failure(UNAVAILABLE, rt::port_refused(port, "--port", &source)),
         error => Failure::of(UNAVAILABLE)(&error),

@@ -1,10 +1,10 @@
 //! Records a run in virtual time: every message of every tick, and what each control tick was given.
 
 use crate::about::{Origin, about};
+use crate::encoder::{Rates, RecordingEncoder, Sample};
 use crate::error::RecordError;
 use crate::file::Recording;
 use crate::inputs::Inputs;
-use crate::scribe::{Rates, Sample, Scribe};
 use messages::TICK_HZ;
 use pipeline::{Loaded, Moment, Overrides, STATUS_EVERY};
 use safety::engage::OperatorView;
@@ -18,7 +18,7 @@ const PICTURES_HZ: f64 = 60.0;
 /// A recording of a run in virtual time.
 pub struct OfflineRecording {
     recording: Recording<File>,
-    scribe: Scribe,
+    scribe: RecordingEncoder,
     flushed: u64,
     failure: Option<RecordError>,
 }
@@ -33,7 +33,7 @@ impl OfflineRecording {
         let (table, files) = about(loaded, Overrides::default(), Origin::Offline);
         let rates = Rates { pictures_hz: PICTURES_HZ, full: true };
         let recording = Recording::begin(file, &table, &files)?;
-        Ok(Self { recording, scribe: Scribe::new(&loaded.model, rates, 0), flushed: 0, failure: None })
+        Ok(Self { recording, scribe: RecordingEncoder::new(&loaded.model, rates, 0), flushed: 0, failure: None })
     }
 
     /// Adds a tick.

@@ -66,22 +66,22 @@ fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let (loaded, path) = (loaded(), folder.path().join("run.mcap"));
     let commands = recorded_offline(&path, &loaded);
-    let (reel, broken_off) = record::reel(&path, &loaded.model).expect("a reel");
+    let (recording, broken_off) = record::recording_view(&path, &loaded.model).expect("a recording");
     assert_eq!(broken_off, None);
     let run_s = commands.len() as f64 / messages::TICK_HZ as f64;
-    assert!((reel.duration_s() - run_s).abs() < 1.0, "{} and {run_s} s", reel.duration_s());
-    let engaged = reel.events().iter().filter(|event| event.contains("Engaged after Engaging")).count();
-    assert_eq!(engaged, 1, "{:?}", reel.events());
-    assert!(record::reel(&folder.path().join("none.mcap"), &loaded.model).is_err());
+    assert!((recording.duration_s() - run_s).abs() < 1.0, "{} and {run_s} s", recording.duration_s());
+    let engaged = recording.events().iter().filter(|event| event.contains("Engaged after Engaging")).count();
+    assert_eq!(engaged, 1, "{:?}", recording.events());
+    assert!(record::recording_view(&folder.path().join("none.mcap"), &loaded.model).is_err());
     // What breaks off is told; where nothing stands before, it is refused.
     let whole = std::fs::read(&path).unwrap();
     let part = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
-        record::reel(&path, &loaded.model)
+        record::recording_view(&path, &loaded.model)
     };
     let (half, broken_off) = part("half.mcap", &whole[..whole.len() / 2]).expect("its first half");
-    assert!(half.duration_s() < 0.8 * reel.duration_s() && broken_off.is_some(), "{} s", half.duration_s());
+    assert!(half.duration_s() < 0.8 * recording.duration_s() && broken_off.is_some(), "{} s", half.duration_s());
     let told = part("head.mcap", &whole[..5000]).err().map(|error| error.to_string()).unwrap_or_default();
     assert!(told.contains("head.mcap") && told.contains("before the first message"), "{told}");
 }

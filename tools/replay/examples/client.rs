@@ -1,7 +1,7 @@
 //! A client in some 30 lines: publishes the frames of a motion, as your own would publish what it sees.
 
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
-use pipeline::{ClientError, Instance, Port, Way};
+use pipeline::{ClientError, Instance, Port, Transport};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ fn main() -> Result<(), ClientError> {
         eprintln!("usage: client [RUN_DIR]; no instance runs there: {error}");
         std::process::exit(69);
     }
-    let mut port = Port::open(Way::Domain(instance.input_domain()), "example")?;
+    let mut port = Port::open(Transport::Domain(instance.input_domain()), "example")?;
     let motion = motion::builtin();
     // Another number at each start: a client that comes back is another one, to be enabled anew.
     let incarnation = rt::incarnation();

@@ -6,7 +6,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Way};
+use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Transport};
 use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;
@@ -37,7 +37,7 @@ fn bar_of(frames: u64) -> ProgressBar {
 }
 
 /// The instance, and the way in.
-fn place(cli: &Cli) -> Result<(Instance, Way), Failure> {
+fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     let instance = match &cli.socket {
         Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
         None if cli.run_dir.is_dir() => Instance::unmade(&cli.run_dir),
@@ -47,8 +47,8 @@ fn place(cli: &Cli) -> Result<(Instance, Way), Failure> {
         }
     };
     let way = match &cli.socket {
-        Some(socket) => Way::Socket(socket.clone()),
-        None => Way::Domain(instance.input_domain()),
+        Some(socket) => Transport::Socket(socket.clone()),
+        None => Transport::Domain(instance.input_domain()),
     };
     Ok((instance, way))
 }

@@ -134,7 +134,7 @@ pub enum Content {
 /// A process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
-pub enum Who {
+pub enum ProcessId {
     /// `ingest`.
     Ingest = 0,
     /// `retarget`.
@@ -149,9 +149,9 @@ pub enum Who {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Process {
     /// Dies, and is started again.
-    Kill(Who),
+    Kill(ProcessId),
     /// Is stopped, and goes on.
-    Stop(Who),
+    Stop(ProcessId),
     /// All of them are stopped, and go on.
     PauseAll,
     /// `control` misses 1 to 3 deadlines now and then.
@@ -164,7 +164,7 @@ pub enum Process {
 
 /// What is wrong with a link, by its place in [`pipeline::Links`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Badness {
+pub enum LinkFault {
     /// Messages are lost.
     Drop,
     /// Messages are late.
@@ -208,7 +208,7 @@ pub enum Robot {
 
 /// What the operator, or his device, does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hand {
+pub enum OperatorFault {
     /// Lets go.
     Release,
     /// His device falls silent with the enable held.
@@ -243,11 +243,11 @@ pub enum Fault {
     /// See [`Process`].
     Process(Process),
     /// Of the link with this index.
-    Link(usize, Badness),
+    Link(usize, LinkFault),
     /// See [`Robot`].
     Robot(Robot),
-    /// See [`Hand`].
-    Hand(Hand),
+    /// See [`OperatorFault`].
+    Operator(OperatorFault),
 }
 
 /// A row of the table.
@@ -277,7 +277,7 @@ macro_rules! kinds {
 
 use Content as C;
 use Delivery as D;
-use Fault::{Content as Of, Delivery as Del, Frame as Fr, Hand as Op, Link, Process as Pr, Robot as Ro};
+use Fault::{Content as Of, Delivery as Del, Frame as Fr, Link, Operator as Op, Process as Pr, Robot as Ro};
 
 kinds! {
     "frame-nan" ["f001"] Fr(Frame::Nan), 60..900;
@@ -323,7 +323,7 @@ kinds! {
     "target-infinite" ["f033"] Of(C::TargetInfinite), 1..60;
     "target-jump" ["f034"] Of(C::TargetJump), 30..1500;
     "target-late" ["f035"] Of(C::TargetLate), 30..600;
-    "hang-retarget" ["f036" "f074"] Pr(Process::Stop(Who::Retarget)), 2..1500;
+    "hang-retarget" ["f036" "f074"] Pr(Process::Stop(ProcessId::Retarget)), 2..1500;
     "target-beyond" ["f040"] Of(C::TargetBeyond), 30..3000;
     "target-fast" ["f041"] Of(C::TargetFast), 30..600;
     "target-posture" ["f045" "f047" "f048"] Of(C::TargetPosture), 1500..6000;
@@ -333,13 +333,13 @@ kinds! {
     "found-outside" ["f043"] Pr(Process::FoundOutside), 3..300;
     "found-close" ["f044"] Pr(Process::FoundClose), 3..300;
     "control-late" ["f046" "f078"] Pr(Process::ControlLate), 60..900;
-    "stop-ingest" ["f074"] Pr(Process::Stop(Who::Ingest)), 2..1500;
-    "stop-control" ["f058" "f074" "f078"] Pr(Process::Stop(Who::Control)), 2..1500;
-    "stop-driver" ["f051" "f074"] Pr(Process::Stop(Who::Driver)), 2..1500;
-    "kill-ingest" ["f073"] Pr(Process::Kill(Who::Ingest)), 60..900;
-    "kill-retarget" ["f073"] Pr(Process::Kill(Who::Retarget)), 60..900;
-    "kill-control" ["f058" "f073"] Pr(Process::Kill(Who::Control)), 60..900;
-    "kill-driver" ["f051" "f073"] Pr(Process::Kill(Who::Driver)), 60..900;
+    "stop-ingest" ["f074"] Pr(Process::Stop(ProcessId::Ingest)), 2..1500;
+    "stop-control" ["f058" "f074" "f078"] Pr(Process::Stop(ProcessId::Control)), 2..1500;
+    "stop-driver" ["f051" "f074"] Pr(Process::Stop(ProcessId::Driver)), 2..1500;
+    "kill-ingest" ["f073"] Pr(Process::Kill(ProcessId::Ingest)), 60..900;
+    "kill-retarget" ["f073"] Pr(Process::Kill(ProcessId::Retarget)), 60..900;
+    "kill-control" ["f058" "f073"] Pr(Process::Kill(ProcessId::Control)), 60..900;
+    "kill-driver" ["f051" "f073"] Pr(Process::Kill(ProcessId::Driver)), 60..900;
     "state-silent" ["f051"] Of(C::StateSilent), 4..100;
     "feedback-frozen" ["f052"] Ro(Robot::Frozen), 15..900;
     "encoder-jump" ["f053"] Ro(Robot::EncoderJump), 1..60;
@@ -357,36 +357,36 @@ kinds! {
     "robot-estop" ["f060"] Ro(Robot::Stopped), 15..900;
     "drive-fault" ["f063"] Ro(Robot::DriveFault), 1..300;
     "power-returns" ["f064"] Ro(Robot::PowerReturns), 30..900;
-    "release" ["f067"] Op(Hand::Release), 60..900;
-    "operator-silent" ["f067"] Op(Hand::Silent), 100..900;
-    "operator-gone" [] Op(Hand::Disconnect), 60..900;
-    "estop" ["f050" "f060"] Op(Hand::Stop), 300..900;
-    "estop-engaging" ["f061"] Op(Hand::StopEngaging), 600..6000;
-    "estop-chatter" ["f062"] Op(Hand::StopChatter), 30..300;
-    "engage-elsewhere" ["f065"] Op(Hand::Elsewhere), 300..2000;
-    "enable-stuck" ["f066"] Op(Hand::Stuck), 300..1500;
-    "conflicting-edges" ["f071"] Op(Hand::Conflict), 2..60;
-    "reset-held" ["f072"] Op(Hand::ResetHeld), 60..900;
-    "drop-raw" [] Link(0, Badness::Drop), 300..3000;
-    "drop-skeleton" [] Link(1, Badness::Drop), 300..3000;
-    "drop-target" [] Link(2, Badness::Drop), 60..3000;
-    "drop-command" [] Link(3, Badness::Drop), 60..3000;
-    "drop-state" [] Link(4, Badness::Drop), 60..3000;
-    "delay-raw" [] Link(0, Badness::Delay), 300..3000;
-    "delay-skeleton" [] Link(1, Badness::Delay), 300..3000;
-    "delay-target" [] Link(2, Badness::Delay), 60..3000;
-    "delay-command" ["f059"] Link(3, Badness::Delay), 60..3000;
-    "delay-state" ["f051"] Link(4, Badness::Delay), 60..3000;
-    "double-raw" ["f028"] Link(0, Badness::Double), 300..3000;
-    "double-skeleton" [] Link(1, Badness::Double), 300..3000;
-    "double-target" [] Link(2, Badness::Double), 60..3000;
-    "double-command" ["f059"] Link(3, Badness::Double), 60..3000;
-    "double-state" [] Link(4, Badness::Double), 60..3000;
-    "reorder-raw" ["f026"] Link(0, Badness::Reorder), 300..3000;
-    "reorder-skeleton" [] Link(1, Badness::Reorder), 300..3000;
-    "reorder-target" [] Link(2, Badness::Reorder), 60..3000;
-    "reorder-command" ["f059"] Link(3, Badness::Reorder), 60..3000;
-    "reorder-state" [] Link(4, Badness::Reorder), 60..3000;
+    "release" ["f067"] Op(OperatorFault::Release), 60..900;
+    "operator-silent" ["f067"] Op(OperatorFault::Silent), 100..900;
+    "operator-gone" [] Op(OperatorFault::Disconnect), 60..900;
+    "estop" ["f050" "f060"] Op(OperatorFault::Stop), 300..900;
+    "estop-engaging" ["f061"] Op(OperatorFault::StopEngaging), 600..6000;
+    "estop-chatter" ["f062"] Op(OperatorFault::StopChatter), 30..300;
+    "engage-elsewhere" ["f065"] Op(OperatorFault::Elsewhere), 300..2000;
+    "enable-stuck" ["f066"] Op(OperatorFault::Stuck), 300..1500;
+    "conflicting-edges" ["f071"] Op(OperatorFault::Conflict), 2..60;
+    "reset-held" ["f072"] Op(OperatorFault::ResetHeld), 60..900;
+    "drop-raw" [] Link(0, LinkFault::Drop), 300..3000;
+    "drop-skeleton" [] Link(1, LinkFault::Drop), 300..3000;
+    "drop-target" [] Link(2, LinkFault::Drop), 60..3000;
+    "drop-command" [] Link(3, LinkFault::Drop), 60..3000;
+    "drop-state" [] Link(4, LinkFault::Drop), 60..3000;
+    "delay-raw" [] Link(0, LinkFault::Delay), 300..3000;
+    "delay-skeleton" [] Link(1, LinkFault::Delay), 300..3000;
+    "delay-target" [] Link(2, LinkFault::Delay), 60..3000;
+    "delay-command" ["f059"] Link(3, LinkFault::Delay), 60..3000;
+    "delay-state" ["f051"] Link(4, LinkFault::Delay), 60..3000;
+    "double-raw" ["f028"] Link(0, LinkFault::Double), 300..3000;
+    "double-skeleton" [] Link(1, LinkFault::Double), 300..3000;
+    "double-target" [] Link(2, LinkFault::Double), 60..3000;
+    "double-command" ["f059"] Link(3, LinkFault::Double), 60..3000;
+    "double-state" [] Link(4, LinkFault::Double), 60..3000;
+    "reorder-raw" ["f026"] Link(0, LinkFault::Reorder), 300..3000;
+    "reorder-skeleton" [] Link(1, LinkFault::Reorder), 300..3000;
+    "reorder-target" [] Link(2, LinkFault::Reorder), 60..3000;
+    "reorder-command" ["f059"] Link(3, LinkFault::Reorder), 60..3000;
+    "reorder-state" [] Link(4, LinkFault::Reorder), 60..3000;
     "freeze-skeleton" [] Of(C::SkeletonFrozen), 60..900;
     "freeze-target" [] Of(C::TargetFrozen), 2..300;
     "freeze-command" ["f059"] Of(C::CommandFrozen), 2..300;

@@ -18,7 +18,7 @@ const RESET_PENDING: u64 = TICK_HZ / 10 + 5;
 
 /// Who stands behind what control is given.
 #[derive(Clone, Copy, Default)]
-struct Behind {
+struct Upstream {
     retarget: Option<u32>,
     session: Option<u64>,
     driver: Option<u32>,
@@ -29,7 +29,7 @@ struct Behind {
 pub struct Modes {
     mode: Mode,
     transitions: u32,
-    behind: Behind,
+    behind: Upstream,
     /// A process or a client is another one since this tick, and nobody has enabled since.
     stranger_k: Option<u64>,
     since_target: u64,
@@ -68,7 +68,7 @@ impl Modes {
         Self {
             mode: Mode::Disengaged,
             transitions: 0,
-            behind: Behind::default(),
+            behind: Upstream::default(),
             stranger_k: None,
             since_target: 0,
             since_state: 0,

@@ -7,9 +7,9 @@
 
 use crate::feedback::Feedback;
 use crate::inputs::Inputs;
-use crate::likeness::Likeness;
 use crate::modes::{Modes, moves};
 use crate::movement::Movement;
+use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use pipeline::{ControlConfig, Moment};
@@ -131,7 +131,7 @@ pub struct Oracle {
     rules: Rules,
     feedback: Feedback,
     movement: Movement,
-    likeness: Likeness,
+    likeness: PersonJudge,
     /// Over everything that was executed.
     pub hash: u64,
     /// Ticks in each mode.
@@ -161,7 +161,7 @@ impl Oracle {
             rules: Rules::new(model),
             feedback: Feedback::new(model, control.servo_lag_s()),
             movement: Movement::new(model),
-            likeness: Likeness::new(model),
+            likeness: PersonJudge::new(model),
             hash: 0xcbf2_9ce4_8422_2325,
             ticks_in: [0; Mode::ALL.len()],
         }

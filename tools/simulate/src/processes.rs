@@ -1,6 +1,6 @@
 //! Which processes are dead or stopped.
 
-use crate::kinds::Who;
+use crate::kinds::ProcessId;
 use messages::JOINTS;
 use pipeline::Running;
 
@@ -23,18 +23,18 @@ pub struct Processes {
     pub moved_to: Option<[f64; JOINTS]>,
 }
 
-/// Who is started anew in a tick, in the order of [`Who`].
+/// Who is started anew in a tick, in the order of [`ProcessId`].
 pub type Started = [bool; 4];
 
 impl Processes {
     /// Stops a process for so many ticks from `k` on.
-    pub fn stop(&mut self, who: Who, k: u64, ticks: u64) {
+    pub fn stop(&mut self, who: ProcessId, k: u64, ticks: u64) {
         let one = &mut self.all[who as usize];
         one.down_until = one.down_until.max(k + ticks);
     }
 
     /// Kills it; it is started anew after so many ticks.
-    pub fn kill(&mut self, who: Who, k: u64, ticks: u64) {
+    pub fn kill(&mut self, who: ProcessId, k: u64, ticks: u64) {
         self.stop(who, k, ticks);
         self.all[who as usize].dead = true;
         self.all[who as usize].awaited = 0;
@@ -42,7 +42,7 @@ impl Processes {
 
     /// The robot moves: a driver that would start does not yet, for a second at most.
     pub fn await_rest(&mut self, k: u64) {
-        let driver = &mut self.all[Who::Driver as usize];
+        let driver = &mut self.all[ProcessId::Driver as usize];
         if driver.dead
             && driver.down_until <= k
             && driver.awaited < driver::STANDS_WITHIN_TICKS

@@ -2,8 +2,8 @@
 
 use crate::active::{Active, Faults};
 use crate::client::Client;
-use crate::hand::Hand;
-use crate::kinds::{self, Badness, Content, Fault, KIND_COUNT, KINDS, Process, Robot, Who, by_name};
+use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, ProcessId, Robot, by_name};
+use crate::operator_model::OperatorModel;
 use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::{Processes, Started};
 use crate::schedule::{Episode, QUIET_TICKS};
@@ -64,7 +64,7 @@ pub struct Run<'a> {
     subject: &'a Subject,
     world: World,
     client: Client,
-    hand: Hand,
+    hand: OperatorModel,
     faults: Faults,
     processes: Processes,
     memory: Memory,
@@ -99,7 +99,7 @@ impl<'a> Run<'a> {
             world,
             subject,
             client: Client::new(subject.player.clone()),
-            hand: Hand::new(),
+            hand: OperatorModel::new(),
             faults: Faults::new(&[]),
             processes: Processes::default(),
             memory: Memory::default(),
@@ -235,9 +235,9 @@ impl<'a> Run<'a> {
             moment: &moment,
             operator: view.map(|_| done),
             accepted: &self.accepted,
-            control_restarted: started[Who::Control as usize],
-            ingest_restarted: started[Who::Ingest as usize],
-            driver_restarted: started[Who::Driver as usize],
+            control_restarted: started[ProcessId::Control as usize],
+            ingest_restarted: started[ProcessId::Ingest as usize],
+            driver_restarted: started[ProcessId::Driver as usize],
             undriven: k < self.undriven_until,
             forged: k < self.forged_until,
             report: self.world.report(),
@@ -283,7 +283,7 @@ impl<'a> Run<'a> {
     }
 
     fn is_deaf(&self) -> bool {
-        let lost = |fault| matches!(fault, Fault::Link(2, Badness::Drop));
+        let lost = |fault| matches!(fault, Fault::Link(2, LinkFault::Drop));
         self.bug == Some(Bug::DeafWhileTargetsAreLost) && self.faults.active.iter().any(|active| lost(active.fault))
     }
 
@@ -305,17 +305,17 @@ impl<'a> Run<'a> {
     }
 
     fn start(&mut self, started: Started) {
-        if started[Who::Ingest as usize] {
+        if started[ProcessId::Ingest as usize] {
             self.world.restart_ingest();
         }
-        if started[Who::Retarget as usize] {
+        if started[ProcessId::Retarget as usize] {
             self.world.restart_retarget();
         }
-        if started[Who::Control as usize] {
+        if started[ProcessId::Control as usize] {
             self.world.restart_control(&self.subject.config);
             self.hand.reconnect();
         }
-        if started[Who::Driver as usize] {
+        if started[ProcessId::Driver as usize] {
             let to = self.processes.moved_to.take();
             let seed = self.seed ^ self.k;
             if !self.world.restart_driver(&self.subject.config, to.as_ref(), seed) {
@@ -336,8 +336,10 @@ impl<'a> Run<'a> {
             |fault| if let Fault::Process(process) = fault { Some(process) } else { None },
             |active, process| befall(processes, subject, k, active, process),
         );
-        for active in faults.active.iter_mut().filter(|a| a.age == 0 && a.fault == Fault::Hand(kinds::Hand::Stuck)) {
-            processes.kill(Who::Control, k, active.rng.random_range(4..120));
+        for active in
+            faults.active.iter_mut().filter(|a| a.age == 0 && a.fault == Fault::Operator(kinds::OperatorFault::Stuck))
+        {
+            processes.kill(ProcessId::Control, k, active.rng.random_range(4..120));
         }
         for active in &faults.active {
             match active.fault {
@@ -368,13 +370,13 @@ impl<'a> Run<'a> {
             if let Fault::Link(link, badness) = active.fault {
                 let (plan, strength) = (&mut plans[link], active.strength);
                 match badness {
-                    Badness::Drop => plan.drop = plan.drop.max(0.05 + 0.95 * strength * strength),
-                    Badness::Double => plan.duplicate = plan.duplicate.max(0.3 + 0.7 * strength),
-                    Badness::Reorder => {
+                    LinkFault::Drop => plan.drop = plan.drop.max(0.05 + 0.95 * strength * strength),
+                    LinkFault::Double => plan.duplicate = plan.duplicate.max(0.3 + 0.7 * strength),
+                    LinkFault::Reorder => {
                         plan.reorder = plan.reorder.max(0.1 + 0.5 * strength);
                         plan.reorder_ns = if link < 2 { 60_000_000 } else { 3_000_000 };
                     }
-                    Badness::Delay => {
+                    LinkFault::Delay => {
                         plan.delay_max_ns = plan.delay_max_ns.max(100_000 + (20e6 * strength * strength) as u64);
                     }
                 }
@@ -390,10 +392,10 @@ impl<'a> Run<'a> {
             if let Fault::Link(link, badness) = active.fault {
                 let (now, before) = (&counts[link], &self.links_before[link]);
                 self.faults.fired[active.episode.kind] += match badness {
-                    Badness::Drop => now.dropped - before.dropped,
-                    Badness::Double => now.duplicated - before.duplicated,
-                    Badness::Reorder => now.reordered - before.reordered,
-                    Badness::Delay => now.published - before.published,
+                    LinkFault::Drop => now.dropped - before.dropped,
+                    LinkFault::Double => now.duplicated - before.duplicated,
+                    LinkFault::Reorder => now.reordered - before.reordered,
+                    LinkFault::Delay => now.published - before.published,
                 };
             }
         }
@@ -464,13 +466,13 @@ fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Act
                 return false;
             }
             // A driver that starts waits before it looks.
-            let least = if who == Who::Driver { driver::START_AFTER_TICKS } else { 4 };
+            let least = if who == ProcessId::Driver { driver::START_AFTER_TICKS } else { 4 };
             let dead = active.rng.random_range(least..120);
             processes.kill(who, k, dead);
         }
         Process::Stop(who) => processes.stop(who, k, 1),
         Process::PauseAll => {
-            for who in [Who::Ingest, Who::Retarget, Who::Control, Who::Driver] {
+            for who in [ProcessId::Ingest, ProcessId::Retarget, ProcessId::Control, ProcessId::Driver] {
                 processes.stop(who, k, 1);
             }
         }
@@ -478,13 +480,13 @@ fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Act
             if active.rng.random_range(0..20) != 0 {
                 return false;
             }
-            processes.stop(Who::Control, k, active.rng.random_range(1..4));
+            processes.stop(ProcessId::Control, k, active.rng.random_range(1..4));
         }
         Process::FoundOutside | Process::FoundClose => {
             if !first {
                 return false;
             }
-            processes.kill(Who::Driver, k, active.episode.ticks.max(driver::START_AFTER_TICKS));
+            processes.kill(ProcessId::Driver, k, active.episode.ticks.max(driver::START_AFTER_TICKS));
             let postures = if process == Process::FoundClose { &subject.close } else { &subject.outside };
             processes.moved_to = Some(postures[active.rng.random_range(0..postures.len())]);
         }

@@ -1,7 +1,7 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
-use crate::{Names, words};
+use crate::{Names, explain};
 use messages::{
     FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
     reduced_flag,
@@ -63,7 +63,7 @@ fn reduced(status: &Status) -> Vec<&'static str> {
 
 /// What keeps the command from the person.
 fn limited(status: &Status, names: &Names) -> Value {
-    json!({ "by": words::limit_name(status), "about": words::subject(Subject::of(status.limited_about), names) })
+    json!({ "by": explain::limit_name(status), "about": explain::subject(Subject::of(status.limited_about), names) })
 }
 
 /// What a fault is about now, if it is a joint or a pair.
@@ -99,13 +99,13 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         .filter(|(_, count)| *count > 0)
         .map(|(name, count)| (name, json!(count)))
         .collect();
-    let transitions: Vec<_> = words::newest_transitions(status, u32::MAX)
+    let transitions: Vec<_> = explain::newest_transitions(status, u32::MAX)
         .map(|t| json!({ "k": t.k, "from": mode(t.from), "to": mode(t.to), "why": t.why_name() }))
         .collect();
     let mut all = json!({
         "k": status.k,
         "mode": mode(status.mode),
-        "why": words::why(status, names),
+        "why": explain::why(status, names),
         "ticks": status.ticks,
         "missed_deadlines": status.missed_deadlines,
         "faults": listed(status.faults),
@@ -127,12 +127,12 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "payload_centre_m": status.payload_centre_m,
         "payloads_taken": status.payloads_taken,
         "payloads_refused": status.payloads_refused,
-        "payload_refused": words::payload_refused(status, names),
+        "payload_refused": explain::payload_refused(status, names),
         "unsteady_joint": status.unsteady_joint.checked_sub(1),
-        "denied": words::denied(status, names),
-        "refused": words::subject(Subject::of(status.refused_about), names),
-        "input_drop": words::dropped(status).map(|(name, _)| name),
-        "calibration": words::calibration_name(status),
+        "denied": explain::denied(status, names),
+        "refused": explain::subject(Subject::of(status.refused_about), names),
+        "input_drop": explain::dropped(status).map(|(name, _)| name),
+        "calibration": explain::calibration_name(status),
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
         "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),
         "speed_scale": status.speed_scale,

@@ -3,7 +3,7 @@
 use super::judge::{Best, errors_deg};
 use super::play::{Played, Sample};
 use crate::error::EvalError;
-use crate::figures::{Area, Drawn, Who, draw, limbs_of, with_limbs};
+use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use crate::plots::{label, paint_file, text_of};
 use messages::Stamp;
 use plotters::prelude::*;
@@ -80,8 +80,8 @@ fn instants(area: &Area<'_>, arm: &ArmModel, played: &Played, delay_ms: f64, sta
         let then = Stamp(sample.at.0.saturating_sub((delay_ms * 1e6) as u64));
         let Some(positions) = played.person.positions(then) else { continue };
         let (Some(above), Some(below)) = (cells.get(column), cells.get(INSTANTS + column)) else { continue };
-        draw(above, positions, Who::Human)?;
-        draw(below, &with_limbs(positions, &limbs_of(arm, &sample.q)), Who::Robot)?;
+        draw(above, positions, FigureKind::Human)?;
+        draw(below, &with_limbs(positions, &limbs_of(arm, &sample.q)), FigureKind::Robot)?;
         label(above, &format!("{:.1} s, {delay_ms} ms before", sample.at.since(start) as f64 * 1e-9))?;
         label(below, "robot")?;
     }

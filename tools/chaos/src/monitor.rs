@@ -54,13 +54,13 @@ impl Seen {
 }
 
 /// A thread that looks.
-pub struct Witness {
+pub struct Monitor {
     seen: Arc<Mutex<Seen>>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Witness {
+impl Monitor {
     /// Begins to look at the driver of `domain`; `config` has the limits, `prismatic` are the joints that slide.
     ///
     /// # Errors
@@ -107,7 +107,7 @@ impl Witness {
     }
 }
 
-impl Drop for Witness {
+impl Drop for Monitor {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
-use view::{Cutter, Field, Heard, Server};
+use view::{Field, LatestMessages, RecordingViewBuilder, Server};
 
 type Socket = WebSocket<MaybeTlsStream<TcpStream>>;
 
@@ -39,8 +39,8 @@ fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
 }
 
 /// Ten seconds at 120 Hz: the head turns by 0.1 rad a second; Engaged from 4 s to 6 s.
-fn recorded(model: &robot::Model) -> view::Reel {
-    let mut cutter = Cutter::new(model);
+fn recorded(model: &robot::Model) -> view::RecordingView {
+    let mut builder = RecordingViewBuilder::new(model);
     let (mut state, mut status) = (RobotState::ZERO, Status::ZERO);
     state.q_measured = model.home;
     for n in 0..=1200 {
@@ -55,21 +55,25 @@ fn recorded(model: &robot::Model) -> view::Reel {
             status.mode = mode as u32;
         }
         status.header.stamp = Stamp(1_000_000_000 + n as u64);
-        let heard =
-            Heard { state: Some(state), status: Some(status), command: Some(JointCommand::ZERO), ..Heard::default() };
-        cutter.add(&heard, at_s);
+        let heard = LatestMessages {
+            state: Some(state),
+            status: Some(status),
+            command: Some(JointCommand::ZERO),
+            ..LatestMessages::default()
+        };
+        builder.add(&heard, at_s);
     }
-    cutter.reel()
+    builder.build()
 }
 
 #[test]
 fn a_page_plays_pauses_and_seeks() {
     let model = model();
-    let reel = recorded(&model);
-    assert_eq!(reel.duration_s(), 10.0);
+    let recording = recorded(&model);
+    assert_eq!(recording.duration_s(), 10.0);
     // The state where it stands, and every change: three sentences.
-    assert_eq!(reel.events().len(), 3, "{:?}", reel.events());
-    let server = Server::recording(reel, "head.mcap", &shown(), 0).expect("a port");
+    assert_eq!(recording.events().len(), 3, "{:?}", recording.events());
+    let server = Server::recording(recording, "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);
     ask(&mut socket, json!({ "do": "pause" }));
     for (to_s, mode) in [(5.0, Mode::Engaged), (2.5, Mode::Disengaged), (9.0, Mode::Disengaged), (4.5, Mode::Engaged)] {

@@ -23,7 +23,7 @@ pub const BEHIND_DEG: f64 = 3.0;
 
 /// How grave a sentence is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Gravity {
+pub enum Severity {
     /// To be known.
     Note,
     /// The robot slowed down, held or was released.
@@ -32,7 +32,7 @@ pub enum Gravity {
     Error,
 }
 
-impl Gravity {
+impl Severity {
     /// Its name in reports.
     pub const fn name(self) -> &'static str {
         match self {
@@ -55,7 +55,7 @@ impl Gravity {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sentence {
     /// How grave.
-    pub gravity: Gravity,
+    pub gravity: Severity,
     /// What happened.
     pub text: String,
 }
@@ -64,22 +64,22 @@ pub struct Sentence {
 /// robot stands.
 pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Sentence> {
     let say = |gravity, text| Sentence { gravity, text };
-    let of = |fault| say(Gravity::of(fault), named(fault, now, names));
+    let of = |fault| say(Severity::of(fault), named(fault, now, names));
     let Some(before) = before.filter(|before| before.header.incarnation == now.header.incarnation) else {
-        let mut all = vec![say(Gravity::Note, format!("The robot is {}.", mode_name(now.mode)))];
+        let mut all = vec![say(Severity::Note, format!("The robot is {}.", mode_name(now.mode)))];
         all.extend(Faults(now.faults).iter().map(of));
         return all;
     };
     let mut all = Vec::new();
     let made = now.transition_count.wrapping_sub(before.transition_count);
     if made > KEPT {
-        all.push(say(Gravity::Warning, format!("{} changes of mode were not seen.", made - KEPT)));
+        all.push(say(Severity::Warning, format!("{} changes of mode were not seen.", made - KEPT)));
     }
     let mut told = Faults::NONE;
     for made in newest_transitions(now, made) {
         let fault = Fault::from_u32(made.why);
         told = fault.map_or(told, |fault| told.with(fault));
-        all.push(say(fault.map_or(Gravity::Note, Gravity::of), changed(made, now, names)));
+        all.push(say(fault.map_or(Severity::Note, Severity::of), changed(made, now, names)));
     }
     for row in &FAULTS {
         let count = now.fault_counts[row.fault.index()].wrapping_sub(before.fault_counts[row.fault.index()]);
@@ -90,7 +90,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     let denied = now.gate_denials.wrapping_sub(before.gate_denials);
     if denied > 0 {
         let why = self::denied(now, names).map_or(String::new(), |why| format!(", the last one because {why}"));
-        all.push(say(Gravity::Error, format!("The gate denied {denied} commands{why}.")));
+        all.push(say(Severity::Error, format!("The gate denied {denied} commands{why}.")));
     }
     let refused = now.fallbacks.wrapping_sub(before.fallbacks);
     if refused > 0 {
@@ -100,25 +100,25 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
             _ => "would have come too close",
         };
         let why = subject(about, names).map_or(String::new(), |which| format!(": {which} {why}"));
-        all.push(say(Gravity::Note, format!("{refused} motions were refused, the plan went on{why}.")));
+        all.push(say(Severity::Note, format!("{refused} motions were refused, the plan went on{why}.")));
     }
     if let Some((name, meaning)) = dropped(now).filter(|_| now.input_drop != before.input_drop) {
-        all.push(say(Gravity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
+        all.push(say(Severity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
     }
     if now.calibration != before.calibration {
-        all.push(say(Gravity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
+        all.push(say(Severity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
     }
     if now.payloads_taken != before.payloads_taken {
-        all.push(say(Gravity::Note, format!("The hands carry {}.", payload(now))));
+        all.push(say(Severity::Note, format!("The hands carry {}.", payload(now))));
     }
     let answered = [now.payloads_taken != before.payloads_taken, now.payloads_refused != before.payloads_refused];
     if let Some(why) = payload_refused(now, names).filter(|_| answered.contains(&true)) {
         let what = if answered[1] { "was refused" } else { "is too much" };
-        all.push(say(Gravity::Warning, format!("The payload {what}: {why}.")));
+        all.push(say(Severity::Warning, format!("The payload {what}: {why}.")));
     }
     for (flag, name) in reduced_flag::NAMES {
         if now.reduced & flag != 0 && before.reduced & flag == 0 {
-            all.push(say(Gravity::Warning, format!("The speed is reduced: {name}.")));
+            all.push(say(Severity::Warning, format!("The speed is reduced: {name}.")));
         }
     }
     all

@@ -17,7 +17,7 @@ const STOP_MS: f64 = 500.0;
 
 /// Who is struck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Victim {
+pub enum Target {
     /// `ingest`.
     Ingest,
     /// `retarget`.
@@ -32,7 +32,7 @@ pub enum Victim {
     Operator,
 }
 
-impl Victim {
+impl Target {
     /// Everybody, the driver last.
     pub const ALL: [Self; 6] =
         [Self::Ingest, Self::Retarget, Self::Control, Self::Client, Self::Operator, Self::Driver];
@@ -82,9 +82,9 @@ pub enum Kind {
 
 /// One blow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Blow {
+pub struct Injection {
     /// Who.
-    pub victim: Victim,
+    pub victim: Target,
     /// How.
     pub kind: Kind,
     /// Whether it waits until the robot is engaged.
@@ -93,9 +93,9 @@ pub struct Blow {
     pub phase: Duration,
 }
 
-impl Blow {
+impl Injection {
     /// Draws a blow against `victim`, which waits until the robot is engaged in `engaged_share` of all draws.
-    pub fn draw(victim: Victim, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
+    pub fn draw(victim: Target, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
         let mut uniform = || dice.random::<f64>();
         let engaged = uniform() < engaged_share;
         let phase = Duration::from_secs_f64(uniform() * PHASE_MAX_S[usize::from(engaged)]);
@@ -119,7 +119,7 @@ mod tests {
     fn blows_are_drawn_from_the_seed_within_their_bounds() {
         let draw = |seed| {
             let mut dice = Pcg64Mcg::seed_from_u64(seed);
-            (0..1000).map(|n| Blow::draw(Victim::ALL[n % 6], n % 2 == 0, 0.5, &mut dice)).collect::<Vec<_>>()
+            (0..1000).map(|n| Injection::draw(Target::ALL[n % 6], n % 2 == 0, 0.5, &mut dice)).collect::<Vec<_>>()
         };
         let blows = draw(1);
         assert_eq!(blows, draw(1));

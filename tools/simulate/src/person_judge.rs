@@ -18,7 +18,7 @@ const BEHIND: f64 = 0.4;
 
 /// What is remembered.
 #[derive(Clone)]
-pub struct Likeness {
+pub struct PersonJudge {
     limits: [JointLimits; JOINTS],
     arms: [Arm; 2],
     following: u64,
@@ -28,7 +28,7 @@ pub struct Likeness {
     behind: [f64; JOINTS],
 }
 
-impl Likeness {
+impl PersonJudge {
     /// Of a robot.
     pub fn new(model: &Model) -> Self {
         Self {

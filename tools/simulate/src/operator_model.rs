@@ -1,7 +1,7 @@
 //! The operator's hand: engages, holds, lets go, resets and engages again, as a sensible person would.
 
 use crate::active::{Active, Faults};
-use crate::kinds::{Fault, Hand as Of};
+use crate::kinds::{Fault, OperatorFault as Of};
 use messages::{Fault as Reason, Faults as Reasons, Mode, Stamp, Status, TICK_HZ};
 use pipeline::OperatorEdges;
 use rand::RngExt;
@@ -27,7 +27,7 @@ enum Act {
 
 /// Everything remembered.
 #[derive(Clone)]
-pub struct Hand {
+pub struct OperatorModel {
     view: operator::OperatorView,
     edges: OperatorEdges,
     /// What control was told of last.
@@ -40,7 +40,7 @@ pub struct Hand {
     reasons: Reasons,
 }
 
-impl Hand {
+impl OperatorModel {
     /// Of an operator who has just connected.
     pub fn new() -> Self {
         Self {
@@ -241,12 +241,12 @@ impl Hand {
     }
 }
 
-impl Default for Hand {
+impl Default for OperatorModel {
     fn default() -> Self {
         Self::new()
     }
 }
 
 fn as_hand(fault: Fault) -> Option<Of> {
-    if let Fault::Hand(of) = fault { Some(of) } else { None }
+    if let Fault::Operator(of) = fault { Some(of) } else { None }
 }

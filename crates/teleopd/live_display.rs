@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const LINE_MAX: usize = 79;
 
 /// Draws what a run does.
-pub struct Show {
+pub struct LiveDisplay {
     skeletons: Reader<Skeleton>,
     states: Reader<RobotState>,
     model: robot::Model,
@@ -30,7 +30,7 @@ pub struct Show {
     _domain: Domain,
 }
 
-impl Show {
+impl LiveDisplay {
     /// Of `instance`, whose robot is `model`.
     pub fn new(instance: &Instance, model: robot::Model, quiet: bool) -> Result<Self, Failure> {
         let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;

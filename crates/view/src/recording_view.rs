@@ -1,7 +1,7 @@
 //! A recording to be looked at: everything that pages are told, made once, and a position in it that pages move.
 
-use crate::frame::Heard;
-use crate::hub::{Hub, Teller};
+use crate::frame::LatestMessages;
+use crate::hub::{Hub, StatusWriter};
 use robot::Model;
 use std::sync::{Mutex, PoisonError};
 
@@ -19,56 +19,56 @@ struct Told {
 }
 
 /// A recording as pages see it.
-pub struct Reel {
+pub struct RecordingView {
     told: Vec<Told>,
     statuses: Vec<String>,
     events: Vec<String>,
     period_s: f64,
 }
 
-/// Makes a reel of messages in the order of their times.
-pub struct Cutter<'a> {
-    teller: Teller<'a>,
-    reel: Reel,
+/// Makes a view of messages in the order of their times.
+pub struct RecordingViewBuilder<'a> {
+    teller: StatusWriter<'a>,
+    view: RecordingView,
     next_s: f64,
 }
 
-impl<'a> Cutter<'a> {
-    /// An empty reel.
+impl<'a> RecordingViewBuilder<'a> {
+    /// An empty view.
     pub fn new(model: &'a Model) -> Self {
-        let reel = Reel { told: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
-        Self { teller: Teller::new(model), reel, next_s: 0.0 }
+        let view = RecordingView { told: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
+        Self { teller: StatusWriter::new(model), view, next_s: 0.0 }
     }
 
     /// What was the newest of everything at `at_s`, s from the beginning.
-    pub fn add(&mut self, heard: &Heard, at_s: f64) {
+    pub fn add(&mut self, heard: &LatestMessages, at_s: f64) {
         if at_s < self.next_s {
             return;
         }
-        let reel = &mut self.reel;
-        self.next_s = at_s + reel.period_s;
+        let view = &mut self.view;
+        self.next_s = at_s + view.period_s;
         let news = self.teller.tell(heard, at_s);
-        reel.statuses.extend(news.status);
-        reel.events.extend(news.events);
-        let status = reel.statuses.len().checked_sub(1);
-        reel.told.push(Told { at_s, frame: news.frame, status });
-        if reel.told.len() > FRAMES_MAX {
+        view.statuses.extend(news.status);
+        view.events.extend(news.events);
+        let status = view.statuses.len().checked_sub(1);
+        view.told.push(Told { at_s, frame: news.frame, status });
+        if view.told.len() > FRAMES_MAX {
             let mut n = 0;
-            reel.told.retain(|_| {
+            view.told.retain(|_| {
                 n += 1;
                 n % 2 == 1
             });
-            reel.period_s *= 2.0;
+            view.period_s *= 2.0;
         }
     }
 
-    /// The whole reel.
-    pub fn reel(self) -> Reel {
-        self.reel
+    /// The whole view.
+    pub fn build(self) -> RecordingView {
+        self.view
     }
 }
 
-impl Reel {
+impl RecordingView {
     /// From the first frame to the last, s.
     pub fn duration_s(&self) -> f64 {
         self.told.last().map_or(0.0, |told| told.at_s)

@@ -1,7 +1,7 @@
 //! What is remembered of one connection.
 
 use crate::bucket::Bucket;
-use crate::protocol::{Answer, Word};
+use crate::protocol::{Reply, ReplyPacket};
 use messages::Stamp;
 use rt::Peer;
 use rustix::net::{self, SendFlags};
@@ -12,7 +12,7 @@ const TELL_EVERY_NS: u64 = 500_000_000;
 
 /// One connection.
 #[derive(Debug)]
-pub(crate) struct Seat {
+pub(crate) struct Connection {
     pub(crate) socket: OwnedFd,
     pub(crate) peer: Peer,
     /// Counts the connections of this server.
@@ -27,11 +27,11 @@ pub(crate) struct Seat {
     pub(crate) muted_until: Stamp,
     /// A frame that found no token lies in the buffer.
     pub(crate) pending: bool,
-    standing: Option<(Word, Stamp)>,
+    standing: Option<(Reply, Stamp)>,
     told_of_quota: Option<Stamp>,
 }
 
-impl Seat {
+impl Connection {
     pub(crate) fn new(socket: OwnedFd, peer: Peer, connection: u64, now: Stamp) -> Self {
         Self {
             socket,
@@ -49,15 +49,15 @@ impl Seat {
     }
 
     /// Sends `word`; to a client that does not read it is lost.
-    pub(crate) fn say(&self, word: Word) {
+    pub(crate) fn say(&self, word: Reply) {
         let nonce = if word.is_refusal() { 0 } else { self.session_nonce };
-        say(&self.socket, Answer::new(word, nonce));
+        say(&self.socket, ReplyPacket::new(word, nonce));
     }
 
     /// Tells whether the client holds the lease: when that changes, and again while it does not.
-    pub(crate) fn tell_standing(&mut self, now: Stamp, word: Word) {
+    pub(crate) fn tell_standing(&mut self, now: Stamp, word: Reply) {
         let last = self.standing;
-        let again = word == Word::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
+        let again = word == Reply::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
         if again || last.map(|(word, _)| word) != Some(word) {
             self.say(word);
             self.standing = Some((word, now));
@@ -68,7 +68,7 @@ impl Seat {
     pub(crate) fn tell_quota(&mut self, now: Stamp) -> bool {
         let due = self.told_of_quota.is_none_or(|at| now.since(at) >= TELL_EVERY_NS);
         if due {
-            self.say(Word::OverQuota);
+            self.say(Reply::OverQuota);
             self.told_of_quota = Some(now);
         }
         due
@@ -76,6 +76,6 @@ impl Seat {
 }
 
 /// Sends an answer without waiting; whoever does not read loses it and nothing else.
-pub(crate) fn say(socket: &OwnedFd, answer: Answer) {
+pub(crate) fn say(socket: &OwnedFd, answer: ReplyPacket) {
     let _ = net::send(socket, &answer.encode(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }

@@ -16,7 +16,7 @@ const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
 /// What a page asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ask {
+pub enum OperatorCommand {
     /// Press the enable.
     Engage,
     /// It is still held; nothing by itself.
@@ -31,7 +31,7 @@ pub enum Ask {
 
 /// What became of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub struct CommandOutcome {
     /// Whether this page holds the enable now.
     pub held: bool,
     /// What there is to say.
@@ -39,9 +39,9 @@ pub struct Answer {
 }
 
 /// The hand. Dropping it lets go of what it holds.
-pub type Hand = Worker<Ask, Answer>;
+pub type OperatorWorker = Worker<OperatorCommand, CommandOutcome>;
 
-impl Hand {
+impl OperatorWorker {
     /// A hand that connects when it is first asked for something.
     ///
     /// # Errors
@@ -69,11 +69,11 @@ struct Grip {
     held: Option<Held>,
     /// Answers of control since a reset was pressed, until it is known whether it was refused.
     reset: Option<u32>,
-    answer: Sender<Answer>,
+    answer: Sender<CommandOutcome>,
 }
 
 impl Grip {
-    fn work(mut self, asked: &Receiver<Ask>) {
+    fn work(mut self, asked: &Receiver<OperatorCommand>) {
         let mut beat = Instant::now();
         loop {
             match asked.recv_timeout(beat.saturating_duration_since(Instant::now())) {
@@ -92,8 +92,8 @@ impl Grip {
         }
     }
 
-    fn obey(&mut self, ask: Ask) {
-        if ask == Ask::Keep {
+    fn obey(&mut self, ask: OperatorCommand) {
+        if ask == OperatorCommand::Keep {
             if let Some(held) = &mut self.held {
                 held.until = Instant::now() + HOLD_FOR;
             }
@@ -107,22 +107,22 @@ impl Grip {
         }
         let Some(client) = &mut self.client else { return };
         match ask {
-            Ask::Engage => {
+            OperatorCommand::Engage => {
                 client.enable();
                 let now = Instant::now();
                 self.held = Some(Held { since: now, until: now + HOLD_FOR, transitions: None });
                 self.say(String::new());
             }
-            Ask::Release => self.let_go(String::new()),
-            Ask::Reset => {
+            OperatorCommand::Release => self.let_go(String::new()),
+            OperatorCommand::Reset => {
                 client.reset();
                 self.reset = Some(0);
             }
-            Ask::Stop => {
+            OperatorCommand::Stop => {
                 client.estop();
                 self.let_go(String::new());
             }
-            Ask::Keep => {}
+            OperatorCommand::Keep => {}
         }
     }
 
@@ -179,7 +179,8 @@ impl Grip {
     }
 
     fn say(&self, text: String) {
-        let _ =
-            self.answer.send(Answer { held: self.held.is_some(), text: Some(text).filter(|text| !text.is_empty()) });
+        let _ = self
+            .answer
+            .send(CommandOutcome { held: self.held.is_some(), text: Some(text).filter(|text| !text.is_empty()) });
     }
 }

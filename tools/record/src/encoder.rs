@@ -7,7 +7,7 @@ use crate::topic::Topic;
 use foxglove::Encode;
 use foxglove::messages::log::Level;
 use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
-use pipeline::{Gravity, Names};
+use pipeline::{Names, Severity};
 use robot::{Frames, Model};
 
 /// What is written.
@@ -73,7 +73,7 @@ impl Paced {
 }
 
 /// The state of a recording in progress.
-pub struct Scribe {
+pub struct RecordingEncoder {
     model: Model,
     names: Names,
     frames: Frames,
@@ -87,7 +87,7 @@ pub struct Scribe {
     told: u32,
 }
 
-impl Scribe {
+impl RecordingEncoder {
     /// Nothing seen yet. `offset_ns` is added to every stamp.
     pub fn new(model: &Model, rates: Rates, offset_ns: u64) -> Self {
         Self {
@@ -217,11 +217,11 @@ impl Scribe {
     }
 }
 
-fn level(gravity: Gravity) -> Level {
+fn level(gravity: Severity) -> Level {
     match gravity {
-        Gravity::Note => Level::Info,
-        Gravity::Warning => Level::Warning,
-        Gravity::Error => Level::Error,
+        Severity::Note => Level::Info,
+        Severity::Warning => Level::Warning,
+        Severity::Error => Level::Error,
     }
 }
 

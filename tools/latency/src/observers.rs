@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use teleopd::{Place, Recorder};
+use teleopd::{InstanceArgs, Recorder};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
@@ -23,7 +23,7 @@ const FRAME_WITHIN: Duration = Duration::from_millis(500);
 const FRAMES_PER_S_MIN: f64 = 30.0;
 
 /// What runs beside the processes.
-pub struct Onlookers {
+pub struct Observers {
     view: Child,
     _told: BufReader<ChildStdout>,
     page: JoinHandle<u64>,
@@ -32,12 +32,12 @@ pub struct Onlookers {
     begun: Instant,
 }
 
-impl Onlookers {
+impl Observers {
     /// Starts both, and waits until they see the instance.
     ///
     /// # Errors
     /// A program that is not built, or one that does not start.
-    pub fn start(instance: &Instance, place: &Place) -> Result<Self, LatencyError> {
+    pub fn start(instance: &Instance, place: &InstanceArgs) -> Result<Self, LatencyError> {
         let failed = |cause: String| LatencyError::Invalid(format!("onlookers: {cause}"));
         let file = instance.run_dir().join("watched.mcap");
         let recorder = Recorder::start(&file, instance, place).map_err(|failure| failed(failure.text))?;

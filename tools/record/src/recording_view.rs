@@ -5,16 +5,16 @@ use crate::read::{Content, Recorded};
 use motion::mcap::Ending;
 use robot::Model;
 use std::path::Path;
-use view::{Cutter, GONE_AFTER_NS, Heard, Reel};
+use view::{GONE_AFTER_NS, LatestMessages, RecordingView, RecordingViewBuilder};
 
 /// Reads a recording of the robot `model`; and why it breaks off, if it does.
 ///
 /// # Errors
 /// The file cannot be read, there is nothing of an instance in it, or one of our channels has another layout than ours.
-pub fn reel(path: &Path, model: &Model) -> Result<(Reel, Option<String>), RecordError> {
+pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
-    let (mut heard, mut at, mut begin_ns) = (Heard::default(), [f64::NEG_INFINITY; 5], None);
-    let mut cutter = Cutter::new(model);
+    let (mut heard, mut at, mut begin_ns) = (LatestMessages::default(), [f64::NEG_INFINITY; 5], None);
+    let mut builder = RecordingViewBuilder::new(model);
     while let Some((at_ns, content)) = recorded.next_message()? {
         let at_s = at_ns.saturating_sub(*begin_ns.get_or_insert(at_ns)) as f64 * 1e-9;
         match content {
@@ -26,14 +26,14 @@ pub fn reel(path: &Path, model: &Model) -> Result<(Reel, Option<String>), Record
             Content::Inputs(_) | Content::Other { .. } => continue,
         }
         let [skeleton, target, command, state, status] = at.map(|at| at_s - at <= GONE_AFTER_NS as f64 * 1e-9);
-        heard = Heard {
+        heard = LatestMessages {
             skeleton: heard.skeleton.filter(|_| skeleton),
             target: heard.target.filter(|_| target),
             command: heard.command.filter(|_| command),
             state: heard.state.filter(|_| state),
             status: heard.status.filter(|_| status),
         };
-        cutter.add(&heard, at_s);
+        builder.add(&heard, at_s);
     }
     let broken_off = match recorded.ending() {
         Ending::BrokenOff(why) => Some(why.clone()),
@@ -46,5 +46,5 @@ pub fn reel(path: &Path, model: &Model) -> Result<(Reel, Option<String>), Record
         };
         return Err(RecordError::Lacks { file: path.display().to_string(), cause });
     }
-    Ok((cutter.reel(), broken_off))
+    Ok((builder.build(), broken_off))
 }
