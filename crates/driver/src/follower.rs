@@ -7,6 +7,9 @@ use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
 use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, TICK_S, state_flag};
 
+/// Age of a measurement beyond which a robot counts as silent, ns: ten cycles of a port of 1 kHz. Assumption.
+pub const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
+
 /// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
 /// Franka wait for 20 ms.
 pub const SILENCE_TICKS: u64 = 15;
@@ -55,12 +58,19 @@ pub struct Config {
     pub limits: [JointLimits; JOINTS],
     /// Delay that the robot's interface adds to that of its servos, ticks: a robot that follows is so much farther behind.
     pub interface_delay_ticks: u64,
+    /// Age of a measurement beyond which the robot counts as silent, ns.
+    pub measured_age_max_ns: u64,
 }
 
 impl Config {
     /// The follower of a robot with these limits.
     pub const fn new(limits: [JointLimits; JOINTS]) -> Self {
-        Self { silence_ticks: SILENCE_TICKS, limits, interface_delay_ticks: 0 }
+        Self {
+            silence_ticks: SILENCE_TICKS,
+            limits,
+            interface_delay_ticks: 0,
+            measured_age_max_ns: MEASURED_AGE_MAX_NS,
+        }
     }
 }
 

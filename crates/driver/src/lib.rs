@@ -43,6 +43,7 @@
 
 mod acceptance;
 mod chain;
+mod drive;
 mod follower;
 mod limits;
 mod plan;
@@ -51,9 +52,10 @@ mod suspension;
 
 pub use acceptance::{GAP_MAX_TICKS, PLAN_MAX_S, REST_TOLERANCE, Refusal};
 pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
+pub use drive::{Drive, DriveInput, DriveOutput, Observer, drive};
 pub use follower::{
-    Accepted, Config, Input, Output, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, Step, StepKind, UNDRIVEN_TICKS,
-    tick, tick_each,
+    Accepted, Config, Input, MEASURED_AGE_MAX_NS, Output, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, Step,
+    StepKind, UNDRIVEN_TICKS, tick, tick_each,
 };
 pub use limits::JointLimits;
 pub use plan::Motion;

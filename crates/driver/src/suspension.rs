@@ -70,10 +70,6 @@ impl Standstill {
     }
 }
 
-/// Age of a measurement, ns, beyond which it does not say where the robot stands now: 10 ms, the silence after which its
-/// drives act by themselves.
-const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
-
 impl State {
     /// Begins at index `k` where the robot is measured, [`START_AFTER_TICKS`] after any other driver ended: a robot whose last driver died may still move, and drives that
     /// follow at once would take a standing setpoint as a step of the velocity. Joints that move stop from their measured
@@ -129,7 +125,7 @@ impl State {
         ticks: u64,
         each: &mut impl FnMut(&Step),
     ) {
-        let fresh = |measured: &&Measured| measured.apart_ns(now) <= MEASURED_AGE_MAX_NS;
+        let fresh = |measured: &&Measured| measured.apart_ns(now) <= crate::follower::MEASURED_AGE_MAX_NS;
         let finite = |measured: &&Measured| measured.dq.iter().all(|v| v.is_finite());
         let measured = input.measured.filter(fresh).filter(finite);
         let on_plan = measured.is_some_and(|measured| self.is_on_plan(config, now, ticks, measured));

@@ -133,8 +133,6 @@ pub struct Config {
     pub(crate) limits: [JointLimits; JOINTS],
     pub(crate) body: Body,
     pub(crate) plant: plant::Config,
-    /// Age of a measurement beyond which the robot is not heard any more, ns.
-    pub(crate) measured_age_max_ns: u64,
     pub(crate) hand_speed_max_m_per_s: f64,
     pub(crate) speed_points: [robot::SpeedPoint; 4],
     pub(crate) initial: [f64; JOINTS],
@@ -170,6 +168,7 @@ impl Config {
             interface: options.interface,
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
+                measured_age_max_ns: (age_ms * 1e6) as u64,
                 interface_delay_ticks: (options.interface.delay_s() * TICK_HZ as f64) as u64,
                 ..driver::Config::new(limits.map(last_hop))
             },
@@ -180,7 +179,6 @@ impl Config {
             initial,
             initial_outside: options.initial_outside,
             plant: body_of(model, options, (delay * TICK_S * 1e9).round() as u64)?,
-            measured_age_max_ns: (age_ms * 1e6) as u64,
         })
     }
 

@@ -5,76 +5,67 @@ use crate::checker::Checker;
 use crate::config::Config;
 use crate::interface::{CONTROLLERS, Controllers, Interface};
 use crate::report::Report;
-use driver::{Accepted, Driver, Measured, Refusal, Setpoint, StepKind};
-use messages::{Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, StopPlan, command_flag, deadline};
+use driver::{Drive, Driver, Measured, Observer, Setpoint, Step, StepKind};
+use messages::{JOINTS, JointCommand, Layout, Stamp, StopPlan, command_flag, deadline};
 use plant::Injection;
 
-/// The driver and everything between it and the robot's body.
+pub use driver::{DriveInput as Input, DriveOutput as Output};
+
+/// A driver, the checker of its steps, and the interface between it and the robot's body.
 #[derive(Clone, Debug)]
 pub struct DriverState {
-    follower: driver::State,
+    drive: Drive,
+    checks: Checks,
+}
+
+/// The checker's side of a driver, and the simulated interface.
+#[derive(Clone, Debug)]
+struct Checks {
     /// Absent where the robot takes every setpoint.
     controllers: Option<Controllers>,
     checker: Checker,
     report: Report,
-    sequence: u64,
-    port_fault: bool,
-    /// The last setpoint was not handed to the robot, whose answer is awaited.
-    withheld: bool,
-    measured: Measured,
-    /// What the joints were told last.
-    told: Setpoint,
-    /// Why the driver latched first; `None` if it never did.
-    first_latch: Option<&'static str>,
+    /// The setpoint that the joints were sent last.
+    sent: Setpoint,
+    /// `Mode` of the command that is executed, as its number.
+    mode: u32,
 }
 
 impl DriverState {
-    /// A driver that starts at index `k` on a robot that measures this now, and measured that `earlier`; `None` if a number of it
-    /// is not finite. `seed` is that of the controllers' delays.
+    /// A driver that starts at index `k`. The robot measured `earlier`, and measures `measured` now. Returns `None` if a
+    /// number of it is not finite. `seed` is that of the controllers' delays.
     pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured, seed: u64) -> Option<Self> {
-        let follower = driver::State::begin(&config.follower, k, earlier, measured)?;
-        let held = follower.setpoint();
+        let drive = Drive::new(&config.follower, k, earlier, measured)?;
+        let held = drive.follower().setpoint();
         let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
         let checker = Checker::new(config, held);
         let report = Report::new(config.model.prismatic);
-        let measured = *measured;
-        Some(Self {
-            follower,
-            controllers,
-            checker,
-            report,
-            sequence: 0,
-            port_fault: false,
-            withheld: false,
-            measured,
-            told: held,
-            first_latch: None,
-        })
+        Some(Self { drive, checks: Checks { controllers, checker, report, sent: held, mode: 0 } })
     }
 
-    /// What the commands of the run amount to so far.
+    /// The checker's report of the run so far.
     pub fn report(&self) -> &Report {
-        &self.report
+        &self.checks.report
     }
 
-    /// Why the driver latched first, in words; `None` if it never did.
+    /// The reason why the driver latched first, in words. `None` if it never did.
     pub fn first_latch(&self) -> Option<&'static str> {
-        self.first_latch
+        self.drive.first_latch()
     }
 
     /// The follower.
     pub fn follower(&self) -> &driver::State {
-        &self.follower
+        self.drive.follower()
     }
 
     /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
-        self.controllers.as_ref().map(Controllers::delays_s)
+        self.checks.controllers.as_ref().map(Controllers::delays_s)
     }
 
-    /// Whether the driver and all controllers are at rest.
+    /// Returns true if the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
-        self.follower.motion.at_rest() && self.controllers.as_ref().is_none_or(Controllers::at_rest)
+        self.follower().motion.at_rest() && self.checks.controllers.as_ref().is_none_or(Controllers::at_rest)
     }
 }
 
@@ -107,10 +98,10 @@ impl State {
     /// measures is no posture.
     pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
         let measured = Port { config, body: &mut self.body }.read(now);
-        let restarted = DriverState::new(config, k, &self.driver.measured, &measured, seed);
+        let restarted = DriverState::new(config, k, self.driver.drive.measured(), &measured, seed);
         let found = restarted.is_some();
         if let Some(mut restarted) = restarted {
-            restarted.report = self.driver.report.clone();
+            restarted.checks.report = self.driver.report().clone();
             self.driver = restarted;
         }
         found
@@ -143,12 +134,12 @@ impl State {
 
     /// What the joints were told last: the driver's setpoint, or what controllers made of it.
     pub fn told(&self) -> &Setpoint {
-        &self.driver.told
+        &self.driver.checks.sent
     }
 
     /// Whether the robot refused the last setpoint.
     pub fn refused(&self) -> bool {
-        self.driver.port_fault
+        self.driver.drive.refused()
     }
 
     /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
@@ -177,121 +168,64 @@ impl State {
     }
 }
 
-/// What a tick is given.
-#[derive(Clone, Copy, Debug)]
-pub struct Input<'a> {
-    /// The last index whose deadline and grace are not after now.
-    pub due_k: u64,
-    /// The newest command; one that was given before is ignored.
-    pub command: Option<&'a JointCommand>,
-}
-
-/// What a tick results in.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Output {
-    /// To be published; of its header, sequence, stamp and origin are filled.
-    pub state: RobotState,
-    /// Indices by which the executed state is newer than before; zero if nothing was due.
-    pub advanced: u64,
-    /// The command that was accepted in this tick, and its latencies.
-    pub accepted: Option<Accepted>,
-    /// Why the command of this tick was refused.
-    pub refused: Option<Refusal>,
-    /// The driver was suspended for so many ticks while the robot moved.
-    pub suspended_ticks: Option<u64>,
-    /// `DriverFault` while latched.
-    pub faults: Faults,
-}
-
 /// Moves the body on to `now`, executes up to the index that is due, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let State { driver, body } = state;
     drive(config, driver, now, input, &mut Port { config, body })
 }
 
-/// The driver's side of [`tick`], before any robot.
+/// The driver's side of [`tick`], in front of any robot.
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
-    let DriverState {
-        follower, controllers, checker, report, port_fault, withheld, measured, told, first_latch, ..
-    } = state;
-    *measured = port.read(now);
-    let was_latched = follower.latched;
-    let port_refused = if *withheld { measured.refused } else { *port_fault };
-    let unheard = measured.apart_ns(now) > config.measured_age_max_ns;
-    let mut mode = follower.mode;
-    let follow = driver::Input {
-        due_k: input.due_k,
-        command: input.command,
-        port_fault: port_refused || unheard,
-        measured: Some(&*measured),
-    };
-    let mut moved = false;
-    let out = driver::tick_each(&config.follower, follower, now, follow, |step| {
-        if step.kind == StepKind::Command {
-            mode = input.command.map_or(mode, |command| command.mode);
-            if input.command.is_some_and(|command| command.flags & command_flag::ON_PLAN == 0) {
-                checker.obey(config, step.setpoint.k);
-            }
-        }
-        if step.kind == StepKind::Measured {
-            // Nobody commanded that.
-            checker.hold(config, &step.setpoint);
-            if let Some(controllers) = controllers.as_mut() {
-                *told = controllers.hold(&step.setpoint);
-            }
-        } else {
-            checker.step(config, report, &step.setpoint, mode);
-        }
-        match controllers.as_mut() {
-            None => *told = step.setpoint,
-            Some(controllers) => controllers.advance(&step.setpoint, |executed| {
-                checker.spline(config, report, executed);
-                *told = *executed;
-            }),
-        }
-        moved = true;
-    });
-    *withheld = out.withheld;
-    if moved && !out.withheld {
-        // Trajectory controllers know their points and no stop.
-        let plan = if controllers.is_none() { &follower.motion.plan } else { &StopPlan::ZERO };
-        *port_fault = !port.write(now, told, plan);
-    }
-    if follower.latched && !was_latched {
-        let sound = measured.drives.are_sound();
-        first_latch.get_or_insert(latch_cause(port_refused, unheard, sound, out.suspended_ticks.is_some()));
-    }
+    let DriverState { drive, checks } = state;
+    checks.mode = drive.follower().mode;
+    let out = driver::drive(&config.follower, drive, now, input, port, &mut Watching { config, checks });
     if out.advanced > 0 {
+        let Checks { report, sent, .. } = checks;
         report.tracking_samples += 1;
         for j in 0..JOINTS {
-            let error = (told.q[j] - measured.q[j]).abs();
+            let error = (sent.q[j] - drive.measured().q[j]).abs();
             report.tracking_max[j] = report.tracking_max[j].max(error);
             report.tracking_squares[j] += error * error;
         }
     }
-    state.sequence += 1;
-    let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
-    Output {
-        state: state.follower.echo(header, &state.measured),
-        advanced: out.advanced,
-        accepted: out.accepted,
-        refused: out.refused,
-        suspended_ticks: out.suspended_ticks,
-        faults: out.faults,
-    }
+    out
 }
 
-/// Why the driver latched, in words.
-fn latch_cause(port_refused: bool, unheard: bool, sound: bool, suspended: bool) -> &'static str {
-    if port_refused {
-        "the robot refused a setpoint"
-    } else if unheard {
-        "nothing was heard of the robot"
-    } else if !sound {
-        "a drive was not sound, or had no power"
-    } else if suspended {
-        "the driver stood still for too long, or found no measurement to believe"
-    } else {
-        "no command came"
+/// The checker while the driver's tick runs.
+struct Watching<'a> {
+    config: &'a Config,
+    checks: &'a mut Checks,
+}
+
+impl Observer for Watching<'_> {
+    fn step(&mut self, step: &Step, command: Option<&JointCommand>) {
+        let Self { config, checks: Checks { controllers, checker, report, sent, mode } } = self;
+        if step.kind == StepKind::Command {
+            *mode = command.map_or(*mode, |command| command.mode);
+            if command.is_some_and(|command| command.flags & command_flag::ON_PLAN == 0) {
+                checker.obey(config, step.setpoint.k);
+            }
+        }
+        if step.kind == StepKind::Measured {
+            // No command asked for it.
+            checker.hold(config, &step.setpoint);
+            if let Some(controllers) = controllers.as_mut() {
+                *sent = controllers.hold(&step.setpoint);
+            }
+        } else {
+            checker.step(config, report, &step.setpoint, *mode);
+        }
+        match controllers.as_mut() {
+            None => *sent = step.setpoint,
+            Some(controllers) => controllers.advance(&step.setpoint, |executed| {
+                checker.spline(config, report, executed);
+                *sent = *executed;
+            }),
+        }
+    }
+
+    /// Trajectory controllers know their points and no stop.
+    fn sent<'a>(&'a self, _: &'a Setpoint, plan: &'a StopPlan) -> (&'a Setpoint, &'a StopPlan) {
+        (&self.checks.sent, if self.checks.controllers.is_none() { plan } else { &StopPlan::ZERO })
     }
 }
