@@ -35,6 +35,10 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
     }
     let (motion, loaded) = read(options)?;
+    if loaded.driver_program().is_some() {
+        let text = "demo judges the built-in simulator, and driver.program names another driver: empty it, or run `teleopd up`";
+        return Err(Failure::new(Exit::Config, text));
+    }
     let folder = Folder::new(options.run_dir.as_ref());
     let instance = instance_in(&folder.path)?;
     let place = cli::InstanceArgs {

@@ -53,6 +53,10 @@ pub fn main() -> ExitCode {
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),
     };
+    finish(outcome)
+}
+
+fn finish(outcome: Result<Exit, Failure>) -> ExitCode {
     match outcome {
         Ok(exit) => exit.into(),
         Err(failure) => {
@@ -60,6 +64,26 @@ pub fn main() -> ExitCode {
             failure.exit.into()
         }
     }
+}
+
+/// The command line of a driver's program: that of `teleopd sim`.
+#[derive(Debug, Parser)]
+struct DriverCli {
+    #[command(flatten)]
+    process: cli::Process,
+}
+
+/// The main function of a driver's own program. It reads the command line and the settings, opens the robot, and drives it
+/// until a signal ends it and the robot is at rest. `open` connects to the robot of this model; its error ends the program.
+///
+/// The robot must answer [`driver::Driver::read`] from the moment it is open. The exit code is one of [`Exit`].
+pub fn drive<D: driver::Driver>(open: impl Fn(&robot::Model) -> Result<D, String>) -> ExitCode {
+    rt::abort_on_panic();
+    let _ = rt::flush_denormals();
+    let open = |process: &process::Process, _: &bus::Domain| {
+        open(&process.loaded.model).map_err(|cause| Failure::new(Exit::Unavailable, cause))
+    };
+    finish(process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
 }
 
 /// Runs a process of an instance to its end.

@@ -69,6 +69,7 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     let at = run_dir_option(&place.run_dir);
     let kind = match settings.driver.kind {
         DriverKind::Sim => "simulated",
+        DriverKind::Robot => "real",
     };
     out!("running   {} processes in {run_dir} (up -v prints what they log)", PROCESSES.len());
     out!("robot     {kind} {}, by {}", loaded.model.name, place.config.display());

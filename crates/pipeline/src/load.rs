@@ -50,6 +50,18 @@ impl Loaded {
         self.files.get(ROBOT_FILE).map_or(Path::new(""), PathBuf::as_path)
     }
 
+    /// The program that drives the robot in place of the simulated one; `None` if the settings name none. A path with a
+    /// slash is relative to the settings file. A bare name is searched in PATH.
+    pub fn driver_program(&self) -> Option<PathBuf> {
+        let program = Path::new(&self.settings.driver.program);
+        let folder = self.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
+        match program.components().count() {
+            0 => None,
+            1 if !self.settings.driver.program.contains('/') => Some(program.to_owned()),
+            _ => Some(folder.join(program)),
+        }
+    }
+
     /// Every setting in force, as `table.key` and value.
     pub fn effective(&self) -> Vec<(String, String)> {
         let tables = toml::Table::try_from(&self.settings).unwrap_or_default();

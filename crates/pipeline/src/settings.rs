@@ -163,16 +163,22 @@ pub struct ControlSettings {
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriverKind {
-    /// The simulated robot.
+    /// A simulated robot.
     Sim,
+    /// A robot. Nothing is relaxed for it.
+    Robot,
 }
 
 /// The robot that the driver talks to, and its timing.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriverSettings {
-    /// Robot that the driver talks to. `"sim"` is the simulated one.
+    /// Robot that the driver talks to. `"sim"` is a simulated one, `"robot"` a real one. A real one needs `program`, and
+    /// nothing is relaxed for it.
     pub kind: DriverKind,
+    /// Program that drives the robot, started in place of the driver of the built-in simulator. Empty for the built-in
+    /// one. A path with a slash is relative to this file.
+    pub program: String,
     /// How long after its deadline command k is due, us. From `control.grace_us` to 660.
     pub grace_us: f64,
     /// Silence of `control` that latches the driver's fault, ms. One tick (0.67) to 10. The stop plan plays from the
@@ -383,6 +389,7 @@ impl Settings {
     pub(crate) const fn tracking_error_factor(&self) -> f64 {
         match self.driver.kind {
             DriverKind::Sim => self.sim.tracking_error_factor,
+            DriverKind::Robot => 1.0,
         }
     }
 
@@ -426,6 +433,12 @@ impl Settings {
         if self.ingest.layouts.len() > LAYOUTS_MAX {
             let (value, most) = (self.ingest.layouts.len(), LAYOUTS_MAX);
             return Err(ConfigError::TooMany { file: file.to_owned(), key: "ingest.layouts", value, most });
+        }
+        if self.driver.kind == DriverKind::Robot && self.driver.program.is_empty() {
+            return Err(ConfigError::Syntax {
+                file: file.to_owned(),
+                cause: "driver.kind = \"robot\" needs driver.program: the program that drives your robot".into(),
+            });
         }
         // The lease must not pass on while the robot still moves for the client that fell silent.
         let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);

@@ -64,6 +64,7 @@ fn files(files: &Files) -> Vec<Finding> {
 fn without_realtime(settings: &Settings) -> (Level, &'static str) {
     let level = match settings.driver.kind {
         DriverKind::Sim => Level::Robot,
+        DriverKind::Robot => Level::Problem,
     };
     let so = if may_lack_realtime(settings) {
         "; the simulated robot does without"

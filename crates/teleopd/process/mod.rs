@@ -2,6 +2,7 @@
 //! say READY, then wait, read the latest, tick, publish; and leave its figures behind.
 
 pub mod control;
+pub mod driver;
 pub mod ingest;
 pub mod realtime;
 pub mod retarget;

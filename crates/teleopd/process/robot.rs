@@ -16,12 +16,18 @@ const CYCLE_NS: u64 = 1_000_000;
 /// A robot that is told to end goes on until its joints stand, but no longer than this: twice the longest stop.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
+/// Time between two looks at the shutdown flag of a robot that simulates nothing, ns.
+const STAND_BY_NS: u64 = 50_000_000;
+
 /// A joint slower than this stands, rad/s or m/s: a hundredth of an arm's largest speed. Assumption.
 const STANDING: f64 = 0.01;
 
 /// Runs until shutdown, and then until the joints stand.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("robot", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
+    if process.loaded.driver_program().is_some() {
+        return stand_by(process);
+    }
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
     let seed = process.loaded.settings.sim.seed;
@@ -83,6 +89,16 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     }
     let report = figures(&config, &body);
     process.leave(report)
+}
+
+/// A driver with a program of its own brings its own robot. This process then simulates nothing.
+fn stand_by(mut process: Process) -> Result<(), Failure> {
+    process.ready()?;
+    while !process.shutdown.requested() {
+        rt::sleep_until(rt::now().plus_ns(STAND_BY_NS));
+        process.alive();
+    }
+    process.leave(json!({}))
 }
 
 fn flags(measured: &plant::Measured, refused: bool) -> u32 {

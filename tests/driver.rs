@@ -1,0 +1,80 @@
+//! A driver's own program in place of the simulated robot: the example of docs/src/drivers.md, compiled and run.
+
+mod rig;
+
+use messages::Mode;
+use rig::Rig;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Lines of a complete driver, as the book promises.
+const LINES_MAX: usize = 80;
+
+/// The example, which cargo builds with the tests.
+fn example() -> PathBuf {
+    let program = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("examples").join("driver");
+    assert!(program.exists(), "{}: build it with cargo build --release --example driver", program.display());
+    program
+}
+
+fn with_program(kind: &str, program: &str) -> Rig {
+    let (kind, program) = (format!("kind = \"{kind}\""), format!("program = \"{program}\""));
+    Rig::with_settings(&[("kind = \"sim\"", &kind), ("program = \"\"", &program)])
+}
+
+#[test]
+fn example_driver_moves_its_robot_within_all_limits() {
+    let mut rig = with_program("sim", &example().display().to_string());
+    teleopd::PROCESSES.iter().for_each(|name| rig.start(name));
+    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let before = observer.wait("there", |_| true);
+    let client = rig.client(&motion::builtin(), 1);
+    operator.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    let moved = observer.wait_moved(&before, 0.1);
+    let away = moved.q.iter().zip(&moved.q_measured).map(|(q, measured)| (q - measured).abs()).fold(0.0, f64::max);
+    assert!(away > 0.0 && away < 0.05, "measured {away} from the setpoint: its own servos follow");
+    operator.release();
+    operator.wait_mode(Mode::Disengaged);
+    observer.wait_at_rest();
+    let figures = rig.end("sim");
+    let violations = figures["violations"].as_object().expect("counts");
+    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
+    assert!(figures["commands_accepted"].as_u64() > Some(1000) && figures["first_latch"].is_null(), "{figures}");
+    assert_eq!(figures["robot"]["looks"], Value::Null, "the simulated body judges nothing");
+}
+
+#[test]
+fn missing_program_is_refused_by_key_and_name() {
+    let rig = with_program("sim", "/nonexistent/driver");
+    let output = rig.run("sim");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("driver.program = \"/nonexistent/driver\"") && said.contains("No such file"), "{said}");
+}
+
+#[test]
+fn real_robot_without_a_program_is_refused() {
+    let rig = with_program("robot", "");
+    let output = rig.run("control");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("driver.kind = \"robot\" needs driver.program"), "{said}");
+}
+
+#[test]
+fn demo_refuses_a_driver_of_its_own() {
+    let rig = with_program("sim", "driver");
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    let output = demo.args(["demo", "--config"]).arg(rig.folder().join("teleop.toml")).output().expect("demo runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(78) && said.contains("teleopd up"), "{said}");
+}
+
+#[test]
+fn example_is_short() {
+    let text =
+        std::fs::read_to_string(rig::repository().join("crates/teleopd/examples/driver.rs")).expect("the example");
+    assert!(text.lines().count() <= LINES_MAX, "{} lines", text.lines().count());
+}
