@@ -1,4 +1,4 @@
-//! The one wrapper between our messages and the transport's marker trait.
+//! The only wrapper between our messages and the transport's marker trait.
 #![allow(unsafe_code)]
 
 use iceoryx2::prelude::ZeroCopySend;
