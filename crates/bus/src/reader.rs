@@ -119,8 +119,8 @@ fn copied_once<M: Message>(payload: &Payload<M>) -> M {
     let into = std::ptr::from_mut(&mut copy).cast::<u64>();
     const { assert!(size_of::<M>().is_multiple_of(size_of::<u64>()) && align_of::<M>() == align_of::<u64>()) };
     for i in 0..words {
-        // SAFETY: `Payload<M>` is transparent over `M`, which has no padding and whole words of the alignment of u64 (asserted
-        // above); both pointers stay inside it, and every bit pattern is a valid value.
+        // SAFETY: `Payload<M>` is transparent over `M`, which has no padding and whole words of the alignment of u64
+        // (asserted above). Both pointers stay inside it, and every bit pattern is a valid value.
         unsafe { into.add(i).write(from.add(i).read_volatile()) };
     }
     copy

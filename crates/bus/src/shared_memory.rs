@@ -103,8 +103,8 @@ impl Mapped {
     }
 }
 
-/// Returns true if a living process has joined the domain with this prefix. It also returns true where it cannot tell: after
-/// `give_up`, and for segments of another user, whose maps only root can read.
+/// Returns true if a living process has joined the domain with this prefix. It also returns true if it cannot tell:
+/// after `give_up`, and for segments of another user, whose maps only root can read.
 pub fn is_inhabited(prefix: &str, give_up: Instant) -> bool {
     let own = rustix::process::geteuid().as_raw();
     let hidden = own != 0 && segments(prefix).iter().any(|segment| segment.uid != own);
