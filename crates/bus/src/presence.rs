@@ -1,10 +1,11 @@
 //! The processes that have a domain open, and the removal of the files that dead ones left in it.
 //!
-//! Every process that opens a domain holds a shared lock on a file in the domain's root. The kernel releases the lock when the
-//! process ends, however it ends. A process that gets the exclusive lock knows that no other process holds the domain open. It
-//! then removes the files and shared memory of dead processes. It tries this before it creates anything, and again after its
-//! last port is closed. Clients that use iceoryx2 directly hold no such lock. Therefore nothing is removed while the transport
-//! lists a live node, or while a process has mapped one of the segments.
+//! Every process that opens a domain holds a shared lock on a file in the domain's root. The kernel releases the
+//! lock when the process ends, however it ends. A process that gets the exclusive lock knows that no other
+//! process holds the domain open. It then removes the files and shared memory of dead processes. It tries this
+//! before it creates anything, and again after its last port is closed. Clients that use iceoryx2 directly hold
+//! no such lock. Therefore nothing is removed while the transport lists a live node, or while a process has
+//! mapped one of the segments.
 
 use crate::domain::DomainConfig;
 use crate::shared_memory::{self, Mapped};
@@ -34,7 +35,8 @@ pub(crate) struct Presence {
 }
 
 impl Presence {
-    /// Takes the shared lock of a domain whose root exists. First removes the files of dead processes if no other is there.
+    /// Takes the shared lock of a domain whose root exists. First removes the files of dead processes if no other
+    /// process is there.
     pub(crate) fn enter(config: &DomainConfig, transport: &Config) -> Self {
         let flags = OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW;
         let lock = fs::open(config.root.join(LOCK), flags, Mode::RUSR | Mode::WUSR).ok();
