@@ -7,8 +7,8 @@
 //! - The [`Body`] moves in wall time, with motors, friction and a watchdog of its own (crate `plant`). Its judge
 //!   compares
 //!   the joints' true motion with the limits.
-//! - The checker compares every executed step with the limits of the URDF and of the robot file, and with the clearance of
-//!   every checked pair. It shares no formula with `wbc`, `safety` or `driver`.
+//! - The checker compares every executed step with the limits of the URDF and of the robot file, and with the clearance
+//!   of every checked pair. It shares no formula with `wbc`, `safety` or `driver`.
 //!
 //! Checker and judge only count. They never correct.
 

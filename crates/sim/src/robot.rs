@@ -1,4 +1,4 @@
-//! The simulated robot as a process sees it: a command in, the robot's state out.
+//! The simulated robot as a process sees it: it takes a command and returns the robot's state.
 
 use crate::body::{Body, Port};
 use crate::checker::Checker;
@@ -13,24 +13,25 @@ use plant::Injection;
 #[derive(Clone, Debug)]
 pub struct DriverState {
     follower: driver::State,
-    /// Absent where the robot takes every setpoint.
+    /// `None` if the robot takes every setpoint.
     controllers: Option<Controllers>,
     checker: Checker,
     report: Report,
     sequence: u64,
     port_fault: bool,
-    /// The last setpoint was not handed to the robot, whose answer is awaited.
+    /// The last setpoint was not handed to the robot, because the robot's answer is awaited.
     withheld: bool,
     measured: Measured,
-    /// What the joints were told last.
+    /// The last setpoint of the joints.
     told: Setpoint,
-    /// Why the driver latched first; `None` if it never did.
+    /// The reason why the driver latched first. `None` if it never did.
     first_latch: Option<&'static str>,
 }
 
 impl DriverState {
-    /// A driver that starts at index `k` on a robot that measures this now, and measured that `earlier`; `None` if a number of it
-    /// is not finite. `seed` is that of the controllers' delays.
+    /// Creates a driver that starts at index `k` on a robot that measures `measured` now and measured `earlier`
+    /// before. Returns `None` if one of their numbers is not finite. `seed` is the seed of the controllers'
+    /// delays.
     pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured, seed: u64) -> Option<Self> {
         let follower = driver::State::begin(&config.follower, k, earlier, measured)?;
         let held = follower.setpoint();
@@ -52,27 +53,27 @@ impl DriverState {
         })
     }
 
-    /// What the commands of the run amount to so far.
+    /// Returns the report on the commands of the run so far.
     pub fn report(&self) -> &Report {
         &self.report
     }
 
-    /// Why the driver latched first, in words; `None` if it never did.
+    /// Returns the reason why the driver latched first, in words. `None` if it never did.
     pub fn first_latch(&self) -> Option<&'static str> {
         self.first_latch
     }
 
-    /// The follower.
+    /// Returns the follower.
     pub fn follower(&self) -> &driver::State {
         &self.follower
     }
 
-    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
         self.controllers.as_ref().map(Controllers::delays_s)
     }
 
-    /// Whether the driver and all controllers are at rest.
+    /// Returns true if the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
         self.follower.motion.at_rest() && self.controllers.as_ref().is_none_or(Controllers::at_rest)
     }
@@ -86,14 +87,15 @@ pub struct State {
 }
 
 impl State {
-    /// At rest in the initial posture at index `k`, holding what its encoders read; `seed` is that of the noise.
+    /// Creates a robot at rest in the initial posture at index `k`. It holds the encoders' readings. `seed` is
+    /// the seed of the noise.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
         Self::standing(config, k, &config.initial, seed)
             .expect("the initial posture was checked, and the noise is finite")
     }
 
-    /// A driver that starts at index `k` on a robot that stands at `q`, wherever that is; `None` if a number of it is not
-    /// finite.
+    /// Creates a driver that starts at index `k` on a robot that stands at `q`, wherever that is. Returns `None`
+    /// if a number of `q` or of the measurement is not finite.
     pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS], seed: u64) -> Option<Self> {
         if q.iter().any(|q| !q.is_finite()) {
             return None;
@@ -103,8 +105,8 @@ impl State {
         Some(Self { driver: DriverState::new(config, k, &measured, &measured, seed)?, body })
     }
 
-    /// Replaces the driver by one that starts at index `k` on the robot as it is; false, and nothing happens, if what it
-    /// measures is no posture.
+    /// Replaces the driver by one that starts at index `k` on the robot as it is. Returns false and changes
+    /// nothing if the measurement is no valid posture.
     pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
         let measured = Port { config, body: &mut self.body }.read(now);
         let restarted = DriverState::new(config, k, &self.driver.measured, &measured, seed);
@@ -116,52 +118,52 @@ impl State {
         found
     }
 
-    /// What the commands of the run amount to so far.
+    /// Returns the report on the commands of the run so far.
     pub fn report(&self) -> &Report {
         self.driver.report()
     }
 
-    /// What the joints truly did so far.
+    /// Returns the judge's report on the joints' true motion so far.
     pub fn judged(&self) -> &plant::Report {
         self.body.judged()
     }
 
-    /// The driver's side.
+    /// Returns the driver's follower.
     pub fn follower(&self) -> &driver::State {
         self.driver.follower()
     }
 
-    /// Where the joints are in truth, rad or m.
+    /// Returns the true positions of the joints, rad or m.
     pub fn q(&self) -> &[f64; JOINTS] {
         &self.body.truth().q
     }
 
-    /// What the joints truly do.
+    /// Returns the true motion of the joints.
     pub fn truth(&self) -> &plant::Truth {
         self.body.truth()
     }
 
-    /// What the joints were told last: the driver's setpoint, or what controllers made of it.
+    /// Returns the last setpoint of the joints: the driver's setpoint, or the controllers' spline of it.
     pub fn told(&self) -> &Setpoint {
         &self.driver.told
     }
 
-    /// Whether the robot refused the last setpoint.
+    /// Returns true if the robot refused the last setpoint.
     pub fn refused(&self) -> bool {
         self.driver.port_fault
     }
 
-    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
         self.driver.delays_s()
     }
 
-    /// Whether the driver and all controllers are at rest.
+    /// Returns true if the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
         self.driver.at_rest()
     }
 
-    /// The robot goes on by itself until `now`, while its driver does not run.
+    /// Lets the robot go on by itself until `now`, while its driver does not run.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         self.body.advance(config, now);
     }
@@ -177,39 +179,39 @@ impl State {
     }
 }
 
-/// What a tick is given.
+/// Input of a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// The last index whose deadline and grace are not after now.
     pub due_k: u64,
-    /// The newest command; one that was given before is ignored.
+    /// The newest command. A command that was given before is ignored.
     pub command: Option<&'a JointCommand>,
 }
 
-/// What a tick results in.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// To be published; of its header, sequence, stamp and origin are filled.
+    /// The state to be published. In its header, sequence, stamp and origin are filled.
     pub state: RobotState,
-    /// Indices by which the executed state is newer than before; zero if nothing was due.
+    /// Number of indices by which the executed state is newer than before. Zero if nothing was due.
     pub advanced: u64,
     /// The command that was accepted in this tick, and its latencies.
     pub accepted: Option<Accepted>,
-    /// Why the command of this tick was refused.
+    /// The reason why the command of this tick was refused.
     pub refused: Option<Refusal>,
-    /// The driver was suspended for so many ticks while the robot moved.
+    /// Number of ticks for which the driver was suspended while the robot moved.
     pub suspended_ticks: Option<u64>,
     /// `DriverFault` while latched.
     pub faults: Faults,
 }
 
-/// Moves the body on to `now`, executes up to the index that is due, and checks every step.
+/// Moves the body on to `now`, executes up to the due index, and checks every step.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let State { driver, body } = state;
     drive(config, driver, now, input, &mut Port { config, body })
 }
 
-/// The driver's side of [`tick`], before any robot.
+/// Runs the driver's side of [`tick`] with any robot.
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
     let DriverState {
         follower, controllers, checker, report, port_fault, withheld, measured, told, first_latch, ..
@@ -234,7 +236,7 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
             }
         }
         if step.kind == StepKind::Measured {
-            // Nobody commanded that.
+            // No command asked for this motion.
             checker.hold(config, &step.setpoint);
             if let Some(controllers) = controllers.as_mut() {
                 *told = controllers.hold(&step.setpoint);
@@ -253,7 +255,7 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
     });
     *withheld = out.withheld;
     if moved && !out.withheld {
-        // Trajectory controllers know their points and no stop.
+        // Trajectory controllers take points but no stop.
         let plan = if controllers.is_none() { &follower.motion.plan } else { &StopPlan::ZERO };
         *port_fault = !port.write(now, told, plan);
     }
@@ -281,7 +283,7 @@ pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<
     }
 }
 
-/// Why the driver latched, in words.
+/// Returns the reason why the driver latched, in words.
 fn latch_cause(port_refused: bool, unheard: bool, sound: bool, suspended: bool) -> &'static str {
     if port_refused {
         "the robot refused a setpoint"
