@@ -104,7 +104,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// Violations of one kind.
+    /// Returns the number of violations of one kind.
     pub fn count(&self, kind: ViolationKind) -> u64 {
         self.counts[kind as usize]
     }

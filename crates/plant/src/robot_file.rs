@@ -41,7 +41,7 @@ pub(crate) struct RobotFile {
     pub(crate) collision: Collision,
 }
 
-/// A group of the file. A misspelt key would be a mass that is not counted, so an unknown key is refused.
+/// Payloads of the hands. An unknown key here would be a mass that is not counted, so it is refused.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Payloads {
@@ -84,7 +84,7 @@ struct TurnGroup {
     jerk_max_rad_per_s3: f64,
 }
 
-/// A group of the file. A misspelt key would be a limit that is not kept, so an unknown key is refused.
+/// Tighter limits of a joint. An unknown key here would be a limit that is not kept, so it is refused.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Tighten {

@@ -95,7 +95,8 @@ fn prescribed_acceleration_is_that_of_its_torque() {
     }
 }
 
-/// Without torques and friction the robot keeps its energy. Fourth order of Runge and Kutta, 0.5 s of free fall.
+/// Without torques and friction the robot keeps its energy. The integrator is Runge-Kutta of fourth order, over 0.5 s
+/// of free fall.
 #[test]
 fn free_motion_keeps_its_energy() {
     let body = body(HANDS);
