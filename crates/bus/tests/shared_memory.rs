@@ -136,7 +136,7 @@ fn domains_with_another_prefix_do_not_see_each_other() {
     assert_eq!((reads_ours.latest(), reads_theirs.latest()), (Some(target(1)), Some(target(2))));
 }
 
-/// As large as a `JointTarget` and of the same name and version, but with two fields exchanged.
+/// A message with the size, name and version of a `JointTarget`, but with two fields exchanged.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 struct Exchanged([u64; 254]);

@@ -17,7 +17,7 @@ pub(crate) struct Connection {
     pub(crate) peer: Peer,
     /// Number of this connection. The server counts them.
     pub(crate) connection: u64,
-    /// The session number; 0 before the hello.
+    /// The session number, or 0 before the hello.
     pub(crate) session_nonce: u64,
     pub(crate) since: Stamp,
     /// Time of the last packet.
@@ -54,7 +54,7 @@ impl Connection {
         say(&self.socket, ReplyPacket::new(word, nonce));
     }
 
-    /// Tells the client if it holds the lease: when that changes, and again and again while it does not.
+    /// Reports to the client if it holds the lease: when that changes, and repeatedly while it does not.
     pub(crate) fn tell_standing(&mut self, now: Stamp, word: Reply) {
         let last = self.standing;
         let again = word == Reply::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
@@ -64,7 +64,7 @@ impl Connection {
         }
     }
 
-    /// Tells the client that frames are dropped. Returns `true` if it sent the reply now.
+    /// Reports to the client that frames are dropped. Returns `true` if it sent the reply now.
     pub(crate) fn tell_quota(&mut self, now: Stamp) -> bool {
         let due = self.told_of_quota.is_none_or(|at| now.since(at) >= TELL_EVERY_NS);
         if due {

@@ -175,7 +175,7 @@ impl Reply {
 pub struct ReplyPacket {
     /// The reply.
     pub word: Reply,
-    /// The session number that every frame of this connection must carry; 0 in a refusal.
+    /// The session number that every frame of this connection must carry. It is 0 in a refusal.
     pub session_nonce: u64,
     /// Frames per second that the daemon uses.
     pub rate_max_hz: u32,

@@ -222,7 +222,7 @@ impl Server {
     }
 
     /// Reads what has arrived, at most `DRAIN_MAX` packets. While there are tokens, every frame is used, in
-    /// order. Of the other frames the newest waits for the next token.
+    /// order. The newest of the other frames waits for the next token.
     fn drain(
         &mut self,
         index: usize,

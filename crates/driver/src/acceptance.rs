@@ -6,10 +6,9 @@ use crate::limits::Point;
 use crate::plan::Motion;
 use messages::{JointCommand, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 
-/// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms.
-/// A drive that carries on by itself over the gap is then off by less than J t^3 / 3: 2e-5 rad at the 400
-/// rad/s^3 of an arm.
-/// Its own watchdog has not fired: 10 ms in the simulated robot, 20 ms in a UR or a Franka.
+/// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms. A drive that carries on by
+/// itself over the gap is then off by less than J t^3 / 3. That is 2e-5 rad at the 400 rad/s^3 of an arm. Its own
+/// watchdog has not fired: 10 ms in the simulated robot, 20 ms in a UR or a Franka.
 pub const GAP_MAX_TICKS: u64 = 8;
 
 /// The longest stop that is accepted, s: ten times the robots' longest stop of 500 ms. It bounds the work of

@@ -1,5 +1,5 @@
-//! The limits of a joint at the last hop. They decide if one state continues another.
-//! As libfranka does, the driver checks again what `control` has checked, with arithmetic of its own.
+//! The limits of a joint at the last hop. They decide if one state continues another. The driver, like libfranka,
+//! checks again what `control` has checked, with arithmetic of its own.
 
 use crate::acceptance::Refusal;
 use crate::plan::after;

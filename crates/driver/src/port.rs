@@ -61,7 +61,7 @@ pub struct Setpoint {
     pub a: [f64; JOINTS],
 }
 
-/// A robot. Both calls return at once; neither may block a tick.
+/// A robot. Both calls return at once. Neither may block a tick.
 pub trait Driver {
     /// Returns the newest measurement at `now`. Its stamp says how old it is.
     fn read(&mut self, now: Stamp) -> Measured;

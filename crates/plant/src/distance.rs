@@ -6,9 +6,9 @@ type Segment = [Vector3<f64>; 2];
 
 /// Returns the distance of two segments, m. Either may be a point.
 ///
-/// Ericson, Real-Time Collision Detection, section 5.1.9: clamp the nearest point of the lines to the first
-/// segment, take the nearest point of the second, clamp that, and go back once. The nearest points of nearly
-/// parallel lines are ill-conditioned, so there the function tries the ends too.
+/// The method is that of Ericson, Real-Time Collision Detection, section 5.1.9. Clamp the nearest point of the
+/// lines to the first segment. Take the nearest point of the second, clamp that, and go back once. The nearest
+/// points of nearly parallel lines are ill-conditioned, so there the function tries the ends too.
 pub fn segment_segment(a: &Segment, b: &Segment) -> f64 {
     let (d1, d2, r) = (a[1] - a[0], b[1] - b[0], a[0] - b[0]);
     let (aa, ee, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));

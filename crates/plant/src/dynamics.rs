@@ -1,8 +1,8 @@
 //! Forward dynamics of the tree by the articulated-body algorithm, O(n), without allocation.
 //!
-//! Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, with all quantities in base coordinates about the
-//! base's origin, so that a body's quantities add to its parent's without a transform. Rotors count as inertia on the
-//! diagonal (section 9.6). A braked joint has a prescribed acceleration (hybrid dynamics, section 9.2).
+//! Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3. All quantities are in base coordinates about
+//! the base's origin, so a body's quantities add to its parent's without a transform. Rotors count as inertia on
+//! the diagonal (section 9.6). A braked joint has a prescribed acceleration (hybrid dynamics, section 9.2).
 //!
 //! An engine of contacts such as rapier's multibodies solves constraints by iteration to about 1e-3. This crate needs
 //! 1e-9 within 10 us a step and has no contacts, so the algorithm is written out here.

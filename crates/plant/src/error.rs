@@ -1,7 +1,7 @@
 //! Errors of making a plant.
 
-/// Returned when the texts or the options are refused. Every message names the file, the key, the value and what
-/// is allowed.
+/// Returned when the texts or the options are refused. Every message names the file, the key, the value and the
+/// allowed values.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlantError {
     /// The text cannot be parsed.

@@ -21,8 +21,8 @@ const ROUNDING: f64 = 1e-9;
 
 /// Largest distance of a true position outside the limits in force, rad. It is the greatest tracking error, 3.0
 /// mrad, of 40 motions at half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives
-/// do not model coupling. So the fifth joint of an arm is pushed off by up to 20 mrad while its neighbours change
-/// their speed at the limit (sines at all limits at once).
+/// do not model coupling. So an arm's fifth joint deviates by up to 20 mrad while its neighbours change their
+/// speed at the limit (sines at all limits at once).
 pub const SERVO_MARGIN_RAD: f64 = 0.004;
 /// The same distance for a joint that slides, m. The greatest tracking error was 0.2 mm.
 pub const SERVO_MARGIN_M: f64 = 0.001;

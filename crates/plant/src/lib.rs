@@ -17,9 +17,9 @@
 //!
 //! # Use
 //!
-//! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and then
-//! [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge, so it comes
-//! last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
+//! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and
+//! then [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge,
+//! so it comes last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
 
 mod config;
 mod description;

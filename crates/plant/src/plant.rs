@@ -221,10 +221,9 @@ impl Plant {
     ///
     /// - a fault refuses it, the emergency stop is pressed, or the motors have no power;
     /// - a number is not finite, or a duration is negative;
-    /// - since `now` the robot went on by itself for longer than its watchdog waits, so the setpoint is for a
-    ///   robot that was elsewhere;
-    /// - the drives follow no setpoints at present, at the start or after a reaction, and the setpoint does not
-    ///   begin near the
+    /// - since `now` the robot went on by itself for longer than its watchdog waits, so it has left the place that
+    ///   the setpoint assumes;
+    /// - the drives follow no setpoints (at the start or after a reaction), and the setpoint is not near the
     ///   robot's position ([`NEAR_RAD`], [`NEAR_M`]) and speed ([`NEAR_RAD_PER_S`], [`NEAR_M_PER_S`]).
     ///
     /// It integrates until `now` first, so a judge must have been advanced before.

@@ -20,8 +20,8 @@ fn read(clock: libc::clockid_t) -> u64 {
 /// read one after the other differ by less if nothing interrupts the reading.
 const SLEEP_MIN_NS: u64 = 50_000_000;
 
-/// Notices that the machine was suspended: CLOCK_BOOTTIME goes on then, and CLOCK_MONOTONIC, by which everything here is
-/// timed, does not. A process that alone stands still is not meant, nor noticed.
+/// Detects that the machine was suspended. CLOCK_BOOTTIME goes on then. CLOCK_MONOTONIC, by which everything here is
+/// timed, does not. It does not detect that only the process was stopped.
 #[derive(Debug)]
 pub struct SleepWatch {
     /// Upper bound of the amount by which CLOCK_BOOTTIME is ahead, ns.

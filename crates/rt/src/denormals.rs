@@ -2,8 +2,8 @@
 //! decay to zero produce them.
 #![allow(unsafe_code)]
 
-/// Makes the calling thread, and the threads that it starts later, use zero in place of denormal numbers, as
-/// inputs and as results (below 2.2e-308 in f64, 1.2e-38 in f32). Returns in words what then holds.
+/// Makes the calling thread, and the threads that it starts later, use zero in place of denormal numbers. This
+/// holds for inputs and results below 2.2e-308 in f64, 1.2e-38 in f32. Returns in words what then holds.
 ///
 /// Every program whose figures are compared bit for bit with the daemon's calls it first. The compiler does not
 /// know of this setting. A denormal number that it computes itself, from constants, stays one.

@@ -1,4 +1,5 @@
-//! Advice for a file or a port that the operating system refuses, in words: an error number helps nobody.
+//! Advice in words for a file or a port that the operating system refuses. An error number alone does not help
+//! the user.
 
 use std::io::{Error, ErrorKind};
 use std::path::Path;

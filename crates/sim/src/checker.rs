@@ -1,9 +1,9 @@
 //! Compares every executed step with the limits. It knows only the executed setpoints and their indices.
 //!
 //! Two executed states are `dt = (k - k') T` apart. The motion between them is unknown, but the jerk limit J
-//! bounds it, whatever its phases. The trapezoid rule errs by at most J dt^2 / 4 for an integrand with |f'| <= J,
-//! and by at most J dt^3 / 12 for one with |f''| <= J (Davis and Rabinowitz, Methods of Numerical Integration,
-//! section 2.1). So
+//! bounds it, whatever its phases. The trapezoid rule errs by at most J dt^2 / 4 for an integrand with |f'| <= J.
+//! For one with |f''| <= J it errs by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical
+//! Integration, section 2.1). So
 //!
 //! ```text
 //! |a - a'|                        <= J dt

@@ -13,11 +13,10 @@
 //! controllers are not synchronised, and the network and their cycles add delays.
 //!
 //! *Bounds.* For |q'''| <= J the spline differs from q by at most J h^3 / 96, and its derivative from q' by at
-//! most
-//! J h^2 / 30. These are the largest integrals over a period of the magnitude of the Peano kernel, 1/96 in the
-//! middle, and of its derivative, 0.0323 at 0.23 h from either end. So limits of position and velocity may be
-//! exceeded by these amounts ([`spline_error`], [`spline_speed_error`]). The jerk of a spline jumps from point to
-//! point.
+//! most J h^2 / 30. The constants are the largest integrals over a period of the magnitude of the Peano kernel
+//! and of its derivative. They are 1/96 in the middle, and 0.0323 at 0.23 h from either end. So limits of
+//! position and velocity may be exceeded by these amounts ([`spline_error`], [`spline_speed_error`]). The jerk of
+//! a spline jumps from point to point.
 
 use crate::cubic::cubic;
 use driver::Setpoint;

@@ -49,7 +49,7 @@ pub enum Event {
         frames: u64,
         /// The reason's name.
         reason: &'static str,
-        /// What it means.
+        /// Its meaning.
         meaning: &'static str,
     },
     /// A client acted at the operator's socket.

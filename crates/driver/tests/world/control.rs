@@ -10,9 +10,9 @@ use std::collections::HashMap;
 /// How a command was made from the state before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Made {
-    /// With this constant jerk over the tick.
+    /// Made with this constant jerk over the tick.
     Jerk([f64; JOINTS]),
-    /// As the next point of the plan.
+    /// Made as the next point of the plan.
     OnPlan,
 }
 

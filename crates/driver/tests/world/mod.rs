@@ -12,7 +12,7 @@ use oracle::Oracle;
 const GRACE_QUARTERS: u64 = 2;
 /// The index at which every run begins.
 pub(crate) const FIRST_K: u64 = 1000;
-/// Largest joint speed, rad/s; the motions of `Control` stay below it.
+/// Largest joint speed, rad/s. The motions of `Control` stay below it.
 pub(crate) const V_MAX: f64 = 3.0;
 
 /// Limits that every motion and plan of `Control` keeps. Its commands have up to 1e4 rad/s^3, its plans up to v /
