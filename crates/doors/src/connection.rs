@@ -7,7 +7,7 @@ use rt::Peer;
 use rustix::net::{self, SendFlags};
 use std::os::fd::OwnedFd;
 
-/// Interval at which a client hears again why its frames are ignored: twice a second.
+/// Interval at which a client gets the reason again while its frames are ignored: twice a second.
 const TELL_EVERY_NS: u64 = 500_000_000;
 
 /// One connection.

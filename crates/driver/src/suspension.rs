@@ -92,7 +92,7 @@ impl State {
         let v = measured.dq.map(|v| if v.abs() <= SPEED_NOISE { 0.0 } else { v });
         let confirmed = (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
-            // A braking joint has come at least as far as its present speed says.
+            // A braking joint has come at least as far as its present speed gives, because it was faster before.
             let farther = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s) * v[j].signum();
             let noise = ENCODER_NOISE + SPEED_NOISE * elapsed_s;
             let braked = BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
@@ -272,7 +272,8 @@ fn near(limits: &JointLimits) -> f64 {
     ENCODER_NOISE + NEAR_S * limits.v_max
 }
 
-/// Returns the largest difference of speed at which a joint counts as as fast as the certified stop, rad/s or m/s.
+/// Returns the largest difference of speed, rad/s or m/s, at which a joint still moves as the certified stop
+/// does.
 fn as_fast(limits: &JointLimits) -> f64 {
     SPEED_NOISE + AS_FAST_S * limits.a_max
 }

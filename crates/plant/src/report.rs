@@ -34,7 +34,7 @@ impl ViolationKind {
         Self::SetpointChange,
     ];
 
-    /// Name in reports.
+    /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stop => "stop",

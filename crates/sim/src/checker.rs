@@ -21,8 +21,8 @@
 //! The speed of elbows and hands is checked for the driver's steps, by their way from index to index, whatever
 //! the interface.
 //!
-//! The torque of every executed point comes from the body's own dynamics ([`plant`]), from position, velocity and
-//! acceleration of the links alone. It is compared with the whole effort limit.
+//! The torque of every executed point comes from the body's own dynamics ([`plant`]), by its position, velocity
+//! and acceleration. It is the torque of the links alone, and is compared with the whole effort limit.
 //!
 //! A driver that begins where it finds the robot stops by itself, and no proof covers that stop. Until it has
 //! ended, no torque is judged. The clearance is judged as that of the joints' true motion

@@ -113,9 +113,9 @@ pub enum SimError {
 /// noise, four times as much.
 pub const ENCODER_NOISE_MAX_RAD: f64 = 1e-4;
 
-/// Longest watchdog, ms. Until it fires, drives carry the last acceleration on. Then the played stop begins where
-/// it should be by that time. At 9.6 rad/s^2 and 20 ms their speeds differ by 0.2 rad/s. At 100 ms the robot goes
-/// 70 mrad beyond the end of the stop.
+/// Returns the longest allowed watchdog time, ms. Until the watchdog fires, drives carry the last acceleration
+/// on. Then the played stop begins where it should be by that time. At 9.6 rad/s^2 and 20 ms their speeds differ
+/// by 0.2 rad/s. At 100 ms the robot goes 70 mrad beyond the end of the stop.
 pub const fn watchdog_max_ms(reaction: Reaction) -> f64 {
     match reaction {
         Reaction::Play => 20.0,

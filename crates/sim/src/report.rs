@@ -35,7 +35,7 @@ impl ViolationKind {
         Self::Torque,
     ];
 
-    /// Name in reports.
+    /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Position => "position",

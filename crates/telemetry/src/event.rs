@@ -213,7 +213,8 @@ impl RateLimit {
         admitted
     }
 
-    /// If a second is over, begins the next one and returns how many lines of each kind were suppressed in it.
+    /// Begins the next second if one is over. Then returns how many lines of each kind were suppressed in it, and
+    /// otherwise `None`.
     pub fn turn(&mut self, now: Instant) -> Option<[u64; Event::KINDS]> {
         if now.duration_since(self.since) < Duration::from_secs(1) {
             return None;

@@ -199,7 +199,8 @@ pub fn is_preempt_rt() -> bool {
     says_preempt_rt(&text("/proc/sys/kernel/version"), &text("/sys/kernel/realtime"))
 }
 
-/// Returns true if either text says PREEMPT_RT. There it is a word of its own. `PREEMPT_DYNAMIC` is another word.
+/// Returns true if `version` contains the word `PREEMPT_RT`, or if `realtime` is 1. `PREEMPT_DYNAMIC` is another
+/// word.
 fn says_preempt_rt(version: &str, realtime: &str) -> bool {
     version.split_whitespace().any(|word| word == "PREEMPT_RT") || realtime.trim() == "1"
 }
