@@ -1,5 +1,5 @@
-//! Messages that services carry. The transport is generic over its messages, and large: what it is for each message is made
-//! here once, behind `dyn`, and not again in every program.
+//! Messages that services carry. The transport is generic over its messages, and large. Its code for each message
+//! is made here once, behind `dyn`, and not again in every program.
 
 use crate::domain::Domain;
 use crate::error::{BusError, PublishError};
@@ -11,19 +11,19 @@ use messages::{
 
 /// The writing end of a service.
 pub trait WritePort<M> {
-    /// See `Writer::publish`.
+    /// Does the same as `Writer::publish`.
     fn publish(&mut self, message: &M) -> Result<usize, PublishError>;
-    /// See `Writer::notify`.
+    /// Does the same as `Writer::notify`.
     fn notify(&mut self) -> Result<(), PublishError>;
 }
 
 /// The reading end of a service.
 pub trait ReadPort<M> {
-    /// The next message that has not been read; the error is a writer that could not be connected.
+    /// Returns the next message that has not been read. The error means that a writer could not be connected.
     fn receive(&mut self) -> Result<Option<Sample<M>>, Unconnected>;
 }
 
-/// A writer could not be connected.
+/// Returned when a writer could not be connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unconnected;
 
@@ -35,7 +35,7 @@ pub trait Carried: Message {
     fn read_port(domain: &Domain, service: Service) -> Result<Box<dyn ReadPort<Self>>, BusError>;
 }
 
-/// Implements `Carried` for messages, and thereby makes their ports: in the crate that calls it.
+/// Implements `Carried` for messages. So their ports are compiled in the crate that calls it.
 #[macro_export]
 macro_rules! carried {
     ($($message:ty),* $(,)?) => {$(

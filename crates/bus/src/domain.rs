@@ -1,4 +1,4 @@
-//! A domain: the processes that share one root path and one prefix see each other, and nobody else.
+//! A domain: the processes that share one root path and one prefix see each other, and no other process.
 
 use crate::carried::{Carried, ReadPort, WritePort};
 use crate::error::BusError;
@@ -26,17 +26,17 @@ use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-/// How long opening may take: cleaning up after dead processes took 51 ms at worst (measured, 0.10.0).
+/// Longest time for opening a domain. Cleaning up after dead processes took at most 51 ms (measured, 0.10.0).
 const START_DEADLINE: Duration = Duration::from_secs(5);
-/// Attempts to open a service that another process is creating or cleaning up; the pauses add up to 0.6 s.
+/// Attempts to open a service that another process is creating or cleaning up. The pauses add up to 0.6 s.
 const ATTEMPTS: u32 = 10;
-/// Pause before the second attempt; it doubles up to `PAUSE_LONGEST`.
+/// Pause before the second attempt. It doubles up to `PAUSE_LONGEST`.
 const PAUSE_FIRST: Duration = Duration::from_millis(2);
 /// Longest pause between attempts.
 const PAUSE_LONGEST: Duration = Duration::from_millis(100);
-/// Attempts to take a writer's place: a dead writer leaves it at the first cleaning, a living one keeps it.
+/// Attempts to get a writer's place. A dead writer loses its place at the first cleaning, a living one keeps it.
 const WRITER_ATTEMPTS: u32 = 4;
-/// How long one cleaning may wait for another process that cleans at the same time.
+/// Longest wait of one cleaning for another process that cleans at the same time.
 const CLEANING: Duration = Duration::from_millis(500);
 /// Readers of one service: five processes, the recorder, views and tools, and their successors.
 const READERS_MAX: usize = 16;
@@ -51,31 +51,31 @@ type Ipc = ipc::Service;
 pub(crate) type DataService<M> = publish_subscribe::PortFactory<Ipc, Payload<M>, ()>;
 pub(crate) type EventService = event::PortFactory<Ipc>;
 
-/// Where a domain lives; every running instance needs its own pair.
+/// The place of a domain. Every running instance needs its own pair.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DomainConfig {
-    /// Folder of sockets and service descriptions, absolute; created (0700) if it is missing.
+    /// Folder of sockets and service descriptions, absolute. It is created (0700) if it is missing.
     pub root: PathBuf,
-    /// What the names in /dev/shm begin with: lower-case letters, digits, `_`, `-`.
+    /// Beginning of the names in /dev/shm: lower-case letters, digits, `_`, `-`.
     pub prefix: String,
 }
 
 impl DomainConfig {
-    /// Whether the transport can use such a place; creates nothing.
+    /// Checks that the transport can use this place. Creates nothing.
     pub fn check(&self) -> Result<(), BusError> {
         transport_config(self).map(drop)
     }
 }
 
-/// A place in a domain. It is `Send`; the ports it makes are not.
+/// A process's membership in a domain. It is `Send`, but its ports are not.
 pub struct Domain {
     node: Box<dyn AsNode + Send>,
     config: DomainConfig,
-    // Declared last, so that the node goes before it.
+    // Declared last, so that the node is dropped before it.
     presence: Arc<Presence>,
 }
 
-/// Only so that programs do not make the code of [`Node`] again; see `carried`.
+/// Exists only so that programs do not compile the code of [`Node`] again. See `carried`.
 trait AsNode {
     fn node(&self) -> &Node<Ipc>;
 }
@@ -93,9 +93,10 @@ impl std::fmt::Debug for Domain {
 }
 
 impl Domain {
-    /// Enters the domain as `node_name` and cleans up after dead processes; ends within 5 s, in success or not. The first who
-    /// enters finds nothing of those who were killed, and the last who leaves leaves nothing in shared memory. Start
-    /// child processes before: descriptors opened here are not closed on exec.
+    /// Enters the domain as `node_name` and cleans up after dead processes. It ends within 5 s, in success or
+    /// not. The first process that enters removes everything of killed processes. The last one that leaves leaves
+    /// nothing in shared memory. Start child processes before, because descriptors opened here are not closed on
+    /// exec.
     pub fn open(config: DomainConfig, node_name: &str) -> Result<Self, BusError> {
         let transport = transport_config(&config)?;
         let name = NodeName::new(node_name)
@@ -127,18 +128,19 @@ impl Domain {
         }
     }
 
-    /// The writer of `service`; refused while another process holds its place.
+    /// Creates the writer of `service`. Fails while another process holds its place.
     pub fn writer<M: Carried>(&self, service: Service) -> Result<Writer<M>, BusError> {
         Ok(Writer::new(M::write_port(self, service)?))
     }
 
-    /// A reader of `service` that is polled.
+    /// Creates a reader of `service` that is polled.
     pub fn reader<M: Carried>(&self, service: Service) -> Result<Reader<M>, BusError> {
         let row = service.row();
         Ok(Reader::new(M::read_port(self, service)?, row.writers_max * row.kept))
     }
 
-    /// A reader of `service` that can wait for `Writer::notify`. Each one costs the writer a system call per wake-up.
+    /// Creates a reader of `service` that can wait for `Writer::notify`. It costs the writer a system call per
+    /// wake-up.
     pub fn waking_reader<M: Carried>(&self, service: Service) -> Result<WakingReader<M>, BusError> {
         Ok(WakingReader::new(self.reader(service)?, self.ear(service)?))
     }
@@ -193,12 +195,12 @@ impl Domain {
         }
     }
 
-    /// Removes what dead processes left; also done by `open` and `writer`.
+    /// Removes the files of dead processes. `open` and `writer` do so too.
     pub fn clean_up(&self) {
         self.node.node().blocking_cleanup_dead_nodes(CLEANING);
     }
 
-    /// Where this domain lives.
+    /// Returns the place of this domain.
     pub fn config(&self) -> &DomainConfig {
         &self.config
     }
@@ -231,7 +233,7 @@ impl Domain {
         let name = self.service_name(service, &format!("{}/event", service.row().name))?;
         let open = || {
             let builder = self.node.node().service_builder(&name).event().event_id_max_value(0).disable_deadline();
-            // A predecessor's place may be freed a moment after its publisher's.
+            // The place of a dead notifier may be freed a moment after its publisher's place.
             let builder = builder.max_notifiers(2 * service.row().writers_max).max_listeners(READERS_MAX);
             builder.max_nodes(NODES_MAX).open_or_create()
         };
@@ -242,7 +244,8 @@ impl Domain {
         ServiceName::new(name).map_err(|error| self.service_error(service, format!("name: {error:?}"), 1))
     }
 
-    /// Tries again, with growing pauses, what fails only because another process comes or goes at this moment.
+    /// Tries an operation again, with growing pauses, if it failed only because another process starts or ends at
+    /// this moment.
     fn retried<T, E: std::fmt::Debug>(
         &self,
         service: Service,
@@ -275,8 +278,8 @@ impl Domain {
     }
 }
 
-/// Runs `work` on a thread of its own; nothing if it is not done in time. The thread is then left behind: what it
-/// waits for can be anything that another process did to the shared files.
+/// Runs `work` on a thread of its own. Returns `None` if it is not done in time. The thread is then left behind,
+/// because it may wait for anything that another process did to the shared files.
 fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (sender, receiver) = mpsc::channel();
     std::thread::Builder::new()
@@ -320,7 +323,8 @@ fn create_root(config: &DomainConfig) -> Result<(), BusError> {
     created.map_err(|error| BusError::Root { path: config.root.clone(), reason: error.to_string() })
 }
 
-/// Refuses the domain of another user, in words: the transport's own error names no user. Root may enter every domain.
+/// Refuses the domain of another user with a clear error: the transport's own error names no user. Root may enter
+/// every domain.
 fn refuse_foreign(config: &DomainConfig) -> Result<(), BusError> {
     let own = rustix::process::geteuid().as_raw();
     let owner = std::fs::metadata(&config.root).map_or(own, |found| found.uid());
@@ -333,7 +337,7 @@ fn refuse_foreign(config: &DomainConfig) -> Result<(), BusError> {
 fn node_failure(error: NodeCreationFailure) -> String {
     match error {
         NodeCreationFailure::InsufficientPermissions => String::from("insufficient permissions"),
-        // The transport answers so, without a hint, where the files belong to another user.
+        // The transport returns this error without a hint if the files belong to another user.
         NodeCreationFailure::InternalError => String::from("internal failure, most often missing permissions"),
         NodeCreationFailure::SystemCorrupted => String::from("its files were removed while they were in use"),
         NodeCreationFailure::UnableToGenerateUniqueNodeId => String::from("no node number could be drawn"),
@@ -390,7 +394,7 @@ mod tests {
         let config = DomainConfig { root: root.into(), prefix: prefix.to_owned() };
         let checked = config.check().err().map(|error| error.to_string());
         let refused = Domain::open(config, "test").expect_err("it must be refused").to_string();
-        // What the path itself does not show, only the attempt does.
+        // Some errors show only when the domain is opened, not in the path itself.
         assert!(checked.is_none_or(|checked| checked == refused), "{refused}");
         refused
     }

@@ -1,4 +1,4 @@
-//! What can go wrong, with the path, the service and the advice.
+//! Errors with the path, the service and the advice.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ pub enum BusError {
     Root {
         /// The path.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// The prefix cannot be used.
@@ -18,18 +18,18 @@ pub enum BusError {
     Prefix {
         /// The prefix.
         prefix: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// A node name that the transport cannot carry.
+    /// The transport does not accept the node name.
     #[error("bus node name \"{name}\": {reason}")]
     NodeName {
         /// The name.
         name: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// The shared-memory filesystem is nearly full: writing to it would end the process with SIGBUS.
+    /// The shared-memory filesystem is nearly full. Writing to it would end the process with SIGBUS.
     #[error(
         "{}: {free_bytes} bytes are free, {needed_bytes} are needed; enlarge it (Docker: --shm-size) or remove what \
          dead programs left there", path.display()
@@ -52,7 +52,7 @@ pub enum BusError {
         root: PathBuf,
         /// Prefix.
         prefix: String,
-        /// How long was waited.
+        /// Length of the wait, ms.
         waited_ms: u64,
     },
     /// The folder belongs to another user.
@@ -115,7 +115,7 @@ pub enum BusError {
         service: &'static str,
         /// Root path.
         root: PathBuf,
-        /// Who writes this service.
+        /// The process that writes this service.
         writer: &'static str,
         /// Places for writers.
         writers_max: usize,
@@ -139,19 +139,20 @@ pub enum BusError {
         root: PathBuf,
         /// The transport's answer.
         cause: String,
-        /// How often it was tried.
+        /// Number of attempts.
         attempts: u32,
     },
 }
 
 impl BusError {
-    /// Whether another process holds the place: the instance runs already, or one of its processes was stopped.
+    /// Returns true if another process holds the place. The instance runs already, or one of its processes was
+    /// stopped.
     pub fn is_occupied(&self) -> bool {
         matches!(self, Self::WriterExists { .. } | Self::ReadersExhausted { .. })
     }
 }
 
-/// Why a message did not go out. At run time: small, `Copy`, made without allocating.
+/// Returned when a message was not sent. It is for run time: small, `Copy`, made without allocating.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PublishError {
     /// No memory was left for the message.
@@ -168,7 +169,8 @@ pub enum PublishError {
     Wake,
 }
 
-/// Of a service that one process of an instance writes: where that instance runs, the folder above its domains'.
+/// Names where the running instance is, for a service that one process of an instance writes. It is the folder
+/// above the folders of its domains.
 fn running(root: &std::path::Path, writers_max: usize) -> String {
     match root.parent() {
         Some(folder) if writers_max == 1 => format!("an instance runs in {} already: ", folder.display()),
@@ -176,7 +178,7 @@ fn running(root: &std::path::Path, writers_max: usize) -> String {
     }
 }
 
-/// The folder of a domain without its shared memory: the writer's /dev/shm is another one.
+/// Explains a domain whose folder is there without its shared memory: the writer's /dev/shm is another one.
 fn hint(cause: &str) -> &'static str {
     if cause.contains("HangsInCreation") {
         "; its owner has another /dev/shm, as the systemd units have: come in by skeleton.sock (examples/client.conf)"

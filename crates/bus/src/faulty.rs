@@ -1,4 +1,5 @@
-//! A latest-value slot behind a bad link: it drops, delays, duplicates and reorders, by a seed and in virtual time.
+//! A latest-value slot behind a faulty link. It drops, delays, duplicates and reorders, from a seed and in
+//! virtual time.
 
 use crate::error::PublishError;
 use crate::port::{Latest, Publish};
@@ -6,10 +7,10 @@ use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Messages under way at most; what exceeds it is dropped and counted.
+/// Largest number of messages under way. Further ones are dropped and counted.
 const UNDER_WAY_MAX: usize = 64;
 
-/// How bad the link is. The default is a perfect one.
+/// Faults of the link. The default is a perfect link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FaultPlan {
     /// Probability that a message is lost, 0 to 1.
@@ -18,15 +19,15 @@ pub struct FaultPlan {
     pub duplicate: f64,
     /// Probability that a message is held back by `reorder_ns`, so that later ones overtake it, 0 to 1.
     pub reorder: f64,
-    /// How long such a message is held back, ns.
+    /// Time for which such a message is held back, ns.
     pub reorder_ns: u64,
     /// Shortest delay of every message, ns.
     pub delay_min_ns: u64,
-    /// Longest delay, ns; drawn uniformly. Delay alone never reorders.
+    /// Longest delay, ns. Delays are drawn uniformly. Delay alone never reorders.
     pub delay_max_ns: u64,
 }
 
-/// What the link did so far.
+/// Counts of the link's faults so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
     /// Messages published.
@@ -48,7 +49,7 @@ struct UnderWay<M> {
     message: M,
 }
 
-/// The slot; both ends in one value. `Clone` branches it: both branches have the same future.
+/// The slot, with both ends in one value. `Clone` branches it: both branches have the same future.
 #[derive(Clone, Debug)]
 pub struct Faulty<M> {
     plan: FaultPlan,
@@ -62,7 +63,7 @@ pub struct Faulty<M> {
 }
 
 impl<M: Copy> Faulty<M> {
-    /// A link with this plan; the same seed gives the same faults.
+    /// Creates a link with this plan. The same seed gives the same faults.
     pub fn new(plan: FaultPlan, seed: u64) -> Self {
         Self {
             plan,
@@ -76,7 +77,7 @@ impl<M: Copy> Faulty<M> {
         }
     }
 
-    /// Moves virtual time forward and lets arrive what is due.
+    /// Moves virtual time forward and delivers the messages that are due.
     pub fn advance(&mut self, now: Stamp) {
         self.now = self.now.max(now);
         while let Some(due) = self.next_due() {
@@ -85,22 +86,22 @@ impl<M: Copy> Faulty<M> {
         }
     }
 
-    /// Changes how bad the link is; what is under way keeps its arrival.
+    /// Changes the faults of the link. Messages under way keep their arrival.
     pub fn set_plan(&mut self, plan: FaultPlan) {
         self.plan = plan;
     }
 
-    /// Other dice from here on: copies of a link part.
+    /// Takes other random numbers from here on, so that copies of a link differ.
     pub fn reseed(&mut self, seed: u64) {
         self.dice = Pcg64Mcg::seed_from_u64(seed);
     }
 
-    /// What the link did so far.
+    /// Returns the counts so far.
     pub fn counts(&self) -> FaultCounts {
         self.counts
     }
 
-    /// The earliest message that is due: by arrival, then by order of sending.
+    /// Returns the earliest message that is due: by arrival, then by order of sending.
     fn next_due(&self) -> Option<usize> {
         let due = self.under_way.iter().enumerate().filter(|(_, message)| message.arrival <= self.now);
         due.min_by_key(|(_, message)| (message.arrival, message.order)).map(|(index, _)| index)
@@ -124,7 +125,8 @@ impl<M: Copy> Faulty<M> {
 impl<M: Copy> Publish<M> for Faulty<M> {
     fn publish(&mut self, message: &M) -> Result<(), PublishError> {
         self.counts.published += 1;
-        // Every message draws the same numbers, so one fault's probability does not shift the others' dice.
+        // Every message draws the same count of numbers, so one fault's probability does not shift the others'
+        // numbers.
         let [dropped, doubled, held] = [self.plan.drop, self.plan.duplicate, self.plan.reorder]
             .map(|probability| self.dice.random::<f64>() < probability);
         let (first_ns, second_ns) = (self.delay_ns(), self.delay_ns());

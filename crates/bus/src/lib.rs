@@ -1,9 +1,9 @@
-//! Messages between processes: one writer and any number of readers per service over iceoryx2, and slots with the same
-//! traits inside one process, faulty on request.
+//! Messages between processes: one writer and any number of readers per service over iceoryx2. Slots with the
+//! same traits connect stages inside one process, with faults on request.
 //!
-//! A reader sees the newest message, and a queue only where the table of services says so; silence is the only sign of a dead writer. Ports are `!Send`: a
-//! port is created on the thread that uses it. Never fork after opening a domain: death is seen by a file lock, which
-//! a forked child would keep alive.
+//! A reader sees the newest message, and a queue only where the table of services says so. Silence is the only
+//! sign of a dead writer. Ports are `!Send`: create a port on the thread that uses it. Never fork after opening a
+//! domain. A file lock shows the death of a process, and a forked child would keep the lock.
 
 mod carried;
 mod domain;

@@ -3,7 +3,7 @@
 use crate::error::PublishError;
 use crate::port::{Latest, Publish};
 
-/// Holds the newest message until it is read. Both ends in one value, for stages that run in turn.
+/// Holds the newest message until it is read. One value has both ends, for stages that run in turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel<M> {
     newest: Option<M>,
@@ -16,7 +16,7 @@ impl<M> Default for Channel<M> {
 }
 
 impl<M> Channel<M> {
-    /// An empty slot.
+    /// Creates an empty slot.
     pub fn new() -> Self {
         Self::default()
     }

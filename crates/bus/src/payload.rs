@@ -1,4 +1,4 @@
-//! The one wrapper between our messages and the transport's marker trait.
+//! The only wrapper between our messages and the transport's marker trait.
 #![allow(unsafe_code)]
 
 use iceoryx2::prelude::ZeroCopySend;
@@ -20,10 +20,10 @@ impl<M: Message> fmt::Debug for Payload<M> {
     }
 }
 
-// SAFETY: a `Message` is `Copy`, `'static` and `repr(C)`, made of explicit-width numbers and arrays of them, without
-// padding (asserted at compile time where it is declared): it holds no pointer or handle, every process sees the same
-// layout, and every bit pattern is a valid value. The name carries version and layout hash, so equal names mean equal
-// layouts.
+// SAFETY: a `Message` is `Copy`, `'static` and `repr(C)`. It consists of explicit-width numbers and arrays of
+// them, without padding (asserted at compile time where it is declared). So it holds no pointer or handle, every
+// process sees the same layout, and every bit pattern is a valid value. The name carries version and layout hash,
+// so equal names mean equal layouts.
 unsafe impl<M: Message> ZeroCopySend for Payload<M> {
     unsafe fn type_name() -> &'static str {
         Self::TYPE_NAME.as_str()

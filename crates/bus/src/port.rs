@@ -1,15 +1,15 @@
-//! What a stage's shell needs of any transport.
+//! The interface that a stage's shell needs from any transport.
 
 use crate::error::PublishError;
 
-/// Something that takes messages.
+/// A port that takes messages.
 pub trait Publish<M> {
     /// Makes `message` the newest one.
     fn publish(&mut self, message: &M) -> Result<(), PublishError>;
 }
 
-/// Something that holds the newest message.
+/// A port that holds the newest message.
 pub trait Latest<M> {
-    /// The newest message, if one has arrived since the last call.
+    /// Returns the newest message, if one has arrived since the last call.
     fn latest(&mut self) -> Option<M>;
 }

@@ -15,10 +15,10 @@ use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Descriptors that a reader can wait for beside its own.
+/// Largest number of descriptors that a reader can wait for besides its own.
 pub const ALSO_MAX: usize = 15;
 
-/// Which writer a message came from; unique per port, so a restarted writer is another one.
+/// The writer of a message. It is unique per port, so a restarted writer has another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct PublisherId(pub u128);
 
@@ -29,14 +29,14 @@ pub struct Sample<M> {
     pub message: M,
     /// Its writer.
     pub publisher: PublisherId,
-    /// The writer's process, as it says itself; 0 if it says none.
+    /// The writer's process, as the writer reports it, or 0 if it reports none.
     pub process: u32,
 }
 
-/// A reader that is polled: no system call, no allocation, no lock; a poll took 0.1 us (2026-11, 480 bytes).
+/// A reader that is polled: no system call, no allocation, no lock. A poll took 0.1 us (2026-11, 480 bytes).
 pub struct Reader<M: Message> {
     port: Box<dyn ReadPort<M>>,
-    /// Messages that can wait at once: of every writer as many as the service keeps.
+    /// Messages that can wait at once: for every writer as many as the service keeps.
     waiting_max: usize,
     failures: u64,
 }
@@ -52,26 +52,28 @@ impl<M: Message> Reader<M> {
         Self { port, waiting_max, failures: 0 }
     }
 
-    /// The newest message that has not been read yet.
+    /// Returns the newest message that has not been read yet.
     pub fn latest(&mut self) -> Option<M> {
         self.latest_sample().map(|sample| sample.message)
     }
 
-    /// As `latest`, with the writer it came from. With several writers use `drain`.
+    /// Does the same as `latest`, and also returns the writer. With several writers use `drain`.
     pub fn latest_sample(&mut self) -> Option<Sample<M>> {
         let mut newest = None;
-        // A writer that has gone is read before its successor, so the last one is the newest.
+        // A writer that has left is read before its successor, so the last message is the newest.
         self.take(self.waiting_max + 1, |sample| newest = Some(sample));
         newest
     }
 
-    /// Hands the unread messages of each writer to `use_sample`, the oldest first, at most as many as the service keeps
-    /// of each (one in most cases); answers how many. A writer that publishes during the call may be seen twice; what is left waits for the next call.
+    /// Hands the unread messages of each writer to `use_sample`, the oldest first. It takes at most as many of
+    /// each writer as the service keeps (one in most cases) and returns their number. A writer that publishes
+    /// during the call may be seen twice. The rest waits for the next call.
     pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
         self.take(self.waiting_max, use_sample)
     }
 
-    /// Polls that failed because a writer could not be connected; its messages are silence to this reader.
+    /// Returns the number of polls that failed because a writer could not be connected. This reader gets none of
+    /// its messages.
     pub fn failures(&self) -> u64 {
         self.failures
     }
@@ -94,7 +96,7 @@ impl<M: Message> Reader<M> {
 /// A reader over iceoryx2.
 pub(crate) struct IpcReader<M: Message> {
     pub(crate) subscriber: Subscriber<ipc::Service, Payload<M>, ()>,
-    // Declared last, so that the port goes before it.
+    // Declared last, so that the port is dropped before it.
     pub(crate) _presence: Arc<Presence>,
 }
 
@@ -108,8 +110,8 @@ impl<M: Message> ReadPort<M> for IpcReader<M> {
     }
 }
 
-/// The message as it was at one moment of each of its words. A writer that breaks the rules can change it while it is read:
-/// so every word is read exactly once, and whatever looks at the message looks at the copy.
+/// Copies the message and reads every word exactly once. A writer that breaks the rules can change the message
+/// while it is read. So all later code uses the copy.
 fn copied_once<M: Message>(payload: &Payload<M>) -> M {
     let words = size_of::<M>() / size_of::<u64>();
     let from = std::ptr::from_ref(payload).cast::<u64>();
@@ -117,8 +119,8 @@ fn copied_once<M: Message>(payload: &Payload<M>) -> M {
     let into = std::ptr::from_mut(&mut copy).cast::<u64>();
     const { assert!(size_of::<M>().is_multiple_of(size_of::<u64>()) && align_of::<M>() == align_of::<u64>()) };
     for i in 0..words {
-        // SAFETY: `Payload<M>` is transparent over `M`, which has no padding and whole words of the alignment of u64 (asserted
-        // above); both pointers stay inside it, and every bit pattern is a valid value.
+        // SAFETY: `Payload<M>` is transparent over `M`, which has no padding and whole words of the alignment of u64
+        // (asserted above). Both pointers stay inside it, and every bit pattern is a valid value.
         unsafe { into.add(i).write(from.add(i).read_volatile()) };
     }
     copy
@@ -130,7 +132,7 @@ impl<M: Message> Latest<M> for Reader<M> {
     }
 }
 
-/// Why a wait ended.
+/// The reason why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wake {
     /// A writer called `notify`. Its message may have been read already: `latest` decides.
@@ -141,18 +143,18 @@ pub enum Wake {
     Interrupted,
 }
 
-/// What waits for `Writer::notify`.
+/// A listener for `Writer::notify`.
 pub(crate) trait WakeListener {
-    /// Takes the wake-ups that have been sent: how many.
+    /// Takes the wake-ups that have been sent and returns their number.
     fn take(&mut self) -> Result<u64, Unconnected>;
-    /// Readable while there are any.
+    /// Returns a descriptor that is readable while there are any.
     fn descriptor(&self) -> BorrowedFd<'_>;
 }
 
-/// An ear over iceoryx2.
+/// A listener over iceoryx2.
 pub(crate) struct IpcWakeListener {
     pub(crate) listener: Listener<ipc::Service>,
-    // Declared last, so that the port goes before it.
+    // Declared last, so that the port is dropped before it.
     pub(crate) _presence: Arc<Presence>,
 }
 
@@ -185,18 +187,20 @@ impl<M: Message> WakingReader<M> {
         Self { reader, ear, failures: 0 }
     }
 
-    /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last wait
-    /// ends it at once.
+    /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last
+    /// wait ends it at once.
     ///
-    /// The transport's own timed wait is a socket timeout, which Linux counts in scheduler ticks: 667 us took 8.0 ms
-    /// at 250 Hz (2026-11). This one is a high-resolution timer (ppoll), precise to the thread's timer slack: 0.75 ms.
+    /// The transport's own timed wait is a socket timeout, which Linux counts in scheduler ticks. There 667 us
+    /// took 8.0 ms at 250 Hz (2026-11). This wait is a high-resolution timer (ppoll). Its precision is the
+    /// thread's timer slack: 0.75 ms.
     pub fn wait(&mut self, timeout: Duration) -> Wake {
         self.wait_also(timeout, &[])
     }
 
-    /// As `wait`, and ends also when one of at most `ALSO_MAX` other descriptors can be read; more are not looked at.
+    /// Does the same as `wait`, and also ends when one of at most `ALSO_MAX` other descriptors can be read. It
+    /// ignores more.
     pub fn wait_also(&mut self, timeout: Duration, also: &[BorrowedFd<'_>]) -> Wake {
-        // First without waiting: a wake-up may be noted in shared memory without a datagram in the socket.
+        // First without waiting: a wake-up may be in shared memory without a datagram in the socket.
         if self.collect() {
             return Wake::Event;
         }
@@ -221,27 +225,27 @@ impl<M: Message> WakingReader<M> {
         }
     }
 
-    /// The newest message that has not been read yet.
+    /// Returns the newest message that has not been read yet.
     pub fn latest(&mut self) -> Option<M> {
         self.reader.latest()
     }
 
-    /// As `Reader::latest_sample`.
+    /// Does the same as `Reader::latest_sample`.
     pub fn latest_sample(&mut self) -> Option<Sample<M>> {
         self.reader.latest_sample()
     }
 
-    /// As `Reader::drain`.
+    /// Does the same as `Reader::drain`.
     pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
         self.reader.drain(use_sample)
     }
 
-    /// Polls and waits that failed.
+    /// Returns the number of polls and waits that failed.
     pub fn failures(&self) -> u64 {
         self.reader.failures() + self.failures
     }
 
-    /// Takes all wake-ups that have been sent; whether there was one.
+    /// Takes all wake-ups that have been sent. Returns true if there was one.
     fn collect(&mut self) -> bool {
         match self.ear.take() {
             Ok(count) => count > 0,

@@ -1,4 +1,4 @@
-//! The shared-memory filesystem: its room, and what lies there.
+//! The shared-memory filesystem: its free space, and the segments in it.
 
 use crate::error::BusError;
 use std::collections::BTreeSet;
@@ -6,10 +6,10 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Where POSIX shared memory lives on Linux (shm_overview(7)).
+/// Folder of POSIX shared memory on Linux (shm_overview(7)).
 const SHARED_MEMORY: &str = "/dev/shm";
-/// What one domain may need: 8 clients with 20 readers took 1.0 MiB (2026-11); 16 times that leaves room for restarts,
-/// whose predecessors' memory goes only when they are cleaned up.
+/// Memory that one domain may need. 8 clients with 20 readers took 1.0 MiB (2026-11). 16 times that leaves room
+/// for restarts, because the memory of dead processes stays until it is cleaned up.
 pub const SHARED_MEMORY_NEEDED_BYTES: u64 = 16 << 20;
 
 /// Digits of the hash that follows the prefix in every name (iceoryx2 0.10.0: SHA-1 of the kind of segment).
@@ -17,7 +17,7 @@ const HASH_DIGITS: usize = 40;
 /// Unit of `st_blocks` (stat(2)).
 const BLOCK_BYTES: u64 = 512;
 
-/// A piece of shared memory.
+/// A shared-memory segment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segment {
     /// Name in /dev/shm.
@@ -29,13 +29,13 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// Its path.
+    /// Returns its path.
     pub fn path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(&self.name)
     }
 }
 
-/// What lies in /dev/shm of the domains whose prefix begins with `prefix` and is told apart by `is_prefix`.
+/// Returns the segments in /dev/shm of the domains whose prefix satisfies `is_prefix`, sorted by name.
 fn segments_of(is_prefix: impl Fn(&str) -> bool) -> Vec<Segment> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
@@ -49,17 +49,18 @@ fn segments_of(is_prefix: impl Fn(&str) -> bool) -> Vec<Segment> {
     found
 }
 
-/// What lies in /dev/shm of the domain with exactly this prefix, sorted by name.
+/// Returns the segments in /dev/shm of the domain with exactly this prefix, sorted by name.
 pub fn segments(prefix: &str) -> Vec<Segment> {
     segments_of(|found| found == prefix)
 }
 
-/// What lies in /dev/shm of all domains whose prefix begins so, sorted by name.
+/// Returns the segments in /dev/shm of all domains whose prefix begins with `prefix`, sorted by name.
 pub fn segments_beginning(prefix: &str) -> Vec<Segment> {
     segments_of(|found| found.starts_with(prefix))
 }
 
-/// The prefix of the domain to which a name in /dev/shm belongs; nothing if the transport makes no such names.
+/// Returns the prefix of the domain that a name in /dev/shm belongs to. Returns `None` if the transport makes no
+/// such names.
 pub fn prefix_of(name: &str) -> Option<&str> {
     let digits = |text: &str| text.len() == HASH_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit());
     let ends = name.match_indices('_').map(|(end, _)| end).filter(|&end| end >= HASH_DIGITS);
@@ -73,7 +74,8 @@ pub fn prefix_of(name: &str) -> Option<&str> {
 pub struct Mapped(BTreeSet<String>);
 
 impl Mapped {
-    /// Looks through /proc for names that begin with `prefix`; nothing if that is not done at `give_up`.
+    /// Searches /proc for names that begin with `prefix`. Returns `None` if the search is not finished at
+    /// `give_up`.
     pub fn read(prefix: &str, give_up: Instant) -> Option<Self> {
         let mut names = BTreeSet::new();
         for process in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
@@ -90,26 +92,26 @@ impl Mapped {
         Some(Self(names))
     }
 
-    /// Whether `name` is among them.
+    /// Returns true if `name` is among them.
     pub fn has(&self, name: &str) -> bool {
         self.0.contains(name)
     }
 
-    /// Whether a name of the domain with this prefix is among them.
+    /// Returns true if a name of the domain with this prefix is among them.
     pub fn any_of(&self, prefix: &str) -> bool {
         self.0.iter().any(|name| prefix_of(name) == Some(prefix))
     }
 }
 
-/// Returns true if a living process has joined the domain with this prefix. It also returns true where it cannot tell: after
-/// `give_up`, and for segments of another user, whose maps only root can read.
+/// Returns true if a living process has joined the domain with this prefix. It also returns true if it cannot tell:
+/// after `give_up`, and for segments of another user, whose maps only root can read.
 pub fn is_inhabited(prefix: &str, give_up: Instant) -> bool {
     let own = rustix::process::geteuid().as_raw();
     let hidden = own != 0 && segments(prefix).iter().any(|segment| segment.uid != own);
     hidden || Mapped::read(prefix, give_up).is_none_or(|mapped| mapped.any_of(prefix))
 }
 
-/// Refuses to start where a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
+/// Refuses to start if a write to shared memory could end in SIGBUS: tmpfs hands out pages lazily.
 pub(crate) fn check_room() -> Result<(), BusError> {
     check_room_in(Path::new(SHARED_MEMORY), SHARED_MEMORY_NEEDED_BYTES)
 }
@@ -124,8 +126,9 @@ fn check_room_in(path: &Path, needed_bytes: u64) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Takes the rights of other users from what lies there under `prefix`. All but one file is made without any; the transport
-/// makes the counter of its nodes for everybody. What belongs to another user is left alone: the transport refuses it.
+/// Takes the rights of other users away from the files in /dev/shm under `prefix`. The transport creates all
+/// files but one without such rights. It creates the counter of its nodes for everybody. Files of another user
+/// are left alone, because the transport refuses them.
 pub(crate) fn close_to_others(prefix: &str) {
     let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) else { return };
     for entry in entries.flatten().filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())) {

@@ -17,12 +17,12 @@ use std::sync::Arc;
 
 type Loan<M> = SampleMutUninit<ipc::Service, MaybeUninit<Payload<M>>, ()>;
 
-/// The one writer of a service. Publishing is free of system calls; waking readers is a separate step.
+/// The one writer of a service. Publishing makes no system call. Waking readers is a separate step.
 ///
-/// Each message costs one allocation and one release of 48 bytes in the transport (a reference count around the loan),
-/// the one known exception to "no allocation in a tick". The loan for the next message is taken after this one has
-/// gone out, so that it never delays a message; block and thread are always the same, so glibc serves both from the
-/// thread's own cache, without a lock or a system call.
+/// Each message costs one allocation and one release of 48 bytes in the transport (a reference count around the
+/// loan). It is the one known exception to "no allocation in a tick". The writer takes the loan for the next
+/// message after it has sent this one, so it never delays a message. Block and thread are always the same. So
+/// glibc serves both from the thread's own cache, without a lock or a system call.
 pub struct Writer<M: Message> {
     port: Box<dyn WritePort<M>>,
 }
@@ -32,12 +32,12 @@ impl<M: Message> Writer<M> {
         Self { port }
     }
 
-    /// Makes `message` the newest one for every reader; answers how many readers got it.
+    /// Makes `message` the newest one for every reader. Returns how many readers got it.
     pub fn publish(&mut self, message: &M) -> Result<usize, PublishError> {
         self.port.publish(message)
     }
 
-    /// Wakes every waiting reader; one system call for each that is not awake yet.
+    /// Wakes every waiting reader, with one system call for each that is not awake yet.
     pub fn notify(&mut self) -> Result<(), PublishError> {
         self.port.notify()
     }
@@ -45,11 +45,11 @@ impl<M: Message> Writer<M> {
 
 /// A writer over iceoryx2.
 pub(crate) struct IpcWriter<M: Message> {
-    // Declared first, so that it is returned before its publisher goes.
+    // Declared first, so that it is returned before its publisher is dropped.
     in_hand: Option<Loan<M>>,
     publisher: Publisher<ipc::Service, Payload<M>, ()>,
     notifier: Notifier<ipc::Service>,
-    // Declared last, so that the ports go before it.
+    // Declared last, so that the ports are dropped before it.
     _presence: Arc<Presence>,
 }
 

@@ -1,4 +1,4 @@
-//! What a process of the same user can do to a domain, and what it cannot.
+//! Damage that a process of the same user can do to a domain, and damage that it cannot do.
 
 mod support;
 
@@ -19,7 +19,7 @@ fn client(domain: &Domain) -> Writer<RawSkeleton> {
     domain.writer(Service::RawSkeleton).expect("a place")
 }
 
-/// The files in /dev/shm of a domain, and their modes.
+/// Returns the files in /dev/shm of a domain, and their modes.
 fn files(prefix: &str) -> Vec<(std::path::PathBuf, u32)> {
     let entries = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
     let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
@@ -39,7 +39,7 @@ fn f106_f107_no_file_of_a_domain_is_open_to_another_user() {
     assert!(files.iter().all(|(_, mode)| mode & 0o077 == 0), "{files:?}");
     let root = std::fs::metadata(place.root()).expect("the root").permissions().mode();
     assert_eq!(root & 0o777, 0o700);
-    // A second process of the same user finds its way all the same.
+    // A second process of the same user can still enter.
     drop(place.open());
 }
 
@@ -53,7 +53,8 @@ fn f019_what_is_validated_is_a_copy_that_the_writer_cannot_change() {
     for sequence in 1..=20 {
         writer.publish(&raw(sequence)).expect("it goes out");
         let taken = reader.drain(|sample| {
-            // A writer that breaks the rules overwrites what it has sent; only the memory of the samples, so that both live.
+            // A writer that breaks the rules overwrites its sent messages: only the memory of the samples, so
+            // that both live.
             for (path, _) in files(&place.config().prefix).into_iter().filter(|(path, _)| data(path)) {
                 let file = OpenOptions::new().read(true).write(true).open(path).expect("the same user");
                 let mut bytes = vec![0; file.metadata().expect("a size").len() as usize];
@@ -117,7 +118,7 @@ fn f018_another_message_under_the_same_name_is_refused() {
     let domain = place.open();
     let error = domain.writer::<Skeleton>(Service::RawSkeleton).expect_err("another layout");
     assert!(matches!(error, BusError::WrongMessage { .. }), "{error:?}");
-    // The folder itself is what keeps others out; a file that stands in its way is an error in words.
+    // The folder itself keeps other users out. A file in its place is a clear error.
     File::create(place.root().join("in the way")).expect("a file");
     let config = bus::DomainConfig { root: place.root().join("in the way"), prefix: place.config().prefix };
     assert!(matches!(Domain::open(config, "test"), Err(BusError::Root { .. })));

@@ -1,4 +1,4 @@
-//! What the hot path allocates: nothing when reading and waiting, one block per message when writing.
+//! Allocations of the hot path: none when reading and waiting, one block per message when writing.
 
 mod support;
 

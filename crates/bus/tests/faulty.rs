@@ -1,9 +1,10 @@
-//! The bad link: every fault is seen, and the seed decides everything.
+//! The faulty link: every fault occurs, and the seed decides everything.
 
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use messages::{Stamp, deadline};
 
-/// One message per tick, a read before and after it; what was read when, and what the link did.
+/// Runs one message per tick, with a read before and after it. Returns the messages with their read times, and
+/// the counts.
 fn run(plan: FaultPlan, seed: u64, ticks: u64) -> (Vec<(u64, u64)>, FaultCounts) {
     let mut link = Faulty::new(plan, seed);
     let mut seen = Vec::new();
@@ -54,7 +55,7 @@ fn the_seed_decides_everything() {
 #[test]
 fn dropping_leaves_gaps_at_the_asked_rate() {
     let (seen, counts) = run(FaultPlan { drop: 0.25, ..FaultPlan::default() }, 3, 10_000);
-    // 10,000 draws at 0.25: standard deviation 43; five of them.
+    // 10,000 draws at 0.25 have a standard deviation of 43. The range is five of them.
     assert!((2_283..=2_717).contains(&counts.dropped), "{counts:?}");
     assert_eq!(seen.len() as u64 + counts.dropped, 10_000);
     assert!(seen.iter().all(|(k, message)| k == message));
@@ -66,7 +67,7 @@ fn delay_makes_messages_late_but_keeps_their_order() {
     let (seen, counts) = run(plan, 3, 10_000);
     assert!(seen.windows(2).all(|pair| pair[0].1 < pair[1].1), "never backwards, never twice");
     let lateness: Vec<u64> = seen.iter().map(|(k, message)| k - message).collect();
-    // 2 ms are 3 ticks; order-keeping can stretch a delay up to the longest one, 9 ms or 14 ticks.
+    // 2 ms are 3 ticks. Keeping the order can stretch a delay up to the longest one, 9 ms or 14 ticks.
     assert!(lateness.iter().all(|late| (3..=14).contains(late)), "{:?}", lateness.iter().max());
     assert!(lateness.iter().any(|&late| late > 5));
     assert!(counts.arrived > 9_900 && counts.dropped == 0);

@@ -1,4 +1,4 @@
-//! Real processes that are stopped and killed: the test program starts itself again.
+//! Real processes that are stopped and killed. The test program starts itself again.
 
 mod support;
 
@@ -109,7 +109,7 @@ fn f086_a_killed_writer_is_silence_and_its_successor_a_stranger() {
             assert_eq!(reader.latest(), None, "the dead are silent");
         }
     }
-    // This domain was open all the time: taking the place cleans up first.
+    // This domain was open all the time. Taking the place cleans up first.
     let mut next = writer(&successor).expect("the dead writer's place is free");
     next.publish(&message(7, 1)).expect("it goes out");
     known.push(incarnation_heard(&mut reader));
@@ -125,7 +125,7 @@ fn a_living_writer_keeps_its_place_against_another_process() {
     let place = Place::new("living");
     let domain = place.open();
     let (mut writer, mut reader) = (writer(&domain).expect("a writer's place"), reader(&domain));
-    // Death is seen by a file lock that belongs to the process: opening the domain again must not loosen it.
+    // A file lock of the process shows its death. Opening the domain again must not release the lock.
     drop(place.open());
     let mut rival = Process::start(&place, "rival");
     assert!(rival.0.wait().expect("it ends").success(), "the rival was not refused");
@@ -183,7 +183,7 @@ fn processes_may_start_all_at_once() {
     assert_eq!(own.latest(), Some(message(2, 3)));
 }
 
-/// Names in /dev/shm of this place's domain.
+/// Returns the names in /dev/shm of this place's domain.
 fn names(place: &Place) -> Vec<String> {
     let prefix = place.config().prefix;
     let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
@@ -201,7 +201,8 @@ fn killed_processes_leave_nothing_to_the_next_who_enters() {
         processes.iter_mut().for_each(Process::kill);
         let left = names(&place);
         if folder_is_gone {
-            // As whoever tidies /tmp does it: then the transport itself does not know whose the segments are.
+            // A program that tidies /tmp does the same. Then the transport itself does not know the owner of the
+            // segments.
             std::fs::remove_dir_all(place.root()).expect("it was there");
         }
         let domain = place.open();
@@ -231,11 +232,11 @@ fn segments_of_a_live_process_are_never_removed() {
     };
     drop(place.open());
     kept("by another who comes and goes");
-    // A client that speaks to the transport directly holds no lock of ours.
+    // A client that uses the transport directly holds no lock of ours.
     std::fs::remove_file(place.root().join("presence.lock")).expect("it is there");
     drop(place.open());
     kept("without its lock");
-    // Another folder, the same names: a second mount of /tmp.
+    // Another folder with the same names, like a second mount of /tmp.
     let elsewhere = DomainConfig { root: place.root().with_file_name("elsewhere"), ..place.config() };
     drop(Domain::open(elsewhere, "test").expect("the domain opens"));
     kept("of another folder");

@@ -1,4 +1,4 @@
-//! One writer, many readers, newest value: what iceoryx2 does under our settings.
+//! One writer, many readers, newest value: the behaviour of iceoryx2 with our settings.
 
 mod support;
 
@@ -71,7 +71,7 @@ fn the_newest_message_is_that_of_the_newest_writer() {
     let (domain, first, second) = (place.open(), place.open(), place.open());
     let (mut reader, mut stepping) = (reader(&domain), reader(&domain));
     let mut older = writer(&first);
-    // Both connect; a writer that comes and goes between two polls is never heard.
+    // Both connect. A reader never sees a writer that comes and goes between two polls.
     assert_eq!((reader.latest(), stepping.latest()), (None, None));
     older.publish(&target(1)).expect("it goes out");
     drop(older);
@@ -116,7 +116,7 @@ fn every_client_is_seen_and_told_apart() {
         assert_eq!(reader.drain(|_| {}), 0);
     }
     assert_eq!(places.len(), 8);
-    // One client floods: a poll stays bounded.
+    // One client floods. A poll stays bounded.
     for sequence in 0..1_000 {
         writers[0].publish(&raw(0, sequence)).expect("it goes out");
     }
@@ -136,7 +136,7 @@ fn domains_with_another_prefix_do_not_see_each_other() {
     assert_eq!((reads_ours.latest(), reads_theirs.latest()), (Some(target(1)), Some(target(2))));
 }
 
-/// As large as a `JointTarget` and of the same name and version, but with two fields exchanged.
+/// A message with the size, name and version of a `JointTarget`, but with two fields exchanged.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 struct Exchanged([u64; 254]);

@@ -1,4 +1,4 @@
-//! The end of the skeleton socket in a client.
+//! The client's end of the skeleton socket.
 
 use crate::error::DoorError;
 use crate::frame::encode_frame;
@@ -10,13 +10,13 @@ use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-/// How long the answer to a hello is waited for: a hundred rounds of `ingest`.
+/// Longest wait for the reply to a hello: a hundred rounds of `ingest`.
 const TIMEOUT_MS: u64 = 1000;
-/// Answers that may lie in the socket; the kernel queues fewer than this.
+/// Replies that may wait in the socket. The kernel queues fewer than this.
 const ANSWERS_MAX: usize = 1024;
 const DAEMON: &str = "teleopd ingest";
 
-/// A session at the door.
+/// A client's session with `ingest`.
 #[derive(Debug)]
 pub struct Client {
     path: PathBuf,
@@ -26,13 +26,13 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to the socket of `ingest` at `path` and says hello; an answer is waited for at most 1 s.
+    /// Connects to the socket of `ingest` at `path` and sends a hello. Waits at most 1 s for the reply.
     pub fn attach(path: impl AsRef<Path>) -> Result<Self, DoorError> {
         let path = path.as_ref().to_path_buf();
         let socket = connect(&path, DAEMON, TIMEOUT_MS)?;
         let mut client = Self { path, socket, session_nonce: 0, told: Reply::Granted };
         match net::send(&client.socket, &Hello::OURS.encode(), SendFlags::NOSIGNAL) {
-            // Turned away already: the answer says why.
+            // The daemon has refused already. Its reply says why.
             Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => {}
             Err(errno) => return Err(client.failed("say hello", errno)),
         }
@@ -45,7 +45,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Sends `frame` as one of this session, without waiting: while the daemon does not read, frames are lost.
+    /// Sends `frame` in this session, without waiting. While the daemon does not read, frames are lost.
     pub fn publish(&mut self, frame: &RawSkeleton) -> Result<(), DoorError> {
         self.listen()?;
         let bytes = encode_frame(&RawSkeleton { session_nonce: self.session_nonce, ..*frame });
@@ -59,7 +59,7 @@ impl Client {
         }
     }
 
-    /// Takes what the daemon has said; a refusal is an error.
+    /// Takes the replies that have arrived. A refusal is an error.
     pub fn listen(&mut self) -> Result<(), DoorError> {
         for _ in 0..ANSWERS_MAX {
             match self.receive(RecvFlags::DONTWAIT)? {
@@ -70,17 +70,17 @@ impl Client {
         Ok(())
     }
 
-    /// What the daemon said last.
+    /// Returns the daemon's last reply.
     pub fn told(&self) -> Reply {
         self.told
     }
 
-    /// The number of this session, which every frame carries.
+    /// Returns the number of this session, which every frame carries.
     pub fn session_nonce(&self) -> u64 {
         self.session_nonce
     }
 
-    /// One answer; nothing if none comes in time. A refusal is an error.
+    /// Receives one reply. Returns `None` if none comes in time. A refusal is an error.
     fn receive(&self, flags: RecvFlags) -> Result<Option<ReplyPacket>, DoorError> {
         let mut bytes = [0; ANSWER_BYTES + 1];
         let mut resets = 0;
@@ -96,7 +96,8 @@ impl Client {
                 }
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => return Ok(None),
-                // The kernel reports that the daemon left packets unread before it delivers the daemon's last answer.
+                // The kernel first reports that the daemon left packets unread. Then it delivers the daemon's
+                // last reply.
                 Err(Errno::CONNRESET) if resets == 0 => resets = 1,
                 Err(errno) => return Err(self.failed("receive an answer", errno)),
             }

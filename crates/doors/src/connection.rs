@@ -1,4 +1,4 @@
-//! What is remembered of one connection.
+//! State of one connection.
 
 use crate::bucket::Bucket;
 use crate::protocol::{Reply, ReplyPacket};
@@ -7,7 +7,7 @@ use rt::Peer;
 use rustix::net::{self, SendFlags};
 use std::os::fd::OwnedFd;
 
-/// How often a client is told again what keeps its frames from going through: twice a second.
+/// Interval at which a client gets the reason again while its frames are ignored: twice a second.
 const TELL_EVERY_NS: u64 = 500_000_000;
 
 /// One connection.
@@ -15,17 +15,17 @@ const TELL_EVERY_NS: u64 = 500_000_000;
 pub(crate) struct Connection {
     pub(crate) socket: OwnedFd,
     pub(crate) peer: Peer,
-    /// Counts the connections of this server.
+    /// Number of this connection. The server counts them.
     pub(crate) connection: u64,
-    /// The session number; 0 before the hello.
+    /// The session number, or 0 before the hello.
     pub(crate) session_nonce: u64,
     pub(crate) since: Stamp,
-    /// The last packet.
+    /// Time of the last packet.
     pub(crate) heard: Stamp,
     pub(crate) bucket: Bucket,
-    /// Not read before.
+    /// The server does not read the connection before this time.
     pub(crate) muted_until: Stamp,
-    /// A frame that found no token lies in the buffer.
+    /// True if the buffer holds a frame that found no token.
     pub(crate) pending: bool,
     standing: Option<(Reply, Stamp)>,
     told_of_quota: Option<Stamp>,
@@ -48,13 +48,13 @@ impl Connection {
         }
     }
 
-    /// Sends `word`; to a client that does not read it is lost.
+    /// Sends `word`. A client that does not read loses it.
     pub(crate) fn say(&self, word: Reply) {
         let nonce = if word.is_refusal() { 0 } else { self.session_nonce };
         say(&self.socket, ReplyPacket::new(word, nonce));
     }
 
-    /// Tells whether the client holds the lease: when that changes, and again while it does not.
+    /// Reports to the client if it holds the lease: when that changes, and repeatedly while it does not.
     pub(crate) fn tell_standing(&mut self, now: Stamp, word: Reply) {
         let last = self.standing;
         let again = word == Reply::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
@@ -64,7 +64,7 @@ impl Connection {
         }
     }
 
-    /// Tells that frames are passed over; `true` if it was told now.
+    /// Reports to the client that frames are dropped. Returns `true` if it sent the reply now.
     pub(crate) fn tell_quota(&mut self, now: Stamp) -> bool {
         let due = self.told_of_quota.is_none_or(|at| now.since(at) >= TELL_EVERY_NS);
         if due {
@@ -75,7 +75,7 @@ impl Connection {
     }
 }
 
-/// Sends an answer without waiting; whoever does not read loses it and nothing else.
+/// Sends a reply without waiting. A client that does not read loses the reply and nothing else.
 pub(crate) fn say(socket: &OwnedFd, answer: ReplyPacket) {
     let _ = net::send(socket, &answer.encode(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }

@@ -1,32 +1,32 @@
-//! Why a door cannot be opened or entered.
+//! Errors of making and reaching a socket.
 
 use crate::protocol::Reply;
 use rustix::io::Errno;
 use std::path::PathBuf;
 
-/// Why a socket could not be made or reached. `daemon` is the process it belongs to.
+/// Returned when a socket cannot be made or reached. `daemon` is the process that the socket belongs to.
 #[derive(Debug, thiserror::Error)]
 pub enum DoorError {
-    /// There is no socket.
+    /// The socket does not exist.
     #[error("{}: no such socket: is {daemon} running? (`teleopd up` starts all)", path.display())]
     NoSocket {
         /// The socket.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
     },
-    /// A socket file that nobody listens on.
+    /// The socket file exists, but no process listens on it.
     #[error("{}: nobody listens on this socket: {daemon} has ended without removing it", path.display())]
     NobodyAnswers {
         /// The socket.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
     },
     /// The file system forbids it.
     #[error("{}: permission denied: the socket is open to its owner and its group (mode 0660)", path.display())]
     PermissionDenied {
-        /// The socket, or the directory of one to be made.
+        /// The socket, or the directory of a socket to be made.
         path: PathBuf,
     },
     /// The socket cannot be given to its group.
@@ -36,20 +36,20 @@ pub enum DoorError {
         path: PathBuf,
         /// The group.
         gid: u32,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
-        /// What the kernel said.
+        /// The kernel's error.
         source: Errno,
     },
-    /// A second server.
+    /// Another server listens on this socket already.
     #[error("{}: another {daemon} answers on this socket: end it first, or give this one another path", path.display())]
     InUse {
         /// The socket.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
     },
-    /// A file that is no socket is never replaced.
+    /// The path names a file that is not a socket. Such a file is never replaced.
     #[error("{}: exists and is not a socket: it is left alone, move it away or give another path", path.display())]
     NotASocket {
         /// The file.
@@ -60,31 +60,31 @@ pub enum DoorError {
     NoDirectory {
         /// The directory.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that the socket belongs to.
         daemon: &'static str,
     },
-    /// A path that does not fit into a socket address.
+    /// The path does not fit into a socket address.
     #[error("{}: too long for the path of a Unix socket (at most 107 bytes)", path.display())]
     PathTooLong {
         /// The path.
         path: PathBuf,
     },
-    /// No answer in time.
+    /// The daemon did not reply in time.
     #[error("{}: {daemon} did not reply within {timeout_ms} ms", path.display())]
     Timeout {
         /// The socket.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
-        /// What was waited for.
+        /// Length of the wait, ms.
         timeout_ms: u64,
     },
-    /// The daemon says no.
+    /// The daemon refused this client.
     #[error("{}: refused: {}", path.display(), word.meaning())]
     Refused {
         /// The socket.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         word: Reply,
     },
     /// The daemon ended the connection.
@@ -92,17 +92,17 @@ pub enum DoorError {
     Closed {
         /// The socket.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that it belongs to.
         daemon: &'static str,
     },
-    /// Anything else.
+    /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
     Os {
         /// The socket.
         path: PathBuf,
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What the kernel said.
+        /// The kernel's error.
         source: Errno,
     },
 }

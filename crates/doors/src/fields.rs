@@ -1,21 +1,21 @@
-//! Bytes on a socket: the fields of a message in their order, little-endian, without padding, which on the machines that
-//! teleopd runs on is the memory layout of the message.
+//! Bytes on a socket: the fields of a message in their order, little-endian, without padding. On the machines
+//! that teleopd runs on, that is the memory layout of the message.
 
-/// Both directions of one field list, so that they cannot differ in order.
+/// One field list for writing and reading, so that the two cannot differ in order.
 pub trait Fields {
-    /// The next four bytes.
+    /// Transfers the next four bytes.
     fn u32(&mut self, value: &mut u32);
-    /// The next eight bytes.
+    /// Transfers the next eight bytes.
     fn u64(&mut self, value: &mut u64);
 
-    /// The next four bytes as a number.
+    /// Transfers the next four bytes as a floating-point number.
     fn f32(&mut self, value: &mut f32) {
         let mut bits = value.to_bits();
         self.u32(&mut bits);
         *value = f32::from_bits(bits);
     }
 
-    /// The next eight bytes as a number.
+    /// Transfers the next eight bytes as a floating-point number.
     fn f64(&mut self, value: &mut f64) {
         let mut bits = value.to_bits();
         self.u64(&mut bits);
@@ -23,14 +23,14 @@ pub trait Fields {
     }
 }
 
-/// Puts fields into a buffer.
+/// Writes fields into a buffer.
 pub struct FieldWriter<'a> {
     bytes: &'a mut [u8],
     at: usize,
 }
 
 impl<'a> FieldWriter<'a> {
-    /// From the start of `bytes`, which must hold all fields.
+    /// Begins at the start of `bytes`, which must hold all fields.
     pub fn new(bytes: &'a mut [u8]) -> Self {
         Self { bytes, at: 0 }
     }
@@ -48,14 +48,14 @@ impl Fields for FieldWriter<'_> {
     }
 }
 
-/// Takes fields out of a buffer, whose length was checked before.
+/// Reads fields from a buffer whose length was checked before.
 pub struct FieldReader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> FieldReader<'a> {
-    /// From the start of `bytes`, which must hold all fields.
+    /// Begins at the start of `bytes`, which must hold all fields.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { bytes, at: 0 }
     }

@@ -28,14 +28,14 @@ fn fields(fields: &mut impl Fields, frame: &mut RawSkeleton) {
     fields.u32(samples);
 }
 
-/// The bytes of a frame.
+/// Returns the bytes of a frame.
 pub fn encode_frame(frame: &RawSkeleton) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
     fields(&mut FieldWriter::new(&mut bytes), &mut { *frame });
     bytes
 }
 
-/// The frame in `bytes`, whatever their values; `None` if the length is not that of a frame.
+/// Returns the frame in `bytes`, whatever their values. Returns `None` if the length is not that of a frame.
 pub fn decode_frame(bytes: &[u8]) -> Option<RawSkeleton> {
     let mut frame = RawSkeleton::ZERO;
     if bytes.len() != FRAME_BYTES {

@@ -1,14 +1,15 @@
-//! Groups by name, and users by number.
+//! Looks up groups by name, and users by number.
 
 use nix::unistd::{Group, Uid, User};
 
-/// The number of the group `name`; nothing if this machine has no such group. Asks the name service (getgrnam_r(3)).
+/// Returns the number of the group `name`, or `None` if this machine has no such group. It uses the name service
+/// (getgrnam_r(3)).
 pub fn group_id(name: &str) -> Option<u32> {
     Group::from_name(name).ok().flatten().map(|group| group.gid.as_raw())
 }
 
-/// The name and number of the user `uid`, or its number alone if this machine knows no name. Asks the name service
-/// (getpwuid_r(3)).
+/// Returns the name and number of the user `uid`, or its number alone if this machine knows no name. It uses the
+/// name service (getpwuid_r(3)).
 pub fn user_name(uid: u32) -> String {
     let user = User::from_uid(Uid::from_raw(uid)).ok().flatten();
     user.map_or_else(|| uid.to_string(), |user| format!("{} ({uid})", user.name))

@@ -1,14 +1,14 @@
-//! The doors: Unix SEQPACKET sockets by which processes of other users reach the daemon. They share no memory with it.
+//! Unix SEQPACKET sockets by which processes of other users reach the daemon. They share no memory with it.
 //!
-//! A `Listener` is the door itself, of `ingest` for skeletons and of `control` for operators: a socket file of mode 0660
-//! with a group of its own. connect(2) is the kernel's check: it needs write permission on the file, that is root, the
-//! daemon's user, or the file's group among the caller's effective and supplementary groups. The daemon checks the same
-//! once more against what the kernel says of the peer (SO_PEERCRED, SO_PEERGROUPS), so that a file whose mode was
-//! loosened admits nobody else.
+//! A `Listener` is such a socket file, of mode 0660 and with a group of its own. `ingest` has one for skeletons,
+//! `control` one for operators. First, connect(2) makes the kernel's check: it needs write permission on the
+//! file. Root and the daemon's user have it, and every caller with the file's group among its effective and
+//! supplementary groups. Then the daemon checks the same once more, with the kernel's data on the peer
+//! (SO_PEERCRED, SO_PEERGROUPS). So a file whose mode was loosened admits no other user.
 //!
-//! Skeletons: the client says in a `Hello` which layout it speaks; `Server` answers with a session number drawn for this
-//! connection, or why there is none; then every packet is one `RawSkeleton`. Who of several clients moves the robot
-//! is not decided here (`pipeline::Authority`).
+//! A skeleton client first sends a `Hello` with its layout. `Server` replies with a session number drawn for this
+//! connection, or with the reason for a refusal. Then every packet is one `RawSkeleton`. This crate does not
+//! decide which of several clients moves the robot. `pipeline::Authority` does.
 
 mod bucket;
 mod client;

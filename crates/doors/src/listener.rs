@@ -1,4 +1,4 @@
-//! A socket file that other users may connect to, and who of them.
+//! A socket file for processes of other users, and the check that decides which of them may enter.
 
 use crate::error::DoorError;
 use rt::Peer;
@@ -10,30 +10,30 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Who stands at the door.
+/// A new connection, and the result of the check.
 #[derive(Debug)]
 pub enum Admission {
-    /// Root, the daemon's user, or a member of the socket's group.
+    /// The peer is root, the daemon's user, or a member of the socket's group.
     Admitted(OwnedFd, Peer),
-    /// Anybody else; the connection may be told so before it is closed.
+    /// The peer is any other user. The caller may send a refusal before it closes the connection.
     Forbidden(OwnedFd, Peer),
 }
 
-/// A listening SEQPACKET socket of mode 0660. Bound once; accepting neither blocks nor allocates.
+/// A listening SEQPACKET socket of mode 0660. It is bound once. Accepting neither blocks nor allocates.
 #[derive(Debug)]
 pub struct Listener {
     path: PathBuf,
     socket: OwnedFd,
     uid: u32,
     gid: u32,
-    /// Held as long as the listener lives: of two that start at once, one finds it locked.
+    /// Held as long as the listener lives. If two servers start at once, one of them finds it locked.
     _lock: OwnedFd,
 }
 
 impl Listener {
-    /// Listens on `path` for `daemon`, mode 0660, with `group` if given and else the group of the process. A socket file on
-    /// which nobody answers is replaced, anything else is left alone. A file `path`.lock beside it keeps two servers from
-    /// replacing each other. At most `waiting` connections queue.
+    /// Listens on `path` for `daemon`, mode 0660. The socket gets `group` if given, and otherwise the group of
+    /// the process. A socket file without a listener is replaced. Any other file is left alone. A file
+    /// `path`.lock beside it keeps two servers from replacing each other. At most `waiting` connections queue.
     pub fn bind(path: &Path, daemon: &'static str, group: Option<u32>, waiting: usize) -> Result<Self, DoorError> {
         let path = path.to_path_buf();
         let address = SocketAddrUnix::new(&path).map_err(|_| DoorError::PathTooLong { path: path.clone() })?;
@@ -48,7 +48,8 @@ impl Listener {
             Errno::ACCESS | Errno::PERM => DoorError::PermissionDenied { path: path.clone() },
             source => DoorError::Os { path: path.clone(), action: "bind the socket", source },
         })?;
-        // Group and mode before `listen`, so that nobody connects under those that process and umask gave.
+        // Group and mode are set before `listen`, so that no client connects under those that process and umask
+        // gave.
         let made = fs::lstat(&path).map_err(os("examine the socket"))?;
         if let Some(gid) = group.filter(|&gid| gid != made.st_gid) {
             fs::chown(&path, None, Some(Gid::from_raw(gid))).map_err(|source| DoorError::Group {
@@ -65,7 +66,7 @@ impl Listener {
         Ok(Self { path, socket, uid, gid: group.unwrap_or(made.st_gid), _lock: lock })
     }
 
-    /// Whoever waits, if anybody does.
+    /// Accepts a waiting connection. Returns `None` if there is none.
     pub fn accept(&self) -> Option<Admission> {
         let socket = net::accept_with(&self.socket, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK).ok()?;
         let peer = Peer::of(socket.as_fd()).ok()?;
@@ -82,12 +83,12 @@ impl AsFd for Listener {
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        // While the lock is still held; if it fails, the next server finds a stale file and replaces it.
+        // The lock is still held. If this fails, the next server finds a stale file and replaces it.
         let _ = fs::unlink(&self.path);
     }
 }
 
-/// A connection to the socket of `daemon` at `path`; receiving and sending wait at most `timeout_ms`.
+/// Connects to the socket of `daemon` at `path`. Each receive and each send waits at most `timeout_ms`.
 pub fn connect(path: &Path, daemon: &'static str, timeout_ms: u64) -> Result<OwnedFd, DoorError> {
     let path = path.to_path_buf();
     let address = SocketAddrUnix::new(&path).map_err(|_| DoorError::PathTooLong { path: path.clone() })?;
@@ -115,7 +116,7 @@ fn socket(flags: SocketFlags) -> Result<OwnedFd, Errno> {
     net::socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags | SocketFlags::CLOEXEC, None)
 }
 
-/// Locks `path`.lock, which no link may stand for.
+/// Locks `path`.lock. The lock file must not be a symbolic link.
 fn lock(path: &Path, daemon: &'static str) -> Result<OwnedFd, DoorError> {
     let mut name = path.as_os_str().to_owned();
     name.push(".lock");
@@ -135,7 +136,8 @@ fn lock(path: &Path, daemon: &'static str) -> Result<OwnedFd, DoorError> {
     }
 }
 
-/// Removes a socket on which nobody answers. The lock is held: no server is just about to listen on it.
+/// Removes a socket file that no server listens on. The caller holds the lock, so no server is about to listen on
+/// it.
 fn remove_stale(path: &Path, address: &SocketAddrUnix, daemon: &'static str) -> Result<(), DoorError> {
     let os = |action| move |source| DoorError::Os { path: path.to_path_buf(), action, source };
     let kind = match fs::lstat(path) {
@@ -149,7 +151,7 @@ fn remove_stale(path: &Path, address: &SocketAddrUnix, daemon: &'static str) -> 
     let probe = socket(SocketFlags::NONBLOCK).map_err(os("make a Unix SEQPACKET socket"))?;
     match net::connect(&probe, address) {
         Err(Errno::CONNREFUSED) => fs::unlink(path).map_err(os("remove the stale socket")),
-        // Of another type: somebody else's socket, which refuses ours by type and not for want of a listener.
+        // A socket of another type belongs to another program. It refuses ours by type, though it has a listener.
         Ok(()) | Err(Errno::AGAIN | Errno::PROTOTYPE) => Err(DoorError::InUse { path: path.to_path_buf(), daemon }),
         Err(Errno::ACCESS | Errno::PERM) => Err(DoorError::PermissionDenied { path: path.to_path_buf() }),
         Err(source) => Err(os("ask whether somebody answers on the socket")(source)),

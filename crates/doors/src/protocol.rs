@@ -1,20 +1,20 @@
-//! What is said at the door for skeletons beside the frames themselves.
+//! The packets on the skeleton socket besides the frames themselves.
 
 use crate::bucket::RATE_MAX_HZ;
 use crate::fields::{FieldReader, FieldWriter, Fields};
 use messages::{Layout, Message, RawSkeleton};
 
-/// First word of every hello and answer: "TPSK" in memory order.
+/// First 32-bit field of every hello and reply: "TPSK" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"TPSK");
 /// Version of this protocol.
 const PROTOCOL: u32 = 1;
 
 /// Length of a hello.
 pub const HELLO_BYTES: usize = 32;
-/// Length of an answer.
+/// Length of a reply.
 pub const ANSWER_BYTES: usize = 24;
 
-/// A client's first packet: what it is going to send.
+/// A client's first packet: the layout of the frames that it is going to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hello {
     /// `MAGIC`.
@@ -32,7 +32,7 @@ pub struct Hello {
 }
 
 impl Hello {
-    /// What this build speaks.
+    /// The hello of this build.
     pub const OURS: Self = Self {
         magic: MAGIC,
         protocol: PROTOCOL,
@@ -50,14 +50,14 @@ impl Hello {
         fields.u64(&mut self.reserved);
     }
 
-    /// Its bytes.
+    /// Returns its bytes.
     pub fn encode(mut self) -> [u8; HELLO_BYTES] {
         let mut bytes = [0; HELLO_BYTES];
         self.fields(&mut FieldWriter::new(&mut bytes));
         bytes
     }
 
-    /// Why a client that opens with `bytes` is refused.
+    /// Returns the reason for refusing a client whose first packet is `bytes`, or `None` if it is valid.
     pub fn refusal(bytes: &[u8]) -> Option<Reply> {
         let mut hello = Self::OURS;
         if bytes.len() != HELLO_BYTES {
@@ -74,40 +74,40 @@ impl Hello {
     }
 }
 
-/// What the daemon says.
+/// A reply of the daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Reply {
-    /// Frames are taken; the answer carries the session number. Nobody moves the robot at the moment.
+    /// Frames are taken. The reply carries the session number. No session holds the lease at the moment.
     Granted = 1,
-    /// As `Granted`, but another client holds the lease.
+    /// The same as `Granted`, but another client holds the lease.
     GrantedButHeld = 2,
     /// This client holds the lease.
     Holder = 3,
-    /// Another client holds the lease, or held it when this session began: its frames go nowhere.
+    /// Another client holds the lease, or held it when this session began. This client's frames are ignored.
     NotHolder = 4,
-    /// More frames than the rate: only the newest are looked at.
+    /// The client sends more frames than the rate. Only the newest are used.
     OverQuota = 5,
     /// All places are taken.
     Full = 16,
-    /// Neither the daemon's user nor in the group of the socket.
+    /// The client is neither the daemon's user nor in the group of the socket.
     Forbidden = 17,
     /// The first packet is no hello.
     NoHello = 18,
-    /// No hello in time.
+    /// The client sent no hello in time.
     Late = 19,
-    /// Another version or layout of the frame.
+    /// The client uses another version or layout of the frame.
     OtherLayout = 20,
-    /// A packet that has not the length of a frame.
+    /// A packet does not have the length of a frame.
     WrongSize = 21,
-    /// A frame with a session number that was not given to this connection.
+    /// A frame carries a session number that was not given to this connection.
     ForgedSession = 22,
-    /// Silent for long, and another client needed the place.
+    /// The client was silent for long, and another client needed the place.
     Idle = 23,
 }
 
 impl Reply {
-    /// All of them.
+    /// All replies.
     pub const ALL: [Self; 13] = [
         Self::Granted,
         Self::GrantedButHeld,
@@ -124,12 +124,12 @@ impl Reply {
         Self::Idle,
     ];
 
-    /// Whether the connection ends with it.
+    /// Returns true if the connection ends with this reply.
     pub fn is_refusal(self) -> bool {
         self as u32 >= Self::Full as u32
     }
 
-    /// A short name, for reports.
+    /// Returns a short name, for reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Granted => "granted",
@@ -148,7 +148,7 @@ impl Reply {
         }
     }
 
-    /// In words, for whoever is told.
+    /// Returns the meaning in words, for the user.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Granted => "frames are taken",
@@ -170,24 +170,24 @@ impl Reply {
     }
 }
 
-/// A packet of the daemon.
+/// A reply packet of the daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplyPacket {
-    /// What it says.
+    /// The reply.
     pub word: Reply,
-    /// The session number that every frame of this connection must carry; 0 in a refusal.
+    /// The session number that every frame of this connection must carry. It is 0 in a refusal.
     pub session_nonce: u64,
-    /// Frames a second that are looked at.
+    /// Frames per second that the daemon uses.
     pub rate_max_hz: u32,
 }
 
 impl ReplyPacket {
-    /// `word` to the session `session_nonce`.
+    /// Creates the packet with `word` for the session `session_nonce`.
     pub fn new(word: Reply, session_nonce: u64) -> Self {
         Self { word, session_nonce, rate_max_hz: RATE_MAX_HZ as u32 }
     }
 
-    /// Its bytes.
+    /// Returns its bytes.
     pub fn encode(self) -> [u8; ANSWER_BYTES] {
         let mut bytes = [0; ANSWER_BYTES];
         let mut put = FieldWriter::new(&mut bytes);
@@ -198,7 +198,7 @@ impl ReplyPacket {
         bytes
     }
 
-    /// The answer in `bytes`; `None` if they are none.
+    /// Returns the reply in `bytes`, or `None` if they are not a reply.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         if bytes.len() != ANSWER_BYTES {
             return None;

@@ -13,59 +13,59 @@ use rustix::net::{self, RecvFlags};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::Path;
 
-/// Connections at once.
+/// Largest number of connections at once.
 pub const CONNECTIONS_MAX: usize = 8;
-/// A connection that has not said hello for so long is closed: 1 s.
+/// A connection that has not sent a hello within this time is closed: 1 s.
 pub const HELLO_WITHIN_NS: u64 = 1_000_000_000;
-/// Age of its last packet at which a connection may be put out for a new one. Assumption: 5 s; no tracker pauses for so
-/// long.
+/// Age of its last packet from which a connection may be closed for a new one: 5 s. Assumption: no tracker pauses
+/// for so long.
 pub const IDLE_NS: u64 = 5_000_000_000;
 
-/// Packets of one connection that are read in one round: the kernel queues 11 (net.unix.max_dgram_qlen) unless it is told
-/// otherwise.
+/// Packets of one connection that are read in one round. The kernel queues 11 (net.unix.max_dgram_qlen) unless it
+/// is configured otherwise.
 const DRAIN_MAX: usize = 32;
-/// Notices that are kept until they are taken; more are only counted.
+/// Notices that are kept until they are taken. Further ones are only counted.
 const NOTICES_MAX: usize = 16;
 /// One byte more than a frame, so that a longer packet shows.
 const BUFFER_BYTES: usize = FRAME_BYTES + 1;
 const DAEMON: &str = "teleopd ingest";
 
-/// Where a frame came from.
+/// Source of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameSource {
-    /// Counts the connections of this server from 1.
+    /// Number of the connection. This server counts them from 1.
     pub connection: u64,
     /// The process that connected.
     pub peer: Peer,
-    /// Drawn here for this connection.
+    /// Session number, drawn here for this connection.
     pub session_nonce: u64,
 }
 
-/// What became of a frame, for its sender to know.
+/// The lease, as the sender of a frame needs to know it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaseState {
     /// Its session holds the lease.
     Holder,
-    /// Another does.
+    /// Another session holds the lease.
     NotHolder,
 }
 
-/// Something worth a line in the log: who was let in, who was not, who sends too much.
+/// An event for the log: a client was admitted, refused, or sends too much.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SocketEvent {
-    /// What was said.
+    /// The reply that was sent.
     pub word: Reply,
-    /// To whom.
+    /// The process that got it.
     pub peer: Peer,
 }
 
-/// The server. Bound once; polling neither blocks nor allocates.
+/// The server. It is bound once. Polling neither blocks nor allocates.
 #[derive(Debug)]
 pub struct Server {
     listener: Listener,
     seats: [Option<Connection>; CONNECTIONS_MAX],
     buffers: Box<[[u8; BUFFER_BYTES]; CONNECTIONS_MAX]>,
-    /// The seat whose frames were last told to be the holder's: served first.
+    /// The seat whose frame was the last one of the lease holder. It is served first.
     holder: usize,
     connections: u64,
     over_quota: u64,
@@ -90,8 +90,9 @@ impl Server {
         })
     }
 
-    /// Takes new connections and what has arrived, the holder's first; hands at most the rate of frames of each connection to
-    /// `use_frame`. `held`: somebody holds the lease. `now` is the time of CLOCK_MONOTONIC.
+    /// Reads what has arrived, the holder's connection first, and then accepts new connections. It hands the
+    /// frames to `use_frame`, at most the rate of each connection. `held` says that a session holds the lease.
+    /// `now` is the time of CLOCK_MONOTONIC.
     pub fn poll(&mut self, now: Stamp, held: bool, mut use_frame: impl FnMut(FrameSource, &RawSkeleton) -> LeaseState) {
         let first = self.holder;
         for index in (first..CONNECTIONS_MAX).chain(0..first) {
@@ -102,7 +103,8 @@ impl Server {
         self.accept(now);
     }
 
-    /// Descriptors of which one that becomes readable is worth a poll, and how many of them; the rest repeats the first.
+    /// Returns the descriptors to wait for and their number. Poll when one becomes readable. The rest repeats the
+    /// first.
     pub fn descriptors(&self, now: Stamp) -> ([BorrowedFd<'_>; CONNECTIONS_MAX + 1], usize) {
         let (mut all, mut count) = ([self.listener.as_fd(); CONNECTIONS_MAX + 1], 1);
         for seat in self.seats.iter().flatten().filter(|seat| seat.muted_until <= now) {
@@ -112,27 +114,27 @@ impl Server {
         (all, count)
     }
 
-    /// When a connection that sent too much is read again, if there is one.
+    /// Returns the time at which a connection that sent too much is read again, if there is one.
     pub fn next_due(&self, now: Stamp) -> Option<Stamp> {
         self.seats.iter().flatten().map(|seat| seat.muted_until).filter(|&until| until > now).min()
     }
 
-    /// Hands out what is worth a line in the log since the last time.
+    /// Hands out the events for the log since the last call.
     pub fn take_notices(&mut self, use_notice: impl FnMut(SocketEvent)) {
         self.notices.iter_mut().filter_map(Option::take).for_each(use_notice);
     }
 
-    /// Frames that were passed over because a connection sent more than the rate.
+    /// Returns the number of frames that were dropped because a connection sent more than the rate.
     pub fn over_quota(&self) -> u64 {
         self.over_quota
     }
 
-    /// How often `word` was said when a connection began or ended.
+    /// Returns how often `word` was sent when a connection began or ended.
     pub fn said(&self, word: Reply) -> u64 {
         self.said[place(word)]
     }
 
-    /// Open connections.
+    /// Returns the number of open connections.
     pub fn connections(&self) -> usize {
         self.seats.iter().flatten().count()
     }
@@ -151,7 +153,7 @@ impl Server {
         }
     }
 
-    /// Takes what waits at the door; at most one full house per round.
+    /// Accepts waiting connections, at most `CONNECTIONS_MAX` per round.
     fn accept(&mut self, now: Stamp) {
         for _ in 0..CONNECTIONS_MAX {
             let (socket, peer, refusal) = match self.listener.accept() {
@@ -172,8 +174,8 @@ impl Server {
         }
     }
 
-    /// A free place, if need be that of the connection that has been silent longest: eight forgotten clients must not keep a
-    /// person out.
+    /// Returns a free place. If there is none, it takes the place of the connection that has been silent longest.
+    /// So eight forgotten clients cannot keep a person out.
     fn free_place(&self, now: Stamp) -> Option<usize> {
         if let Some(index) = self.seats.iter().position(Option::is_none) {
             return Some(index);
@@ -182,7 +184,7 @@ impl Server {
         (0..CONNECTIONS_MAX).filter(|&index| silent(index) > IDLE_NS).max_by_key(|&index| silent(index))
     }
 
-    /// Reads one connection. An error ends it, and is told.
+    /// Reads one connection. An error ends it, with the reply in the error.
     fn serve(
         &mut self,
         index: usize,
@@ -197,7 +199,7 @@ impl Server {
         }
     }
 
-    /// Waits for the hello and answers it.
+    /// Waits for the hello and replies to it.
     fn greet(&mut self, index: usize, now: Stamp, held: bool) -> Result<(), Option<Reply>> {
         let Some(seat) = &mut self.seats[index] else { return Ok(()) };
         let mut bytes = [0; HELLO_BYTES + 1];
@@ -219,8 +221,8 @@ impl Server {
         }
     }
 
-    /// Reads what has arrived, at most `DRAIN_MAX` packets. While there are tokens every frame is used, in its order; of the
-    /// others the newest waits for the next token.
+    /// Reads what has arrived, at most `DRAIN_MAX` packets. While there are tokens, every frame is used, in
+    /// order. The newest of the other frames waits for the next token.
     fn drain(
         &mut self,
         index: usize,
@@ -229,7 +231,7 @@ impl Server {
     ) -> Result<(), Option<Reply>> {
         let Some(seat) = &mut self.seats[index] else { return Ok(()) };
         let buffer = &mut self.buffers[index];
-        // Whoever sent too much before is first read empty, so that the token buys its newest frame.
+        // After too many frames, the connection is first read empty, so that the token goes to its newest frame.
         let mut hurried = seat.pending;
         for _ in 0..DRAIN_MAX {
             match net::recv(&seat.socket, &mut buffer[..], RecvFlags::DONTWAIT) {
@@ -267,7 +269,7 @@ impl Server {
     }
 }
 
-/// Hands the frame in the buffer over; whether its session holds the lease.
+/// Hands over the frame in the buffer. Returns true if its session holds the lease.
 fn deliver(
     seat: &mut Connection,
     buffer: &[u8; BUFFER_BYTES],

@@ -1,4 +1,4 @@
-//! The skeleton socket: who is let in, what is refused, and what nobody can do to the others.
+//! The skeleton socket: admission, refusals, and protection of each client from the others.
 
 use doors::{
     BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, FrameSource, HELLO_WITHIN_NS, Hello, IDLE_NS, LeaseState,
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 const MS: u64 = 1_000_000;
 
-/// A server with a clock that stands still unless told otherwise; the first session that publishes holds the lease.
+/// A server whose clock stands still unless a test moves it. The first session that publishes holds the lease.
 struct House {
     folder: TempDir,
     server: Server,
@@ -47,14 +47,14 @@ impl House {
         self.poll();
     }
 
-    /// Connected, and nothing said.
+    /// Returns a connection that has sent nothing.
     fn raw(&self) -> Raw {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
         rustix::net::connect(&socket, &SocketAddrUnix::new(self.path()).unwrap()).unwrap();
         Raw { socket, nonce: 0, sequence: 0 }
     }
 
-    /// Past the hello.
+    /// Returns a connection after its hello.
     fn guest(&mut self) -> Raw {
         let mut raw = self.raw();
         raw.send(&Hello::OURS.encode());
@@ -99,7 +99,7 @@ impl Raw {
         None
     }
 
-    /// The last thing that was said.
+    /// Returns the last reply.
     fn told(&self) -> Option<Reply> {
         std::iter::from_fn(|| self.answer()).last().map(|answer| answer.word)
     }
@@ -166,7 +166,7 @@ fn f068_a_forged_session_number_ends_the_connection() {
 #[test]
 fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
     let mut house = House::new();
-    // The bytes of an engage order of the operator's socket: a version, a level, counters.
+    // The bytes of an engage request of the operator's socket: a version, a level, counters.
     let mut engage = [0; 32];
     (engage[0], engage[4], engage[8], engage[24]) = (1, 1, 1, 1);
     let other = Hello { layout: 1, ..Hello::OURS };
@@ -270,7 +270,7 @@ fn f023_of_a_flood_the_newest_frame_is_used_250_times_a_second_and_the_other_cli
     holder.frame().unwrap();
     house.poll();
     let (mut newest, mut lagged) = (0, 0);
-    // Ten seconds of 1 ms rounds; the flood fills the kernel's queue in each, the holder sends at 100 Hz.
+    // Ten seconds of 1 ms rounds. The flood fills the kernel's queue in each, the holder sends at 100 Hz.
     for round in 0..10_000_u64 {
         while flood.frame().is_ok() {}
         let holds = round % 10 == 0;

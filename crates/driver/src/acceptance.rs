@@ -1,4 +1,4 @@
-//! Whether a command continues from what is being executed.
+//! Judges if a command continues from the executed state.
 
 use crate::chain::Chain;
 use crate::follower::{Config, State};
@@ -6,26 +6,29 @@ use crate::limits::Point;
 use crate::plan::Motion;
 use messages::{JointCommand, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 
-/// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms. A drive that carries on by itself between
-/// two setpoints is then off by less than J t^3 / 3, 2e-5 rad at the 400 rad/s^3 of an arm, and its own watchdog (10 ms in
-/// the simulated robot, 20 ms in a UR or a Franka) has not fired.
+/// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms. A drive that carries on by
+/// itself over the gap is then off by less than J t^3 / 3. That is 2e-5 rad at the 400 rad/s^3 of an arm. Its own
+/// watchdog has not fired: 10 ms in the simulated robot, 20 ms in a UR or a Franka.
 pub const GAP_MAX_TICKS: u64 = 8;
 
-/// The longest stop that is believed, s: ten times the 500 ms that the robots promise. It bounds the work of one tick.
+/// The longest stop that is accepted, s: ten times the robots' longest stop of 500 ms. It bounds the work of
+/// one tick.
 pub const PLAN_MAX_S: f64 = 5.0;
 
-/// The largest speed or acceleration (rad/s, rad/s^2, m/s, m/s^2) that a plan may leave at its end. Rounding leaves less
-/// than 1e-12; beyond 1e-7 the end of the plan would be a step that the limits do not know of.
+/// The largest speed or acceleration (rad/s, rad/s^2, m/s, m/s^2) that a plan may leave at its end.
+/// Rounding leaves less than 1e-12. Beyond 1e-7 the end of the plan would be a step that the limits do not
+/// cover.
 pub const REST_TOLERANCE: f64 = 1e-7;
 
-/// Age of a command, from its deadline, beyond which it is dropped: two ticks, whoever slept.
+/// Age of a command, counted from its deadline, beyond which it is dropped: two ticks. It does not matter
+/// which process was late.
 const AGE_MAX_NS: u64 = 2 * 1_000_000_000 / TICK_HZ;
 
-/// Indices by which a command may be ahead of the clock: one for a `control` woken early by its target, one for clocks
-/// read on two cores.
+/// Largest number of indices by which a command may be ahead of the clock.
+/// One is for a `control` that its target woke early. One is for clocks that are read on two cores.
 const AHEAD_MAX_TICKS: u64 = 2;
 
-/// Why a command was refused.
+/// The reason why a command was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Refusal {
@@ -33,25 +36,27 @@ pub enum Refusal {
     NotFinite = 0,
     /// The plan that came with it does not end at rest, has a negative duration, or is longer than `PLAN_MAX_S`.
     NotAStop = 1,
-    /// Its index lies more than 2 ahead of the clock.
+    /// Its index is more than 2 ahead of the clock.
     TooFarAhead = 2,
     /// Its deadline passed more than 2 ticks ago.
     TooOld = 3,
-    /// The fault is latched, or what is measured is held.
+    /// The fault is latched, or the driver holds the measured posture.
     Latched = 4,
     /// Its chain was left: plan ticks have been played since the last command of the chain.
     ChainLeft = 5,
-    /// Its chain begins at another command than the last accepted one.
+    /// Its chain continues from a command that is not the last accepted one.
     OtherSeed = 6,
     /// Its chain begins at a plan tick that has been passed.
     SeedPassed = 7,
-    /// Its index has been executed already, or lies before its chain's first.
+    /// Its index has been executed already, or is not after the seed of its chain.
     NotAhead = 8,
-    /// It needs more jerk than the limits allow to be reached in the time between: not what it claims to continue.
+    /// It needs more jerk than the limits allow in the time between, so it does not continue the state that
+    /// it names.
     Jump = 9,
     /// Its position, velocity or acceleration is outside the limits.
     OutsideLimits = 10,
-    /// It lies more than `GAP_MAX_TICKS` after what is executed: the driver was suspended, and the robot stands elsewhere.
+    /// It is more than `GAP_MAX_TICKS` after the executed index. The driver was suspended, and the robot is
+    /// elsewhere.
     Gap = 11,
 }
 
@@ -60,16 +65,17 @@ impl Refusal {
     pub const COUNT: usize = 12;
 }
 
-/// An acceptable command: the rule it was taken under.
+/// The rule under which a command is acceptable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rule {
-    /// (a): the next of the same chain.
+    /// Rule (a): the next command of the same chain.
     Same,
-    /// (b): of a new chain; so many plan ticks are played first.
+    /// Rule (b): the first command of a new chain. The driver first plays `play_ticks` ticks of the plan.
     New { play_ticks: u64 },
 }
 
-/// What can be said without knowing the executed state. Only a command that passes is listened to at all.
+/// Makes the checks that do not need the executed state. The driver judges a command further only if it
+/// passes them.
 pub(crate) fn plausible(now: Stamp, command: &JointCommand) -> Result<(), Refusal> {
     let plan = &command.plan;
     let states = command.q.iter().chain(&command.v).chain(&command.a);
@@ -88,7 +94,7 @@ pub(crate) fn plausible(now: Stamp, command: &JointCommand) -> Result<(), Refusa
     if plan.duration_s.iter().all(short) && stops { Ok(()) } else { Err(Refusal::NotAStop) }
 }
 
-/// Whether a plausible command continues from the executed state, and under which rule.
+/// Returns the rule under which a plausible command continues from the executed state.
 pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> Result<Rule, Refusal> {
     if state.latched || state.holds_measured {
         return Err(Refusal::Latched);
@@ -123,8 +129,9 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
     Ok(Rule::New { play_ticks })
 }
 
-/// Every joint continues within its limits. A command meant for the state of another driver (one that died in the tick in
-/// which this one started) does not.
+/// Checks that every joint continues within its limits.
+/// A command for the state of another driver fails here, for example of one that died in the tick in which
+/// this one started.
 fn continues(config: &Config, from: &Motion, from_k: u64, command: &JointCommand) -> Result<(), Refusal> {
     let dt_s = (command.k - from_k) as f64 * TICK_S;
     for (j, limits) in config.limits.iter().enumerate() {
@@ -135,7 +142,7 @@ fn continues(config: &Config, from: &Motion, from_k: u64, command: &JointCommand
     Ok(())
 }
 
-/// The motion that a command asks for.
+/// Returns the motion that a command asks for.
 pub(crate) fn motion_of(command: &JointCommand) -> Motion {
     Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
 }

@@ -1,5 +1,5 @@
-//! The other end of the protocol: how `control` finds the state to continue from. Shared with `control`, so that what the
-//! model test proves is what runs.
+//! The other end of the protocol: how `control` finds the state to continue from.
+//! `control` runs this code, so the model test proves the code that runs.
 
 use crate::plan::Motion;
 use messages::{JointCommand, RobotState};
@@ -9,41 +9,48 @@ use messages::{JointCommand, RobotState};
 pub struct Chain {
     /// Incarnation of the writer.
     pub incarnation: u32,
-    /// The command at which it begins.
+    /// Index of the command from which the chain continues.
     pub seed_k: u64,
-    /// The plan tick of that command after which it begins.
+    /// Plan tick of that command after which the chain begins.
     pub seed_played: u64,
 }
 
 impl Chain {
-    /// The chain that `command` belongs to.
+    /// Returns the chain that `command` belongs to.
     pub const fn of(command: &JointCommand) -> Self {
         Self { incarnation: command.header.incarnation, seed_k: command.seed_k, seed_played: command.seed_played }
     }
 
-    /// The chain of the driver's last accepted command; of incarnation 0 if it has accepted none.
+    /// Returns the chain of the driver's last accepted command. Its incarnation is 0 if the driver has
+    /// accepted none.
     pub const fn executed(echo: &RobotState) -> Self {
         Self { incarnation: echo.command_incarnation, seed_k: echo.seed_k, seed_played: echo.seed_played }
     }
 }
 
-/// Where a new chain begins, for a first command of index `seed_k + seed_played + 1`.
+/// The state from which a new chain begins. Its first command has index `seed_k + seed_played + 1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seed {
-    /// To be written into every command of the chain.
+    /// Index of the command from which the chain continues. `control` writes it into every command of the
+    /// chain.
     pub seed_k: u64,
-    /// To be written into every command of the chain.
+    /// Plan ticks played after that command. `control` writes it into every command of the chain.
     pub seed_played: u64,
-    /// The state that the first command continues from, one tick before it, and what is left of the plan.
+    /// The state that the first command continues from, one tick before it, and the rest of the plan.
     pub motion: Motion,
 }
 
-/// The seed for a first command of index `k`: the driver's state advanced along its plan to index `k - 1`.
+/// Returns the seed for a first command of index `k`: the driver's state advanced along its plan to index
+/// `k - 1`.
 ///
-/// `None` if the driver has executed index `k` already: there is nothing to send for it, try the next. The seed rests on
-/// the echo alone, so it is right if no command was accepted since the echo; if one was, its identity differs and the
-/// driver refuses the chain, which the next echo shows as `ChainView::Lost`. Whether the echo is fresh enough to be
-/// trusted, and whether a driver in motion may be taken over (not after a start of `control`), is for the caller.
+/// Returns `None` if the driver has executed index `k` already. Then nothing can be sent for `k`, so try the
+/// next index.
+///
+/// The seed uses the echo alone, so it is right if the driver accepted no command since the echo.
+/// If it accepted one, its identity differs and it refuses the chain. The next echo shows that as
+/// `ChainView::Lost`.
+/// The caller decides if the echo is fresh enough to be trusted.
+/// The caller also decides if it may take over a driver in motion. It may not after a start of `control`.
 pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     let index = echo.executed_k.checked_add(echo.plan_ticks_played)?;
     let missing = k.checked_sub(1)?.checked_sub(index)?;
@@ -52,22 +59,24 @@ pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     Some(Seed { seed_k: echo.executed_k, seed_played: echo.plan_ticks_played + missing, motion })
 }
 
-/// What an echo says of the chain that `control` is sending.
+/// The state of the chain that `control` is sending, as an echo shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChainView {
-    /// The driver executes the chain: continue it.
+    /// The driver executes the chain. Continue it.
     Following,
-    /// The driver has not taken the chain up yet (or the echo is older than that), but still can: continue it.
+    /// The driver has not taken up the chain, or the echo is older than that. It still can, so continue the
+    /// chain.
     Pending,
-    /// The driver can take no further command of the chain: reseed.
+    /// The driver can take no further command of the chain. Reseed.
     Lost,
 }
 
-/// Where the driver stands with `chain`, whose last command sent was of index `last_sent_k`.
+/// Returns the driver's state with respect to `chain`, whose last sent command had index `last_sent_k`.
 ///
-/// Following is certain: once on a chain, a driver leaves it only by playing its plan, which the next echo shows. Lost is
-/// certain too, because an identity never returns: a chain is lost when the driver has played on past its last
-/// command, has passed its seed, or executes what the chain does not begin from.
+/// `Following` is certain: a driver leaves a chain only by playing its plan, which the next echo shows.
+/// `Lost` is certain too, because an identity never returns. A chain is lost in three cases.
+/// The driver has played on past its last command, has passed its seed, or executes a state that the chain
+/// does not begin from.
 pub fn on_chain(echo: &RobotState, chain: &Chain, last_sent_k: u64) -> ChainView {
     if Chain::executed(echo) == *chain {
         let continues = echo.plan_ticks_played == 0 && echo.executed_k <= last_sent_k;

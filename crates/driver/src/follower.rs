@@ -14,56 +14,59 @@ pub const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
 /// Franka wait for 20 ms.
 pub const SILENCE_TICKS: u64 = 15;
 
-/// Ticks in a row in which the drives do not follow after which what is measured is held: by then the robot is not on
-/// the plan any more, while a setpoint or two that were lost on the way leave it there.
+/// Ticks in a row in which the drives do not follow, after which the driver holds the measured posture. By then the
+/// robot is off the plan. One or two lost setpoints leave it on the plan.
 pub const UNDRIVEN_TICKS: u64 = 3;
 
-/// A robot's answer is awaited for at most so many ticks: 20 ms. By then a robot that took the last setpoint stops by itself.
+/// The driver waits at most this many ticks for the robot's answer: 20 ms. By then a robot that took the last
+/// setpoint stops by itself.
 const ANSWER_TICKS: u64 = 30;
 
-/// Once the drives follow again, ticks for which what is measured is still held while a joint moves: a setpoint that stood
-/// still would be overshot. 500 ms, the longest stop of the robots; then what is held stands, whatever is measured.
+/// Once the drives follow again, the driver holds the measured posture for at most this many ticks while a joint
+/// moves. The joint would overshoot a fixed setpoint. 500 ms is the longest stop of the robots. After it the setpoint
+/// stays fixed.
 pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
 
-/// A reset needs joints that have stood for so many ticks: 50 ms, half of what `control` asks for before it passes a reset
-/// on, so that a reset which `control` grants is not refused here.
+/// A reset needs joints that have stood for this many ticks: 50 ms. That is half of what `control` requires before it
+/// passes a reset on, so the driver does not refuse a reset of `control`.
 pub const STILL_TICKS: u64 = TICK_HZ / 20;
 
-/// A standing joint is measured near its setpoint. Near is the way of so many seconds at the joint's largest speed: 0.05 rad
-/// of an arm's joint, the tracking error that `control` bears. Assumption.
+/// A standing joint is measured near its setpoint. Near is the distance of this many seconds at the joint's largest
+/// speed: 0.05 rad for an arm's joint, the tracking error that `control` tolerates. Assumption.
 const NEAR_S: f64 = 0.06;
 
 /// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
 pub(crate) const ENCODER_NOISE: f64 = 4e-4;
 
-/// A joint that is measured slower than this share of its largest speed stands: 0.1 rad/s of an arm's joint, 0.01 m/s of the
-/// torso, several times the noise of the simulated drives' velocities. A servo of 5 Hz takes it over within some 3 mrad, 0.3 mm.
-/// Assumption.
+/// A joint stands if it is measured slower than this share of its largest speed: 0.1 rad/s for an arm's joint, 0.01
+/// m/s for the torso. That is several times the noise of the simulated drives' velocities. A servo of 5 Hz takes such
+/// a joint over within some 3 mrad, 0.3 mm. Assumption.
 const STANDING: f64 = 0.15;
 
-/// How much faster than its limit a joint without power may seem to move; what is farther off is no measurement of it.
-/// As `safety` judges measurements.
+/// Largest speed of a joint without power, as a multiple of its limit. A measurement farther away is not believed.
+/// `safety` uses the same rule.
 const FALL_FACTOR: f64 = 3.0;
-/// A robot without its driver moves for so many ticks at most: 500 ms, the longest stop of the robots.
+/// A robot without its driver moves for at most this many ticks: 500 ms, the longest stop of the robots.
 const MOVES_TICKS: u64 = TICK_HZ / 2;
-/// Noise of a measurement, rad or m; as `safety` judges it.
+/// Noise of a measurement, rad or m. `safety` uses the same value.
 pub(crate) const NOISE: f64 = 0.005;
 
-/// What the follower must know beforehand.
+/// Settings of the follower.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Indices without an acceptable command after which the fault latches.
     pub silence_ticks: u64,
-    /// The limits of every joint: a command beyond them does not continue anything.
+    /// The limits of every joint. A command beyond them is refused.
     pub limits: [JointLimits; JOINTS],
-    /// Delay that the robot's interface adds to that of its servos, ticks: a robot that follows is so much farther behind.
+    /// Delay that the robot's interface adds to the delay of its servos, ticks. A robot that follows lags by that
+    /// much more.
     pub interface_delay_ticks: u64,
     /// Age of a measurement beyond which the robot counts as silent, ns.
     pub measured_age_max_ns: u64,
 }
 
 impl Config {
-    /// The follower of a robot with these limits.
+    /// Creates the settings for a robot with these limits.
     pub const fn new(limits: [JointLimits; JOINTS]) -> Self {
         Self {
             silence_ticks: SILENCE_TICKS,
@@ -74,53 +77,53 @@ impl Config {
     }
 }
 
-/// Everything remembered.
+/// State of the follower.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// What is executed, at index `executed_k + plan_ticks_played`.
+    /// The executed motion, at index `executed_k + plan_ticks_played`.
     pub motion: Motion,
-    /// Index of the last accepted command; at first the index at which holding began.
+    /// Index of the last accepted command. Before the first one: the index at which holding began.
     pub executed_k: u64,
-    /// Plan ticks played since.
+    /// Plan ticks played since that index.
     pub plan_ticks_played: u64,
     /// Chain of the last accepted command.
     pub chain: Option<Chain>,
-    /// Nothing but the plan is executed until a reset edge at rest.
+    /// True while only the plan is executed, until a reset edge at rest.
     pub latched: bool,
     /// Refused commands, by reason.
     pub refused: [u64; Refusal::COUNT],
     /// Accepted commands.
     pub accepted: u64,
-    /// `Mode` of the last accepted command, as its number.
+    /// Number of the `Mode` of the last accepted command.
     pub mode: u32,
-    /// Ticks without an acceptable command since the last one; `None` until one was accepted (again, after a reset).
+    /// Ticks without an acceptable command since the last one. `None` until the first one, and again after a reset.
     silent: Option<u64>,
     /// Ticks in a row in which the drives did not follow.
     undriven: u64,
-    /// Ticks for which an answer has been awaited.
+    /// Ticks for which the driver has waited for an answer.
     awaited: u64,
-    /// What is measured is held: since the drives complained, and until the joints stand.
+    /// True while the driver holds the measured posture: from the drives' first complaint until the joints stand.
     pub(crate) holds_measured: bool,
-    /// Ticks for which that may still last once they do not complain any more.
+    /// Ticks for which that may still last after the last complaint.
     settle_ticks: u64,
     /// Ticks for which every joint has been measured standing near its setpoint.
     still_ticks: u64,
-    /// Where they were measured when that count began.
+    /// Joint positions when that count began.
     still_at: [f64; JOINTS],
-    /// The last measured posture that could be, and its index.
+    /// The last posture that was believed, and its index.
     believed: ([f64; JOINTS], u64),
     /// `origin` of the last accepted command.
     origin: Stamp,
-    /// Incarnation and reset count of the last command listened to.
+    /// Incarnation and reset count of the last plausible command.
     reset: Option<(u32, u32)>,
-    /// Incarnation and sequence of the last command looked at, so that a sample read twice is judged once.
+    /// Incarnation and sequence of the last command, so that a sample that is read twice is judged once.
     seen: Option<(u32, u64)>,
 }
 
 impl State {
-    /// Holds the measured posture `q` from index `k` on, and what is measured until the joints stand. Returns `None` if a
-    /// number of `q` is not finite. A driver that starts must do so at least [`crate::START_AFTER_TICKS`] after another one ended: then
-    /// no identity is given twice.
+    /// Holds the measured posture `q` from index `k` on, and follows the measured posture until the joints stand.
+    /// Returns `None` if a number of `q` is not finite. A driver must start at least [`crate::START_AFTER_TICKS`]
+    /// after another one ended. Then no identity is given twice.
     pub fn hold(k: u64, q: &[f64; JOINTS]) -> Option<Self> {
         q.iter().all(|q| q.is_finite()).then_some(Self {
             motion: Motion::rest(*q),
@@ -146,17 +149,17 @@ impl State {
         })
     }
 
-    /// The index whose state is executed.
+    /// Returns the index of the executed state.
     pub const fn index(&self) -> u64 {
         self.executed_k.saturating_add(self.plan_ticks_played)
     }
 
-    /// What is executed, as the robot takes it.
+    /// Returns the executed state as a setpoint for the robot.
     pub const fn setpoint(&self) -> Setpoint {
         Setpoint { k: self.index(), q: self.motion.q, v: self.motion.v, a: self.motion.a }
     }
 
-    /// The message to publish: `header` as its writer fills it, except for the origin, which is that of the executed
+    /// Returns the message to publish. It copies `header` from its writer, but takes the origin of the executed
     /// command.
     pub fn echo(&self, header: Header, measured: &Measured) -> RobotState {
         let chain = self.chain.unwrap_or(Chain { incarnation: 0, seed_k: 0, seed_played: 0 });
@@ -191,17 +194,18 @@ impl State {
     }
 }
 
-/// What a tick is given.
+/// Input of a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
-    /// The index that is due: the last one whose deadline plus grace is not after now. A driver that overslept finds it
-    /// several ahead; one that was woken by a command finds it unchanged.
+    /// The index that is due: the last one whose deadline plus grace is not after now. A driver that overslept finds
+    /// it several indices ahead. A driver that a command woke finds it unchanged.
     pub due_k: u64,
-    /// The newest command; one that was given before is ignored.
+    /// The newest command. A command that was given before is ignored.
     pub command: Option<&'a JointCommand>,
-    /// The robot did not take a setpoint: latches at once.
+    /// True if the robot did not take a setpoint. The fault then latches at once.
     pub port_fault: bool,
-    /// The newest measurement, if there is one, taken after the driver woke up. Drives that are not sound latch at once.
+    /// The newest measurement, if there is one, taken after the driver woke up. Drives that are not sound latch the
+    /// fault at once.
     pub measured: Option<&'a Measured>,
 }
 
@@ -210,67 +214,68 @@ pub struct Input<'a> {
 pub struct Accepted {
     /// Its index.
     pub k: u64,
-    /// Now less its origin, ns, if it is the first executed command of that origin (skeleton_to_command).
+    /// Now minus its origin, ns, if it is the first executed command of that origin (skeleton_to_command).
     pub origin_age_ns: Option<u64>,
-    /// Now less the publication of the target behind it, ns, if there is one (target_to_command).
+    /// Now minus the publication time of the target behind it, ns, if there is one (target_to_command).
     pub target_age_ns: Option<u64>,
 }
 
-/// What a tick results in.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// What is executed now; to be handed to the robot if `advanced` is not zero.
+    /// The setpoint that is executed now. The caller hands it to the robot if `advanced` is not zero.
     pub executed: Setpoint,
-    /// Indices by which it is newer than before.
+    /// Number of indices by which it is newer than before.
     pub advanced: u64,
-    /// The robot must not be given `executed`: its answer to an earlier setpoint is awaited.
+    /// True if the caller must not give `executed` to the robot, because the robot's answer to an earlier setpoint is
+    /// due.
     pub withheld: bool,
     /// The command that was accepted in this tick.
     pub accepted: Option<Accepted>,
-    /// Why the command of this tick was refused.
+    /// The reason why the command of this tick was refused.
     pub refused: Option<Refusal>,
-    /// The driver was suspended for so many ticks while the robot moved: it went on with the certified stop, or began again where
-    /// the robot is measured.
+    /// Number of ticks for which the driver was suspended while the robot moved. The driver went on with the
+    /// certified stop, or began again from the measured posture.
     pub suspended_ticks: Option<u64>,
     /// `DriverFault` while latched.
     pub faults: Faults,
 }
 
-/// Whether every joint is measured slower than a standing one may be.
+/// Returns true if every joint is measured slower than the limit for a standing joint.
 fn is_slow(config: &Config, measured: &Measured) -> bool {
     (0..JOINTS).all(|j| measured.dq[j].abs() <= STANDING * config.limits[j].v_max)
 }
 
-/// How a step came about.
+/// Cause of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepKind {
     /// One tick of the plan.
     Plan,
-    /// A command was taken.
+    /// A command was accepted.
     Command,
-    /// So many indices at rest, as one step.
+    /// Any number of indices at rest, as one step.
     Rest,
-    /// The robot was on its own, because its drives did not follow or the driver was suspended, and is not on its plan: what is
-    /// executed begins where it is measured.
+    /// The robot was on its own, because its drives did not follow or the driver was suspended. It is off its plan,
+    /// so the executed motion begins at the measured posture.
     Measured,
 }
 
 /// One step of the execution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// How it came about.
+    /// Its cause.
     pub kind: StepKind,
     /// The state after it.
     pub setpoint: Setpoint,
 }
 
-/// Advances the execution to `input.due_k`, or to the command's index if that continues and is ahead of it.
+/// Advances the execution to `input.due_k`, or to the command's index if the command continues and is ahead of that.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     tick_each(config, state, now, input, |_| {})
 }
 
-/// As [`tick`], and shows every single step of the execution, of which there are several when the driver was late or a new
-/// chain begins further on the plan.
+/// Does the same as [`tick`], and shows every single step of the execution. There are several steps if the driver was
+/// late, or if a new chain begins further on the plan.
 pub fn tick_each(
     config: &Config,
     state: &mut State,
@@ -279,11 +284,11 @@ pub fn tick_each(
     mut each: impl FnMut(&Step),
 ) -> Output {
     let index_before = state.index();
-    // What was held before a pause says nothing of where the robot is now: it may have sunk meanwhile.
+    // The posture held before a pause does not show where the robot is now: it may have sunk meanwhile.
     let paused = state.latched && state.holds_measured && input.due_k.saturating_sub(index_before) > GAP_MAX_TICKS;
     let driven = !input.port_fault && input.measured.is_none_or(|measured| measured.drives.are_sound());
     state.latched |= !driven;
-    // A command is heard in the tick in which the joints are seen to stand.
+    // The driver accepts a command already in the tick in which the joints first stand.
     state.holds_measured &= !(driven && input.measured.is_none_or(|measured| is_slow(config, measured)));
     let suspended_ticks = state.suspension(input.due_k);
     if let Some(ticks) = suspended_ticks {
@@ -314,7 +319,7 @@ pub fn tick_each(
 }
 
 impl State {
-    /// The command, if it was not looked at before.
+    /// Returns the command if it is new.
     fn look_at<'a>(&mut self, command: Option<&'a JointCommand>) -> Option<&'a JointCommand> {
         let command = command?;
         let name = Some((command.header.incarnation, command.header.sequence));
@@ -325,12 +330,12 @@ impl State {
         Some(command)
     }
 
-    /// Judges a new command, after letting its reset count act: it clears nothing while the drives do not follow, nor
-    /// before the joints have stood for [`STILL_TICKS`].
+    /// Judges a new command, after its reset count has acted. The reset clears nothing while the drives do not
+    /// follow, nor before the joints have stood for [`STILL_TICKS`].
     fn listen(&mut self, config: &Config, now: Stamp, command: &JointCommand, driven: bool) -> Result<Rule, Refusal> {
         acceptance::plausible(now, command)?;
         let incarnation = command.header.incarnation;
-        // The first count of a new writer is no edge: a restart resets nothing.
+        // The first count of a new writer is no edge: a restart of the writer resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
         let stands = self.still_ticks >= STILL_TICKS;
@@ -363,7 +368,7 @@ impl State {
         }
     }
 
-    /// Plays `ticks` ticks of the plan; those at rest count as one step.
+    /// Plays `ticks` ticks of the plan. Ticks at rest count as one step.
     pub(crate) fn play(&mut self, ticks: u64, each: &mut impl FnMut(&Step)) {
         let mut left = ticks;
         while left > 0 {
@@ -378,9 +383,9 @@ impl State {
         }
     }
 
-    /// Counts the ticks for which every joint is measured near where it is told to be, and within the way of
-    /// [`STILL_TICKS`] at the speed of a standing joint from where the count began. Positions alone are looked at: a swing
-    /// comes back to where it was, but not in between.
+    /// Counts the ticks for which every joint is measured near its setpoint and near where the count began. The
+    /// second distance is the way of [`STILL_TICKS`] at the speed of a standing joint. Positions alone are used: a
+    /// swinging joint comes back to where it was, but leaves it in between.
     fn watch_standing(&mut self, config: &Config, measured: Option<&Measured>) {
         let still_s = STILL_TICKS as f64 * TICK_S;
         let stands = |measured: &Measured, j: usize| {
@@ -399,13 +404,13 @@ impl State {
         }
     }
 
-    /// Where the joints stand at index `k`: what is measured, if every joint can have come there since the last posture that was
-    /// believed. An encoder that lies while there is no power must not become the setpoint that power finds.
+    /// Returns the measured posture at index `k` if every joint can have come there since the last posture that was
+    /// believed. A wrong encoder must not give the setpoint that the returning power finds.
     pub(crate) fn believe(&mut self, config: &Config, k: u64, measured: &Measured) -> Option<[f64; JOINTS]> {
         let (last, last_k) = self.believed;
         let dt_s = k.saturating_sub(last_k).clamp(1, MOVES_TICKS) as f64 * TICK_S;
         let reach = |j: usize| FALL_FACTOR * config.limits[j].v_max * dt_s + NOISE;
-        // What is no number is within no reach.
+        // A NaN fails this comparison.
         let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
         can_be.then(|| {
             self.believed = (measured.q, k);
@@ -413,14 +418,15 @@ impl State {
         })
     }
 
-    /// Holds where the joints stand if the robot as a whole has not followed for long enough; and, once, where a drive
-    /// reports a fault and the stop of the others has ended, because that joint has stopped where it could. A robot that has power
-    /// and refuses setpoints is sent the stop for as long as it is near: it may take a setpoint at any time, and its answer is
-    /// late. Once it is not near, the setpoints are withheld until it has answered those that are on their way: it may have taken the
-    /// last of them. Joints that still move when nothing is complained of any more come to rest first. The state is latched, so at
-    /// least one tick of a plan lies between the last accepted command and the identity that is given here: it is new.
+    /// Holds the measured posture if the robot as a whole has not followed for long enough. Holds it once too when a
+    /// drive reports a fault and the stop of the others has ended, because that joint has stopped where it could. A
+    /// robot that has power and refuses setpoints is sent the stop as long as it is near. It may take a setpoint at
+    /// any time, and its answer is late. Once it is not near, the setpoints are withheld until it has answered those
+    /// on their way, because it may have taken the last of them. Joints that still move after the last complaint come
+    /// to rest first. The state is latched. So at least one plan tick lies between the last accepted command and the
+    /// identity given here, and the identity is new.
     ///
-    /// Returns whether the setpoint of this tick is withheld.
+    /// Returns true if the setpoint of this tick is withheld.
     fn hold_undriven(
         &mut self,
         config: &Config,
@@ -441,7 +447,7 @@ impl State {
             false => self.settle_ticks.saturating_sub(1),
         };
         self.holds_measured &= self.settle_ticks > 0;
-        // Setpoints that are refused meanwhile change nothing: the joints are followed until they stand.
+        // A refused setpoint changes nothing here: the setpoint follows the joints until they stand.
         let settles = self.holds_measured && (undriven || !complained);
         let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
         let near =
@@ -453,7 +459,7 @@ impl State {
         let held = stopped || settles || (left && !awaits) || paused;
         let Some(standing) = standing.filter(|_| held) else { return awaits };
         let held = if self.holds_measured { self.motion.q } else { standing };
-        // Only what is more than noise moves what is held.
+        // Only a deviation larger than the noise moves the held posture.
         let at = |j: usize| held[j].clamp(standing[j] - ENCODER_NOISE, standing[j] + ENCODER_NOISE);
         self.holds_measured = true;
         self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(at(j), NOISE)));
@@ -462,8 +468,8 @@ impl State {
         false
     }
 
-    /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up: what the
-    /// driver was late by is not charged to `control`.
+    /// Counts the ticks without an acceptable command. A tick counts once, however many indices it had to catch up.
+    /// So `control` does not pay for a late driver.
     fn mind_silence(&mut self, config: &Config, accepted: bool, advanced: u64) {
         if accepted {
             self.silent = Some(0);

@@ -1,18 +1,19 @@
-//! The limits of a joint at the last hop, and whether one state continues another within them. As libfranka does, the
-//! driver checks again what `control` has checked, with arithmetic of its own.
+//! The limits of a joint at the last hop. They decide if one state continues another. The driver, like libfranka,
+//! checks again what `control` has checked, with arithmetic of its own.
 
 use crate::acceptance::Refusal;
 use crate::plan::after;
 
-/// Rounding of a position (rad, m), a speed or an acceleration: positions of some radians in doubles err by less than
-/// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
+/// Rounding of a position (rad, m), a speed or an acceleration.
+/// Positions of some radians in doubles err by less than 1e-11 after a stop of 7500 ticks, and the gate
+/// rounds to 1e-12.
 const ROUNDING: f64 = 1e-9;
 
-/// Share of acceleration and jerk limits that a stop of the driver's own uses. `control` takes such a stop over on the grid of its
-/// positions, 2^-40 rad, which adds up to 0.01 rad/s^3.
+/// Share of the acceleration and jerk limits that the driver's own stops use.
+/// `control` takes over such a stop on the grid of its positions, 2^-40 rad. That adds up to 0.01 rad/s^3.
 const OWN_STOP_SHARE: f64 = 0.995;
 
-/// Halvings of an interval: what is left of 3 rad/s or 25 rad/s^2 is less than 1e-10.
+/// Number of halvings of an interval. An interval of 3 rad/s or 25 rad/s^2 is then smaller than 1e-10.
 const HALVINGS: usize = 40;
 
 /// The limits of one joint. All of them are finite.
@@ -39,10 +40,10 @@ pub(crate) struct Point {
 }
 
 impl JointLimits {
-    /// Whether `to` may follow `from` after `dt_s` seconds.
+    /// Checks that `to` may follow `from` after `dt_s` seconds.
     ///
-    /// A motion within the jerk limit J satisfies, whatever its phases (trapezoid rule, Davis and Rabinowitz, Methods of
-    /// Numerical Integration, section 2.1),
+    /// A motion within the jerk limit J satisfies the following, whatever its phases
+    /// (trapezoid rule, Davis and Rabinowitz, Methods of Numerical Integration, section 2.1):
     ///
     /// ```text
     /// |a - a'|                   <= J dt
@@ -68,14 +69,16 @@ impl JointLimits {
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
     }
 
-    /// The position nearest to `q` inside the limits, if it is no farther than `noise`; otherwise `q`. A servo may stand a little
-    /// beyond a limit; a setpoint may not.
+    /// Returns the position nearest to `q` inside the limits if it is at most `noise` away, and otherwise
+    /// `q`.
+    /// A servo may stand a little beyond a limit. A setpoint may not.
     pub(crate) fn within(&self, q: f64, noise: f64) -> f64 {
         let nearest = q.clamp(self.q_min, self.q_max);
         if (nearest - q).abs() <= noise { nearest } else { q }
     }
 
-    /// The speed nearest to `v` from which [`JointLimits::stop_from`] at `braking` ends inside the position limits.
+    /// Returns the speed nearest to `v` whose stop, [`JointLimits::stop_from`] at `braking`, ends inside the
+    /// position limits.
     pub(crate) fn speed_inside(&self, q: f64, v: f64, braking: f64) -> f64 {
         let room = if v > 0.0 { self.q_max - q } else { q - self.q_min };
         let way = |speed: f64| {
@@ -85,13 +88,15 @@ impl JointLimits {
         };
         let wished = v.abs().min(self.v_max);
         let speed = largest(wished, |speed| way(speed) <= room);
-        // So little is rounding.
+        // A speed as small as this is rounding.
         if speed <= ROUNDING { 0.0 } else { speed.copysign(v) }
     }
 
-    /// The shortest stop from speed `v` that brakes at `braking` already, both positive along the motion: jerk and duration of
-    /// its three phases, with [`OWN_STOP_SHARE`] of the limits A and J. Braking counts as far as the jerk lets it end with the
-    /// speed, b = min(braking, A, sqrt(2 J v)).
+    /// Returns the shortest stop from speed `v` of a joint that already brakes at `braking`, both positive
+    /// along the motion.
+    /// It gives jerk and duration of its three phases, with [`OWN_STOP_SHARE`] of the limits A and J.
+    /// It uses the braking b = min(braking, A, sqrt(2 J v)), because the jerk must end it together with the
+    /// speed.
     ///
     /// ```text
     /// p  = min(A, sqrt(J v + b^2 / 2))            the strongest braking
@@ -99,7 +104,7 @@ impl JointLimits {
     /// t2 = v / p - (p^2 - b^2 / 2) / (J p)        at acceleration -p, and 0 where p is below A
     /// ```
     ///
-    /// Returns b too. A speed beyond the limit takes longer: it is no reason to brake harder.
+    /// Returns b too. From a speed beyond the limit the stop takes longer, but it does not brake harder.
     pub(crate) fn stop_from(&self, v: f64, braking: f64) -> (f64, [f64; 3], [f64; 3]) {
         let (speed, a_max, jerk) = (v.abs(), OWN_STOP_SHARE * self.a_max, OWN_STOP_SHARE * self.j_max);
         if speed == 0.0 {
@@ -114,7 +119,8 @@ impl JointLimits {
     }
 }
 
-/// The largest number from zero to `high` that `fits`, if all below it do. `high` itself is tried first.
+/// Returns the largest number from zero to `high` that `fits`, if all numbers below it fit. It tries `high`
+/// itself first.
 fn largest(high: f64, fits: impl Fn(f64) -> bool) -> f64 {
     if fits(high) {
         return high;

@@ -1,10 +1,10 @@
-//! A state of motion and the stop plan from it, with arithmetic of the driver's own: what the robot does when `control` is
-//! dead must not rest on the code of `control`.
+//! A state of motion and the stop plan from it, with arithmetic of the driver's own.
+//! The robot's motion after `control` dies must not depend on the code of `control`.
 
 use crate::limits::JointLimits;
 use messages::{JOINTS, Layout, StopPlan, TICK_S};
 
-/// The motion of all joints at one instant, and the stop that follows if nothing else does.
+/// The motion of all joints at one instant, and the stop that follows if no command does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Joint positions, rad or m.
@@ -13,19 +13,20 @@ pub struct Motion {
     pub v: [f64; JOINTS],
     /// Joint accelerations, rad/s^2 or m/s^2.
     pub a: [f64; JOINTS],
-    /// What is left of the stop from (q, v, a).
+    /// The rest of the stop from (q, v, a).
     pub plan: StopPlan,
 }
 
 impl Motion {
-    /// At rest at `q`, with nothing left to play.
+    /// Creates a motion at rest at `q`, with an empty plan.
     pub const fn rest(q: [f64; JOINTS]) -> Self {
         Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: StopPlan::ZERO }
     }
 
-    /// At `q`, with a stop within the limits from the speeds `v` (rad/s, m/s), or from less where the stop would leave the
-    /// position limits. What brakes at the accelerations `a` (rad/s^2, m/s^2) already goes on to. No certificate covers the stop:
-    /// it is for a robot that moved on without its driver.
+    /// Creates a motion at `q` with a stop within the limits from the speeds `v` (rad/s, m/s).
+    /// It reduces a speed whose stop would leave the position limits.
+    /// A joint that already brakes at its acceleration in `a` (rad/s^2, m/s^2) goes on braking.
+    /// No certificate covers the stop. It is for a robot that moved on without its driver.
     pub(crate) fn stopping(
         limits: &[JointLimits; JOINTS],
         q: [f64; JOINTS],
@@ -43,14 +44,15 @@ impl Motion {
         motion
     }
 
-    /// Whether every joint stands still and nothing is left to play: exact, because the end of a plan sets exact zeros.
+    /// Returns true if every joint stands still and the plan is empty. The test is exact: the end of a plan
+    /// sets exact zeros.
     pub fn at_rest(&self) -> bool {
         let still = |x: &[f64; JOINTS]| x.iter().all(|&x| x == 0.0);
         still(&self.v) && still(&self.a) && self.plan.duration_s.iter().all(|d| d.iter().all(|&d| d == 0.0))
     }
 
-    /// Plays `ticks` ticks of the plan. Once at rest, playing on changes nothing, so the work is bounded by the plan's
-    /// duration and not by `ticks`.
+    /// Plays `ticks` ticks of the plan.
+    /// Once at rest, further ticks change nothing, so the plan's duration bounds the work and not `ticks`.
     pub fn play(&mut self, ticks: u64) {
         for _ in 0..ticks {
             if self.at_rest() {
@@ -79,14 +81,14 @@ impl Motion {
             }
         }
         if self.plan.duration_s[j] == [0.0; 3] {
-            // The plan ends at rest by contract; what remains here is rounding, and it must not drift for hours.
+            // The plan ends at rest by contract. The remainder is rounding, and it must not drift for hours.
             (v, a) = (0.0, 0.0);
             self.plan.jerk[j] = [0.0; 3];
         }
         (self.q[j], self.v[j], self.a[j]) = (q, v, a);
     }
 
-    /// Position, velocity and acceleration of joint `j` after `time_s` seconds of the plan.
+    /// Returns position, velocity and acceleration of joint `j` after `time_s` seconds of the plan.
     pub(crate) fn ahead(&self, j: usize, time_s: f64) -> [f64; 3] {
         let phases = self.plan.jerk[j].into_iter().zip(self.plan.duration_s[j]);
         let (joint, _) =
@@ -97,12 +99,12 @@ impl Motion {
         joint
     }
 
-    /// Time until the last joint stands, s.
+    /// Returns the time until the last joint stands, s.
     pub(crate) fn duration_s(&self) -> f64 {
         self.plan.duration_s.iter().map(|phases| phases.iter().sum()).fold(0.0, f64::max)
     }
 
-    /// The same way, `share` times as fast: Q(share t) where the plan is Q(t).
+    /// Returns the same path at `share` times the speed: Q(share t) where the plan is Q(t).
     pub(crate) fn slowed(&self, share: f64) -> Self {
         let mut slowed = *self;
         slowed.v.iter_mut().for_each(|v| *v *= share);
@@ -112,19 +114,20 @@ impl Motion {
         slowed
     }
 
-    /// The largest |v| or |a| left at the end of the plan, in SI units: zero but for rounding if the plan is a stop.
+    /// Returns the largest |v| or |a| left at the end of the plan, in SI units. It is zero but for rounding
+    /// if the plan is a stop.
     pub(crate) fn residue_at_end(&self) -> f64 {
         let mut worst = 0.0_f64;
         for j in 0..JOINTS {
             let [_, v, a] = self.ahead(j, f64::INFINITY);
-            // Unlike `max`, this lets no NaN go.
+            // Unlike `max`, this does not lose a NaN.
             worst = if v.is_finite() && a.is_finite() { worst.max(v.abs()).max(a.abs()) } else { f64::INFINITY };
         }
         worst
     }
 }
 
-/// Position, velocity and acceleration after `t` seconds of constant jerk J:
+/// Returns position, velocity and acceleration after `t` seconds of constant jerk J:
 /// q + v t + a t^2 / 2 + J t^3 / 6, v + a t + J t^2 / 2, a + J t.
 pub(crate) fn after([q, v, a]: [f64; 3], jerk: f64, t: f64) -> [f64; 3] {
     [q + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0), a + t * jerk]

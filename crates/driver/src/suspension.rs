@@ -1,4 +1,4 @@
-//! A driver that was suspended while the robot moved begins again where the robot is measured.
+//! Restarts a driver that was suspended while the robot moved: it continues from the measured motion.
 
 use crate::acceptance::GAP_MAX_TICKS;
 use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind};
@@ -7,49 +7,52 @@ use crate::plan::Motion;
 use crate::port::Measured;
 use messages::{JOINTS, Stamp, TICK_HZ, TICK_S};
 
-/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'. Assumption.
+/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
+/// Assumption.
 const SPEED_NOISE: f64 = 0.036;
 
-/// The longest delay of a robot that follows its setpoints, ticks: 10 ms. The simulated drives (15 Hz, 1 ms of transport) stay
-/// 20 mrad behind at 2 rad/s. Assumption.
+/// The longest delay of a robot that follows its setpoints, ticks: 10 ms. The simulated drives (15 Hz, 1 ms of
+/// transport) lag by 20 mrad at 2 rad/s. Assumption.
 const FOLLOWING_DELAY_TICKS: u64 = 15;
 
-/// A setpoint is on its way to the drives for so long, ticks: 2 ms. Assumption.
+/// Time of a setpoint on its way to the drives, ticks: 2 ms. Assumption.
 const SETPOINT_TICKS: u64 = 3;
 
-/// How much faster than its limit a sound joint may be measured. As `safety` judges measurements.
+/// Largest measured speed of a sound joint, as a multiple of its limit. `safety` uses the same value.
 const OVERSPEED: f64 = 1.25;
 
-/// A robot that stops by itself brakes this much harder than its limit at most. Assumption.
+/// Largest braking of a robot that stops by itself, as a multiple of its limit. Assumption.
 const BRAKING_FACTOR: f64 = 5.0;
 
-/// A robot that moves is near its certified stop if no joint is farther from it than the way of so many seconds at its largest speed:
-/// 10 mrad at 2 rad/s, half of what a simulated robot stays behind. Assumption.
+/// A moving robot is near its certified stop if every joint is close to it: within the distance of this many
+/// seconds at its largest speed. That is 10 mrad at 2 rad/s, half the lag of a simulated robot. Assumption.
 const NEAR_S: f64 = 0.005;
 
-/// It moves as the certified stop does if no joint's speed differs by more than what it brakes by in so many seconds: 0.2 rad/s at
-/// 10 rad/s^2, what drives of 15 Hz overshoot by when their reference begins to brake. Assumption.
+/// A robot moves as the certified stop does if every joint's speed is close: within what the joint brakes by in
+/// this many seconds. That is 0.2 rad/s at 10 rad/s^2, the overshoot of drives of 15 Hz when their reference begins
+/// to brake. Assumption.
 const AS_FAST_S: f64 = 0.02;
 
-/// The longest stop that is left when a driver goes on more slowly, s: twice the longest stop of the robots.
+/// The longest remaining stop of a driver that goes on more slowly, s: twice the longest stop of the robots.
 const STOP_MAX_S: f64 = 1.0;
 
-/// A driver starts no sooner after another one ended, ticks: 20 ms. By then the robot stops by itself. It compares the first setpoint
-/// with no older one. A process waits longer: for [`Standstill`].
+/// A driver starts no sooner than this after another one ended, ticks: 20 ms. By then the robot stops by itself. It
+/// compares the first setpoint with no older one. A process waits longer: for [`Standstill`].
 pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
 
-/// A driver that starts on a robot that moves waits for it to stand, ticks: 1 s, twice the longest stop of the robots. It stops by
-/// itself meanwhile, if anything stops it, and whoever leads it from where it is measured leads it off that way.
+/// A driver that starts on a moving robot waits this long for it to stand, ticks: 1 s, twice the longest stop of
+/// the robots. Meanwhile the robot stops by itself, if anything stops it. A driver that led it from the measured
+/// posture would lead it off that path.
 pub const STANDS_WITHIN_TICKS: u64 = TICK_HZ;
 
-/// A robot stands once no joint has left a band of [`ENCODER_NOISE`] for so long, ns: 100 ms. A joint that creeps through the band
-/// in that time moves at 4 mrad/s or mm/s. `safety` judges rest over the same time.
+/// A robot stands once every joint has stayed in a band of [`ENCODER_NOISE`] for this long, ns: 100 ms. A joint
+/// that creeps through the band in that time moves at 4 mrad/s or mm/s. `safety` judges rest over the same time.
 pub const STOOD_FOR_NS: u64 = 100_000_000;
 
 /// Decides when a robot stands. It counts the times of the robot's own measurements, so a silent robot never stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Standstill {
-    /// No joint has left the band around this measurement.
+    /// The measurement at the centre of the band that no joint has left since.
     since: Measured,
 }
 
@@ -60,7 +63,7 @@ impl Standstill {
         Self { since: *measured }
     }
 
-    /// Takes the next measurement. Returns whether the robot has stood for [`STOOD_FOR_NS`].
+    /// Takes the next measurement. Returns true if the robot has stood for [`STOOD_FOR_NS`].
     pub fn stands(&mut self, measured: &Measured) -> bool {
         let stays = |j: usize| (measured.q[j] - self.since.q[j]).abs() <= ENCODER_NOISE;
         if !(0..JOINTS).all(stays) {
@@ -71,10 +74,11 @@ impl Standstill {
 }
 
 impl State {
-    /// Begins at index `k` where the robot is measured, [`START_AFTER_TICKS`] after any other driver ended: a robot whose last driver died may still move, and drives that
-    /// follow at once would take a standing setpoint as a step of the velocity. Joints that move stop from their measured
-    /// speed within the limits, latched; no certificate covers that stop. A speed is believed where the positions of an
-    /// `earlier` measurement confirm it; otherwise what is measured is held. Returns `None` if a number is not finite.
+    /// Begins at index `k` from the measured posture, [`START_AFTER_TICKS`] after any other driver ended. A robot
+    /// whose last driver died may still move, and drives that follow at once would take a standing setpoint as a
+    /// step of the velocity. Joints that move stop from their measured speed within the limits, and the fault is
+    /// latched. No certificate covers that stop. A speed is believed if the positions of an `earlier` measurement
+    /// confirm it. Otherwise the driver holds the measured posture. Returns `None` if a number is not finite.
     pub fn begin(config: &Config, k: u64, earlier: &Measured, measured: &Measured) -> Option<Self> {
         let mut state = Self::hold(k, &measured.q)?;
         if !measured.dq.iter().all(|v| v.is_finite()) {
@@ -84,7 +88,7 @@ impl State {
         let v = measured.dq.map(|v| if v.abs() <= SPEED_NOISE { 0.0 } else { v });
         let confirmed = (0..JOINTS).all(|j| {
             let limits = &config.limits[j];
-            // A joint that brakes has come farther than its speed of now says, and never less far.
+            // A braking joint has come at least as far as its present speed gives, because it was faster before.
             let farther = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s) * v[j].signum();
             let noise = ENCODER_NOISE + SPEED_NOISE * elapsed_s;
             let braked = BRAKING_FACTOR * limits.a_max * elapsed_s * elapsed_s;
@@ -100,23 +104,25 @@ impl State {
         Some(state)
     }
 
-    /// The ticks for which the driver was suspended, if those are too many for one motion.
+    /// Returns the number of ticks for which the driver was suspended, if it is too large for one motion.
     pub(crate) fn suspension(&self, due_k: u64) -> Option<u64> {
         let ticks = due_k.saturating_sub(self.index());
         (ticks > GAP_MAX_TICKS && !self.motion.at_rest()).then_some(ticks)
     }
 
-    /// The driver was suspended for `ticks` while the robot moved.
+    /// Continues after the driver was suspended for `ticks` while the robot moved.
     ///
-    /// - The robot is measured near where the certified stop has come to meanwhile: the driver goes on with that stop.
+    /// - The robot is measured near where the certified stop is by now: the driver goes on with that stop.
     /// - It is near another point of that stop: the stop goes on from there, as slowly as the robot moves along it
-    ///   ([`State::rejoined`]). Its way is the certified one.
-    /// - It is elsewhere: neither the plan nor a command says where, so the motion begins where it is measured and stops within
-    ///   the limits. No certificate covers that stop.
-    /// - No measurement can be believed: the driver goes on with the certified stop, which is where the limits allow the robot to be.
+    ///   ([`State::rejoined`]). The robot stays on the certified path.
+    /// - It is elsewhere: neither the plan nor a command contains its position. So the motion begins at the
+    ///   measured posture and
+    ///   stops within the limits. No certificate covers that stop.
+    /// - No measurement can be believed: the driver goes on with the certified stop, which is where the limits
+    ///   allow the robot to be.
     ///
-    /// The second and the third have a new identity. The driver latches if it missed more ticks than the silence that latches, or
-    /// if it believes no measurement.
+    /// The second and the third case give a new identity. The driver latches the fault if it missed more ticks than
+    /// the silence that latches, or if it believes no measurement.
     pub(crate) fn begin_again(
         &mut self,
         config: &Config,
@@ -138,23 +144,25 @@ impl State {
             self.play(ticks, each);
             return;
         };
-        // The index that is due is not missed: it is executed now.
+        // The due index is not missed: it is executed now.
         (self.executed_k, self.plan_ticks_played, self.chain) = (input.due_k, 0, None);
         self.motion = motion;
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
     }
 
-    /// The certified stop from the point of it that is nearest to what is measured, of those in the last `ticks`. None if a joint
-    /// is not near it, in position or in speed, or if that stop took longer than [`STOP_MAX_S`].
+    /// Returns the certified stop from its point nearest to the measurement, among the points of the last `ticks`.
+    /// Returns `None` if a joint is not near it in position or speed, or if the remaining stop took longer than
+    /// [`STOP_MAX_S`].
     ///
-    /// With the certified stop Q(s), its speeds V at that point, and the measured speeds v, the stop that is left is Q(s + c t),
+    /// Let Q(s) be the certified stop, V its speeds at that point, and v the measured speeds. The remaining stop is
+    /// Q(s + c t),
     ///
     /// ```text
     /// c = sum_j (v_j V_j / v_max_j^2) / sum_j (V_j^2 / v_max_j^2), at most 1
     /// ```
     ///
-    /// Speeds, accelerations and jerks are c, c^2 and c^3 times the certified ones. Torques lie between the certified ones and those
-    /// that hold the posture.
+    /// Speeds, accelerations and jerks are c, c^2 and c^3 times the certified ones. Torques lie between the
+    /// certified ones and those that hold the posture.
     fn rejoined(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
         let delay_ticks = age_ticks(now, measured) + config.interface_delay_ticks;
         let apart = |s: u64| {
@@ -182,16 +190,17 @@ impl State {
         fits.then(|| motion.slowed(share))
     }
 
-    /// The stop from where the robot is measured after `ticks`: from positions and velocities as measured, and the accelerations of
-    /// the plan. None if what is measured cannot be.
+    /// Returns the stop from the measured posture after `ticks`, with the measured positions and velocities and the
+    /// accelerations of the plan. Returns `None` if the measurement is impossible.
     fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
         let mut planned = self.motion;
         planned.play(ticks);
         let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
-        // The measurement may be older than the last setpoint, by so much.
+        // The measurement may be older than the last setpoint, by this much.
         let sooner_s = (age_s + (FOLLOWING_DELAY_TICKS + SETPOINT_TICKS) as f64 * TICK_S - elapsed_s).max(0.0);
-        // Each joint carried on or braked: its speed lies between the last one and rest, and is no farther from the last one
-        // than the limit of acceleration allows, but for noise. A robot that braked harder is believed.
+        // Each joint carried on or braked, so its speed lies between the last one and rest. But for noise, it
+        // differs from the last one by no more than the acceleration limit allows. A robot that braked harder is
+        // believed.
         let speed = |j: usize| {
             let (v, ahead, a_max) = (self.motion.v[j], planned.v[j], config.limits[j].a_max);
             let between = measured.dq[j].clamp(v.min(ahead).min(0.0), v.max(ahead).max(0.0));
@@ -204,16 +213,18 @@ impl State {
         Some(Motion::stopping(&config.limits, q, &v, &planned.a))
     }
 
-    /// Whether the robot is as near its setpoints as one that follows them: each joint lags by the longest delay at most.
+    /// Returns true if the robot is as near its setpoints as a robot that follows them. Each joint lags by the
+    /// longest delay at most.
     pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
         let delay_s = following_delay_ticks(config) as f64 * TICK_S;
         let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
         (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
     }
 
-    /// Whether the robot followed the plan during the last `ticks`. The measurement is compared with two points of
-    /// the plan: that of its own time, and the one [`following_delay_ticks`] before. Every joint must lie between them, in position
-    /// and in speed, or near. A robot that stands must stand where the plan ended: nothing moves it there.
+    /// Returns true if the robot followed the plan during the last `ticks`. It compares the measurement with two
+    /// points of the plan: the one at the measurement's time, and the one [`following_delay_ticks`] before. Every
+    /// joint must be between them, or near, in position and speed. A standing robot must stand where the plan
+    /// ended, because nothing moves it there.
     fn is_on_plan(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> bool {
         let (moves, age_ticks) = (moves(measured), age_ticks(now, measured));
         let delay_ticks = age_ticks + following_delay_ticks(config);
@@ -236,33 +247,35 @@ impl State {
     }
 }
 
-/// The longest delay of a robot that follows its setpoints through its interface, ticks. An interface delays by its mean, or by
-/// twice as much, or not at all.
+/// Returns the longest delay of a robot that follows its setpoints through its interface, ticks. The delay of an
+/// interface is its mean, twice as much, or zero.
 fn following_delay_ticks(config: &Config) -> u64 {
     FOLLOWING_DELAY_TICKS + 2 * config.interface_delay_ticks
 }
 
-/// Whether a measured speed is more than noise.
+/// Returns true if a measured speed is more than noise.
 fn moves(measured: &Measured) -> bool {
     measured.dq.iter().any(|v| v.abs() > SPEED_NOISE)
 }
 
-/// Age of a measurement, ticks.
+/// Returns the age of a measurement, ticks.
 fn age_ticks(now: Stamp, measured: &Measured) -> u64 {
     now.since(measured.stamp) * TICK_HZ / 1_000_000_000
 }
 
-/// A joint is measured near the certified stop if it is no farther from it than this, rad or m.
+/// Returns the largest distance at which a joint counts as near the certified stop, rad or m.
 fn near(limits: &JointLimits) -> f64 {
     ENCODER_NOISE + NEAR_S * limits.v_max
 }
 
-/// A joint is measured as fast as the certified stop if its speed differs by no more than this, rad/s or m/s.
+/// Returns the largest difference of speed, rad/s or m/s, at which a joint still moves as the certified stop
+/// does.
 fn as_fast(limits: &JointLimits) -> f64 {
     SPEED_NOISE + AS_FAST_S * limits.a_max
 }
 
-/// Where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or m.
+/// Returns where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or
+/// m.
 fn arrival(config: &Config, j: usize, q: f64, v: f64) -> f64 {
     let way = config.interface_delay_ticks as f64 * TICK_S * v;
     config.limits[j].within(q + way, NOISE + way.abs())

@@ -1,4 +1,5 @@
-//! Robots that carried on by themselves while their driver was suspended: random motions, delays, measurements of any age.
+//! Robots that carried on by themselves while their driver was suspended: random motions, delays, and
+//! measurements of any age.
 
 mod bench;
 
@@ -11,13 +12,15 @@ use rand_pcg::Pcg64;
 const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 10.0, j_max: 400.0 };
 /// Joints that move.
 const MOVING: usize = 6;
-/// Setpoints may be so much closer together in wall time than in their own, s, as the judge of the simulated robot has it.
+/// Setpoints may be this much closer together in wall time than by index, s. The judge of the simulated robot
+/// allows the same.
 const JITTER_S: f64 = 0.002;
 /// A joint's past before the last setpoint is known in steps of this length, s, for longer than any delay.
 const PAST_STEP_S: f64 = TICK_S / 10.0;
 const PAST_STEPS: usize = 600;
 
-/// The shortest stop from speed `v` and acceleration `a`: jerks and durations; none if it is not within the limits.
+/// Returns the shortest stop from speed `v` and acceleration `a` as jerks and durations, or `None` if it breaks
+/// the limits.
 fn stop(v: f64, a: f64) -> Option<([f64; 3], [f64; 3])> {
     let (a_max, jerk) = (LIMITS.a_max, LIMITS.j_max);
     let (sign, v, a) = (v.signum(), v.abs(), a * v.signum());
@@ -40,7 +43,7 @@ struct Joint {
 }
 
 impl Joint {
-    /// With jerks at random, within the limits.
+    /// Creates a joint with random jerks within the limits.
     fn new(rng: &mut Pcg64, motion: &Motion, index: usize) -> Self {
         let (mut q, mut v, mut a) = (motion.q[index], motion.v[index], motion.a[index]);
         let mut jerk = 0.0;
@@ -61,7 +64,7 @@ impl Joint {
         Self { past: (0..=PAST_STEPS).map(&mut step).collect(), motion: *motion, index }
     }
 
-    /// Position and velocity so long after the last setpoint, or before it, s.
+    /// Returns position and velocity `time_s` after the last setpoint, s. Before it the time is negative.
     fn at(&self, time_s: f64) -> (f64, f64) {
         if time_s <= 0.0 {
             let (step, share) = ((-time_s / PAST_STEP_S) as usize, (-time_s / PAST_STEP_S).fract());
@@ -82,7 +85,7 @@ impl Joint {
     }
 }
 
-/// A motion at random; none if one of its joints cannot be stopped in time.
+/// Returns a random motion, or `None` if one of its joints cannot be stopped in time.
 fn motion(rng: &mut Pcg64) -> Option<Motion> {
     let mut motion = Motion::rest([0.0; JOINTS]);
     for j in 0..MOVING {
@@ -93,9 +96,9 @@ fn motion(rng: &mut Pcg64) -> Option<Motion> {
     Some(motion)
 }
 
-/// The setpoint after the gap is one that the limits allow in the wall time since the last one, and near where the robot is;
-/// whatever the age of the newest measurement, and whether the driver finds the robot on its plan or not (`off_m` of a joint
-/// that should stand).
+/// The limits allow the setpoint after the gap in the wall time since the last one, and it is near the robot.
+/// This holds for any age of the newest measurement, and for a robot on or off its plan. A joint that should
+/// stand is off by `off_m`.
 fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
     let config = Config::new([LIMITS; JOINTS]);
     let mut rng = Pcg64::seed_from_u64(seed);
@@ -133,7 +136,7 @@ fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
             assert!((told.q[j] - motion.q[j]).abs() <= LIMITS.v_max * wall_s, "way: {what}");
             let (truth, _) = joint.at(since_s - delay_s);
             let ahead = (told.q[j] - truth) * motion.v[j].signum();
-            // A robot that follows stays so much behind its setpoints, and they may be a tick older.
+            // A robot that follows lags its setpoints by this much, and they may be a tick older.
             let most = (delay_s + TICK_S) * LIMITS.v_max + 0.5e-3;
             assert!((-4e-3..=most).contains(&ahead), "{ahead} rad ahead of the robot: {what}");
         }

@@ -1,4 +1,4 @@
-//! What the follower refuses, when it latches, and what a reset does.
+//! Refusals of the follower, its latch, and its reset.
 
 mod bench;
 
@@ -10,7 +10,7 @@ use driver::{
 use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag};
 
 impl Bench {
-    /// A command of index `k` that continues from the executed state at rest, on a new chain.
+    /// Returns a command of index `k` on a new chain that continues from the executed state at rest.
     fn fresh(&mut self, k: u64, reset_count: u32) -> JointCommand {
         let echo = self.state.echo(Header::ZERO, &measured());
         let seed = reseed(&echo, k).unwrap();
@@ -19,7 +19,8 @@ impl Bench {
         JointCommand { q: seed.motion.q, v: [0.0; JOINTS], plan: StopPlan::ZERO, reset_count, ..honest }
     }
 
-    /// Follows to `K + 5`, then silence until the fault is latched and the plan has ended; returns the index.
+    /// Follows to `K + 5`, then sends nothing until the fault is latched and the plan has ended. Returns the
+    /// index.
     fn latch(&mut self) -> u64 {
         self.follow(K + 5);
         for k in K + 6..K + 200 {
@@ -169,7 +170,7 @@ fn a_reset_edge_in_motion_is_spent() {
 
 #[test]
 fn a_reset_is_taken_once_the_joints_have_been_measured_standing() {
-    // The command stands; joint 3 swings by 0.05 rad at 8 or 20 Hz, drifts, or is away from where it is told to be.
+    // The command stands. Joint 3 swings by 0.05 rad at 8 or 20 Hz, drifts, or is away from its setpoint.
     let swings = |n: f64, hz: f64| 0.05 * (core::f64::consts::TAU * hz * n * TICK_S).sin();
     let moves: [fn(f64) -> f64; 2] = [|n| 0.35 * n * TICK_S - 0.04, |_| 0.2];
     let cases: Vec<Box<dyn Fn(f64) -> f64>> = vec![
@@ -221,15 +222,15 @@ fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
     assert_eq!((out.refused, out.faults), (Some(Refusal::Latched), Faults::NONE.with(Fault::DriverFault)));
 }
 
-/// A robot with power that refuses setpoints stops by itself. It takes the next setpoint that is near it, and says so late. Until
-/// then the driver must not begin another motion: that would be a jump.
+/// A robot with power that refuses setpoints stops by itself. It takes the next setpoint that is near it, and
+/// reports that late. Until then the driver must not begin another motion, which would be a jump.
 #[test]
 fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let mut planned = bench.state.motion;
     let mut now = measured();
-    // It stands where it was, and the plan goes on.
+    // The robot stands where it was, and the plan goes on.
     now.q[3] = planned.q[3];
     let mut left = 0;
     for k in K + 6..K + 60 {
@@ -237,7 +238,7 @@ fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
         let refuses = Input { due_k: k, command: None, port_fault: true, measured: Some(&now) };
         let out = tick(&CONFIG, &mut bench.state, deadline(k), refuses);
         assert!(out.faults.has(Fault::DriverFault));
-        // A robot that follows stays 20 mrad behind at 2 rad/s, and encoders err by 0.4.
+        // A robot that follows lags by 20 mrad at 2 rad/s, and encoders err by 0.4 mrad.
         if planned.q[3] - now.q[3] <= 0.0204 {
             assert_eq!((out.executed.q, out.executed.v), (planned.q, planned.v), "tick {k}");
         } else {
@@ -248,7 +249,8 @@ fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
     assert!(left > 10, "{left}");
 }
 
-/// It may have taken the last one of those, and then what is held would be a jump: first it has to answer.
+/// The robot may have taken the last setpoint, and then the held posture would be a jump. So it must answer
+/// first.
 #[test]
 fn f057_a_robot_that_is_not_near_any_more_answers_before_it_is_held() {
     for (answers_after, takes) in [(3, false), (3, true), (u64::MAX, false)] {
@@ -278,7 +280,7 @@ fn f057_a_robot_that_is_not_near_any_more_answers_before_it_is_held() {
 
 #[test]
 fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_stands() {
-    // Joint 3 goes on at 0.5 rad/s, for a while or for ever.
+    // Joint 3 goes on at 0.5 rad/s, for a while or forever.
     for (moves_for, held_for) in [(200, 200), (u64::MAX, SETTLE_TICKS - 1)] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
@@ -290,7 +292,7 @@ fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_sta
             now.drives.emergency_stop = n < 10;
             now.dq[3] = if moves { 0.5 } else { 0.02 };
             now.q[3] += if moves { 0.5 * TICK_S } else { 0.0 };
-            // Whoever resets and goes on sending is heard only once the joint has stood.
+            // A client that resets and goes on sending is accepted only once the joint has stood.
             let command = bench.fresh(k, n as u32 / 2);
             let input = Input { due_k: k, command: Some(&command), port_fault: false, measured: Some(&now) };
             let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
@@ -307,7 +309,7 @@ fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_sta
     }
 }
 
-/// A torso that sinks at 0.03 m/s is slow beside an arm, and at half of its own largest speed.
+/// A torso that sinks at 0.03 m/s is slow compared with an arm, but moves at half of its own largest speed.
 #[test]
 fn f064_whether_a_joint_stands_is_measured_by_its_own_largest_speed() {
     for (speed, largest, holds) in [(0.03, 0.07, true), (0.010, 0.07, false), (0.03, 0.7, false), (0.11, 0.7, true)] {
@@ -329,12 +331,12 @@ fn f064_whether_a_joint_stands_is_measured_by_its_own_largest_speed() {
     }
 }
 
-/// Whether every joint is held where it is measured, but for the noise of an encoder.
+/// Returns true if every joint is held where it is measured, but for the noise of an encoder.
 fn is_held(held: &[f64; JOINTS], measured: &[f64; JOINTS]) -> bool {
     (0..JOINTS).all(|j| (held[j] - measured[j]).abs() <= 4e-4 + 1e-12)
 }
 
-/// What an encoder of the torso trembles by is two ticks of its way at full speed.
+/// The noise of the torso's encoder is two ticks of its way at full speed.
 #[test]
 fn f064_noise_does_not_move_what_is_held() {
     let mut bench = Bench::new();

@@ -1,4 +1,4 @@
-//! Whatever the two processes' timing, what is executed is continuous, and once both are on time again it follows.
+//! Whatever the two processes' timing, the executed motion is continuous. It follows once both are on time again.
 
 mod world;
 
@@ -7,14 +7,15 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use world::{FIRST_K, Moment, World};
 
-/// Ticks on time after which every index is executed by its own command: the driver shows a lost chain in its next echo,
-/// `control` reseeds, the driver takes it. Two such rounds when the first one rested on an echo that was late.
+/// Ticks on time after which every index is executed by its own command. The driver shows a lost chain in its
+/// next echo, `control` reseeds, and the driver takes the new chain. There are two such rounds if the first one
+/// used a late echo.
 const FOLLOWS_WITHIN: u64 = 4;
-/// As above when the driver must come to rest first (the longest plan of the test is 150 ticks), and then be reset, which
-/// `control` tries every 5 ticks.
+/// The same if the driver must first come to rest and then be reset. The longest plan of the test is 150 ticks,
+/// and `control` tries a reset every 5 ticks.
 const FOLLOWS_FROM_REST_WITHIN: u64 = 200;
 
-/// Brings both on time and expects every index to be executed by its command.
+/// Puts both processes on time and expects every index to be executed by its command.
 fn expect_following(world: &mut World, within: u64, story: &dyn std::fmt::Debug) {
     let mut calm = || world.run(&Moment::CALM);
     for _ in 0..within {
@@ -60,7 +61,7 @@ fn every_short_interleaving_is_continuous_and_follows_again() {
     assert!(plan_ticks > stories as u64, "the stories disturb something");
 }
 
-/// Draws what happens next; `trouble` in 0..=1 is how much of it is wrong.
+/// Draws the next events. `trouble` in 0..=1 is the share of them that goes wrong.
 struct Weather {
     rng: Pcg64,
     trouble: f64,
@@ -136,7 +137,7 @@ fn f059_random_weather_is_continuous_and_follows_again() {
                 }
             }
             (weather.control_sleeps, weather.driver_sleeps) = (0, 0);
-            // What is still under way arrives within three ticks.
+            // Messages that are still under way arrive within three ticks.
             for _ in 0..3 {
                 suspensions += world.run(&Moment::CALM).suspensions;
             }

@@ -1,4 +1,4 @@
-//! What a driver does that was suspended while the robot moved, or that starts on a robot that moves.
+//! A driver that was suspended while the robot moved, or that starts on a moving robot.
 
 mod bench;
 
@@ -6,7 +6,7 @@ use bench::{Bench, CONFIG, K, LIMITS, measured};
 use driver::{GAP_MAX_TICKS, Input, Motion, Refusal, SILENCE_TICKS, State, tick};
 use messages::{Fault, Faults, JOINTS, Stamp, TICK_S, deadline};
 
-/// Joint 3 of the robot at `q` and speed `v`, measured at index `k`.
+/// Returns a measurement at index `k` with joint 3 at `q` and speed `v`.
 fn measured_at(k: u64, q: f64, v: f64) -> driver::Measured {
     let mut measured = driver::Measured { stamp: deadline(k), ..measured() };
     (measured.q[3], measured.dq[3]) = (q, v);
@@ -21,9 +21,9 @@ fn a_suspended_driver_begins_where_the_robot_is_measured() {
         let before = bench.state.motion.q[3];
         let k = K + 5 + gap;
         let newest = bench.command(k);
-        // Behind the last setpoint, and slower than the plan can have become.
+        // Behind the last setpoint, and slower than the plan can be by now.
         let (q, v) = (before - 0.02, 0.3);
-        // Joint 5 stands: what is measured of its speed is noise.
+        // Joint 5 stands: its measured speed is noise.
         let mut now = measured_at(k, q, v);
         now.dq[5] = 0.01;
         let input = Input { due_k: k, command: Some(&newest), port_fault: false, measured: Some(&now) };
@@ -57,7 +57,7 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
         let mut planned = bench.state.motion;
         planned.play(gap);
         let k = K + 5 + gap;
-        // A robot stays behind its setpoints by 8 ms.
+        // A robot lags its setpoints by 8 ms.
         let mut now = measured_at(k, 0.0, 0.0);
         (now.q, now.dq) = (planned.q, planned.v);
         let mut before = bench.state.motion;
@@ -70,7 +70,8 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
         assert_eq!(bench.state.motion, planned, "{gap}");
         assert_eq!((out.suspended_ticks, out.advanced, out.accepted), (Some(gap), gap, None));
         assert_eq!(out.faults.has(Fault::DriverFault), gap > SILENCE_TICKS, "{gap}");
-        // One joint that is elsewhere, or has another speed, and the driver begins where all of them are measured.
+        // If one joint is elsewhere, or has another speed, the driver begins at the measured posture of all
+        // joints.
         for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 1.0), (0.0, -1.0)] {
             let mut bench = Bench::new();
             bench.follow(K + 5);
@@ -83,7 +84,7 @@ fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
     }
 }
 
-/// Two joints that stop, the second one later, and in another way.
+/// Returns a motion of two joints that stop, the second one later and along another path.
 fn both() -> Motion {
     let mut motion = Motion::rest(measured().q);
     (motion.v[3], motion.v[5]) = (1.0, -1.2);
@@ -92,11 +93,11 @@ fn both() -> Motion {
     motion
 }
 
-/// The robot braked by itself and fell behind its certified stop. The driver goes on along the way of that stop, so slowly, and
-/// ends where that stop ends.
+/// The robot braked by itself and fell behind its certified stop. The driver goes on along the path of that stop
+/// at the robot's speed, and ends where that stop ends.
 #[test]
 fn a_suspended_driver_goes_on_along_the_certified_stop_as_slowly_as_the_robot() {
-    // The last robot is measured faster than the stop: the driver is no faster than that.
+    // The last robot is measured faster than the stop. The driver is no faster than the stop.
     for (gap, behind, share) in
         [(30, 0, 0.5), (60, 40, 0.6), (90, 50, 0.8), (40, 35, 0.9), (120, 60, 0.5), (90, 50, 1.05)]
     {
@@ -136,14 +137,14 @@ fn a_suspended_driver_goes_on_along_the_certified_stop_as_slowly_as_the_robot() 
     }
 }
 
-/// The robot's process was kept from its core as well: what it measured last is older than the driver's return. It is compared
-/// with where the plan was then.
+/// The robot's process was kept from its core as well, so its last measurement is older than the driver's return.
+/// The driver compares it with the plan's state at that time.
 #[test]
 fn a_suspended_driver_compares_an_old_measurement_with_the_plan_of_then() {
     for (gap, age) in [(16, 14), (40, 14), (16, 2)] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
-        // It was accelerating before, as hard as it may: 8 ms behind, it is slower by that.
+        // The joint was accelerating before at its limit, so 8 ms earlier it was that much slower.
         let behind = 12 + age;
         let (mut before, sooner) = (bench.state.motion, u64::saturating_sub(behind, gap));
         before.play(gap.saturating_sub(behind));
@@ -160,8 +161,8 @@ fn a_suspended_driver_compares_an_old_measurement_with_the_plan_of_then() {
     }
 }
 
-/// A joint that brakes already when its driver returns goes on to brake: its stop is no longer than that of a joint that has to
-/// begin, and keeps the limits.
+/// A joint that already brakes when its driver returns goes on braking. Its stop keeps the limits, and is no
+/// longer than the stop of a joint that has to begin braking.
 #[test]
 fn a_suspended_driver_goes_on_braking() {
     let (gap, v) = (30, 1.0);
@@ -180,7 +181,7 @@ fn a_suspended_driver_goes_on_braking() {
         largest = largest.max(end.a[3].abs());
     }
     assert!(largest <= LIMITS.a_max + 1e-9);
-    // Begun without acceleration the way is v (v / A + A / J) / 2.
+    // If braking begins without acceleration, the way is v (v / A + A / J) / 2.
     let unbraked = v * (v / LIMITS.a_max + LIMITS.a_max / LIMITS.j_max) / 2.0;
     let way = end.q[3] - now.q[3];
     assert!(way > 0.0 && way < unbraked, "{way}, {unbraked}");
@@ -211,7 +212,7 @@ fn a_suspended_driver_believes_no_measurement_that_cannot_be() {
     }
 }
 
-/// A robot that stopped by itself long ago stands before the end of the certified stop: nothing moves it there.
+/// A robot that stopped by itself long ago stands before the end of the certified stop. Nothing moves it there.
 #[test]
 fn a_suspended_driver_leads_no_robot_to_the_end_of_a_stop_that_it_did_not_play() {
     for gap in [200, 600, 2250] {
@@ -253,7 +254,8 @@ fn a_driver_that_starts_believes_a_speed_that_positions_confirm() {
 
 #[test]
 fn a_robot_stands_once_no_joint_moved_by_more_than_noise_for_a_tenth_of_a_second() {
-    // How far the joint has moved after so many ticks, and when it is first said to stand, if within a second.
+    // `moved` says how far the joint has moved after `n` ticks. Returns the first tick at which it stands, if within
+    // a second.
     let stands_after = |moved: &dyn Fn(u64) -> f64| {
         let mut standstill = driver::Standstill::new(&measured_at(K, 0.5 + moved(0), 0.0));
         (0..1500).find(|&n| standstill.stands(&measured_at(K + n, 0.5 + moved(n), 0.0)))
@@ -265,7 +267,7 @@ fn a_robot_stands_once_no_joint_moved_by_more_than_noise_for_a_tenth_of_a_second
     assert_eq!(stands_after(&|n| 5e-6 * n as f64), None, "a lift that creeps by 7.5 mm/s");
     assert_eq!(stands_after(&|n| 5e-4 * (n as f64 * TICK_S * 40.0).sin()), None, "it swings, and is back after 157 ms");
     assert_eq!(stands_after(&|_| f64::NAN), None);
-    // A process of the robot that is stopped measures nothing: the same measurement says the same again.
+    // A stopped robot process measures nothing: the same measurement comes again.
     let mut standstill = driver::Standstill::new(&measured_at(K, 0.5, 2.0));
     assert!((0..10_000).all(|_| !standstill.stands(&measured_at(K, 0.5, 2.0))));
 }
@@ -295,8 +297,8 @@ fn f064_power_that_returns_during_a_pause_finds_the_robot_where_it_is() {
     assert_eq!(told(K + 470, 0.3, true), 0.3);
 }
 
-/// Without power a servo may come to stand a little beyond a limit. The setpoint that power finds is no farther than the limit;
-/// a robot that stands well beyond is left where it is.
+/// Without power a servo may stand a little beyond a limit. The setpoint that returning power finds is no farther
+/// than the limit. A robot that stands well beyond the limit is left where it is.
 #[test]
 fn a_setpoint_that_power_finds_is_not_a_little_beyond_a_limit() {
     for (beyond, held) in [(0.001, LIMITS.q_max), (0.02, LIMITS.q_max + 0.02)] {
@@ -312,7 +314,7 @@ fn a_setpoint_that_power_finds_is_not_a_little_beyond_a_limit() {
     }
 }
 
-/// The certified stop of a joint ends just before its limit, and another joint is not where it should be.
+/// The certified stop of a joint ends just before its limit, and another joint is off its plan.
 #[test]
 fn a_suspended_driver_begins_near_a_limit_without_a_step_of_the_speed() {
     let limits = driver::JointLimits { a_max: 10.0, j_max: 400.0, ..LIMITS };
@@ -329,7 +331,7 @@ fn a_suspended_driver_begins_near_a_limit_without_a_step_of_the_speed() {
             stop.q[3] = limits.q_max - 0.001 - end.q[3];
             stop.play(played);
             let mut bench = Bench::at_rest();
-            // So that it is known where the robot is.
+            // This makes the robot's position known.
             let there = driver::Measured { stamp: deadline(K + 5), q: stop.q, ..measured() };
             let mut state = State::hold(K + 4, &stop.q).unwrap();
             tick(
@@ -359,7 +361,7 @@ fn a_robot_at_rest_bears_any_pause_of_its_driver() {
         let k = bench.state.index() + gap;
         let out = bench.tick(k, None);
         assert_eq!((out.advanced, out.suspended_ticks, out.faults), (gap, None, Faults::NONE));
-        // Nor does it leap to where a stream has gone meanwhile.
+        // Nor does it jump to where a command stream has gone meanwhile.
         let far = bench.command(k + GAP_MAX_TICKS + 1);
         let input = Input { due_k: k, command: Some(&far), port_fault: false, measured: None };
         let out = tick(&CONFIG, &mut bench.state, deadline(far.k), input);

@@ -10,16 +10,17 @@ use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-/// How long a reply is waited for: ten polls of a server that polls at 50 Hz.
+/// Longest wait for a reply: ten polls of a server that polls at 50 Hz.
 const TIMEOUT_MS: u64 = 200;
 
-/// Replies to earlier requests that may lie in the socket; the kernel queues fewer than this.
+/// Late replies that may wait in the socket. The kernel queues fewer than this.
 const LATE_REPLIES_MAX: usize = 1024;
 
-/// Whose socket it is.
+/// The process that the socket belongs to.
 pub(crate) const DAEMON: &str = "teleopd control";
 
-/// Why a reset by this process is refused at this status: another user pressed the emergency stop. Nothing if it is not.
+/// Returns the reason for refusing a reset by this process: another user pressed the emergency stop. Returns
+/// `None` if `status` shows no such user.
 pub fn reset_refusal(status: &Status) -> Option<String> {
     let own = rustix::process::geteuid().as_raw();
     let uid = status.reset_first_by.checked_sub(1).filter(|&uid| own != 0 && uid != own)?;
@@ -31,7 +32,7 @@ pub fn reset_refusal(status: &Status) -> Option<String> {
     ))
 }
 
-/// A connection to `control`, and the hand's counters.
+/// A connection to `control`, and the counters of this client's edges.
 pub struct Client {
     path: PathBuf,
     socket: OwnedFd,
@@ -40,12 +41,12 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to the socket of `control` at `path`; replies are waited for at most 200 ms.
+    /// Connects to the socket of `control` at `path`. Waits at most 200 ms for each reply.
     pub fn connect(path: impl AsRef<Path>) -> Result<Self, OperatorError> {
         Self::connect_within(path, TIMEOUT_MS)
     }
 
-    /// As `connect`, with another time to wait for each reply.
+    /// Does the same as `connect`, with another time to wait for each reply.
     pub fn connect_within(path: impl AsRef<Path>, timeout_ms: u64) -> Result<Self, OperatorError> {
         let path = path.as_ref().to_path_buf();
         let socket = doors::connect(&path, DAEMON, timeout_ms)?;
@@ -53,12 +54,12 @@ impl Client {
         Ok(Self { path, socket, request, timeout_ms })
     }
 
-    /// Presses the enable, with the next heartbeat.
+    /// Presses the enable with the next heartbeat.
     pub fn enable(&mut self) -> &mut Self {
         self.hold(HOLDS_ENABLE)
     }
 
-    /// Presses the recovery, with the next heartbeat.
+    /// Presses the recovery with the next heartbeat.
     pub fn recover(&mut self) -> &mut Self {
         self.hold(HOLDS_RECOVERY)
     }
@@ -69,21 +70,21 @@ impl Client {
         self
     }
 
-    /// Lets the enable or the recovery go, with the next heartbeat. Also withdraws that of another connection.
+    /// Releases the enable or the recovery with the next heartbeat. Also withdraws that of another connection.
     pub fn release(&mut self) -> &mut Self {
         self.request.enable_level = 0;
         self.request.release_count = self.request.release_count.wrapping_add(1);
         self
     }
 
-    /// Presses reset, with the next heartbeat.
+    /// Presses reset with the next heartbeat.
     pub fn reset(&mut self) -> &mut Self {
         self.request.reset_count = self.request.reset_count.wrapping_add(1);
         self
     }
 
-    /// Says what a hand carries, with the next heartbeat: 0 is the left hand, 1 the right one. Of several
-    /// before a heartbeat the last one is said.
+    /// Reports the payload of a hand with the next heartbeat. Hand 0 is the left one, 1 the right one. If it is
+    /// called several times before a heartbeat, only the last report is sent.
     pub fn payload(&mut self, hand: usize, order: &PayloadOrder) -> &mut Self {
         let right = if hand == 0 { 0 } else { payload_flag::RIGHT };
         let said = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
@@ -94,20 +95,21 @@ impl Client {
         self
     }
 
-    /// Presses the emergency stop, with the next heartbeat.
+    /// Presses the emergency stop with the next heartbeat.
     pub fn estop(&mut self) -> &mut Self {
         self.request.estop_count = self.request.estop_count.wrapping_add(1);
         self
     }
 
-    /// Sends the hand's state and returns the status of `control`. To be called at 50 Hz while anything is held.
+    /// Sends the state of this client and returns the status of `control`. Call it at 50 Hz while anything is
+    /// held.
     pub fn heartbeat(&mut self) -> Result<Status, OperatorError> {
         self.request.sequence += 1;
         let request = self.request;
         self.exchange(&request)
     }
 
-    /// Sends a request as it is and returns the reply.
+    /// Sends a request unchanged and returns the reply.
     pub fn exchange(&mut self, request: &OperatorRequest) -> Result<Status, OperatorError> {
         self.drop_late_replies()?;
         loop {
@@ -126,7 +128,7 @@ impl Client {
         }
     }
 
-    /// Replies that came after their exchange had given up are no answer to the next one.
+    /// Drops replies that came after their exchange had timed out. They do not answer the next request.
     fn drop_late_replies(&mut self) -> Result<(), OperatorError> {
         for _ in 0..LATE_REPLIES_MAX {
             match self.receive(RecvFlags::DONTWAIT) {
@@ -141,7 +143,7 @@ impl Client {
     }
 
     fn receive(&self, flags: RecvFlags) -> Result<Result<Status, OperatorError>, Errno> {
-        // One byte more than a status, so that a longer one shows.
+        // One byte more than a status, so that a longer packet is detected.
         let mut bytes = [0; STATUS_BYTES + 1];
         let (length, _) = net::recv(&self.socket, &mut bytes[..], flags)?;
         let path = || self.path.clone();

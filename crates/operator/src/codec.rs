@@ -97,15 +97,15 @@ fn status_fields(fields: &mut impl Fields, s: &mut Status) {
     }
 }
 
-/// The bytes of a request.
+/// Returns the bytes of a request.
 pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     let mut bytes = [0; REQUEST_BYTES];
     request_fields(&mut FieldWriter::new(&mut bytes), &mut { *request });
     bytes
 }
 
-/// The request in `bytes`; `None` if the length or the version is not ours, or if the level is unknown. What is said of a
-/// payload is for `control` to refuse: it must not keep an emergency stop from being heard.
+/// Returns the request in `bytes`, or `None` if the length, the version or the level is unknown. `control` checks
+/// the payload report, because a wrong one must not hide an emergency stop in the same request.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let mut request = OperatorRequest::ZERO;
     if bytes.len() != REQUEST_BYTES {
@@ -115,14 +115,14 @@ pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
 }
 
-/// The bytes of a status.
+/// Returns the bytes of a status.
 pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
     let mut bytes = [0; STATUS_BYTES];
     status_fields(&mut FieldWriter::new(&mut bytes), &mut { *status });
     bytes
 }
 
-/// The status in `bytes`; `None` if the length is not that of a `Status`.
+/// Returns the status in `bytes`, or `None` if the length is not that of a `Status`.
 pub fn decode_status(bytes: &[u8]) -> Option<Status> {
     let mut status = Status::ZERO;
     if bytes.len() != STATUS_BYTES {

@@ -1,21 +1,21 @@
-//! What can go wrong before and between heartbeats.
+//! Errors before and between heartbeats.
 
 use doors::DoorError;
 use rustix::io::Errno;
 use std::path::PathBuf;
 
-/// Why a socket could not be opened or an exchange failed.
+/// Returned when a socket cannot be opened or an exchange fails.
 #[derive(Debug, thiserror::Error)]
 pub enum OperatorError {
     /// The socket cannot be made or reached.
     #[error(transparent)]
     Door(#[from] DoorError),
-    /// No reply in time.
+    /// `control` did not reply in time.
     #[error("{}: teleopd control did not reply within {timeout_ms} ms", path.display())]
     Timeout {
         /// The socket.
         path: PathBuf,
-        /// What was waited for.
+        /// Length of the wait, ms.
         timeout_ms: u64,
     },
     /// The server ended the connection.
@@ -26,7 +26,7 @@ pub enum OperatorError {
         /// The socket.
         path: PathBuf,
     },
-    /// A reply of a wrong length.
+    /// A reply has the wrong length.
     #[error("{}: a reply of {bytes} bytes, expected {expected}: teleopd control is of another version than this client", path.display())]
     BadReply {
         /// The socket.
@@ -36,14 +36,14 @@ pub enum OperatorError {
         /// Length of a `Status`.
         expected: usize,
     },
-    /// Anything else.
+    /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
     Os {
         /// The socket.
         path: PathBuf,
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What the kernel said.
+        /// The kernel's error.
         source: Errno,
     },
 }

@@ -1,18 +1,22 @@
-//! What an operator commands, and the socket over which it arrives.
+//! The commands of the operators, and the socket over which they arrive.
 //!
-//! A Unix SEQPACKET socket of `control`, because the bus has only so many slots and a stopped client could hold one. Every
-//! client sends an `OperatorRequest` (its heartbeat) and gets a `Status` back. Requests carry counters, so that an edge is
-//! neither lost nor doubled, and a level.
+//! It is a Unix SEQPACKET socket of `control`, because the bus has few slots and a stopped client could occupy
+//! one. Every client sends an `OperatorRequest` (its heartbeat) and gets a `Status` back. Requests carry a level,
+//! and counters, so that an edge is neither lost nor doubled.
 //!
-//! - The enable, or in its place the recovery, belongs to one connection, the first whose enable edge arrives while nobody holds it. It loses it by a
-//!   release, by lowering its level, by going away, or by a heartbeat that is late by the lease; to get it back takes a
-//!   new edge.
-//! - Release and emergency stop are accepted from every connection. So is a reset, unless the settings leave it to the user who
-//!   pressed the emergency stop (`ResetRule`).
-//! - When all places are taken, the process with the most places loses its idlest one. Every process has one place before any
-//!   has a second. An emergency stop is heard from a connection that gets no place, too.
+//! - One connection holds the enable, or in its place the recovery: the first whose enable edge arrives while
+//!   nobody holds it.
+//!   It loses it by a release, by lowering its level, by disconnecting, or by a heartbeat that is late by the
+//!   lease.
+//!   To get it back it needs a new edge.
+//! - Every connection may release and press the emergency stop. Every connection may reset too, unless the
+//!   settings leave the reset
+//!   to the user who pressed the emergency stop (`ResetRule`).
+//! - When all places are taken, the process with the most places loses its idlest one. Every process has one
+//!   place before any
+//!   has a second. A connection that gets no place can still press the emergency stop.
 //!
-//! The socket is a door (`doors::Listener`): mode 0660 and a group of its own.
+//! The socket is a `doors::Listener`: mode 0660 and a group of its own.
 
 mod client;
 mod codec;

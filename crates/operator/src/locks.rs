@@ -1,22 +1,24 @@
-//! Who pressed the emergency stop and has not reset it. Does no IO and reads no clock.
+//! The users who pressed the emergency stop and have not reset it. Does no IO and reads no clock.
 //!
-//! Each user who presses puts a lock on the reset, and only its owner or root takes it away, as with the padlocks on a switch
-//! (29 CFR 1910.147, lockout by each worker). The user counts and not the connection: `teleopctl estop` ends with its
-//! press, and a page may be closed. The kernel vouches for the user (SO_PEERCRED).
+//! Each user who presses puts a lock on the reset. Only its owner or root removes it, as with the padlocks on a
+//! switch (29 CFR 1910.147, lockout by each worker). The lock belongs to the user and not to the connection:
+//! `teleopctl estop` ends with its press, and a web page may be closed. The kernel gives the user (SO_PEERCRED).
 
-/// Users whose locks are told apart; of more, root alone takes the locks away. As many as there are connections.
+/// Number of users with separate locks, as many as there are connections. With more users only root removes the
+/// locks.
 const LOCKS_MAX: usize = crate::merge::CLIENTS_MAX;
 
 /// User number of root.
 const ROOT: u32 = 0;
 
-/// Who may reset an emergency stop that an operator pressed. The robot's own emergency stop is not meant.
+/// The rule for resetting an emergency stop that an operator pressed. It does not concern the robot's own
+/// emergency stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ResetRule {
-    /// Every operator.
+    /// Every operator may reset.
     #[default]
     Anyone,
-    /// The user who pressed it, and root. If several pressed, each of them.
+    /// The user who pressed it, and root. If several users pressed, each of them must reset.
     Presser,
 }
 
@@ -24,12 +26,12 @@ pub enum ResetRule {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Locks {
     owners: [Option<u32>; LOCKS_MAX],
-    /// More users pressed than are told apart.
+    /// True if more users pressed than there are separate locks.
     overflowed: bool,
 }
 
 impl Locks {
-    /// `uid` pressed the stop.
+    /// Adds the lock of `uid`, who pressed the stop.
     pub(crate) fn add(&mut self, uid: u32) {
         if self.owners.contains(&Some(uid)) {
             return;
@@ -40,7 +42,7 @@ impl Locks {
         }
     }
 
-    /// `uid` resets: its own lock is gone, and of root all are.
+    /// Handles a reset by `uid`. It removes the user's own lock, and all locks if the user is root.
     pub(crate) fn remove(&mut self, uid: u32) {
         if uid == ROOT {
             *self = Self::default();
@@ -48,12 +50,13 @@ impl Locks {
         self.owners.iter_mut().filter(|owner| **owner == Some(uid)).for_each(|owner| *owner = None);
     }
 
-    /// Whether a reset is admitted.
+    /// Returns true if a reset is admitted.
     pub(crate) fn are_gone(&self) -> bool {
         *self == Self::default()
     }
 
-    /// One more than the number of a user whose lock is there; zero if none is. Of too many users, root.
+    /// Returns the number of a user with a lock, plus one. Zero if there is no lock. If too many users pressed,
+    /// root.
     pub(crate) fn first_by(&self) -> u32 {
         let first = self.owners.iter().flatten().next().copied().or(self.overflowed.then_some(ROOT));
         first.map_or(0, |uid| uid.saturating_add(1))

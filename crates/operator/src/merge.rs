@@ -1,57 +1,58 @@
-//! Many connections, one operator: what their requests add up to. Does no IO and reads no clock.
+//! Merges the requests of many connections into the commands of one operator. Does no IO and reads no clock.
 
 use crate::locks::{Locks, ResetRule};
 use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, PayloadOrder, Stamp, payload_flag};
 
-/// Connections at once.
+/// Largest number of connections at once.
 pub const CLIENTS_MAX: usize = 16;
 
 /// Age of the holder's heartbeat at which the enable is withdrawn: 100 ms, five heartbeats at 50 Hz.
 pub const LEASE_NS: u64 = 100_000_000;
 
-/// Edges that one request may count; more is no hand but a broken counter.
+/// Most edges that one request may count. A larger count comes from a broken counter and not from a person.
 const EDGES_MAX: u32 = 1000;
 
-/// What all operators together command. Counters only grow, from the start of the server.
+/// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorView {
     /// Open connections.
     pub connections: u32,
-    /// Whether the enable is held: the level of the holder.
+    /// True if the holder's level holds the enable.
     pub enable_level: bool,
-    /// Whether the recovery is held, in place of the enable: there is one holder, and he holds one of them.
+    /// True if the holder holds the recovery in place of the enable. There is one holder, and it holds one of the
+    /// two.
     pub recover_level: bool,
-    /// When the holder's last heartbeat was received; that of the last holder if there is none.
+    /// Time of the holder's last heartbeat, or of the last holder's if there is none.
     pub heartbeat: Stamp,
     /// Enable edges of a holder.
     pub enable_edges: u64,
     /// Recovery edges of a holder.
     pub recover_edges: u64,
-    /// Release edges of any connection; a holder that merely lowers its level counts as one.
+    /// Release edges of any connection. A holder that merely lowers its level counts as one.
     pub release_edges: u64,
     /// Reset edges that were admitted.
     pub reset_edges: u64,
-    /// Reset edges that were refused: another user pressed the emergency stop and has not reset it.
+    /// Reset edges that were refused because another user pressed the emergency stop and has not reset it.
     pub resets_refused: u64,
-    /// One more than the number of that user; zero if there is none.
+    /// The number of that user plus one. Zero if there is none.
     pub reset_first_by: u32,
     /// Emergency stop edges of any connection.
     pub estop_edges: u64,
-    /// How often an operator said what the left and the right hand carry.
+    /// Number of payload reports for the left and the right hand.
     pub payload_edges: [u64; 2],
-    /// What was said last of each; none before the first time.
+    /// The last payload report of each hand. `None` before the first one.
     pub payload: [Option<PayloadOrder>; 2],
-    /// Holders that went away or fell silent while holding.
+    /// Holders that disconnected or timed out while holding.
     pub holders_lost: u64,
     /// Enable and recovery edges of connections other than the holder's.
     pub enables_refused: u64,
-    /// Requests that made no sense: length, version, level, or a counter that ran back.
+    /// Invalid requests: wrong length, version or level, or a counter that ran back.
     pub requests_refused: u64,
-    /// Connections that were turned away because all places were taken.
+    /// Connections that were refused because the process is not admitted or got no place.
     pub connections_refused: u64,
 }
 
-/// What is remembered of one connection: its last request and when it came.
+/// State of one connection: its last request and its time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Connection {
     last: OperatorRequest,
@@ -59,7 +60,7 @@ pub(crate) struct Connection {
 }
 
 impl Connection {
-    /// A connection that has not said anything yet.
+    /// Creates the state of a connection that has sent nothing yet.
     pub(crate) fn new(now: Stamp) -> Self {
         Self { last: messages::Layout::ZERO, heard: now }
     }
@@ -71,14 +72,15 @@ pub(crate) struct Merge {
     pub(crate) view: OperatorView,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
-    /// A release arrived in this round: an enable of the same round does not outlive it, whatever the order of the seats.
+    /// True if a release arrived in this round. It cancels an enable of the same round, whatever the order of the
+    /// seats.
     released: bool,
     pub(crate) rule: ResetRule,
     locks: Locks,
 }
 
 impl Merge {
-    /// Begins a round: withdraws the enable if its holder has been silent for `lease_ns`.
+    /// Begins a round. It withdraws the enable if its holder has been silent for longer than `lease_ns`.
     pub(crate) fn begin(&mut self, now: Stamp, lease_ns: u64) {
         self.released = false;
         if self.holder.is_some() && now.since(self.view.heartbeat) > lease_ns {
@@ -86,7 +88,8 @@ impl Merge {
         }
     }
 
-    /// Takes a request of the connection `index` of user `uid`; `false` if it makes no sense, and then nothing of it counts.
+    /// Takes a request of the connection `index` of user `uid`. Returns `false` if it is invalid. Then no part of
+    /// it counts.
     pub(crate) fn request(
         &mut self,
         index: usize,
@@ -109,7 +112,7 @@ impl Merge {
             return false;
         };
         (seat.last, seat.heard) = (*request, now);
-        // A stop in the same request comes after the reset: it has to be reset again.
+        // A stop in the same request comes after the reset, so it needs another reset.
         self.reset(uid, resets);
         self.stop(uid, estops);
         self.payload(payloads, request);
@@ -125,7 +128,7 @@ impl Merge {
             self.released = true;
             self.let_go();
         }
-        // What is already let go again grants nothing: edges grant authority, levels withdraw it.
+        // A grip that is already released grants nothing: edges grant authority, levels withdraw it.
         if enables > 0 && request.enable_level != 0 {
             // A release of the same request came before the edge, because the level is up.
             self.hold(index, request.enable_level, u64::from(enables), released_by_another);
@@ -136,7 +139,7 @@ impl Merge {
         true
     }
 
-    /// Takes the emergency stop of a request of who has no place, and nothing else of it; whether it is one.
+    /// Takes only the emergency stop of a request from a client without a place. Returns true if there is one.
     pub(crate) fn stop_alone(&mut self, uid: u32, request: &OperatorRequest) -> bool {
         let stops = (1..=EDGES_MAX).contains(&request.estop_count);
         self.stop(uid, if stops { request.estop_count } else { 0 });
@@ -161,7 +164,7 @@ impl Merge {
         *counted += u64::from(edges);
     }
 
-    /// The newest word about a hand counts, whoever says it.
+    /// Takes a payload report. The newest report counts, from whichever client.
     fn payload(&mut self, edges: u32, request: &OperatorRequest) {
         if edges == 0 {
             return;
@@ -173,7 +176,7 @@ impl Merge {
             mass_kg: request.payload_kg,
             centre_m: has(payload_flag::CENTRE).then_some(request.payload_centre_m),
         };
-        // What is no number, or has a flag that is not known, is passed on as a mass that `control` refuses.
+        // A report with a NaN, an infinity or an unknown flag is passed on as a mass that `control` refuses.
         let known = numbers && request.payload_flags <= payload_flag::ALL;
         self.view.payload[hand] = Some(if known { order } else { PayloadOrder { mass_kg: -1.0, centre_m: None } });
         self.view.payload_edges[hand] += u64::from(edges);
@@ -195,7 +198,7 @@ impl Merge {
         (self.view.enable_level, self.view.recover_level) = (false, false);
     }
 
-    /// The connection `index` is gone.
+    /// Handles the end of the connection `index`.
     pub(crate) fn gone(&mut self, index: usize) {
         if self.holder == Some(index) {
             self.lose();

@@ -13,22 +13,22 @@ use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
-/// Requests that one connection may have taken in one poll. At 50 Hz and a poll of 1 ms there is at most one; the rest
+/// Requests that one poll takes from one connection. At 50 Hz and a poll of 1 ms there is at most one. The rest
 /// waits in the kernel.
 const REQUESTS_MAX: usize = 8;
 
-/// Age of the last request from which a connection counts as forgotten: ten heartbeats.
+/// Age of its last request from which a connection counts as forgotten: ten heartbeats.
 const IDLE_NS: u64 = 200_000_000;
 
-/// Orders that are kept until they are taken; more are only counted.
+/// Log records that are kept until they are taken. Further actions are only counted.
 const ORDERS_MAX: usize = 32;
 
-/// What one process did at the socket, for the log.
+/// An action of one process at the socket, for the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuditEvent {
     /// It connected.
     Connected,
-    /// It is neither the daemon's user nor a member of the socket's group, and was put out.
+    /// It is neither the daemon's user nor a member of the socket's group, and was disconnected.
     Forbidden,
     /// It pressed the enable, and holds it.
     Enabled,
@@ -38,24 +38,24 @@ pub enum AuditEvent {
     EmergencyStop,
     /// It pressed reset.
     Reset,
-    /// It said what the left hand carries.
+    /// It reported the payload of the left hand.
     PayloadLeft,
-    /// It said what the right hand carries.
+    /// It reported the payload of the right hand.
     PayloadRight,
-    /// It pressed reset, and another user has to do so first.
+    /// It pressed reset, but another user must do so first.
     ResetRefused,
 }
 
-/// A deed and who did it.
+/// An action and the process that did it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AuditRecord {
-    /// What was done.
+    /// The action.
     pub deed: AuditEvent,
     /// The process that connected.
     pub peer: Peer,
 }
 
-/// The server. Bound once; polling neither blocks nor allocates.
+/// The server. It is bound once. Polling neither blocks nor allocates.
 pub struct Server {
     listener: Listener,
     clients: [Option<(OwnedFd, Peer, Connection)>; CLIENTS_MAX],
@@ -65,13 +65,13 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `path`, mode 0660, group of the process. A socket file on which nobody answers is replaced, anything else
-    /// is left alone. A file `path`.lock beside it keeps two servers from replacing each other.
+    /// Listens on `path`, mode 0660, with the group of the process. A socket file without a listener is replaced.
+    /// Any other file is left alone. A file `path`.lock beside it keeps two servers from replacing each other.
     pub fn bind(path: impl AsRef<Path>) -> Result<Self, OperatorError> {
         Self::bind_for(path, None)
     }
 
-    /// As `bind`, for the members of `group`.
+    /// Does the same as `bind`, for the members of `group`.
     pub fn bind_for(path: impl AsRef<Path>, group: Option<u32>) -> Result<Self, OperatorError> {
         Ok(Self {
             listener: Listener::bind(path.as_ref(), DAEMON, group, CLIENTS_MAX)?,
@@ -82,25 +82,25 @@ impl Server {
         })
     }
 
-    /// Withdraws the enable after `lease_ns` without a heartbeat of its holder instead of after `LEASE_NS`: for machines
-    /// without real-time rights.
+    /// Withdraws the enable after `lease_ns` without a heartbeat of its holder, instead of after `LEASE_NS`. This
+    /// is for machines without real-time rights.
     pub fn with_lease_ns(mut self, lease_ns: u64) -> Self {
         self.lease_ns = lease_ns;
         self
     }
 
-    /// Leaves resets to whom `rule` says.
+    /// Sets the rule for resets.
     pub fn with_reset_rule(mut self, rule: ResetRule) -> Self {
         self.merge.rule = rule;
         self
     }
 
-    /// Takes new connections and all requests that have arrived, answers each with `status`, and returns what they add up
-    /// to. `now` is the time of CLOCK_MONOTONIC.
+    /// Takes new connections and all requests that have arrived, replies to each with `status`, and returns the
+    /// merged commands. `now` is the time of CLOCK_MONOTONIC.
     pub fn poll(&mut self, now: Stamp, status: &Status) -> OperatorView {
         self.merge.begin(now, self.lease_ns);
         if self.connections() as usize == CLIENTS_MAX {
-            // Who may lose his place has been heard before.
+            // Connections that may lose their place are served first.
             self.serve_all(now, &codec::encode_status(&self.reply(status)));
         }
         self.accept(now, &self.reply(status));
@@ -109,7 +109,7 @@ impl Server {
         self.merge.view
     }
 
-    /// The status with what the socket itself knows.
+    /// Returns the status completed with the data of the socket itself.
     fn reply(&self, status: &Status) -> Status {
         let OperatorView { reset_first_by, resets_refused, .. } = self.merge.view;
         let resets_refused = u32::try_from(resets_refused).unwrap_or(u32::MAX);
@@ -125,7 +125,7 @@ impl Server {
         }
     }
 
-    /// Hands out what was done since the last time, and by whom.
+    /// Hands out the log records since the last call.
     pub fn take_orders(&mut self, use_order: impl FnMut(AuditRecord)) {
         self.orders.iter_mut().filter_map(Option::take).for_each(use_order);
     }
@@ -140,8 +140,8 @@ impl Server {
         self.clients.iter().flatten().count() as u32
     }
 
-    /// Takes what waits at the door; at most one full house per poll. Nobody is put out unheard: an emergency stop among
-    /// the requests that a poll reads counts also of who loses his place, and of who gets none.
+    /// Accepts waiting connections, at most `CLIENTS_MAX` per poll. It reads requests before it drops a
+    /// connection. So an emergency stop among them counts, also from a client that loses its place or gets none.
     fn accept(&mut self, now: Stamp, reply: &Status) {
         let mut may_displace = true;
         for _ in 0..CLIENTS_MAX {
@@ -166,7 +166,7 @@ impl Server {
         }
     }
 
-    /// Hears of who gets no place whether he stops the robot, and nothing else.
+    /// Takes only an emergency stop from a client that gets no place.
     fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &Status) {
         self.merge.view.connections_refused += 1;
         let mut bytes = [0; REQUEST_BYTES + 1];
@@ -181,10 +181,11 @@ impl Server {
         }
     }
 
-    /// A place for a connection of `peer`: a free one, or that of the idlest connection of the process with the most places.
-    /// The newcomer counts for its own process. So every process has one place before any has a second, and one that
-    /// connects without end takes places from itself. Who holds keeps its place. Where nobody has two, at most one that is
-    /// alive loses its place in a poll, so that a crowd cannot put out who has just come before he is heard.
+    /// Returns a place for a connection of `peer`: a free one, or the place of the idlest connection of the
+    /// process with the most places. The new connection counts for its own process. So every process has one
+    /// place before any has a second, and a process that connects without end takes places from itself. The
+    /// holder keeps its place. If no process has two places, at most one live connection loses its place per
+    /// poll. So a crowd cannot displace a new client before it is served.
     fn place(&self, now: Stamp, peer: Peer, may_displace: &mut bool) -> Option<usize> {
         if let Some(index) = self.clients.iter().position(Option::is_none) {
             return Some(index);
@@ -203,22 +204,22 @@ impl Server {
         std::mem::take(may_displace).then_some(index)
     }
 
-    /// Places of the process of `peer`.
+    /// Returns the number of places of the process of `peer`.
     fn places(&self, peer: Peer) -> usize {
         (0..CLIENTS_MAX).filter(|&index| self.is_of(index, peer)).count()
     }
 
-    /// Places of the process that has the place `index`.
+    /// Returns the number of places of the process that has the place `index`.
     fn places_beside(&self, index: usize) -> usize {
         self.clients[index].as_ref().map_or(0, |&(_, peer, _)| self.places(peer))
     }
 
-    /// Whether the place `index` is taken by the process of `peer`.
+    /// Returns true if the process of `peer` has the place `index`.
     fn is_of(&self, index: usize, peer: Peer) -> bool {
         self.clients[index].as_ref().is_some_and(|(_, other, _)| (other.pid, other.uid) == (peer.pid, peer.uid))
     }
 
-    /// Takes the requests of one connection; `false` if it is gone or makes no sense.
+    /// Takes the requests of one connection. Returns `false` if it is gone or sent an invalid request.
     fn serve(&mut self, index: usize, now: Stamp, reply: &[u8]) -> bool {
         let Some((_, peer, _)) = self.clients[index] else {
             return true;
@@ -247,7 +248,7 @@ impl Server {
             return true;
         };
         for _ in 0..REQUESTS_MAX {
-            // One byte more than a request, so that a longer one shows.
+            // One byte more than a request, so that a longer packet is detected.
             let mut bytes = [0; REQUEST_BYTES + 1];
             match net::recv(&*socket, &mut bytes[..], RecvFlags::DONTWAIT) {
                 Ok((0, _)) => return false,
@@ -260,13 +261,14 @@ impl Server {
                         return false;
                     }
                 }
-                // The kernel reports a client that left replies unread before it delivers that client's last requests,
-                // and one of them may be an emergency stop.
+                // The kernel first reports that the client left replies unread. Then it delivers the client's
+                // last requests, and one of them may be an emergency stop.
                 Err(Errno::INTR | Errno::CONNRESET) => continue,
                 Err(Errno::AGAIN) => return true,
                 Err(_) => return false,
             }
-            // A client that does not read loses replies and nothing else; one that is gone shows when it has been emptied.
+            // A client that does not read loses replies and nothing else. The end of a client shows once its
+            // requests are read.
             let _ = net::send(&*socket, reply, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
         }
         true

@@ -7,7 +7,7 @@ use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketTyp
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

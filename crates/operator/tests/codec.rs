@@ -106,7 +106,7 @@ fn other_lengths_versions_and_levels_are_no_requests() {
     }
     assert_eq!(decode_request(&encode_request(&OperatorRequest { version: OPERATOR_VERSION + 1, ..good })), None);
     assert_eq!(decode_request(&encode_request(&OperatorRequest { enable_level: 3, ..good })), None);
-    // A payload that makes no sense must not hide what else is asked for.
+    // An invalid payload report must not hide the rest of the request.
     let odd = OperatorRequest { payload_flags: 4, payload_kg: f64::NAN, estop_count: good.estop_count + 1, ..good };
     let heard = decode_request(&encode_request(&odd)).expect("the emergency stop is heard");
     assert_eq!(heard.estop_count, odd.estop_count);

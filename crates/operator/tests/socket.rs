@@ -1,4 +1,4 @@
-//! The socket itself: who may bind, who may connect, whose word counts.
+//! The socket itself: permissions to bind and connect, and the commands that count.
 
 use doors::DoorError;
 use messages::{
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use tempfile::TempDir;
 
-/// Names the socket to the crowd in a process of its own.
+/// Gives the path of the socket to the crowd in a process of its own.
 const CROWD_AT: &str = "TELEOP_TEST_CROWD_AT";
 
-/// A server in a folder of its own, with a clock that stands still unless told otherwise.
+/// A server in a folder of its own. Its clock stands still unless a test moves it.
 struct House {
     _folder: TempDir,
     path: PathBuf,
@@ -32,7 +32,7 @@ impl House {
         Self { _folder: folder, path, server, now: Stamp(1_000_000_000) }
     }
 
-    /// With `count` connections, of which the first `forgotten` have been silent for a second.
+    /// Creates a server with `count` connections, of which the first `forgotten` have been silent for a second.
     fn with_forgotten(count: usize, forgotten: usize) -> (Self, Vec<Raw>) {
         let mut house = Self::new();
         let mut clients: Vec<Raw> = (0..count).map(|_| house.raw()).collect();
@@ -53,7 +53,7 @@ impl House {
     }
 }
 
-/// A client that waits for no reply, so that one thread can play both sides.
+/// A client that does not wait for replies, so that one thread can play both sides.
 struct Raw {
     socket: OwnedFd,
     request: OperatorRequest,
@@ -66,7 +66,7 @@ impl Raw {
         Self { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } }
     }
 
-    /// Whether the server still keeps the connection.
+    /// Returns true if the server still keeps the connection.
     fn is_kept(&self) -> bool {
         use rustix::net::{RecvFlags, recv};
         let mut bytes = [0; operator::STATUS_BYTES];
@@ -94,7 +94,7 @@ impl Raw {
     }
 }
 
-/// Connections of another process, which speaks with all of them when it is told so.
+/// Connections of another process. It sends requests on all of them when the test orders it.
 struct ConnectionFlood {
     process: Child,
     orders: ChildStdin,
@@ -111,7 +111,7 @@ impl ConnectionFlood {
         Self { process, orders, answers: BufReader::new(answers).lines() }
     }
 
-    /// Opens so many connections more, and speaks with all that the server keeps; how many those are.
+    /// Opens `count` more connections and sends a request on all that the server keeps. Returns their number.
     fn come(&mut self, count: usize) -> usize {
         writeln!(self.orders, "{count}").unwrap();
         let mut said = self.answers.by_ref().map(|line| line.unwrap());
@@ -148,13 +148,13 @@ fn a_process_with_all_places_gives_one_to_each_other() {
     let mut others = [ConnectionFlood::at(&house.path), ConnectionFlood::at(&house.path)];
     let mut own = house.raw();
     own.say(|r| r.reset_count += 1);
-    // Between them at the door, more of those who have all places.
+    // More connections of the process with all places come before and after them.
     crowd.come(5);
     others.iter_mut().for_each(|other| assert_eq!(other.come(1), 1));
     crowd.come(5);
     let view = house.poll();
     assert_eq!((view.connections, view.reset_edges), (CLIENTS_MAX as u32, 1));
-    // However long it goes on, who has one place keeps it and is heard, also after a second of silence.
+    // However long it goes on, a client with one place keeps it and is served, also after a second of silence.
     for round in 1..=20 {
         house.now = Stamp(house.now.0 + 1_000_000_000);
         crowd.come(10);
@@ -182,7 +182,7 @@ fn the_first_edge_holds_and_others_are_refused() {
     second.press();
     let view = house.poll();
     assert_eq!((view.enable_level, view.enable_edges, view.enables_refused), (true, 1, 1));
-    // Letting go what one does not hold is a release all the same; a level that stays up grants nothing.
+    // A client may release a grip that it does not hold. A level that stays up grants nothing.
     first.say(|r| (r.enable_level, r.release_count) = (0, 1));
     assert!(!house.poll().enable_level);
     second.say(|_| {});
@@ -203,7 +203,7 @@ fn the_recovery_is_held_in_place_of_the_enable() {
     second.press();
     let view = house.poll();
     assert_eq!((view.recover_level, view.enable_level, view.enables_refused), (true, false, 1), "there is one holder");
-    // Another level without an edge is a release, with one it is another grip.
+    // A changed level without an edge is a release. With an edge it is a new grip.
     first.say(|r| r.enable_level = HOLDS_ENABLE);
     let view = house.poll();
     assert_eq!((view.recover_level, view.enable_level, view.release_edges), (false, false, 1));
@@ -256,7 +256,7 @@ fn a_press_that_was_let_go_before_its_heartbeat_grants_nothing() {
     client.say(|r| (r.enable_count, r.release_count) = (1, 1));
     let view = house.poll();
     assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (false, 0, 1));
-    // Let go and pressed again between two heartbeats: both edges count, and it is held.
+    // The client released and pressed between two heartbeats. Both edges count, and it holds the enable.
     client.say(|r| (r.enable_level, r.enable_count, r.release_count) = (1, 2, 2));
     let view = house.poll();
     assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (true, 1, 2));
@@ -326,7 +326,7 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
     clients.iter_mut().for_each(|client| client.say(|_| {}));
     clients[0].press();
     assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
-    // Fifteen that talk all the time keep no emergency stop out, and what the displaced one said last counts.
+    // Fifteen busy clients do not keep an emergency stop out, and the last request of the displaced one counts.
     house.now = Stamp(house.now.0 + 20_000_000);
     clients.iter_mut().skip(2).for_each(|client| client.say(|_| {}));
     house.poll();
@@ -337,13 +337,13 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
     let view = house.poll();
     let seen = (view.connections, view.connections_refused, view.estop_edges, view.reset_edges, view.enable_level);
     assert_eq!(seen, (CLIENTS_MAX as u32, 0, 1, 1, true));
-    // Of a crowd at the door one comes in. Of the others a stop is heard, and nothing else.
+    // One of a waiting crowd gets in. A stop of the others counts, and nothing else.
     let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
     crowd.iter_mut().for_each(|client| client.say(|r| (r.estop_count, r.reset_count, r.release_count) = (1, 1, 1)));
     let view = house.poll();
     let seen = (view.connections_refused, view.estop_edges, view.reset_edges, view.release_edges, view.enable_level);
     assert_eq!(seen, (7, 9, 2, 1, false));
-    // And in a later request than the first, too.
+    // A stop counts in a later request than the first, too.
     let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
     crowd.iter_mut().for_each(|client| {
         client.say(|_| {});
@@ -352,11 +352,12 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
     assert_eq!(house.poll().estop_edges, 9 + 8);
 }
 
-/// Who stops and loses his place in the same round is heard, and who pressed the enable there hands it to nobody.
+/// A stop counts from a client that loses its place in the same round. An enable that it pressed there passes to
+/// nobody.
 #[test]
 fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
     let (mut house, mut clients) = House::with_forgotten(CLIENTS_MAX - 1, 2);
-    // One place is free, so nobody is served before the door is opened.
+    // One place is free, so no client is served before the server accepts.
     clients[0].say(|r| r.estop_count += 1);
     clients[1].press();
     let _crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
@@ -428,7 +429,7 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::InUse { .. })));
     drop(server);
 
-    // Left behind by a server that was killed: bound once, and nobody listens.
+    // The file was left by a killed server: it was bound once, and nobody listens.
     let address = SocketAddrUnix::new(&path).unwrap();
     let dead = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&dead, &address).unwrap();
@@ -436,7 +437,7 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
     assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::Door(DoorError::NobodyAnswers { .. })));
     drop(Server::bind(&path).unwrap());
 
-    // Somebody else listens, without our lock.
+    // Another program listens, without our lock.
     let foreign = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
     rustix::net::bind(&foreign, &address).unwrap();
     rustix::net::listen(&foreign, 1).unwrap();

@@ -11,14 +11,14 @@ use rand::{RngExt, SeedableRng};
 use std::time::Instant;
 use support::{GRIPPERS, HANDS, START, Sines, TICK_NS, Texts};
 
-/// The worst over one motion of 6 s.
+/// The worst values over one motion of 6 s.
 #[derive(Default)]
 struct Worst {
     /// |q - q_ref| of each joint, rad or m.
     error: [f64; JOINTS],
     /// |v| / v_max over the largest |v_ref| / v_max.
     speed: f64,
-    /// How far any end of a capsule is from where the reference has it, m.
+    /// Distance of any end of a capsule from its place in the reference, m.
     place_m: f64,
     /// The largest |torque| / limit.
     effort: f64,

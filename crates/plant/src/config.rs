@@ -1,4 +1,4 @@
-//! What a plant is made of.
+//! Settings of a plant.
 
 use crate::description::{Body, JointKind};
 use crate::dynamics::Dynamics;
@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Name of the options in errors.
 const OPTIONS: &str = "plant options";
 
-/// What the drives do when setpoints stay away for longer than the watchdog allows. Real robots differ.
+/// Reaction of the drives when setpoints stay away for longer than the watchdog allows. Real robots differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reaction {
     /// Each joint brakes its reference at the acceleration limit in force, then holds its place.
@@ -24,16 +24,16 @@ pub enum Reaction {
     Play,
 }
 
-/// A point mass in a hand. The drives' model does not know it.
+/// A point mass in a hand. The drives' model does not contain it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Payload {
-    /// The link at whose origin it sits.
+    /// The link whose origin is the place of the mass.
     pub link: String,
     /// Mass, kg.
     pub mass_kg: f64,
 }
 
-/// Something that stands about the robot, in the base frame, m.
+/// An obstacle around the robot, in the base frame, m.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Obstacle {
     /// Solid where normal . x <= offset.
@@ -54,7 +54,7 @@ pub enum Obstacle {
     },
 }
 
-/// What can be chosen. The manufacturer publishes none of these figures.
+/// Options. The manufacturer publishes none of these figures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Natural frequency of every position loop, Hz. Assumption: 15, an industrial position loop.
@@ -64,10 +64,11 @@ pub struct Options {
     /// Time from the arrival of a setpoint at the robot to its drives, ns. Assumption: two ticks of 1/1500 s, one
     /// field-bus cycle of 1 ms and its rounding up.
     pub delay_ns: u64,
-    /// Time without a setpoint after which the drives react by themselves, ns. A setpoint under way is no silence.
-    /// Assumption: 10 ms. Franka's controller stops after 20 lost packets of 1 ms, a UR's takes 20 ms.
+    /// Time without a setpoint after which the drives react by themselves, ns. A setpoint under way does not
+    /// count as silence. Assumption: 10 ms. Franka's controller stops after 20 lost packets of 1 ms, a UR's takes
+    /// 20 ms.
     pub watchdog_ns: u64,
-    /// What the drives do then. Play is the one whose way is proved.
+    /// The reaction of the drives. Only the way of `Play` is proved.
     pub reaction: Reaction,
     /// Standard deviation of a measured position, rad or m. Assumption: one encoder step of 17 bits.
     pub encoder_noise_rad: f64,
@@ -75,12 +76,12 @@ pub struct Options {
     pub encoder_step_rad: f64,
     /// Share of the friction that the drives compensate. Assumption: 0.8.
     pub friction_compensated: f64,
-    /// Loads at the origins of links, besides what the hands carry.
+    /// Loads at the origins of links, besides the payloads of the hands.
     pub payloads: Vec<Payload>,
-    /// What the left and the right hand truly carry, kg; without it what the robot file says. It sits where the robot file
-    /// says.
+    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. Its place is the
+    /// robot file's.
     pub hands_kg: [Option<f64>; 2],
-    /// What stands about the robot.
+    /// Obstacles around the robot.
     pub obstacles: Vec<Obstacle>,
     /// The robot may start outside its limits or too close to itself. The judge then counts only motion further out.
     pub initial_outside: bool,
@@ -106,7 +107,7 @@ impl Default for Options {
     }
 }
 
-/// A load of which the drives know nothing.
+/// A load that the drives' model does not contain.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
     pub(crate) body: usize,
@@ -114,7 +115,7 @@ pub(crate) struct Load {
     pub(crate) mass_kg: f64,
 }
 
-/// A robot's body, checked.
+/// Settings of a robot's body, checked.
 #[derive(Clone, Debug)]
 pub struct Config {
     pub(crate) body: Body,
@@ -135,7 +136,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// Reads a robot file and its URDF. The names of the files stand in errors.
+    /// Reads a robot file and its URDF. Errors name the files.
     pub fn from_text(
         toml_name: &str,
         toml: &str,
@@ -146,16 +147,16 @@ impl Config {
         Self::new(Body::from_text(toml_name, toml, urdf_name, urdf)?, options)
     }
 
-    /// The plant of a robot that was read before.
+    /// Creates the settings for a robot that was read before.
     pub fn new(mut body: Body, options: &Options) -> Result<Self, PlantError> {
         let within = |key: &str, value: f64, least: f64, most: f64| {
             let bound = || format!("must be between {least} and {most}");
             let inside = value >= least && value <= most;
             if inside { Ok(value) } else { Err(PlantError::value(OPTIONS, key, value, bound())) }
         };
-        // Joints that move together feel as little as 0.27 of the inertia that their loops count with: the least
-        // eigenvalue of the scaled mass matrix over 5000 postures by Pinocchio, 2026-11-23. The loops are stable in
-        // steps of h while 2 zeta omega h + (omega h)^2 / 2 < 2 * 0.27.
+        // Joints that move together feel as little as 0.27 of the inertia that their loops assume. That is the
+        // least eigenvalue of the scaled mass matrix over 5000 postures by Pinocchio, 2026-11-23. The loops are
+        // stable in steps of h while 2 zeta omega h + (omega h)^2 / 2 < 2 * 0.27.
         let natural_hz = within("natural_frequency_hz", options.natural_frequency_hz, 1.0, 50.0)?;
         within("damping_ratio", options.damping_ratio, 0.1, 1.5)?;
         within("delay_ns", options.delay_ns as f64, 0.0, DELAY_MAX_NS as f64)?;
@@ -203,29 +204,29 @@ impl Config {
         })
     }
 
-    /// The robot.
+    /// Returns the robot.
     pub fn body(&self) -> &Body {
         &self.body
     }
 
-    /// The dynamics with payloads and rotors.
+    /// Returns the dynamics with payloads and rotors.
     pub fn dynamics(&self) -> &Dynamics {
         &self.dynamics
     }
 
-    /// Torques of the links in a motion, N m or N: see [`Dynamics::torques`].
+    /// Returns the torques of the links in a motion, N m or N. See [`Dynamics::torques`].
     pub fn torques(&self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
         let mut frames = Frames::default();
         self.body.forward(q, &mut frames);
         self.dynamics.torques(&self.dynamics.at(&frames), v, a)
     }
 
-    /// The home posture, rad or m.
+    /// Returns the home posture, rad or m.
     pub fn home(&self) -> &[f64; JOINTS] {
         &self.body.home
     }
 
-    /// `turning` for a joint that turns, `sliding` for one that slides.
+    /// Returns `turning` for a joint that turns, and `sliding` for one that slides.
     pub(crate) fn by_kind(&self, j: usize, turning: f64, sliding: f64) -> f64 {
         match self.body.joints[j].kind {
             JointKind::Revolute => turning,

@@ -1,8 +1,8 @@
 //! One robot: the tree of its moving bodies with masses, limits, friction and collision capsules.
 //!
-//! The second reader of the URDF and of the robot file. Joints that nothing commands stand at position zero, and a link
-//! behind them belongs to the body that carries it: its mass is lumped there. Body 0 is the base, body `1 + j` moves
-//! with joint `j`, and its frame is the frame of that joint's child link.
+//! This is the second reader of the URDF and of the robot file. Joints that are not commanded stand at position
+//! zero. A link behind them belongs to the body that carries it, and its mass is lumped there. Body 0 is the
+//! base. Body `1 + j` moves with joint `j`, and its frame is the frame of that joint's child link.
 
 use crate::error::PlantError;
 use crate::pose::{Pose, turn};
@@ -11,12 +11,12 @@ use crate::urdf::{RawJoint, RawLimit, Urdf};
 use messages::{JOINTS, TORSO};
 use nalgebra::{Matrix3, Vector3};
 
-/// Whether a joint turns or slides.
+/// The motion of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// About its axis, rad.
+    /// Turns about its axis, rad.
     Revolute,
-    /// Along its axis, m.
+    /// Slides along its axis, m.
     Prismatic,
 }
 
@@ -37,12 +37,12 @@ pub struct Limits {
     pub effort_max: f64,
 }
 
-/// One commanded joint and how its body hangs on another.
+/// One commanded joint, and the place of its body on another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
     /// Name in the URDF.
     pub name: String,
-    /// Whether it turns or slides.
+    /// The motion of the joint.
     pub kind: JointKind,
     /// The body that carries it.
     pub parent: usize,
@@ -50,7 +50,7 @@ pub struct Joint {
     pub parent_from_body: Pose,
     /// Unit axis in its body's frame.
     pub axis: Vector3<f64>,
-    /// Limits of the URDF: where the mechanical stops are, and what the motor can do.
+    /// Limits of the URDF: the mechanical stops, and the abilities of the motor.
     pub urdf: Limits,
     /// Limits in force: the stricter of the URDF and the robot file.
     pub limits: Limits,
@@ -84,7 +84,7 @@ pub struct Capsule {
     pub radius_m: f64,
 }
 
-/// Where a link of the URDF is.
+/// Place of a link of the URDF.
 #[derive(Clone, Debug)]
 struct Link {
     name: String,
@@ -107,19 +107,19 @@ pub struct Body {
     pub d_min_m: f64,
     /// Home posture, rad or m.
     pub home: [f64; JOINTS],
-    /// What the robot file says of the left and the right hand: mass (kg), and place in the frame of the arm's last body (m).
-    /// It is not among `inertias`.
+    /// Payloads of the left and the right hand in the robot file: mass (kg), and place in the frame of the arm's
+    /// last body (m). They are not in `inertias`.
     pub payloads: [Option<(f64, Vector3<f64>)>; 2],
     links: Vec<Link>,
 }
 
 impl Inertia {
-    /// Nothing.
+    /// Returns the inertia of no mass.
     pub fn zero() -> Self {
         Self { mass_kg: 0.0, moment: Vector3::zeros(), about_origin: Matrix3::zeros() }
     }
 
-    /// A mass at a place, with its own inertia about that place.
+    /// Returns the inertia of a mass at a place, with its own inertia about that place.
     fn at(mass_kg: f64, place: Vector3<f64>, own: Matrix3<f64>) -> Self {
         // Parallel axes: I_o = I_c + m (c.c 1 - c c^T).
         let shift = Matrix3::identity() * place.norm_squared() - place * place.transpose();
@@ -134,7 +134,7 @@ impl Inertia {
 }
 
 impl Body {
-    /// Reads a robot. The names of the files stand in errors.
+    /// Reads a robot. Errors name the files.
     pub fn from_text(toml_name: &str, toml: &str, urdf_name: &str, urdf: &str) -> Result<Self, PlantError> {
         let file = RobotFile::read(toml_name, toml)?;
         let urdf = Urdf::read(urdf_name, urdf)?;
@@ -163,12 +163,12 @@ impl Body {
         Ok(body)
     }
 
-    /// The body that carries a link, and the link's pose in that body's frame.
+    /// Returns the body that carries a link, and the link's pose in that body's frame.
     pub fn link(&self, name: &str) -> Option<(usize, Pose)> {
         self.links.iter().find(|known| known.name == name).map(|known| (known.body, known.body_from_link))
     }
 
-    /// Adds a point mass at the origin of a link. `false` if there is no such link.
+    /// Adds a point mass at the origin of a link. Returns `false` if there is no such link.
     pub fn add_payload(&mut self, link: &str, mass_kg: f64) -> bool {
         let Some((body, body_from_link)) = self.link(link) else { return false };
         self.add_mass(body, body_from_link.t, mass_kg);
@@ -215,7 +215,7 @@ impl Body {
         Ok(())
     }
 
-    /// Every pair of capsules on two bodies is checked, unless the file allows it.
+    /// Reads the checked pairs. Every pair of capsules on two bodies is checked, unless the file allows it.
     fn read_pairs(&mut self, toml: &str, file: &RobotFile) -> Result<(), PlantError> {
         let count = self.capsules.len();
         let mut allowed = vec![false; count * count];
@@ -244,7 +244,7 @@ impl Body {
     }
 }
 
-/// Places of the commanded joints in the URDF.
+/// Returns the places of the commanded joints in the URDF.
 fn find(file: &str, names: &[String; JOINTS], urdf: &Urdf) -> Result<[usize; JOINTS], PlantError> {
     let mut at = [0; JOINTS];
     for (j, name) in names.iter().enumerate() {
@@ -257,7 +257,7 @@ fn find(file: &str, names: &[String; JOINTS], urdf: &Urdf) -> Result<[usize; JOI
     Ok(at)
 }
 
-/// The URDF, and which of its joints are commanded.
+/// The URDF, and its commanded joints.
 struct Tree<'a> {
     file: &'a str,
     urdf: &'a Urdf,
@@ -265,7 +265,7 @@ struct Tree<'a> {
 }
 
 impl Tree<'_> {
-    /// The body of every link and the link's pose in it.
+    /// Returns the body of every link and the link's pose in it.
     fn links(&self, toml: &str, file: &RobotFile) -> Result<Vec<Link>, PlantError> {
         let index = |name: &str, joint: &RawJoint| {
             let known = self.urdf.links.iter().position(|link| link.name == name);
@@ -273,7 +273,7 @@ impl Tree<'_> {
                 PlantError::unknown(self.file, format!("joint `{}`", joint.name), name, "a link of this file")
             })
         };
-        // For each link the joint above it and the link above that.
+        // For each link: the joint above it, and the link above that.
         let mut above: Vec<Option<(usize, usize)>> = vec![None; self.urdf.links.len()];
         for (place, joint) in self.urdf.joints.iter().enumerate() {
             let (parent, child) = (index(&joint.parent, joint)?, index(&joint.child, joint)?);
@@ -322,7 +322,8 @@ impl Tree<'_> {
         Err(PlantError::value(self.file, "link", name, "is part of a loop; the links must form a tree"))
     }
 
-    /// The pose of a joint that nothing commands: at zero, or where a mimic joint stands that follows one at zero.
+    /// Returns the pose of a joint that is not commanded: at zero, or where a mimic joint stands that follows one
+    /// at zero.
     fn held(&self, joint: &RawJoint) -> Result<Pose, PlantError> {
         let pose = Pose::from_origin(joint.xyz, joint.rpy);
         let Some(mimic) = &joint.mimic else { return Ok(pose) };
@@ -340,7 +341,7 @@ impl Tree<'_> {
 
     fn unit_axis(&self, joint: &RawJoint) -> Result<Vector3<f64>, PlantError> {
         let axis = Vector3::from(joint.axis);
-        // A few digits in a file.
+        // Tolerance for the few digits in a file.
         if (axis.norm() - 1.0).abs() <= 1e-3 {
             return Ok(axis.normalize());
         }
@@ -384,7 +385,7 @@ impl Tree<'_> {
         })
     }
 
-    /// The URDF's limits, and the stricter of them and the robot file.
+    /// Returns the URDF's limits, and the stricter of them and the robot file.
     fn limits(&self, key: &str, raw: &RawLimit, file: &Stricter) -> Result<(Limits, Limits), PlantError> {
         let urdf = Limits {
             q_min: raw.lower,

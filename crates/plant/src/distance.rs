@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 type Segment = [Vector3<f64>; 2];
 
-/// Distance of two segments, m. Either may be a point.
+/// Returns the distance of two segments, m. Either may be a point.
 ///
-/// Ericson, Real-Time Collision Detection, section 5.1.9: clamp the nearest point of the lines to the first segment,
-/// take the nearest point of the second, clamp that, and go back once. Of nearly parallel lines the nearest points are
-/// ill-conditioned, so there the ends are tried too.
+/// The method is that of Ericson, Real-Time Collision Detection, section 5.1.9. Clamp the nearest point of the
+/// lines to the first segment. Take the nearest point of the second, clamp that, and go back once. The nearest
+/// points of nearly parallel lines are ill-conditioned, so there the function tries the ends too.
 pub fn segment_segment(a: &Segment, b: &Segment) -> f64 {
     let (d1, d2, r) = (a[1] - a[0], b[1] - b[0], a[0] - b[0]);
     let (aa, ee, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
@@ -35,7 +35,7 @@ pub fn segment_segment(a: &Segment, b: &Segment) -> f64 {
     let at = |s: f64, t: f64| (r + d1 * s - d2 * t).norm();
     let least = at(s, t);
     let along = d1.dot(&d2);
-    // Lines at less than 0.1 mrad.
+    // Lines at less than 0.1 mrad are nearly parallel.
     if aa * ee - along * along > 1e-8 * aa * ee {
         return least;
     }
@@ -45,12 +45,13 @@ pub fn segment_segment(a: &Segment, b: &Segment) -> f64 {
     ends.into_iter().fold(least, f64::min)
 }
 
-/// Distance of a segment from the half space normal . x <= offset, m. Negative inside.
+/// Returns the distance of a segment from the half space normal . x <= offset, m. It is negative inside.
 pub fn segment_plane(segment: &Segment, normal: &Vector3<f64>, offset_m: f64) -> f64 {
     normal.dot(&segment[0]).min(normal.dot(&segment[1])) - offset_m
 }
 
-/// Distance of a segment, given in the box's axes about its centre, from the box |x_i| <= half_i, m. Zero inside.
+/// Returns the distance of a segment, given in the box's axes about its centre, from the box |x_i| <= half_i, m.
+/// Zero inside.
 ///
 /// The squared distance along the segment is convex and a quadratic between the places where a coordinate enters or
 /// leaves its range. Its derivative rises, so the minimum lies in the first piece at whose end the derivative is not
@@ -63,7 +64,7 @@ pub fn segment_box(segment: &Segment, half_m: &Vector3<f64>) -> f64 {
     for i in 0..3 {
         for side in [-half_m[i], half_m[i]] {
             let s = (side - from[i]) / d[i];
-            // NaN and infinity, where the coordinate does not change, are not inside.
+            // NaN and infinity, for a coordinate that does not change, fail this test.
             if s > 0.0 && s < 1.0 {
                 places[count] = s;
                 count += 1;

@@ -1,8 +1,8 @@
 //! Forward dynamics of the tree by the articulated-body algorithm, O(n), without allocation.
 //!
-//! Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, with all quantities in base coordinates about the
-//! base's origin, so that a body's quantities add to its parent's without a transform. Rotors count as inertia on the
-//! diagonal (section 9.6). A braked joint has a prescribed acceleration (hybrid dynamics, section 9.2).
+//! Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3. All quantities are in base coordinates about
+//! the base's origin, so a body's quantities add to its parent's without a transform. Rotors count as inertia on
+//! the diagonal (section 9.6). A braked joint has a prescribed acceleration (hybrid dynamics, section 9.2).
 //!
 //! An engine of contacts such as rapier's multibodies solves constraints by iteration to about 1e-3. This crate needs
 //! 1e-9 within 10 us a step and has no contacts, so the algorithm is written out here.
@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 /// Standard gravity, m/s^2 (CGPM 1901).
 pub const GRAVITY_M_PER_S2: f64 = 9.80665;
 
-/// What drives a joint.
+/// The input that moves a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drive {
     /// A torque or force, N m or N, friction included.
@@ -44,7 +44,7 @@ pub struct Posture {
 }
 
 impl Dynamics {
-    /// The dynamics of `body` with rotors of these reflected inertias, kg m^2 or kg.
+    /// Creates the dynamics of `body` with rotors of these reflected inertias, kg m^2 or kg.
     pub fn new(body: &Body, armature: [f64; JOINTS]) -> Self {
         Self {
             parent: std::array::from_fn(|j| body.joints[j].parent),
@@ -55,7 +55,7 @@ impl Dynamics {
         }
     }
 
-    /// The posture whose bodies stand at `frames`.
+    /// Returns the posture whose bodies stand at `frames`.
     pub fn at(&self, frames: &Frames) -> Posture {
         let subspace = std::array::from_fn(|j| {
             let pose = &frames.base_from_body[j + 1];
@@ -65,7 +65,7 @@ impl Dynamics {
                 JointKind::Prismatic => join(&Vector3::zeros(), &axis),
             }
         });
-        // The base stands still.
+        // The base stands still, so its inertia stays zero.
         let mut inertia = [Inertia::zero(); JOINTS + 1];
         for ((out, own), pose) in inertia.iter_mut().zip(&self.inertia).zip(&frames.base_from_body).skip(1) {
             let (t, moment) = (pose.t, pose.r * own.moment);
@@ -83,8 +83,8 @@ impl Dynamics {
         Posture { subspace, inertia }
     }
 
-    /// Torques (N m, N) that hold the posture against gravity, and the diagonal of the mass matrix with rotors
-    /// (kg m^2, kg).
+    /// Returns the torques (N m, N) that hold the posture against gravity, and the diagonal of the mass matrix
+    /// with rotors (kg m^2, kg).
     pub fn gravity_and_diagonal(&self, posture: &Posture) -> ([f64; JOINTS], [f64; JOINTS]) {
         let mut composite = posture.inertia;
         let (mut gravity, mut diagonal) = ([0.0; JOINTS], [0.0; JOINTS]);
@@ -105,7 +105,7 @@ impl Dynamics {
         (gravity, diagonal)
     }
 
-    /// Accelerations of all joints (rad/s^2, m/s^2) at the joint speeds `v` under what drives each joint.
+    /// Returns the accelerations of all joints (rad/s^2, m/s^2) at the joint speeds `v` with these drives.
     pub fn accelerations(&self, posture: &Posture, v: &[f64; JOINTS], drives: &[Drive; JOINTS]) -> [f64; JOINTS] {
         let mut velocity = [Vector6::zeros(); JOINTS + 1];
         let mut coriolis = [Vector6::zeros(); JOINTS];
@@ -119,7 +119,7 @@ impl Dynamics {
             let momentum = articulated[j + 1] * velocity[j + 1];
             bias[j + 1] = cross_force(&velocity[j + 1], &momentum);
         }
-        // For each joint: I_A S, S . I_A S, and what torque is left for it.
+        // For each joint: I_A S, S . I_A S, and the torque that is left for it.
         let mut felt = [Vector6::zeros(); JOINTS];
         let (mut inertia, mut rest) = ([0.0; JOINTS], [0.0; JOINTS]);
         for j in (0..JOINTS).rev() {
@@ -152,8 +152,9 @@ impl Dynamics {
         result
     }
 
-    /// Torques (N m, N) of the links alone, without rotors and friction, in the motion with these joint speeds and
-    /// accelerations (rad/s, rad/s^2; m/s, m/s^2): the recursion of Newton and Euler, section 5.3.
+    /// Returns the torques (N m, N) of the links alone, without rotors and friction, in the motion with these
+    /// joint speeds and accelerations (rad/s, rad/s^2; m/s, m/s^2). It is the recursion of Newton and Euler,
+    /// section 5.3.
     pub fn torques(&self, posture: &Posture, v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
         let mut velocity = [Vector6::zeros(); JOINTS + 1];
         let mut acceleration = [Vector6::zeros(); JOINTS + 1];
@@ -175,7 +176,8 @@ impl Dynamics {
         torques
     }
 
-    /// Kinetic energy with that of the rotors, and potential energy above the base's origin, J.
+    /// Returns the kinetic energy, that of the rotors included, and the potential energy above the base's origin,
+    /// J.
     pub fn energy_j(&self, posture: &Posture, v: &[f64; JOINTS]) -> (f64, f64) {
         let mut velocity = [Vector6::zeros(); JOINTS + 1];
         let (mut kinetic, mut potential) = (0.0, 0.0);
@@ -198,7 +200,7 @@ fn split(x: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]))
 }
 
-/// The spatial inertia [J, h x; (h x)^T, m 1] about the base's origin.
+/// Returns the spatial inertia [J, h x; (h x)^T, m 1] about the base's origin.
 fn spatial(inertia: &Inertia) -> Matrix6<f64> {
     let (j, h, m) = (&inertia.about_origin, &inertia.moment, inertia.mass_kg);
     let mut out = Matrix6::zeros();
@@ -215,13 +217,13 @@ fn spatial(inertia: &Inertia) -> Matrix6<f64> {
     out
 }
 
-/// v x m for motions: (w x m_w, w x m_v + v x m_w).
+/// Returns v x m for motions: (w x m_w, w x m_v + v x m_w).
 fn cross_motion(v: &Vector6<f64>, m: &Vector6<f64>) -> Vector6<f64> {
     let ((w, v), (mw, mv)) = (split(v), split(m));
     join(&w.cross(&mw), &(w.cross(&mv) + v.cross(&mw)))
 }
 
-/// v x* f for forces: (w x n + v x f, w x f).
+/// Returns v x* f for forces: (w x n + v x f, w x f).
 fn cross_force(v: &Vector6<f64>, f: &Vector6<f64>) -> Vector6<f64> {
     let ((w, v), (n, f)) = (split(v), split(f));
     join(&(w.cross(&n) + v.cross(&f)), &w.cross(&f))

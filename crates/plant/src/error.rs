@@ -1,6 +1,7 @@
-//! Why there is no plant.
+//! Errors of making a plant.
 
-/// Why the texts or the options were refused. Every message names the file, the key, the value and what is allowed.
+/// Returned when the texts or the options are refused. Every message names the file, the key, the value and the
+/// allowed values.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlantError {
     /// The text cannot be parsed.
@@ -8,10 +9,10 @@ pub enum PlantError {
     Syntax {
         /// The file.
         file: String,
-        /// What the parser reports.
+        /// The parser's report.
         cause: String,
     },
-    /// A required entry is not there.
+    /// A required entry is missing.
     #[error("{file}: {key}: missing, it is required; add it")]
     Missing {
         /// The file.
@@ -24,11 +25,11 @@ pub enum PlantError {
     Unknown {
         /// The file.
         file: String,
-        /// Where the name stands.
+        /// Place of the name.
         key: String,
         /// The name.
         name: String,
-        /// What it must be.
+        /// The expected kind of name.
         expected: String,
     },
     /// A value is out of its bounds.
@@ -40,7 +41,7 @@ pub enum PlantError {
         key: String,
         /// Its value.
         value: String,
-        /// What is allowed.
+        /// The allowed values.
         bound: String,
     },
 }

@@ -2,22 +2,22 @@
 
 use messages::JOINTS;
 
-/// A fault, switched on from now on. [`crate::Plant::repair`] switches all of them off. Faults of feedback distort the
-/// measurement and leave the motion alone.
+/// A fault, switched on from now on. [`crate::Plant::repair`] switches all of them off. Feedback faults distort
+/// the measurement and do not change the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Injection {
-    /// The encoder of a joint reads so much more, rad or m.
+    /// The encoder of a joint reads more by this value, rad or m.
     EncoderJump {
         /// The joint.
         joint: usize,
-        /// By how much.
+        /// The error, rad or m.
         by: f64,
     },
-    /// One sample of the encoder of a joint reads so much more, rad or m.
+    /// One sample of the encoder of a joint reads more by this value, rad or m.
     EncoderSpike {
         /// The joint.
         joint: usize,
-        /// By how much.
+        /// The error, rad or m.
         by: f64,
     },
     /// All measurements keep their present values.
@@ -67,7 +67,7 @@ pub enum Injection {
     EmergencyStopReleased,
     /// The motors lose power: setpoints are refused, every joint brakes and then gives way at the speed `sag`.
     PowerLost {
-        /// The speed, rad/s or m/s. Zero stands for brakes that hold.
+        /// The speed, rad/s or m/s. Zero means brakes that hold.
         sag: f64,
     },
     /// The power returns.
@@ -93,29 +93,30 @@ pub(crate) struct Swing {
     pub(crate) since_step: u64,
 }
 
-/// Which faults are on.
+/// The faults that are on.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Injected {
     offset: [f64; JOINTS],
     spike: Option<(usize, f64)>,
     frozen: [bool; JOINTS],
     nan: [bool; JOINTS],
-    /// Where the measurement of a joint is mirrored.
+    /// Position about which the measurement of a joint is mirrored.
     feedback_mirror: [Option<f64>; JOINTS],
     swapped: Option<(usize, usize)>,
     not_followed: [bool; JOINTS],
     drive_fault: [bool; JOINTS],
-    /// Where the setpoints of a joint are mirrored.
+    /// Position about which the setpoints of a joint are mirrored.
     pub(crate) setpoint_mirror: [Option<f64>; JOINTS],
     pub(crate) swing: [Option<Swing>; JOINTS],
     pub(crate) rejecting: bool,
     pub(crate) emergency_stop: bool,
-    /// The speed at which joints give way while the motors have no power.
+    /// Speed at which joints give way while the motors have no power.
     pub(crate) sag: Option<f64>,
 }
 
 impl Injected {
-    /// Switches a fault on, with the joints at `q` after `step` steps. An index beyond the joints changes nothing.
+    /// Switches a fault on, with the joints at `q` after `step` steps. A joint index that is too large changes
+    /// nothing.
     pub(crate) fn switch_on(&mut self, fault: Injection, q: &[f64; JOINTS], step: u64) {
         let known = |joint: usize| joint < JOINTS;
         match fault {
@@ -153,28 +154,28 @@ impl Injected {
         }
     }
 
-    /// Whether the robot refuses every setpoint.
+    /// Returns true if the robot refuses every setpoint.
     pub(crate) fn refuses(&self) -> bool {
         self.rejecting || !self.all_driven()
     }
 
-    /// Whether the motors have power and no emergency stop is pressed.
+    /// Returns true if the motors have power and no emergency stop is pressed.
     pub(crate) fn all_driven(&self) -> bool {
         self.sag.is_none() && !self.emergency_stop
     }
 
-    /// The speed that the brake of a joint forces on it, or `None` where the motor drives it.
+    /// Returns the speed that the brake of a joint forces on it, or `None` if the motor drives it.
     pub(crate) fn braked_to(&self, joint: usize) -> Option<f64> {
         let braked = self.emergency_stop || self.not_followed[joint] || self.drive_fault[joint];
         self.sag.or(braked.then_some(0.0))
     }
 
-    /// Whether the drive of any joint reports a fault.
+    /// Returns true if the drive of any joint reports a fault.
     pub(crate) fn drive_fault(&self) -> bool {
         self.drive_fault.contains(&true)
     }
 
-    /// Whether the measurement of a joint keeps its value.
+    /// Returns true if the measurement of a joint keeps its value.
     pub(crate) fn is_frozen(&self, joint: usize) -> bool {
         self.frozen[joint]
     }

@@ -1,4 +1,4 @@
-//! Compares what the joints truly do with the limits, in wall time, whoever slept.
+//! Compares the joints' true motion with the limits, in wall time, no matter which process was late.
 
 use crate::config::{Config, Obstacle};
 use crate::distance::{segment_box, segment_plane, segment_segment};
@@ -12,34 +12,37 @@ use nalgebra::Vector3;
 pub const JUDGE_STEPS: u64 = 4;
 /// Permitted true speed over the limit in force. Assumption: 1.05, a servo's overshoot.
 pub const SPEED_OVERSHOOT: f64 = 1.05;
-/// Setpoints may be so much closer together in wall time than in their own time, ns. The sender drops what is more than
-/// two ticks of 1/1500 s late, and a wake-up takes a tick.
+/// Setpoints may be this much closer together in wall time than by index, ns. The sender drops a setpoint that is
+/// more than two ticks of 1/1500 s late, and a wake-up takes a tick.
 pub const JITTER_ALLOWANCE_NS: u64 = 2_000_000;
 
 /// Rounding of positions and torques.
 const ROUNDING: f64 = 1e-9;
 
-/// How far a true position may be outside the limits in force, rad: the greatest tracking error, 3.0 mrad, of 40 motions at
-/// half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives know no coupling: the fifth joint of an
-/// arm is pushed off by up to 20 mrad while its neighbours change their speed at the limit (sines at all limits at once).
+/// Largest distance of a true position outside the limits in force, rad. It is the greatest tracking error, 3.0
+/// mrad, of 40 motions at half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives
+/// do not model coupling. So an arm's fifth joint deviates by up to 20 mrad while its neighbours change their
+/// speed at the limit (sines at all limits at once).
 pub const SERVO_MARGIN_RAD: f64 = 0.004;
-/// The same of a joint that slides, m. The greatest tracking error was 0.2 mm.
+/// The same distance for a joint that slides, m. The greatest tracking error was 0.2 mm.
 pub const SERVO_MARGIN_M: f64 = 0.001;
-/// How far a true clearance may be below the least one, m: no end of a capsule was more than 5.5 mm off at all limits at once,
-/// rounded up (1.4 mm in the motions above). It stays above the robot file's clearance_measured_min_mm.
+/// Largest amount by which a true clearance may be below the least one, m. No end of a capsule was more than 5.5
+/// mm off at all limits at once, rounded up (1.4 mm in the motions above). It stays above the robot file's
+/// clearance_measured_min_mm.
 pub const CLEARANCE_MARGIN_M: f64 = 0.006;
 
 /// State of the judge.
 #[derive(Clone, Debug)]
 pub struct Judge {
     report: Report,
-    /// The last setpoint that was taken: when, positions, velocities.
+    /// The last setpoint that was taken: time, positions, velocities.
     last: Option<(Stamp, [f64; JOINTS], [f64; JOINTS])>,
     /// Time that each joint may still spend on motion, and on change of velocity, s.
     time_left_s: [[f64; JOINTS]; 2],
-    /// When the last gap ended that was longer than the jitter allowance.
+    /// End of the last gap that was longer than the jitter allowance.
     gap_end: Stamp,
-    /// How far each joint may be outside the URDF's limits and the limits in force. 0 for a robot that starts inside.
+    /// Distance of each joint outside the URDF's limits and the limits in force that is allowed. 0 for a robot
+    /// that starts inside.
     outside: [[f64; JOINTS]; 2],
     /// Least clearance that must be kept, m.
     clearance_m: f64,
@@ -71,7 +74,7 @@ impl Judge {
         judge
     }
 
-    /// What was found so far.
+    /// Returns the report so far.
     pub fn report(&self) -> &Report {
         &self.report
     }
@@ -87,7 +90,7 @@ impl Judge {
             for (outside, (kind, limits, margin)) in self.outside.iter_mut().zip(rows) {
                 let outside = &mut outside[j];
                 let beyond = (limits.q_min - q).max(q - limits.q_max);
-                // What is not certainly inside is outside, so NaN counts.
+                // A position that is not certainly inside is outside, so NaN counts.
                 let inside = beyond <= *outside + margin;
                 if !inside {
                     let bound = if q < limits.q_min { limits.q_min } else { limits.q_max };
@@ -120,12 +123,13 @@ impl Judge {
         self.clearance_m = self.clearance_m.max(clearance_m.min(config.body.d_min_m));
     }
 
-    /// Compares a setpoint that the robot took with the one before, in wall time. `begins` says that it is the first
-    /// after a start or a reaction, when nothing is there to compare it with: the robot has checked that it is near.
+    /// Compares a setpoint that the robot took with the one before, in wall time. `begins` says that it is the
+    /// first after a start or a reaction. Then there is none to compare it with, but the robot has checked that
+    /// it is near.
     ///
-    /// Each joint has an account of time. Wall time is paid in, |dq| / v_max and |dv| / a_max are taken out. No more
-    /// than the jitter allowance is carried over, so no sender moves faster than the limits for longer. A sender that
-    /// slept may send the setpoints that it missed within the jitter allowance after its sleep.
+    /// Each joint has an account of time. Wall time is paid in, and |dq| / v_max and |dv| / a_max are taken out.
+    /// No more than the jitter allowance is carried over, so no sender moves faster than the limits for longer. A
+    /// sender that slept may send the setpoints that it missed within the jitter allowance after its sleep.
     pub fn received(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint, begins: bool) {
         let allowance_s = JITTER_ALLOWANCE_NS as f64 * 1e-9;
         self.report.setpoints += 1;
@@ -158,7 +162,7 @@ impl Judge {
         }
     }
 
-    /// The least clearance at `q`, m, and the index of that pair as in [`crate::Violation::which`].
+    /// Returns the least clearance at `q`, m, and the index of that pair as in [`crate::Violation::which`].
     pub fn clearance(&mut self, config: &Config, q: &[f64; JOINTS]) -> (f64, usize) {
         let body = &config.body;
         body.forward(q, &mut self.frames);
@@ -186,7 +190,7 @@ impl Judge {
     }
 }
 
-/// Whether a clearance is the least so far. The first NaN is, and it stays.
+/// Returns true if a clearance is the least so far. The first NaN is, and it stays.
 fn is_less(clearance_m: f64, least_m: f64) -> bool {
     clearance_m < least_m || (clearance_m.is_nan() && !least_m.is_nan())
 }

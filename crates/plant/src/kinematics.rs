@@ -1,4 +1,4 @@
-//! Where the bodies are and how fast their points move.
+//! Poses of the bodies and velocities of their points.
 
 use crate::description::{Body, Joint, JointKind};
 use crate::pose::{Pose, turn};
@@ -19,7 +19,7 @@ impl Default for Frames {
 }
 
 impl Joint {
-    /// The body's frame in the parent body's frame at position `q`, rad or m.
+    /// Returns the body's frame in the parent body's frame at position `q`, rad or m.
     pub(crate) fn parent_from_moved(&self, q: f64) -> Pose {
         let motion = match self.kind {
             JointKind::Revolute => Pose { r: turn(&self.axis, q), t: Vector3::zeros() },
@@ -30,7 +30,7 @@ impl Joint {
 }
 
 impl Body {
-    /// Poses of all bodies at the posture `q` (rad, m).
+    /// Computes the poses of all bodies at the posture `q` (rad, m).
     pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
         out.base_from_body[0] = Pose::identity();
         for (j, joint) in self.joints.iter().enumerate() {
@@ -38,8 +38,9 @@ impl Body {
         }
     }
 
-    /// Velocity in the base frame (m/s) of a point of `body`, given in that body's frame (m), at the joint speeds `v`:
-    /// the sum over the joints that carry the body of v_j w_j x (p - o_j), or v_j w_j where the joint slides.
+    /// Returns the velocity in the base frame (m/s) of a point of `body`, given in that body's frame (m), at the
+    /// joint speeds `v`. It is the sum over the joints that carry the body of v_j w_j x (p - o_j), or of v_j w_j
+    /// if the joint slides.
     pub fn point_velocity(
         &self,
         frames: &Frames,

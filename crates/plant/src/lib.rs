@@ -7,17 +7,19 @@
 //! # Words
 //!
 //! - **Step**: the plant integrates in fixed steps of its own, [`STEP_NS`]. It knows no tick of the driver.
-//! - **Setpoint**: what the drives are to do. It acts after the transport delay, and it stays in force until the next.
-//! - **Extrapolation**: between two setpoints the drives continue the last one with its velocity and acceleration.
-//! - **Reaction**: what the drives do by themselves when setpoints stay away for longer than the watchdog allows.
-//! - **Truth**: where the joints are. **Measured**: what the encoders say about it.
+//! - **Setpoint**: a target for the drives. It acts after the transport delay, and it stays in force until the
+//!   next.
+//! - **Extrapolation**: between two setpoints the drives continue the last one with its velocity and
+//!   acceleration.
+//! - **Reaction**: the drives' own behaviour when setpoints stay away for longer than the watchdog allows.
+//! - **Truth**: the real state of the joints. **Measured**: the encoders' readings of it.
 //! - **Judge**: compares the truth with the limits, in wall time. It only counts, it never corrects.
 //!
 //! # Use
 //!
-//! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and then
-//! [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge, so it comes
-//! last. [`Plant`] and [`Judge`] are plain states: a clone is another world.
+//! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and
+//! then [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge,
+//! so it comes last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
 
 mod config;
 mod description;

@@ -2,16 +2,17 @@
 
 use crate::description::{Joint, JointKind};
 
-/// Greatest acceleration of a joint under its full torque with nothing on it, rad/s^2. It gives the rotor's inertia.
-/// Assumption: no datasheet. The last wrist joint (0.0016 kg m^2 by the URDF) then has a rotor of 0.033 kg m^2, as
-/// behind a gear of 1:100, and its neighbours' coupling does not throw it. The least eigenvalue of the mass matrix,
-/// scaled to a diagonal of 1, is 0.27 with rotors and 0.05 without (5000 postures by Pinocchio, 2026-11-23).
+/// Greatest acceleration of a joint under its full torque without load, rad/s^2. It gives the rotor's inertia.
+/// Assumption: no datasheet. The last wrist joint (0.0016 kg m^2 by the URDF) then has a rotor of 0.033 kg m^2,
+/// as behind a gear of 1:100. So its neighbours' coupling does not throw it. The least eigenvalue of the mass
+/// matrix, scaled to a diagonal of 1, is 0.27 with rotors and 0.05 without (5000 postures by Pinocchio,
+/// 2026-11-23).
 const BARE_ACCELERATION_RAD_PER_S2: f64 = 200.0;
-/// The same of a lift, m/s^2. Assumption: a spindle that carries 2 kN behaves like 100 kg.
+/// The same limit for a lift, m/s^2. Assumption: a spindle that carries 2 kN behaves like 100 kg.
 const BARE_ACCELERATION_M_PER_S2: f64 = 20.0;
-/// Coulomb friction over the greatest torque where the URDF states none. Assumption: 0.02, a strain wave gear.
+/// Coulomb friction over the greatest torque if the URDF states none. Assumption: 0.02, a strain wave gear.
 const COULOMB_SHARE: f64 = 0.02;
-/// Viscous friction at the URDF's speed limit over the greatest torque where the URDF states none. Assumption: 0.02.
+/// Viscous friction at the URDF's speed limit over the greatest torque if the URDF states none. Assumption: 0.02.
 const VISCOUS_SHARE: f64 = 0.02;
 /// Coulomb friction reaches its value at a few times this share of the URDF's speed limit. Assumption: 0.01, so that
 /// the friction stays smooth for steps of 0.5 ms.
@@ -60,16 +61,16 @@ impl Motor {
         }
     }
 
-    /// Friction torque or force at a speed, against which the motor works.
+    /// Returns the friction torque or force at a speed. The motor works against it.
     pub(crate) fn friction(&self, v: f64) -> f64 {
         self.viscous * v + self.coulomb * (v / self.smooth_speed).tanh()
     }
 
-    /// Acceleration that the position loop asks for. Position, velocity and acceleration of the reference, then the
-    /// joint's position and velocity.
+    /// Returns the acceleration that the position loop asks for. `reference` has position, velocity and
+    /// acceleration of the reference. `q` and `v` are the joint's position and velocity.
     ///
-    /// a = a_ref + 2 zeta omega (v_wish - v), v_wish = v_ref + omega / (2 zeta) (q_ref - q) within the speed limit:
-    /// a second-order loop that approaches from afar no faster than the motor may turn.
+    /// a = a_ref + 2 zeta omega (v_wish - v), v_wish = v_ref + omega / (2 zeta) (q_ref - q) within the speed
+    /// limit. This second-order loop approaches from afar no faster than the motor may turn.
     pub(crate) fn follow(&self, omega: f64, zeta: f64, reference: [f64; 3], q: f64, v: f64) -> f64 {
         let [q_ref, v_ref, a_ref] = reference;
         let wish = (v_ref + omega / (2.0 * zeta) * (q_ref - q)).clamp(-self.v_max, self.v_max);

@@ -1,4 +1,4 @@
-//! The joints under their drives, in steps of their own.
+//! The joints under their drives, integrated in the plant's own steps.
 
 use crate::config::{Config, Reaction};
 use crate::description::JointKind;
@@ -12,9 +12,9 @@ use nalgebra::Vector3;
 
 /// Length of a step, ns: 2 kHz. Assumption: the rate of a joint's position loop.
 pub const STEP_NS: u64 = 500_000;
-/// The same in seconds.
+/// Length of a step, s.
 const STEP_S: f64 = STEP_NS as f64 * 1e-9;
-/// The most that one call integrates, ns. What is left follows in the next call, so no time is lost.
+/// The longest time that one call integrates, ns. The rest follows in the next call, so no time is lost.
 pub const CATCH_UP_NS: u64 = 1_000_000_000;
 /// The longest transport delay, ns. With it and 1500 setpoints per second 30 are under way.
 pub(crate) const DELAY_MAX_NS: u64 = 20_000_000;
@@ -24,18 +24,18 @@ const UNDER_WAY_MAX: usize = 32;
 /// After a reaction a setpoint must begin this near to the joint's position, rad. Assumption: 0.02, a little more than
 /// the tracking error and the noise.
 pub const NEAR_RAD: f64 = 0.02;
-/// The same of a joint that slides, m. Assumption: 5 mm.
+/// The same distance for a joint that slides, m. Assumption: 5 mm.
 pub const NEAR_M: f64 = 0.005;
-/// After a reaction a setpoint's speed must be this near to the joint's, rad/s. Assumption: 0.1, what a joint brakes by in
-/// the age of a measurement, and the noise of its speed.
+/// After a reaction a setpoint's speed must be this near to the joint's, rad/s. Assumption: 0.1, the amount by
+/// which a joint brakes within the age of a measurement, plus the noise of its speed.
 pub const NEAR_RAD_PER_S: f64 = 0.1;
-/// The same of a joint that slides, m/s. Assumption: four standard deviations of the noise.
+/// The same speed difference for a joint that slides, m/s. Assumption: four standard deviations of the noise.
 pub const NEAR_M_PER_S: f64 = 0.02;
 
-/// What the drives are to do.
+/// A target for the drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
-    /// Index. While setpoints are followed, one that is not newer than the last is ignored.
+    /// Index. While the drives follow setpoints, they ignore a setpoint that is not newer than the last.
     pub k: u64,
     /// Joint positions, rad or m.
     pub q: [f64; JOINTS],
@@ -47,7 +47,7 @@ pub struct Setpoint {
     pub plan: StopPlan,
 }
 
-/// What the drives report about themselves.
+/// State that the drives report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drives {
     /// The robot's own emergency stop is pressed.
@@ -58,7 +58,7 @@ pub struct Drives {
     pub powered: bool,
 }
 
-/// What the robot measures.
+/// A measurement of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     /// Time of the step at which the sample was taken.
@@ -69,13 +69,13 @@ pub struct Measured {
     pub dq: [f64; JOINTS],
     /// Motor torques, N m or N.
     pub tau: [f64; JOINTS],
-    /// What the drives report.
+    /// State that the drives report.
     pub drives: Drives,
-    /// The watchdog fired, and no setpoint was taken since.
+    /// True if the watchdog fired and no setpoint was taken since.
     pub reacting: bool,
 }
 
-/// What the joints truly do.
+/// The true motion of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
     /// Time of the step.
@@ -88,19 +88,19 @@ pub struct Truth {
     pub tau: [f64; JOINTS],
 }
 
-/// What the drives do at present.
+/// The present action of the drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     /// The reference brakes, then holds its place.
     Holding {
-        /// The watchdog fired.
+        /// True if the watchdog fired.
         reacting: bool,
     },
-    /// Setpoints come.
+    /// The drives follow setpoints.
     Following,
-    /// The watchdog fired: the motors damp.
+    /// The watchdog fired, and the motors damp.
     Damping,
-    /// The watchdog fired: the drives play the plan of the last setpoint.
+    /// The watchdog fired, and the drives play the plan of the last setpoint.
     Playing,
 }
 
@@ -113,7 +113,7 @@ pub struct Plant {
     truth: Truth,
     steps: u64,
     mode: Mode,
-    /// The setpoint in force, and when it came into force.
+    /// The setpoint in force, and the time since when it is.
     last: Setpoint,
     last_at: Stamp,
     /// The reference of [`Mode::Holding`]: positions and velocities.
@@ -130,7 +130,7 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// At rest at `q` at the time `now`. `seed` is that of the noise.
+    /// Creates a plant at rest at `q` at the time `now`. `seed` is the seed of the noise.
     pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
         let zero = [0.0; JOINTS];
         let rest = Setpoint {
@@ -160,17 +160,17 @@ impl Plant {
         plant
     }
 
-    /// What the joints truly do.
+    /// Returns the true motion of the joints.
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
 
-    /// The setpoint in force, with its time of arrival at the drives.
+    /// Returns the setpoint in force, and its time of arrival at the drives.
     pub fn followed(&self) -> (&Setpoint, Stamp) {
         (&self.last, self.last_at)
     }
 
-    /// Whether the watchdog fired and no setpoint was taken since.
+    /// Returns true if the watchdog fired and no setpoint was taken since.
     pub fn reacting(&self) -> bool {
         match self.mode {
             Mode::Holding { reacting } => reacting,
@@ -179,7 +179,8 @@ impl Plant {
         }
     }
 
-    /// How far the plant is behind `now`, ns: less than a step, unless a call was longer than [`CATCH_UP_NS`].
+    /// Returns the time by which the plant is behind `now`, ns. It is less than a step, unless a call was longer
+    /// than [`CATCH_UP_NS`].
     pub fn behind_ns(&self, now: Stamp) -> u64 {
         now.since(self.truth.stamp)
     }
@@ -194,12 +195,12 @@ impl Plant {
         self.injected = Injected::default();
     }
 
-    /// Integrates whole steps until `now`, at most [`CATCH_UP_NS`] of them in one call.
+    /// Integrates whole steps until `now`, at most [`CATCH_UP_NS`] in one call.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         self.advance_each(config, now, |_, _| {});
     }
 
-    /// The same, and `judge` looks every [`JUDGE_STEPS`] steps.
+    /// Does the same as `advance`. `judge` looks every [`JUDGE_STEPS`] steps.
     pub fn advance_judged(&mut self, config: &Config, now: Stamp, judge: &mut Judge) {
         self.advance_each(config, now, |steps, truth| {
             if steps % JUDGE_STEPS == 0 {
@@ -216,15 +217,16 @@ impl Plant {
         }
     }
 
-    /// A setpoint arrives at the robot. `false` if it was not taken:
+    /// Takes a setpoint that arrives at the robot. Returns `false` if it was not taken:
     ///
     /// - a fault refuses it, the emergency stop is pressed, or the motors have no power;
     /// - a number is not finite, or a duration is negative;
-    /// - the robot went on by itself for longer than its watchdog waits since `now`: it is for a robot that was elsewhere;
-    /// - no setpoints are followed at present, at the start or after a reaction, and the setpoint does not begin near the
+    /// - since `now` the robot went on by itself for longer than its watchdog waits, so it has left the place that
+    ///   the setpoint assumes;
+    /// - the drives follow no setpoints (at the start or after a reaction), and the setpoint is not near the
     ///   robot's position ([`NEAR_RAD`], [`NEAR_M`]) and speed ([`NEAR_RAD_PER_S`], [`NEAR_M_PER_S`]).
     ///
-    /// Integrates until `now` first, so a judge must have been advanced before.
+    /// It integrates until `now` first, so a judge must have been advanced before.
     pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint) -> bool {
         self.advance(config, now);
         let is_old = self.truth.stamp.since(now) > config.watchdog_ns;
@@ -247,7 +249,7 @@ impl Plant {
         true
     }
 
-    /// The same with the judge, which is advanced and sees every setpoint that was taken.
+    /// Does the same as `receive`. It advances the judge and shows it every setpoint that was taken.
     pub fn receive_judged(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint, judge: &mut Judge) -> bool {
         self.advance_judged(config, now, judge);
         let begins = self.begins();
@@ -258,7 +260,7 @@ impl Plant {
         taken
     }
 
-    /// The newest sample at `now`. Integrates until `now` first.
+    /// Returns the newest sample at `now`. It integrates until `now` first.
     pub fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
         self.advance(config, now);
         if self.measured_step != Some(self.steps) {
@@ -291,7 +293,7 @@ impl Plant {
         self.injected.distort(&mut measured.q, &mut measured.dq);
     }
 
-    /// Whether the next setpoint would be the first after a start or a reaction.
+    /// Returns true if the next setpoint would be the first after a start or a reaction.
     fn begins(&self) -> bool {
         self.mode != Mode::Following && self.waiting == 0
     }
@@ -311,7 +313,7 @@ impl Plant {
         }
     }
 
-    /// One step: semi-implicit Euler, so that the joints' energy does not grow by itself.
+    /// Makes one step with semi-implicit Euler, so that the joints' energy does not grow by itself.
     fn step(&mut self, config: &Config) {
         self.switch(config);
         let (posture, pushes) = self.drives(config);
@@ -325,11 +327,11 @@ impl Plant {
         self.steps += 1;
     }
 
-    /// Takes what has arrived, and lets the watchdog fire.
+    /// Takes the setpoints that have arrived, and checks the watchdog.
     fn switch(&mut self, config: &Config) {
         let now = self.truth.stamp;
         if !self.injected.all_driven() {
-            // The reference stands where the joints are, so the return of the drives moves nothing.
+            // The reference stays where the joints are, so the return of the drives moves nothing.
             self.waiting = 0;
             self.mode = Mode::Holding { reacting: false };
             self.held = (self.truth.q, self.truth.v);
@@ -361,7 +363,7 @@ impl Plant {
         }
     }
 
-    /// What drives each joint in this step, and the posture in which it does.
+    /// Returns the posture, and the drive of each joint in this step.
     fn drives(&mut self, config: &Config) -> (crate::dynamics::Posture, [Drive; JOINTS]) {
         let mut frames = Frames::default();
         config.body.forward(&self.truth.q, &mut frames);
@@ -388,7 +390,8 @@ impl Plant {
         (posture, pushes)
     }
 
-    /// The reference of a joint, with the faults that change it; `None` while the motors only damp.
+    /// Returns the reference of a joint, with the faults that change it. Returns `None` while the motors only
+    /// damp.
     fn reference(&self, j: usize) -> Option<Reference> {
         let [mut q, mut v, mut a] = match self.mode {
             Mode::Holding { .. } => [self.held.0[j], self.held.1[j], 0.0],
@@ -408,18 +411,19 @@ impl Plant {
         Some([q, v, a])
     }
 
-    /// Seconds since the setpoint in force came into force.
+    /// Returns the seconds since the setpoint in force arrived at the drives.
     fn since_last_s(&self) -> f64 {
         self.truth.stamp.since(self.last_at) as f64 * 1e-9
     }
 
-    /// q + v t + a t^2 / 2 of the setpoint in force.
+    /// Returns q + v t + a t^2 / 2 of the setpoint in force.
     fn extrapolated(&self, j: usize) -> Reference {
         let (t, v, a) = (self.since_last_s(), self.last.v[j], self.last.a[j]);
         [self.last.q[j] + t * (v + t * a / 2.0), v + t * a, a]
     }
 
-    /// Whether the setpoint in force came with a stop for every joint that moves. Points of a trajectory controller have none.
+    /// Returns true if the setpoint in force came with a stop for every moving joint. Points of a trajectory
+    /// controller have none.
     fn came_with_a_stop(&self) -> bool {
         (0..JOINTS).all(|j| {
             let stands = self.last.v[j] == 0.0 && self.last.a[j] == 0.0;
@@ -427,7 +431,7 @@ impl Plant {
         })
     }
 
-    /// The plan of the setpoint in force: phases of constant jerk, then rest.
+    /// Returns the plan of the setpoint in force at the present time: phases of constant jerk, then rest.
     fn played(&self, j: usize) -> Reference {
         let (mut q, mut v, mut a) = (self.last.q[j], self.last.v[j], self.last.a[j]);
         let mut left = self.since_last_s();
@@ -438,11 +442,11 @@ impl Plant {
             a += t * jerk;
             left -= t;
         }
-        // A plan ends at rest; what is left is rounding.
+        // A plan ends at rest. The remainder is rounding.
         if left > 0.0 { [q, 0.0, 0.0] } else { [q, v, a] }
     }
 
-    /// The mechanical stops: a joint that reaches one loses its speed there.
+    /// Applies the mechanical stops. A joint that reaches one loses its speed there.
     fn stay_inside(&mut self, config: &Config) {
         for (j, joint) in config.body.joints.iter().enumerate() {
             let (q, v) = (&mut self.truth.q[j], &mut self.truth.v[j]);
@@ -454,7 +458,7 @@ impl Plant {
     }
 }
 
-/// Takes from the drives' gravity model what it cannot know: the loads.
+/// Removes the loads from the drives' gravity model, because the drives do not know them.
 fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS]) {
     for load in &config.loads {
         let p = frames.base_from_body[load.body].point(&load.place);
@@ -472,7 +476,7 @@ fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS]) {
     }
 }
 
-/// Whether every number is finite and no phase lasts a negative time.
+/// Returns true if every number is finite and no phase lasts a negative time.
 fn is_sound(setpoint: &Setpoint) -> bool {
     let states = setpoint.q.iter().chain(&setpoint.v).chain(&setpoint.a);
     let plan = &setpoint.plan;

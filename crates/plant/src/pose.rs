@@ -12,30 +12,30 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The frames coincide.
+    /// Returns the pose of two frames that coincide.
     pub fn identity() -> Self {
         Self { r: Matrix3::identity(), t: Vector3::zeros() }
     }
 
-    /// The pose of a URDF's `origin`: fixed-axis roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll).
+    /// Returns the pose of a URDF's `origin`: fixed-axis roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll).
     pub fn from_origin(xyz: [f64; 3], rpy: [f64; 3]) -> Self {
         let [roll, pitch, yaw] = rpy;
         let about = |axis: Vector3<f64>, angle: f64| turn(&axis, angle);
         Self { r: about(Vector3::z(), yaw) * about(Vector3::y(), pitch) * about(Vector3::x(), roll), t: xyz.into() }
     }
 
-    /// a_from_c of a_from_b and b_from_c.
+    /// Returns a_from_c, given a_from_b and b_from_c.
     pub fn then(&self, next: &Self) -> Self {
         Self { r: self.r * next.r, t: self.r * next.t + self.t }
     }
 
-    /// Coordinates in frame a of a point given in frame b, m.
+    /// Returns the coordinates in frame a of a point given in frame b, m.
     pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.r * p + self.t
     }
 }
 
-/// The rotation by `angle` (rad) about a unit axis, by Rodrigues' formula: 1 + sin K + (1 - cos) K^2.
+/// Returns the rotation by `angle` (rad) about a unit axis, by Rodrigues' formula: 1 + sin K + (1 - cos) K^2.
 pub(crate) fn turn(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     let k = axis.cross_matrix();
     let (sin, cos) = angle.sin_cos();

@@ -1,8 +1,8 @@
-//! What the judge found.
+//! The judge's report.
 
 use messages::{JOINTS, Stamp};
 
-/// What can be violated.
+/// A limit that can be violated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum ViolationKind {
@@ -34,7 +34,7 @@ impl ViolationKind {
         Self::SetpointChange,
     ];
 
-    /// Name in reports.
+    /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stop => "stop",
@@ -51,12 +51,12 @@ impl ViolationKind {
 /// One violation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
-    /// What was violated.
+    /// The violated limit.
     pub kind: ViolationKind,
-    /// When.
+    /// Time of the violation.
     pub at: Stamp,
-    /// The joint, or the index of the pair. Behind the checked pairs come the pairs m i + k of capsule i with obstacle
-    /// k of m.
+    /// The joint, or the index of the pair. The pair of capsule i with obstacle k of m has the index m i + k
+    /// after the checked pairs.
     pub which: usize,
     /// The value, SI.
     pub value: f64,
@@ -104,12 +104,12 @@ impl Default for Report {
 }
 
 impl Report {
-    /// Violations of one kind.
+    /// Returns the number of violations of one kind.
     pub fn count(&self, kind: ViolationKind) -> u64 {
         self.counts[kind as usize]
     }
 
-    /// Violations of all kinds.
+    /// Returns the number of violations of all kinds.
     pub fn total(&self) -> u64 {
         self.counts.iter().sum()
     }

@@ -41,7 +41,7 @@ pub(crate) struct RobotFile {
     pub(crate) collision: Collision,
 }
 
-/// An unknown key here would be a mass that nobody counts, so it is refused.
+/// Payloads of the hands. An unknown key here would be a mass that is not counted, so it is refused.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Payloads {
@@ -49,7 +49,7 @@ struct Payloads {
     right: Option<PayloadRow>,
 }
 
-/// Mass (kg) and place (m).
+/// A mass (kg) and its place (m).
 pub(crate) type PointMass = (f64, [f64; 3]);
 
 /// A point mass in a hand.
@@ -84,7 +84,7 @@ struct TurnGroup {
     jerk_max_rad_per_s3: f64,
 }
 
-/// An unknown key here would be a limit that nobody keeps, so it is refused.
+/// Tighter limits of a joint. An unknown key here would be a limit that is not kept, so it is refused.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Tighten {
@@ -116,7 +116,7 @@ pub(crate) struct CapsuleRow {
     pub(crate) radius_m: f64,
 }
 
-/// Pairs that nobody checks, by reason.
+/// Pairs that are not checked, by reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct AllowedPairs {
@@ -124,7 +124,7 @@ pub(crate) struct AllowedPairs {
     pub(crate) proved_clear: BTreeMap<String, Vec<String>>,
 }
 
-/// What the file adds to the URDF's limits of one joint, SI.
+/// Limits that the file adds to the URDF's limits of one joint, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stricter {
     pub(crate) soft_margin: f64,
@@ -141,7 +141,7 @@ impl RobotFile {
         toml::from_str(text).map_err(|error| PlantError::Syntax { file: file.into(), cause: error.to_string() })
     }
 
-    /// The URDF's names of the joints in the fixed order.
+    /// Returns the URDF's names of the joints in the fixed order.
     pub(crate) fn joint_names(&self, file: &str) -> Result<[String; JOINTS], PlantError> {
         let mut names: [String; JOINTS] = Default::default();
         for (name, key) in names.iter_mut().zip(ORDER) {
@@ -154,7 +154,7 @@ impl RobotFile {
         Ok(names)
     }
 
-    /// What the file says about the limits of joint `j`, named `name`.
+    /// Returns the file's limits of joint `j`, named `name`.
     pub(crate) fn stricter(&self, file: &str, j: usize, name: &str) -> Result<Stricter, PlantError> {
         let turning =
             |group: &TurnGroup| [group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3];
@@ -197,13 +197,14 @@ impl RobotFile {
         })
     }
 
-    /// Home position of the joint `name`, rad or m.
+    /// Returns the home position of the joint `name`, rad or m.
     pub(crate) fn home(&self, file: &str, name: &str) -> Result<f64, PlantError> {
         let found = self.home_m.get(name).or_else(|| self.home_rad.get(name));
         found.copied().ok_or_else(|| PlantError::missing(file, format!("home_rad.{name} or home_m.{name}")))
     }
 
-    /// Mass (kg) and place (m, in the frame of the last link of the arm) of what the left and the right hand carry.
+    /// Returns mass (kg) and place (m, in the frame of the last link of the arm) of the payloads of the left and
+    /// the right hand.
     pub(crate) fn payloads(&self, file: &str) -> Result<[Option<PointMass>; 2], PlantError> {
         let mut all = [None; 2];
         let rows = [("left", self.payload.left), ("right", self.payload.right)];
@@ -222,7 +223,7 @@ impl RobotFile {
         Ok(all)
     }
 
-    /// Least clearance of every checked pair, m.
+    /// Returns the least clearance of every checked pair, m.
     pub(crate) fn d_min_m(&self, file: &str) -> Result<f64, PlantError> {
         let mm = self.collision.clearance_min_mm;
         if mm >= 0.0 && mm.is_finite() {

@@ -1,4 +1,4 @@
-//! URDF text to links and joints as they are written. Nothing is interpreted here but numbers.
+//! Reads links and joints from URDF text as they are written. It interprets nothing but numbers.
 
 use crate::error::PlantError;
 use quick_xml::Reader;
@@ -7,7 +7,7 @@ use quick_xml::events::{BytesStart, Event};
 /// Most links or joints. Assumption: a dual-arm robot with two five-fingered hands has 93.
 const ELEMENTS_MAX: usize = 1000;
 
-/// Mass, centre and inertia of a link as written.
+/// Mass, centre and inertia of a link, as written.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct RawInertial {
     pub(crate) xyz: [f64; 3],
@@ -23,7 +23,7 @@ pub(crate) struct RawLink {
     pub(crate) inertial: Option<RawInertial>,
 }
 
-/// `<limit>` as written. What a URDF may leave out is infinite.
+/// `<limit>` as written. A value that the URDF leaves out is infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RawLimit {
     pub(crate) lower: f64,
@@ -188,7 +188,7 @@ impl RawJoint {
     }
 }
 
-/// One opening tag, and the file that errors name.
+/// An opening tag, and the file that errors name.
 struct Tag<'a> {
     file: &'a str,
     tag: &'a BytesStart<'a>,

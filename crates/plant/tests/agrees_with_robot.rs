@@ -1,4 +1,4 @@
-//! Two independent readers of the same files come to the same robot.
+//! Two independent readers of the same files read the same robot.
 
 use crate::support::{GRIPPERS, HANDS, body, uniform};
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};

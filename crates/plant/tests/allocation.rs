@@ -1,4 +1,4 @@
-//! After construction nothing allocates.
+//! Nothing allocates after construction.
 
 #[allow(dead_code)]
 mod support;
@@ -10,7 +10,7 @@ use support::{HANDS, START, Sines, TICK_NS, config};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

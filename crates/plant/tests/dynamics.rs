@@ -1,4 +1,4 @@
-//! Accelerations are right: against another implementation, and against energy.
+//! Checks accelerations against another implementation, and against energy.
 
 use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
 use messages::JOINTS;
@@ -74,7 +74,7 @@ fn accelerations_with_rotors_are_pinocchios() {
     }
 }
 
-/// A joint whose acceleration is prescribed moves so, and the others as if its torque had been what that needs.
+/// A joint with a prescribed acceleration has it. The others move as if the joint had the torque that this needs.
 #[test]
 fn prescribed_acceleration_is_that_of_its_torque() {
     let body = body(HANDS);
@@ -95,7 +95,8 @@ fn prescribed_acceleration_is_that_of_its_torque() {
     }
 }
 
-/// Without torques and friction the robot keeps its energy. Runge and Kutta's fourth order, 0.5 s of free fall.
+/// Without torques and friction the robot keeps its energy. The integrator is Runge-Kutta of fourth order, over 0.5 s
+/// of free fall.
 #[test]
 fn free_motion_keeps_its_energy() {
     let body = body(HANDS);
@@ -126,7 +127,8 @@ fn free_motion_keeps_its_energy() {
     assert!(gained.abs() < 1e-6, "{gained} J");
 }
 
-/// The torques that hold a posture leave it at rest, and a small torque more moves its joint by torque over inertia.
+/// The torques that hold a posture leave it at rest. A small extra torque accelerates its joint by torque over
+/// inertia.
 #[test]
 fn gravity_torques_hold_any_posture() {
     let body = body(HANDS);
@@ -140,7 +142,7 @@ fn gravity_torques_hold_any_posture() {
         let (gravity, diagonal) = dynamics.gravity_and_diagonal(&posture);
         let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS], &gravity);
         assert!(farthest(&still, &[0.0; JOINTS]) < 1e-9, "{still:?}");
-        // All others locked: the joint feels the diagonal of the mass matrix alone.
+        // All other joints are locked, so the joint feels the diagonal of the mass matrix alone.
         let j = n % JOINTS;
         let mut drives = [Drive::Acceleration(0.0); JOINTS];
         drives[j] = Drive::Torque(gravity[j] + 1.0);

@@ -1,4 +1,4 @@
-//! The joints follow what is commanded, and every fault does what it says.
+//! The joints follow the setpoints, and every fault has its effect.
 
 use crate::support::{GRIPPERS, HANDS, START, Sines, TICK_NS, body, config, rest, setpoint};
 use messages::{JOINTS, LEFT_ARM, Stamp};
@@ -6,8 +6,8 @@ use plant::{CATCH_UP_NS, Config, Injection, Judge, Options, Plant, STEP_NS, Viol
 use rand::{RngExt, SeedableRng};
 
 const ELBOW: usize = LEFT_ARM.start + 3;
-/// Share of all limits at once that motions are followed at within the margins: twice as fast as people's arms move on the
-/// average. See `SERVO_MARGIN_RAD` for what is beyond.
+/// Share of all limits at once at which the joints follow within the margins. It is twice as fast as people's
+/// arms move on average. For faster motions see `SERVO_MARGIN_RAD`.
 const HALF: f64 = 0.5;
 
 /// A robot without noise that stands at home, and the number of the next setpoint.
@@ -28,7 +28,7 @@ impl Bench {
         START.plus_ns(self.k * TICK_NS)
     }
 
-    /// Sends the elbow to and fro, `ticks` setpoints of it. Returns how many were taken.
+    /// Sends the elbow to and fro with `ticks` setpoints. Returns how many were taken.
     fn swing_elbow(&mut self, ticks: u64) -> u64 {
         let mut taken = 0;
         for _ in 0..ticks {
@@ -52,7 +52,7 @@ impl Bench {
         taken
     }
 
-    /// Farthest distance of any joint but `without` from home.
+    /// Returns the largest distance from home of any joint except `without`.
     fn away(&self, without: usize) -> f64 {
         let others = (0..JOINTS).filter(|&j| j != without);
         others.map(|j| (self.plant.truth().q[j] - self.config.home()[j]).abs()).fold(0.0, f64::max)
@@ -75,7 +75,7 @@ fn motions_at_half_of_all_limits_are_followed_within_margins() {
             for k in 0..6000 {
                 let now = START.plus_ns(k * TICK_NS + rng.random_range(0..200_000));
                 if k == 3000 {
-                    // The sines have grown: before, their growth adds to the accelerations.
+                    // The sines are full from here on. Before, their growth adds to the accelerations.
                     judge = Judge::new(&config, &plant.truth().q);
                 }
                 assert!(plant.receive_judged(&config, now, &sines.at(k), &mut judge));
@@ -87,7 +87,7 @@ fn motions_at_half_of_all_limits_are_followed_within_margins() {
                     assert!(error < 0.003, "{}: joint {j} is {error} off at {k}", texts[0]);
                 }
             }
-            // These sines know nothing of collisions.
+            // These sines do not avoid collisions.
             let report = judge.report();
             assert_eq!(report.total(), report.count(ViolationKind::Clearance), "{:?}", report.first);
             let fastest = report.speed_ratio_max.iter().fold(0.0_f64, |most, ratio| most.max(*ratio));
@@ -182,7 +182,7 @@ fn encoder_has_steps_and_noise() {
             squares += (q - home) * (q - home);
         }
     }
-    // Variance of the noise and of the step, step^2 / 12.
+    // Variance of the noise plus that of the step, step^2 / 12.
     let deviation = (squares / (2000.0 * JOINTS as f64)).sqrt() / step;
     assert!((deviation - (1.0_f64 + 1.0 / 12.0).sqrt()).abs() < 0.02, "{deviation}");
 }

@@ -1,4 +1,4 @@
-//! The judge sees what it must, and nothing else.
+//! The judge counts every violation and nothing else.
 
 use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
 use messages::{JOINTS, LEFT_ARM};
@@ -117,7 +117,8 @@ fn robot_that_starts_outside_may_come_in_but_not_go_out() {
     }
 }
 
-/// Sends the elbow at `speed` for `ticks` setpoints, one every `every_ns`. Returns violations of step and change.
+/// Sends the elbow at `speed` with `ticks` setpoints, one every `every_ns`. Returns the violations of step and
+/// change.
 fn sent(speed: f64, ticks: u64, every_ns: u64) -> (u64, u64) {
     let config = config(HANDS, &Options::default());
     let mut judge = Judge::new(&config, config.home());
@@ -149,7 +150,8 @@ fn late_setpoints_that_catch_up_are_no_violation() {
     v[ELBOW] = limits.v_max;
     for k in 0..600_u64 {
         q[ELBOW] += limits.v_max * TICK_S;
-        // The sender sleeps for 20 ticks, then sends what is due at once; then each is up to the allowance late.
+        // The sender sleeps for 20 ticks, then sends the due setpoints at once. After that each is up to the
+        // allowance late.
         let due = if (100..120).contains(&k) { 120 } else { k };
         let late_ns = if k % 7 == 0 { JITTER_ALLOWANCE_NS / 3 } else { 0 };
         judge.received(&config, START.plus_ns(due * TICK_NS + late_ns), &setpoint(k, q, v, [0.0; JOINTS]), k == 0);
@@ -157,7 +159,7 @@ fn late_setpoints_that_catch_up_are_no_violation() {
     assert_eq!(judge.report().total(), 0, "{:?}", judge.report().first);
 }
 
-/// Time in which nothing moved is not saved up, however seldom the setpoints come.
+/// Time without motion is not saved up, however seldom the setpoints come.
 #[test]
 fn jump_after_slow_standing_setpoints_is_counted() {
     let config = config(HANDS, &Options::default());

@@ -1,4 +1,5 @@
-//! Files that describe no robot are refused, and the error names file, key and value. What may be written is read.
+//! Files that do not describe a robot are refused, and the error names file, key and value. Valid variants are
+//! read.
 
 use crate::support::{HANDS, body};
 use messages::JOINTS;
@@ -7,12 +8,12 @@ use plant::{Body, PlantError};
 /// The joint that the robot file tightens.
 const TIGHTENED: &str = "[tighten.head_2_joint]";
 
-/// It, with a speed of its own, rad/s.
+/// The table of that joint, with a speed of its own, rad/s.
 fn faster(speed: &str) -> String {
     format!("{TIGHTENED}\nvelocity_max_rad_per_s = {speed}")
 }
 
-/// Reads the shipped robot with `from` replaced by `to` in the robot file or in the URDF, wherever it stands.
+/// Reads the shipped robot with `from` replaced by `to` in the robot file or in the URDF, in every place.
 fn changed(from: &str, to: &str) -> Result<Body, PlantError> {
     let [toml_name, toml, urdf_name, urdf] = HANDS;
     assert!(toml.contains(from) || urdf.contains(from), "{from} stands in no file");
@@ -80,7 +81,8 @@ fn friction_of_the_urdf_is_read() {
     assert_eq!(body(HANDS).joints[0].damping, None);
 }
 
-/// The antenna on a hinge that nothing commands stands at zero, and one that mimics another hinge at its offset.
+/// An antenna on a hinge that is not commanded stands at zero. One that mimics another hinge stands at its
+/// offset.
 #[test]
 fn held_and_mimic_joints_keep_their_places() {
     let [_, toml, _, urdf] = HANDS;

@@ -1,4 +1,4 @@
-//! What the drives do when setpoints stay away, and when they come back.
+//! Behaviour of the drives when setpoints stay away, and when they come back.
 
 use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
 use messages::{JOINTS, LEFT_ARM, Layout, Stamp, StopPlan};
@@ -9,7 +9,7 @@ const WATCHDOG_NS: u64 = 10_000_000;
 /// The speed at which setpoints stay away, rad/s.
 const SPEED: f64 = 0.5;
 
-/// The elbow moves at [`SPEED`] when setpoints stay away. Returns the plant, the last setpoint and its time.
+/// Moves the elbow at [`SPEED`] until setpoints stay away. Returns the plant, the last setpoint and its time.
 fn moving(reaction: Reaction) -> (Config, Plant, Setpoint, Stamp) {
     moving_with(HANDS[3], reaction)
 }
@@ -52,7 +52,7 @@ fn silence_shorter_than_the_watchdog_is_extrapolated() {
     assert!(!plant.reacting() && (plant.truth().v[ELBOW] - SPEED).abs() < 0.03);
 }
 
-/// A driver that was suspended between making a setpoint and sending it.
+/// A driver was suspended between making a setpoint and sending it.
 #[test]
 fn a_setpoint_that_was_made_before_the_robot_went_on_by_itself_is_refused() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
@@ -81,7 +81,8 @@ fn a_setpoint_without_a_stop_is_braked_from_not_stopped_at_once() {
     };
     for plan in [true, false] {
         let (speed, rest) = after(plan);
-        // 10 rad/s^2 for 15 ms take 0.15 rad/s; a reference that stands at once pulls a drive of 15 Hz to rest in that time.
+        // 10 rad/s^2 for 15 ms take 0.15 rad/s. A reference that stands at once pulls a drive of 15 Hz to rest in
+        // that time.
         assert!(speed > 0.6 * SPEED && rest.abs() < 1e-3, "with a plan: {plan}: {speed} rad/s, then {rest}");
     }
 }
@@ -107,7 +108,7 @@ fn damped_motors_stop_it_later_than_held_ones() {
     let way = plant.truth().q[ELBOW] - last.q[ELBOW];
     let limits = &config.body().joints[ELBOW].limits;
     let (braked, damped) = (SPEED * SPEED / (2.0 * limits.a_max), SPEED * limits.v_max / limits.a_max);
-    // Friction, which nothing compensates now, shortens the way.
+    // Friction, which is not compensated now, shortens the way.
     assert!(way > 1.1 * braked && way < 0.9 * damped, "{way} {braked} {damped}");
     assert!(plant.truth().v.iter().all(|v| v.abs() < 0.005) && plant.reacting(), "{:?}", plant.truth().v);
     // Without friction only the motors damp.
@@ -202,7 +203,7 @@ fn setpoint_under_way_is_no_silence() {
     }
 }
 
-/// A delay longer than the watchdog is no silence: setpoints are under way.
+/// A delay longer than the watchdog is no silence, because setpoints are under way.
 #[test]
 fn long_delay_does_not_fire_the_watchdog() {
     let options = Options { delay_ns: 20_000_000, watchdog_ns: 5_000_000, ..Options::default() };

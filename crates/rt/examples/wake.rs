@@ -1,5 +1,6 @@
-//! How late the periodic loop wakes at 1.5 kHz: `cargo run --release -p rt --example wake -- [seconds=5] [priority=80]
-//! [spin_us=100] [core=1] [awake]`. To judge it, run cyclictest in turns with it: `cyclictest -m -p <priority> -i 667 -t 1`.
+//! Prints how late the periodic loop wakes at 1.5 kHz:
+//! `cargo run --release -p rt --example wake -- [seconds=5] [priority=80] [spin_us=100] [core=1] [awake]`. To
+//! judge the result, run cyclictest in turns with it: `cyclictest -m -p <priority> -i 667 -t 1`.
 
 use rt::{PeriodicLoop, Policy, Realtime, RealtimeConfig, Shutdown};
 

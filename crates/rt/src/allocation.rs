@@ -1,15 +1,15 @@
-//! An allocator that counts, for the tests and benches that prove that a tick does not allocate.
+//! A counting allocator, for the tests and benches that prove that a tick does not allocate.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-/// What a thread asked of the allocator while it was counted.
+/// Allocations of a thread while it was counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Allocations {
     /// New blocks, `realloc` included.
     pub allocated: u64,
-    /// Blocks given back, `realloc` included.
+    /// Freed blocks, `realloc` included.
     pub freed: u64,
     /// Bytes of the new blocks.
     pub bytes: u64,
@@ -21,7 +21,7 @@ pub struct Allocations {
 pub struct CountingAllocator;
 
 thread_local! {
-    // Constant, without a destructor: touching them never allocates, not even during thread exit.
+    // They are constant and without a destructor, so touching them never allocates, not even during thread exit.
     static ARMED: Cell<bool> = const { Cell::new(false) };
     static COUNT: Cell<Allocations> = const { Cell::new(NONE) };
     static ASIDE: Cell<Allocations> = const { Cell::new(NONE) };
@@ -42,8 +42,9 @@ fn note(allocated: u64, freed: u64, bytes: usize) {
     }
 }
 
-// SAFETY: every call goes unchanged to `System`, which fulfils the contract; the counting touches only thread-local
-// cells, neither allocates nor unwinds.
+// SAFETY: every call goes unchanged to `System`, which fulfils the contract. The counting touches only
+// thread-local
+// cells, and neither allocates nor unwinds.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note(1, 0, layout.size());
@@ -70,24 +71,26 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 }
 
-/// From now on counts what the calling thread allocates, for as long as it lives.
+/// Begins to count the allocations of the calling thread, for as long as it lives.
 pub fn watch_allocations() {
     COUNT.set(NONE);
     ASIDE.set(NONE);
     ARMED.set(true);
 }
 
-/// What the calling thread has allocated since `watch_allocations`, and what of that aside; nothing before.
+/// Returns the allocations of the calling thread since `watch_allocations`: its own, and those counted aside.
+/// Both are zero before.
 pub fn allocations() -> (Allocations, Allocations) {
     (COUNT.get(), ASIDE.get())
 }
 
-/// Runs `work` and counts what it allocates aside: code of others that is known to allocate must not hide what is ours.
+/// Runs `work` and counts its allocations aside. Foreign code that is known to allocate must not hide allocations
+/// of ours.
 pub fn allocating_aside<T>(work: impl FnOnce() -> T) -> T {
     counted_on(true, work)
 }
 
-/// Runs `work`, which others call back while they are counted aside, and counts what it allocates as ours.
+/// Runs `work`, which foreign code calls back while it is counted aside, and counts its allocations as ours.
 pub fn allocating_ourselves<T>(work: impl FnOnce() -> T) -> T {
     counted_on(false, work)
 }
@@ -99,8 +102,9 @@ fn counted_on<T>(aside: bool, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Runs `work` and counts what the calling thread allocates in it. Counts nothing unless `CountingAllocator` is the
-/// global allocator: a test proves first that it sees a deliberate allocation. Does not nest.
+/// Runs `work` and counts the allocations of the calling thread in it. It counts nothing unless
+/// `CountingAllocator` is the global allocator, so a test proves first that it sees a deliberate allocation. It
+/// does not nest.
 pub fn count_allocations<T>(work: impl FnOnce() -> T) -> (T, Allocations) {
     assert!(!ARMED.get(), "count_allocations does not nest");
     COUNT.set(Allocations::default());

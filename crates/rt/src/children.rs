@@ -1,8 +1,9 @@
-//! Parents and children: a process of an instance must not outlive the one that started it, nor be cut off by it.
+//! Parents and children: a process of an instance must not outlive the process that started it, nor be cut off by
+//! it.
 #![allow(unsafe_code)]
 
-/// Asks the kernel for SIGTERM when the parent dies, so that `kill -9` of a supervisor still brings the robot to rest.
-/// Without effect where nothing started us but an init process.
+/// Asks the kernel for SIGTERM when the parent dies, so that `kill -9` of a supervisor still brings the robot to
+/// rest. It has no effect if only an init process started us.
 pub fn die_with_parent() {
     // SAFETY: PR_SET_PDEATHSIG takes one integer by value and touches no memory of ours.
     unsafe {
@@ -10,24 +11,24 @@ pub fn die_with_parent() {
     }
 }
 
-/// Sends SIGTERM to the process `id`; one that is gone already is no error.
+/// Sends SIGTERM to the process `id`. It is no error if the process is gone already.
 pub fn terminate(id: u32) {
     send(id, libc::SIGTERM);
 }
 
-/// Stops the process `id` where it stands (SIGSTOP), until [`resume`]; one that is gone already is no error.
+/// Suspends the process `id` (SIGSTOP), until [`resume`]. It is no error if the process is gone already.
 pub fn suspend(id: u32) {
     send(id, libc::SIGSTOP);
 }
 
-/// Lets a suspended process go on (SIGCONT); one that is gone already is no error.
+/// Lets a suspended process go on (SIGCONT). It is no error if the process is gone already.
 pub fn resume(id: u32) {
     send(id, libc::SIGCONT);
 }
 
 fn send(id: u32, signal: i32) {
     let Ok(pid) = libc::pid_t::try_from(id) else { return };
-    // 0 and below would be whole groups.
+    // 0 and negative numbers would mean whole groups.
     if pid > 0 {
         // SAFETY: kill takes two integers by value and touches no memory of ours.
         unsafe {

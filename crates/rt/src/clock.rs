@@ -3,7 +3,7 @@
 
 use messages::Stamp;
 
-/// The current instant of CLOCK_MONOTONIC in nanoseconds; answered by the vDSO, without a system call.
+/// Returns the current instant of CLOCK_MONOTONIC in nanoseconds. The vDSO gives it, without a system call.
 pub fn now() -> Stamp {
     Stamp(read(libc::CLOCK_MONOTONIC))
 }
@@ -16,15 +16,15 @@ fn read(clock: libc::clockid_t) -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
-/// Shorter sleeps of the machine are not noticed, ns: no machine is suspended and back in less, and clocks that are read one
-/// after the other differ by less where nothing comes between.
+/// Shorter sleeps of the machine are ignored, ns. No machine is suspended and back in less. Two clocks that are
+/// read one after the other differ by less if nothing interrupts the reading.
 const SLEEP_MIN_NS: u64 = 50_000_000;
 
-/// Notices that the machine was suspended: CLOCK_BOOTTIME goes on then, and CLOCK_MONOTONIC, by which everything here is
-/// timed, does not. A process that alone stands still is not meant, nor noticed.
+/// Detects that the machine was suspended. CLOCK_BOOTTIME goes on then. CLOCK_MONOTONIC, by which everything here is
+/// timed, does not. It does not detect that only the process was stopped.
 #[derive(Debug)]
 pub struct SleepWatch {
-    /// By how much CLOCK_BOOTTIME is ahead, ns, at most.
+    /// Upper bound of the amount by which CLOCK_BOOTTIME is ahead, ns.
     ahead_ns: u64,
 }
 
@@ -35,14 +35,15 @@ impl Default for SleepWatch {
 }
 
 impl SleepWatch {
-    /// For how long the machine slept since the last time, ns; zero if it did not.
+    /// Returns how long the machine slept since the last call, ns. It is zero if it did not sleep.
     pub fn slept_ns(&mut self) -> u64 {
         let before = now();
         let boot_ns = read(libc::CLOCK_BOOTTIME);
         self.judge(before, boot_ns, now())
     }
 
-    /// `boot_ns` was read between the two stamps: whatever time passed there, by this much it is ahead at least, and at most.
+    /// Compares the clocks. `boot_ns` was read between the two stamps. They give a lower and an upper bound of
+    /// the amount by which it is ahead, whatever time passed between them.
     fn judge(&mut self, before: Stamp, boot_ns: u64, after: Stamp) -> u64 {
         let (least_ns, most_ns) = (boot_ns.saturating_sub(after.0), boot_ns.saturating_sub(before.0));
         let slept_ns = least_ns.saturating_sub(self.ahead_ns);
@@ -55,18 +56,20 @@ impl SleepWatch {
     }
 }
 
-/// Sleeps until `deadline` (absolute, so no drift); returns at once if it has passed. A signal does not shorten it.
+/// Sleeps until `deadline` (absolute, so no drift). Returns at once if it has passed. A signal does not shorten
+/// it.
 pub fn sleep_until(deadline: Stamp) {
     while !sleep_once(deadline) {}
 }
 
-/// One absolute sleep; false if a signal ended it early.
+/// Makes one absolute sleep. Returns false if a signal ended it early.
 pub(crate) fn sleep_once(deadline: Stamp) -> bool {
     let time = libc::timespec {
         tv_sec: (deadline.0 / 1_000_000_000) as libc::time_t,
         tv_nsec: (deadline.0 % 1_000_000_000) as libc::c_long,
     };
-    // SAFETY: `time` is a valid timespec with tv_nsec < 1e9; with TIMER_ABSTIME the remainder pointer may be null.
+    // SAFETY: `time` is a valid timespec with tv_nsec < 1e9. With TIMER_ABSTIME the remainder pointer may be
+    // null.
     let rc = unsafe { libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut()) };
     assert!(rc == 0 || rc == libc::EINTR, "clock_nanosleep refused an absolute deadline: errno {rc}");
     rc == 0
@@ -95,11 +98,11 @@ mod tests {
     fn f031_a_machine_that_slept_is_told_from_a_process_that_stood_still() {
         let mut watch = SleepWatch { ahead_ns: 1_000 };
         assert_eq!(watch.judge(Stamp(5_000), 6_100, Stamp(5_200)), 0);
-        // The process stood still for a second: between two looks, before the other clock was read, and after.
+        // The process was stopped for a second: between two calls, before the other clock was read, and after.
         assert_eq!(watch.judge(Stamp(1_000_005_000), 1_000_006_100, Stamp(1_000_005_200)), 0);
         assert_eq!(watch.judge(Stamp(1_000_006_000), 2_000_007_000, Stamp(2_000_006_200)), 0);
         assert_eq!(watch.judge(Stamp(2_000_007_000), 2_000_008_000, Stamp(3_000_008_000)), 0);
-        // The machine slept for a minute; once told, it is over.
+        // The machine slept for a minute. It is reported once.
         let minute = 60_000_000_000;
         let slept = watch.judge(Stamp(3_000_009_000), 3_000_010_000 + minute, Stamp(3_000_009_100));
         assert!(slept.abs_diff(minute) < 2_000, "{slept}");

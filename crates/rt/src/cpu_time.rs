@@ -1,7 +1,7 @@
 //! CPU time of this process.
 #![allow(unsafe_code)]
 
-/// User and system time of all threads of this process so far, ns (CLOCK_PROCESS_CPUTIME_ID).
+/// Returns the user and system time of all threads of this process so far, ns (CLOCK_PROCESS_CPUTIME_ID).
 pub fn cpu_time_ns() -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: `time` is a valid, writable timespec for the whole call.

@@ -1,11 +1,12 @@
-//! Denormal numbers cost some processors a hundred times the time of others; filters that decay to zero make them.
+//! Flushes denormal numbers to zero. Some processors need a hundred times as long for them, and filters that
+//! decay to zero produce them.
 #![allow(unsafe_code)]
 
-/// Makes the calling thread, and the threads that it starts later, take and give zero in place of denormal numbers
-/// (below 2.2e-308 in f64, 1.2e-38 in f32), and says what then holds.
+/// Makes the calling thread, and the threads that it starts later, use zero in place of denormal numbers. This
+/// holds for inputs and results below 2.2e-308 in f64, 1.2e-38 in f32. Returns in words what then holds.
 ///
-/// Every program whose figures are compared bit for bit with the daemon's calls it first. The compiler knows nothing of
-/// it: a denormal that it computes itself, from constants, stays what it is.
+/// Every program whose figures are compared bit for bit with the daemon's calls it first. The compiler does not
+/// know of this setting. A denormal number that it computes itself, from constants, stays one.
 pub fn flush_denormals() -> Result<String, String> {
     control::set();
     if control::is_set() && is_flushed() {
@@ -15,13 +16,13 @@ pub fn flush_denormals() -> Result<String, String> {
     }
 }
 
-/// Whether arithmetic on this thread gives zero in place of a denormal number, and takes it as zero. Not inlined: the
-/// compiler would feel free to move a product across the instruction that changes its meaning.
+/// Returns true if arithmetic on this thread gives zero in place of a denormal number, and takes it as zero. It
+/// is not inlined, because the compiler could move a product across the instruction that changes its meaning.
 #[inline(never)]
 fn is_flushed() -> bool {
     use std::hint::black_box;
     let gives = black_box(f64::MIN_POSITIVE) * black_box(0.5);
-    // 2^-1074 times 2^1023 is an ordinary number, unless the first counts as zero.
+    // 2^-1074 times 2^1023 is an ordinary number, unless the first factor counts as zero.
     let takes = black_box(f64::from_bits(1)) * black_box(f64::from_bits(0x7fe0_0000_0000_0000));
     black_box(gives) == 0.0 && black_box(takes) == 0.0
 }
@@ -43,8 +44,9 @@ mod control {
 
     pub(super) fn set() {
         let wanted = read() | BITS;
-        // SAFETY: ldmxcsr reads four bytes of `wanted`; only bits that every x86_64 has are added. No code here depends
-        // on denormal numbers, and the compiler, which assumes the default, at most keeps one that it folded.
+        // SAFETY: ldmxcsr reads four bytes of `wanted`. Only bits that every x86_64 has are added. No code here
+        // depends on
+        // denormal numbers. The compiler assumes the default, and at most keeps a denormal number that it folded.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const wanted, options(nostack, preserves_flags)) };
     }
 
@@ -70,8 +72,9 @@ mod control {
 
     pub(super) fn set() {
         let wanted = read() | BITS;
-        // SAFETY: writes FPCR with one more bit that every aarch64 has. No code here depends on denormal numbers, and the
-        // compiler, which assumes the default, at most keeps one that it folded.
+        // SAFETY: writes FPCR with one more bit that every aarch64 has. No code here depends on denormal numbers.
+        // The compiler
+        // assumes the default, and at most keeps a denormal number that it folded.
         unsafe { asm!("msr fpcr, {}", in(reg) wanted, options(nostack, preserves_flags)) };
     }
 

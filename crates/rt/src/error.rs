@@ -1,6 +1,6 @@
-//! What can go wrong before a process is ready.
+//! Errors before a process is ready.
 
-/// Set-up errors of this crate; each text says what was asked and what the system answered.
+/// Returned when the set-up fails. Each text says what was requested and what the system answered.
 #[derive(Debug, thiserror::Error)]
 pub enum RtError {
     /// A signal handler could not be installed.

@@ -1,9 +1,10 @@
-//! What to do about a file or a port that the operating system refuses, in words: an error number helps nobody.
+//! Advice in words for a file or a port that the operating system refuses. An error number alone does not help
+//! the user.
 
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 
-/// Why `path` cannot be made or written, and what to do.
+/// Returns the reason why `path` cannot be created or written, and the remedy.
 pub fn unwritable(path: &Path, error: &Error) -> String {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let (name, folder) = (path.display(), folder.display());
@@ -28,7 +29,7 @@ pub fn unwritable(path: &Path, error: &Error) -> String {
     }
 }
 
-/// Why `path` cannot be read, and what to do.
+/// Returns the reason why `path` cannot be read, and the remedy.
 pub fn unreadable(path: &Path, error: &Error) -> String {
     let name = path.display();
     if error.raw_os_error().is_none() {
@@ -46,7 +47,7 @@ pub fn unreadable(path: &Path, error: &Error) -> String {
     }
 }
 
-/// Why this machine gives `port`, which the option `option` chooses, to nobody, and what to do.
+/// Returns the reason why this machine does not open `port`, which the option `option` sets, and the remedy.
 pub fn port_refused(port: u16, option: &str, error: &Error) -> String {
     match error.kind() {
         ErrorKind::AddrInUse => format!(

@@ -9,15 +9,16 @@ use messages::{Stamp, deadline, tick_at};
 pub struct Tick {
     /// Tick index on the grid that all processes share.
     pub k: u64,
-    /// When the thread woke.
+    /// Time when the thread woke.
     pub woke: Stamp,
-    /// Nanoseconds from the deadline that was waited for to `woke`.
+    /// Nanoseconds from the awaited deadline to `woke`.
     pub late_ns: u64,
     /// Indices skipped between the previous tick and this one.
     pub missed: u64,
 }
 
-/// Bookkeeping of the grid, without a clock: catching up skips indices, it never issues two ticks for one wake-up.
+/// Bookkeeping of the grid, without a clock. Catching up skips indices. It never issues two ticks for one
+/// wake-up.
 #[derive(Clone, Debug)]
 pub struct TickGrid {
     first_k: u64,
@@ -37,18 +38,18 @@ impl TickGrid {
         Self::starting_at(tick_at(now) + 1)
     }
 
-    /// The index that is waited for.
+    /// Returns the next index to wait for.
     pub fn next_k(&self) -> u64 {
         self.next_k
     }
 
-    /// The deadline that is waited for.
+    /// Returns the next deadline to wait for.
     pub fn next_deadline(&self) -> Stamp {
         deadline(self.next_k)
     }
 
-    /// Takes index `k`, for a stage that is woken by something other than its deadline; answers how many indices were
-    /// skipped, or nothing if `k` has already been taken or skipped.
+    /// Takes index `k`, for a stage that something other than its deadline wakes. Returns how many indices were
+    /// skipped, or `None` if `k` has already been taken or skipped.
     pub fn take(&mut self, k: u64) -> Option<u64> {
         let skipped = k.checked_sub(self.next_k)?;
         self.missed += skipped;
@@ -57,7 +58,7 @@ impl TickGrid {
         Some(skipped)
     }
 
-    /// Takes the newest index that is due at `woke`; nothing if none is.
+    /// Takes the newest index that is due at `woke`. Returns `None` if none is due.
     pub fn wake(&mut self, woke: Stamp) -> Option<Tick> {
         let waited_for = self.next_deadline();
         let k = tick_at(woke);
@@ -65,17 +66,17 @@ impl TickGrid {
         Some(Tick { k, woke, late_ns: woke.since(waited_for), missed })
     }
 
-    /// Ticks issued.
+    /// Returns the number of issued ticks.
     pub fn ticks(&self) -> u64 {
         self.ticks
     }
 
-    /// Indices skipped.
+    /// Returns the number of skipped indices.
     pub fn missed(&self) -> u64 {
         self.missed
     }
 
-    /// Indices that have passed since the start: always `ticks + missed`.
+    /// Returns the number of indices that have passed since the start: always `ticks + missed`.
     pub fn elapsed(&self) -> u64 {
         self.next_k - self.first_k
     }
@@ -97,14 +98,14 @@ impl PeriodicLoop {
         Self { grid: TickGrid::after(now()), spin_ns: 0 }
     }
 
-    /// Sleeps only until `spin_us` (0 to 200) before each deadline and watches the clock from there: wakes closer to the
-    /// deadline, and keeps a core busy meanwhile.
+    /// Sleeps only until `spin_us` (0 to 200) before each deadline and watches the clock from there. It wakes
+    /// closer to the deadline, but keeps a core busy meanwhile.
     pub fn spinning_us(mut self, spin_us: f64) -> Self {
         self.spin_ns = ((spin_us * 1e3) as u64).min(SPIN_MAX_NS);
         self
     }
 
-    /// Waits for the next deadline; nothing once shutdown is requested.
+    /// Waits for the next deadline. Returns `None` once a shutdown is requested.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self, shutdown: &Shutdown) -> Option<Tick> {
         loop {
@@ -119,7 +120,7 @@ impl PeriodicLoop {
         }
     }
 
-    /// The bookkeeping.
+    /// Returns the bookkeeping.
     pub fn grid(&self) -> &TickGrid {
         &self.grid
     }

@@ -1,13 +1,14 @@
-//! Latencies, recorded without allocating and told in microseconds.
+//! Latencies, recorded without allocating and reported in microseconds.
 
 use messages::Stamp;
 
-/// Longest duration that keeps its place, 10 s: longer ones count in the last bucket, and `max_us` stays exact.
+/// Longest duration with a bucket of its own, 10 s. Longer ones count in the last bucket, and `max_us` stays
+/// exact.
 const LONGEST_NS: u64 = 10_000_000_000;
 /// Significant digits: 3 gives 0.1 % of resolution in 200 KB.
 const DIGITS: u8 = 3;
 
-/// A histogram of durations with a fixed range; `record_ns` never allocates.
+/// A histogram of durations with a fixed range. `record_ns` never allocates.
 #[derive(Clone, Debug)]
 pub struct Histogram {
     buckets: hdrhistogram::Histogram<u64>,
@@ -21,7 +22,7 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// An empty histogram; allocates all that it will ever need.
+    /// Creates an empty histogram. It makes all its allocations here.
     pub fn new() -> Self {
         let buckets =
             hdrhistogram::Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("the constant bounds are valid");
@@ -39,46 +40,46 @@ impl Histogram {
         self.buckets.saturating_record_n(ns, count);
     }
 
-    /// Counts all that `other` has counted.
+    /// Adds all counts of `other`.
     pub fn merge(&mut self, other: &Self) {
         // Both have the same bounds.
         self.buckets += &other.buckets;
         self.max_ns = self.max_ns.max(other.max_ns);
     }
 
-    /// Counts the time from `from` to `to`; zero if `to` is earlier.
+    /// Counts the time from `from` to `to`. It is zero if `to` is earlier.
     pub fn record_between(&mut self, from: Stamp, to: Stamp) {
         self.record_ns(to.since(from));
     }
 
-    /// Durations counted.
+    /// Returns the number of counted durations.
     pub fn count(&self) -> u64 {
         self.buckets.len()
     }
 
-    /// The duration, in us, that `quantile` (0 to 1) of all do not exceed; zero while empty.
+    /// Returns the duration, in us, that `quantile` (0 to 1) of all do not exceed. It is zero while empty.
     pub fn quantile_us(&self, quantile: f64) -> f64 {
         self.buckets.value_at_quantile(quantile).min(self.max_ns) as f64 * 1e-3
     }
 
-    /// Longest duration in us, exact.
+    /// Returns the longest duration in us, exact.
     pub fn max_us(&self) -> f64 {
         self.max_ns as f64 * 1e-3
     }
 
-    /// Forgets everything, keeps the memory.
+    /// Clears all counts and keeps the memory.
     pub fn reset(&mut self) {
         self.buckets.reset();
         self.max_ns = 0;
     }
 
-    /// The buckets that hold anything, ascending: the longest duration of each, ns, and its count.
+    /// Returns the buckets with a count, ascending: the longest duration of each, ns, and its count.
     pub fn buckets(&self) -> Vec<(u64, u64)> {
         let recorded = self.buckets.iter_recorded();
         recorded.map(|bucket| (bucket.value_iterated_to(), bucket.count_since_last_iteration())).collect()
     }
 
-    /// `{"count", "p50_us", "p99_us", "p99_9_us", "p99_99_us", "max_us"}`.
+    /// Returns `{"count", "p50_us", "p99_us", "p99_9_us", "p99_99_us", "max_us"}`.
     pub fn to_json(&self) -> serde_json::Value {
         serde_json::json!({
             "count": self.count(),

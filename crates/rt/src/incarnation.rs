@@ -1,11 +1,11 @@
-//! A number that tells one run of a process from the next.
+//! A number that is different for each run of a process.
 
 use crate::clock::now;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// A number for `Header::incarnation`, never zero, mixed from both clocks, the process id and a counter. Two calls
-/// differ with probability 1 - 2^-32, even in processes that start in the same instant.
+/// Returns a number for `Header::incarnation`, never zero. It is mixed from both clocks, the process id and a
+/// counter. Two calls differ with probability 1 - 2^-32, even in processes that start in the same instant.
 pub fn incarnation() -> u32 {
     static CALLS: AtomicU64 = AtomicU64::new(0);
     let wall = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
@@ -33,7 +33,7 @@ mod tests {
         assert!(seen.iter().all(|&number| number != 0));
         seen.sort_unstable();
         seen.dedup();
-        // The chance of one repetition among 1,000 draws of 32 bits is 1.2e-4; of two, 1e-8.
+        // The chance of one repetition among 1,000 draws of 32 bits is 1.2e-4. For two repetitions it is 1e-8.
         assert!(seen.len() >= 999, "{} of 1000 are distinct", seen.len());
     }
 }

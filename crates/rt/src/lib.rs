@@ -1,6 +1,6 @@
-//! The operating system under the real-time path: clock, tick grid, thread attributes, histograms, shutdown, service
-//! manager, allocation and page-fault counters. Nothing here is a fallback: what the system refuses is reported in
-//! words, and the caller decides.
+//! The operating system under the real-time path: clock, tick grid, thread attributes, histograms, shutdown,
+//! service manager, allocation and page-fault counters. This crate has no fallbacks. It reports every refusal of
+//! the system in words, and the caller decides.
 
 mod allocation;
 mod children;

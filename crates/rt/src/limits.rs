@@ -1,4 +1,4 @@
-//! What the system allows this process: resource limits and capabilities.
+//! Permissions of this process: resource limits and capabilities.
 #![allow(unsafe_code)]
 
 /// Bit of CAP_IPC_LOCK (linux/capability.h): with it RLIMIT_MEMLOCK does not apply.
@@ -6,7 +6,7 @@ const CAP_IPC_LOCK: u64 = 14;
 /// Bit of CAP_SYS_NICE: with it RLIMIT_RTPRIO does not apply.
 const CAP_SYS_NICE: u64 = 23;
 
-/// The soft limits of this process that real-time work depends on; nothing means unlimited.
+/// The soft limits of this process that real-time work depends on. `None` means unlimited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Highest real-time priority (RLIMIT_RTPRIO).
@@ -15,14 +15,14 @@ pub struct Limits {
     pub memlock_bytes: Option<u64>,
     /// Open files (RLIMIT_NOFILE).
     pub nofile: Option<u64>,
-    /// CAP_SYS_NICE: any priority, whatever `rtprio` is.
+    /// CAP_SYS_NICE: the process may set any priority, whatever `rtprio` is.
     pub any_priority: bool,
-    /// CAP_IPC_LOCK: any lock, whatever `memlock_bytes` is.
+    /// CAP_IPC_LOCK: the process may lock any memory, whatever `memlock_bytes` is.
     pub any_lock: bool,
 }
 
 impl Limits {
-    /// Those in force.
+    /// Returns the limits in force.
     pub fn of_process() -> Self {
         Self {
             rtprio: limit(libc::RLIMIT_RTPRIO),
@@ -34,12 +34,12 @@ impl Limits {
     }
 }
 
-/// A limit in words.
+/// Returns a limit in words.
 pub(crate) fn words(limit: Option<u64>) -> String {
     limit.map_or_else(|| String::from("unlimited"), |limit| limit.to_string())
 }
 
-/// One line of /proc/self/status, without its key.
+/// Returns one line of /proc/self/status, without its key.
 pub(crate) fn status_line(key: &str) -> Option<String> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix(key)).map(|rest| rest.trim().to_owned())

@@ -7,7 +7,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
-/// The channel to the service manager; without NOTIFY_SOCKET every call does nothing.
+/// The channel to the service manager. Without NOTIFY_SOCKET every call does nothing.
 #[derive(Debug)]
 pub struct ServiceManager {
     channel: Option<(UnixDatagram, SocketAddr)>,
@@ -25,7 +25,7 @@ impl ServiceManager {
         Self::connect(std::env::var_os("NOTIFY_SOCKET"), watchdog)
     }
 
-    /// A path, or `@name` for the abstract namespace; nothing for no service manager.
+    /// Connects to a path, or to `@name` in the abstract namespace. `None` means no service manager.
     fn connect(socket: Option<OsString>, watchdog: Option<Duration>) -> Result<Self, RtError> {
         let Some(socket) = socket.filter(|socket| !socket.is_empty()) else {
             return Ok(Self { channel: None, watchdog });
@@ -35,32 +35,33 @@ impl ServiceManager {
         Ok(Self { channel: Some(channel), watchdog })
     }
 
-    /// Whether a service manager listens.
+    /// Returns true if there is a service manager.
     pub fn is_present(&self) -> bool {
         self.channel.is_some()
     }
 
-    /// The longest silence of `watchdog` that the manager tolerates; feed it at half of this.
+    /// Returns the longest silence of `watchdog` that the manager tolerates. Call `watchdog` at half of this
+    /// interval.
     pub fn watchdog_timeout(&self) -> Option<Duration> {
         self.watchdog
     }
 
-    /// READY=1: start-up is complete.
+    /// Sends READY=1: start-up is complete.
     pub fn ready(&self) -> std::io::Result<()> {
         self.send("READY=1")
     }
 
-    /// WATCHDOG=1: still alive. Only a thread that saw the tick counter move may send it.
+    /// Sends WATCHDOG=1: still alive. Only a thread that saw the tick counter move may send it.
     pub fn watchdog(&self) -> std::io::Result<()> {
         self.send("WATCHDOG=1")
     }
 
-    /// STOPPING=1: shutdown has begun.
+    /// Sends STOPPING=1: shutdown has begun.
     pub fn stopping(&self) -> std::io::Result<()> {
         self.send("STOPPING=1")
     }
 
-    /// STATUS=: one line for people.
+    /// Sends STATUS=: one line for people.
     pub fn status(&self, text: &str) -> std::io::Result<()> {
         self.send(&format!("STATUS={}", text.replace('\n', " ")))
     }
@@ -85,7 +86,7 @@ fn open(socket: &OsStr) -> std::io::Result<(UnixDatagram, SocketAddr)> {
     Ok((UnixDatagram::unbound()?, address))
 }
 
-/// The watchdog of another process is none of ours.
+/// Returns the watchdog interval. A watchdog for another process is ignored.
 fn watchdog(usec: Option<&str>, pid: Option<&str>, own_pid: u32) -> Option<Duration> {
     if pid.is_some_and(|pid| pid.parse() != Ok(own_pid)) {
         return None;

@@ -1,4 +1,4 @@
-//! Page faults: after READY there should be none that wait for a disk.
+//! Page faults. After READY none should wait for a disk.
 #![allow(unsafe_code)]
 
 /// Page faults so far.
@@ -11,17 +11,17 @@ pub struct PageFaults {
 }
 
 impl PageFaults {
-    /// Of the whole process.
+    /// Returns the faults of the whole process.
     pub fn of_process() -> Self {
         Self::of(libc::RUSAGE_SELF)
     }
 
-    /// Of the calling thread.
+    /// Returns the faults of the calling thread.
     pub fn of_thread() -> Self {
         Self::of(libc::RUSAGE_THREAD)
     }
 
-    /// The faults since `earlier`.
+    /// Returns the faults since `earlier`.
     pub fn since(self, earlier: Self) -> Self {
         Self { major: self.major.saturating_sub(earlier.major), minor: self.minor.saturating_sub(earlier.minor) }
     }
@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn touching_new_pages_is_counted() {
         let before = PageFaults::of_thread();
-        // 64 MiB: far above what one allocation can find already mapped; even 2 MiB pages need 32 faults.
+        // 64 MiB is far more than one allocation can find already mapped. Even 2 MiB pages need 32 faults.
         let pages = vec![1u8; 64 << 20];
         std::hint::black_box(&pages);
         let faults = PageFaults::of_thread().since(before);

@@ -1,7 +1,8 @@
-//! How a process ends that has found a bug in itself.
+//! Ends a process that has found a bug in itself.
 
-/// From now on a panic of any thread ends the process at once (SIGABRT), after its message. Nothing is unwound and nothing is
-/// sent any more: a process that goes on after a bug is worse than one that is silent, and silence stops the robot.
+/// Makes a panic of any thread end the process at once (SIGABRT), after its message. Nothing is unwound and
+/// nothing more is sent. A process that goes on after a bug is worse than a silent one, and silence stops the
+/// robot.
 pub fn abort_on_panic() {
     let told = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
@@ -18,7 +19,7 @@ mod tests {
 
     const ROLE: &str = "RT_TEST_PANICS";
 
-    /// No test by itself: the process that panics in another thread than its first.
+    /// Not a test by itself: it is the process that panics in a thread other than its first.
     #[test]
     fn a_process_that_panics() {
         if std::env::var_os(ROLE).is_some() {

@@ -1,21 +1,21 @@
-//! Which core does what. Stages that wake each other do so fastest on one core: a wake-up across cores of a virtual
-//! machine takes several times as long as one at home.
+//! Assigns the cores to processes. Stages that wake each other do so fastest on one core. A wake-up across the
+//! cores of a virtual machine takes several times as long as one on the same core.
 
 use crate::realtime::allowed_cores;
 
 /// The cores of the machine, each list ascending.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CoreMap {
-    /// Those that this thread may run on.
+    /// Cores that this thread may run on.
     pub allowed: Vec<usize>,
-    /// Those that the scheduler leaves alone (kernel command line, isolcpus=).
+    /// Cores that the scheduler leaves alone (kernel command line, isolcpus=).
     pub isolated: Vec<usize>,
-    /// Those that run.
+    /// Cores that are online.
     pub online: Vec<usize>,
 }
 
 impl CoreMap {
-    /// As the kernel shows them.
+    /// Reads the cores from the kernel.
     pub fn of_machine() -> Self {
         let list = |name: &str| {
             let text = std::fs::read_to_string(format!("/sys/devices/system/cpu/{name}")).unwrap_or_default();
@@ -25,37 +25,39 @@ impl CoreMap {
     }
 }
 
-/// Where the threads of an instance run; nothing leaves them to the kernel.
+/// Cores of the threads of an instance. `None` leaves the choice to the kernel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placement {
-    /// Retarget, control and driver.
+    /// Cores of retarget, control and driver.
     pub realtime: Option<Vec<usize>>,
-    /// Ingest, the threads beside the loops, and clients.
+    /// Cores of ingest, the threads beside the loops, and clients.
     pub others: Option<Vec<usize>>,
-    /// Why.
+    /// The reason for this placement.
     pub reason: &'static str,
 }
 
-/// Largest number of allowed cores of which one is set aside: a small computer on the robot. Assumption: where there are
-/// more, the kernel finds an idle one.
+/// Largest number of allowed cores at which one of them is set aside: a small computer on the robot. Assumption:
+/// with more cores the kernel finds an idle one.
 const SMALL_MAX: usize = 4;
 
 impl Placement {
-    /// All left to the kernel.
+    /// Leaves all cores to the kernel.
     pub const fn free(reason: &'static str) -> Self {
         Self { realtime: None, others: None, reason }
     }
 
-    /// The real-time processes on `list`, everything else on the other cores of `map` if there are any.
+    /// Puts the real-time processes on `list`, and everything else on the other cores of `map` if there are any.
     pub fn listed(map: &CoreMap, list: &[usize]) -> Self {
         let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !list.contains(core)).collect();
         let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
         Self { realtime: Some(list.to_vec()), others, reason: "so the settings say" }
     }
 
-    /// The first isolated core for everything real-time; else the last core of a small machine; else free.
+    /// Puts everything real-time on the first isolated core, or else on the last core of a small machine.
+    /// Otherwise leaves all free.
     pub fn auto(map: &CoreMap) -> Self {
-        // Threads start on the cores that are not isolated. A mask narrower than that is somebody's wish: keep inside.
+        // Threads start on the cores that are not isolated. Someone set a narrower mask on purpose, so stay
+        // inside it.
         let mut untouched = map.online.iter().filter(|core| !map.isolated.contains(core));
         let untouched = !map.online.is_empty() && untouched.all(|core| map.allowed.contains(core));
         let usable = |core: &&usize| map.allowed.contains(core) || (untouched && map.online.contains(core));
@@ -76,7 +78,7 @@ impl Placement {
     }
 }
 
-/// The cores that a list of the kernel names, such as `0-3,8`; nothing if it is none.
+/// Returns the cores in a list of the kernel, such as `0-3,8`. Returns `None` if the text is not such a list.
 pub fn core_list(text: &str) -> Option<Vec<usize>> {
     let mut cores = Vec::new();
     for part in text.trim().split(',').filter(|part| !part.is_empty()) {
@@ -134,15 +136,15 @@ mod tests {
 
     #[test]
     fn an_isolated_core_comes_first_but_never_against_a_narrower_mask() {
-        // As after a boot with isolcpus=2,3: the mask leaves them out.
+        // After a boot with isolcpus=2,3 the mask leaves them out.
         assert_eq!(auto("0-1", "2-3", "0-3"), (Some(vec![2]), None));
-        // Named in the mask by somebody: the others keep off them.
+        // The mask names the isolated cores, so the other threads must keep off them.
         assert_eq!(auto("0-7", "6-7", "0-7"), (Some(vec![6]), Some(vec![0, 1, 2, 3, 4, 5])));
         assert_eq!(auto("6-7", "6-7", "0-7"), (Some(vec![6]), None));
         // A container with one of many cores must not leave it.
         assert_eq!(auto("0", "6-7", "0-7"), (None, None));
         assert_eq!(auto("1-2", "6-7", "0-7"), (Some(vec![2]), Some(vec![1])));
-        // Isolated, but not running.
+        // The core is isolated, but not online.
         assert_eq!(auto("0-1", "3", "0-2"), (Some(vec![1]), Some(vec![0])));
     }
 

@@ -1,6 +1,6 @@
-//! What the processor can do, as far as the arithmetic of the stages chooses by it.
+//! The processor's features that the arithmetic of the stages uses to choose its code.
 
-/// The vector level that the code chooses here, and the features behind it.
+/// Returns the vector level that the code uses here, and the features behind it.
 pub fn cpu_features() -> String {
     let (level, features) = detect();
     let list = if features.is_empty() { String::from("none of note") } else { features.join(" ") };

@@ -1,10 +1,10 @@
-//! Words for people. Whoever reads them may go away (`| head`), and that must not end a program that moves a robot, as
-//! `println!` would: what cannot be written is lost.
+//! Text for the user. Its reader may exit early (`| head`). That must not end a program that moves a robot, as it
+//! would with `println!`. So text that cannot be written is lost.
 
 use std::ffi::OsStr;
 
-/// Whether to colour what is written to a stream, which is a terminal or not: not where the user asks for none (NO_COLOR, see
-/// no-color.org), nor in a terminal that cannot.
+/// Returns true if text for a stream should be coloured. `is_terminal` says if the stream is a terminal. There is
+/// no colour if the user sets NO_COLOR (see no-color.org), or if the terminal has none.
 pub fn wants_colour(is_terminal: bool) -> bool {
     let says = |name: &str| std::env::var_os(name).unwrap_or_default();
     colours(is_terminal, &says("NO_COLOR"), &says("TERM"))
@@ -14,7 +14,7 @@ fn colours(is_terminal: bool, no_color: &OsStr, term: &OsStr) -> bool {
     is_terminal && no_color.is_empty() && term != "dumb"
 }
 
-/// A line on standard output.
+/// Writes a line to standard output.
 #[macro_export]
 macro_rules! out {
     ($($words:tt)*) => {{
@@ -23,7 +23,7 @@ macro_rules! out {
     }};
 }
 
-/// A line on standard error.
+/// Writes a line to standard error.
 #[macro_export]
 macro_rules! err {
     ($($words:tt)*) => {{

@@ -1,4 +1,4 @@
-//! The wish to end, from a signal or from the program.
+//! A request to shut down, from a signal or from the program.
 
 use crate::clock::{now, sleep_once};
 use crate::error::RtError;
@@ -6,24 +6,24 @@ use messages::Stamp;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Longest single sleep: a signal that another thread receives is seen within 20 ms.
+/// Longest single sleep. A signal that another thread receives is noticed within 20 ms.
 const SLICE_NS: u64 = 20_000_000;
-/// Stored where no signal asked for the end, but the program did.
+/// Value if the program asked for the shutdown and no signal did.
 const BY_PROGRAM: usize = usize::MAX;
 
-/// A flag that SIGINT, SIGTERM or the program raise; clones share it.
+/// A flag that SIGINT, SIGTERM or the program raise. Clones share it.
 #[derive(Clone, Debug, Default)]
 pub struct Shutdown {
     cause: Arc<AtomicUsize>,
 }
 
 impl Shutdown {
-    /// A flag that only the program raises.
+    /// Creates a flag that only the program raises.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A flag that SIGINT, SIGTERM and SIGHUP (a closed terminal) raise instead of ending the process.
+    /// Creates a flag that SIGINT, SIGTERM and SIGHUP (a closed terminal) raise instead of ending the process.
     pub fn on_signals() -> Result<Self, RtError> {
         let shutdown = Self::new();
         for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP] {
@@ -38,12 +38,12 @@ impl Shutdown {
         let _ = self.cause.compare_exchange(0, BY_PROGRAM, Ordering::Relaxed, Ordering::Relaxed);
     }
 
-    /// Whether the end is wished.
+    /// Returns true if a shutdown was requested.
     pub fn requested(&self) -> bool {
         self.cause.load(Ordering::Relaxed) != 0
     }
 
-    /// The signal that asked for it; a process that SIGINT ends exits with 128 + 2.
+    /// Returns the signal that requested it. A process that SIGINT ends exits with 128 + 2.
     pub fn signal(&self) -> Option<i32> {
         match self.cause.load(Ordering::Relaxed) {
             0 | BY_PROGRAM => None,
@@ -51,7 +51,7 @@ impl Shutdown {
         }
     }
 
-    /// Sleeps until `deadline`; false if shutdown was requested before or during the sleep.
+    /// Sleeps until `deadline`. Returns false if a shutdown was requested before or during the sleep.
     pub fn sleep_until(&self, deadline: Stamp) -> bool {
         loop {
             if self.requested() {
@@ -64,7 +64,7 @@ impl Shutdown {
         }
     }
 
-    /// Watches the clock until `deadline`; false if shutdown was requested before or meanwhile.
+    /// Watches the clock until `deadline`. Returns false if a shutdown was requested before or meanwhile.
     pub(crate) fn spin_until(&self, deadline: Stamp) -> bool {
         loop {
             if self.requested() {

@@ -1,4 +1,4 @@
-//! Recording and sleeping do not allocate, and the counter sees what does.
+//! Recording and sleeping do not allocate, and the counter sees code that does.
 
 use rt::{Histogram, PeriodicLoop, Shutdown, TickGrid, count_allocations};
 

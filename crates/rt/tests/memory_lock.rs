@@ -2,9 +2,10 @@
 
 use rt::{Outcome, PageFaults, Policy, Realtime, RealtimeConfig};
 
-/// Far larger than what the allocator keeps at hand.
+/// Far larger than the memory that the allocator keeps.
 const BLOCK_BYTES: usize = 4 << 20;
-/// Within what is touched in advance, far above what an allocator gives back to the system at once (128 KiB).
+/// Less than the memory that is touched in advance. Far more than an allocator returns to the system at once (128
+/// KiB).
 const HEAP_BYTES: usize = 2 << 20;
 
 #[test]
@@ -38,7 +39,8 @@ fn locked_memory_is_resident_where_the_lock_is_reported() {
             std::hint::black_box(&block);
             touch_stack(0);
             let faults = PageFaults::of_thread().since(before);
-            // 1,024 pages of heap and 32 of stack, all mapped when they were asked for, not when they were touched.
+            // 1,024 pages of heap and 32 of stack. All were mapped when they were requested, not when they were
+            // touched.
             assert!(faults.minor < 64, "{faults:?}");
             assert_eq!(faults.major, 0);
         }

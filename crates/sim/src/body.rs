@@ -1,15 +1,15 @@
-//! The robot's body behind the driver's port, in the driver's own thread and with virtual time. The process `teleopd robot`
-//! moves the same body by its own clock.
+//! The robot's body behind the driver's port, in the driver's own thread and with virtual time. The process
+//! `teleopd robot` moves the same body by its own clock.
 
 use crate::config::Config;
 use driver::{Driver, Drives, Measured, Setpoint};
 use messages::{JOINTS, Stamp, StopPlan};
 use plant::{Injection, Judge, Plant};
 
-/// Calls that bring a body up to the present, of a second each.
+/// Largest number of calls that bring a body up to the present, of a second each.
 const CATCH_UP_MAX: usize = 10;
 
-/// The joints, and the judge of what they truly do.
+/// The joints, and the judge of their true motion.
 #[derive(Clone, Debug)]
 pub struct Body {
     plant: Plant,
@@ -17,7 +17,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// At rest at `q` at the time `now`; `seed` is that of the noise.
+    /// Creates a body at rest at `q` at the time `now`. `seed` is the seed of the noise.
     pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
         let mut plant = Plant::new(&config.plant, now, q, seed);
         let judge = Judge::new(&config.plant, q);
@@ -25,18 +25,18 @@ impl Body {
         Self { plant, judge }
     }
 
-    /// What the joints truly do.
+    /// Returns the true motion of the joints.
     pub fn truth(&self) -> &plant::Truth {
         self.plant.truth()
     }
 
-    /// What the judge found.
+    /// Returns the judge's report.
     pub fn judged(&self) -> &plant::Report {
         self.judge.report()
     }
 
-    /// Moves on to `now`, by [`CATCH_UP_MAX`] calls of the body at most. A robot that was not simulated for longer than those
-    /// cover goes on in the next call.
+    /// Moves on to `now`, with at most [`CATCH_UP_MAX`] calls of the plant. A robot that was not simulated for a
+    /// longer time goes on in the next call.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         for _ in 0..CATCH_UP_MAX {
             self.plant.advance_judged(&config.plant, now, &mut self.judge);
@@ -46,12 +46,12 @@ impl Body {
         }
     }
 
-    /// Takes a setpoint at `now`; see [`Plant::receive`].
+    /// Takes a setpoint at `now`. See [`Plant::receive`].
     pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &plant::Setpoint) -> bool {
         self.plant.receive_judged(&config.plant, now, setpoint, &mut self.judge)
     }
 
-    /// The newest sample at `now`.
+    /// Returns the newest sample at `now`.
     pub fn measure(&mut self, config: &Config, now: Stamp) -> plant::Measured {
         self.advance(config, now);
         self.plant.measure(&config.plant, now)
@@ -70,7 +70,7 @@ impl Body {
 
 /// The body behind the driver's port.
 pub struct Port<'a> {
-    /// What it is made of.
+    /// The settings of the simulated robot.
     pub config: &'a Config,
     /// Its state.
     pub body: &'a mut Body,

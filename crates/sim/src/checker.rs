@@ -1,8 +1,9 @@
-//! Holds every executed step against the limits. Knows only what is executed, and when.
+//! Compares every executed step with the limits. It knows only the executed setpoints and their indices.
 //!
-//! Between two executed states, `dt = (k - k') T` apart, the motion is not known, but within the jerk limit J it is
-//! bounded, whatever its phases: the trapezoid rule for an integrand with |f'| <= J errs by at most J dt^2 / 4, for one with
-//! |f''| <= J by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical Integration, section 2.1). So
+//! Two executed states are `dt = (k - k') T` apart. The motion between them is unknown, but the jerk limit J
+//! bounds it, whatever its phases. The trapezoid rule errs by at most J dt^2 / 4 for an integrand with |f'| <= J.
+//! For one with |f''| <= J it errs by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical
+//! Integration, section 2.1). So
 //!
 //! ```text
 //! |a - a'|                        <= J dt
@@ -12,21 +13,24 @@
 //!
 //! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
 //!
-//! With trajectory controllers in between ([`Interface::Jtc100`]) what is executed is their splines, whose acceleration jumps
-//! from piece to piece: of them position, velocity and clearance are checked at every index, the first two with what a
-//! spline may add to a motion within the jerk limit, and of what the driver hands to them acceleration and jerk.
+//! With trajectory controllers in between ([`Interface::Jtc100`]) the robot executes their splines, whose
+//! acceleration jumps from piece to piece. Their position, velocity and clearance are checked at every index. The
+//! bounds of position and velocity include the amount that a spline may add to a motion within the jerk limit.
+//! Acceleration and jerk are checked for the setpoints that the driver hands to the controllers.
 //!
-//! Elbows and hands of the driver's steps are checked by the way that they make from index to index, whatever the interface.
+//! The speed of elbows and hands is checked for the driver's steps, by their way from index to index, whatever
+//! the interface.
 //!
-//! The torque of every executed point is computed by the body's own dynamics ([`plant`]) from its position, velocity and
-//! acceleration, links alone, and held against the whole effort limit.
+//! The torque of every executed point comes from the body's own dynamics ([`plant`]), by its position, velocity
+//! and acceleration. It is the torque of the links alone, and is compared with the whole effort limit.
 //!
-//! A driver that begins where it finds the robot stops by itself, and nobody proved that stop. Until it has ended no torque is
-//! judged, and the clearance as that of the joints' true motion ([`plant::CLEARANCE_MARGIN_M`] below the least one). Afterwards
-//! the robot may stand as close as it came to rest, and may only open.
+//! A driver that begins where it finds the robot stops by itself, and no proof covers that stop. Until it has
+//! ended, no torque is judged. The clearance is judged as that of the joints' true motion
+//! ([`plant::CLEARANCE_MARGIN_M`] below the least one). Afterwards the robot may stand as close as it came to
+//! rest, and the clearance may only grow.
 //!
-//! A robot that may start outside its limits (`Options::initial_outside`) violates nothing by being there; to go further out
-//! is a violation.
+//! A robot that may start outside its limits (`Options::initial_outside`) violates nothing by being there. To go
+//! further out is a violation.
 
 use crate::clearance::Workspace;
 use crate::config::Config;
@@ -37,9 +41,10 @@ use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
 use plant::CLEARANCE_MARGIN_M;
 use robot::Frames;
 
-// The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in doubles
-// (2.2e-16); a plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last place, so
-// values are off by less than 1e-11, and the difference of two accelerations over a tick by 1500 times that.
+// The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in
+// doubles (2.2e-16). A plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last
+// place. So values are off by less than 1e-11, and the difference of two accelerations over a tick by 1500 times
+// that.
 
 /// Rounding of a position, rad or m.
 pub const TOLERANCE_Q: f64 = 1e-9;
@@ -61,9 +66,9 @@ const STANDING: f64 = 1e-9;
 /// State of the checker.
 #[derive(Clone, Debug)]
 pub struct Checker {
-    /// What the driver executed last.
+    /// The driver's last executed setpoint.
     last: Setpoint,
-    /// What the controllers executed last.
+    /// The controllers' last executed setpoint.
     splined: Setpoint,
     mode: u32,
     /// Index at which Engaging last began from rest.
@@ -72,16 +77,16 @@ pub struct Checker {
     /// Least clearance that is no violation, m.
     allowed_m: f64,
     frames: Frames,
-    /// The index by which the driver's own stop, from where it found the robot, has ended: nobody proved that.
+    /// Index by which the driver's own stop, from where it found the robot, has ended. No proof covers that stop.
     own_stop_until_k: u64,
-    /// Elbows and hands at what the driver executed last, in the base frame, m.
+    /// Elbows and hands at the driver's last executed setpoint, in the base frame, m.
     points: Points,
 }
 
 type Points = [[f64; 3]; 4];
 
 impl Checker {
-    /// Begins with what is held at the start.
+    /// Begins with the setpoint that is held at the start.
     pub fn new(config: &Config, held: Setpoint) -> Self {
         let mut room = config.body.workspace();
         let allowed_m = allowed(config, &held, &mut room);
@@ -92,7 +97,7 @@ impl Checker {
         Self { last: held, splined: held, mode, engaged_k: None, room, allowed_m, frames, own_stop_until_k, points }
     }
 
-    /// Begins anew at `held`: where a robot without drives was found is no motion that anybody commanded.
+    /// Begins again at `held`. No command led a robot without drives to where it was found.
     pub fn hold(&mut self, config: &Config, held: &Setpoint) {
         self.allowed_m = allowed(config, held, &mut self.room);
         (self.last, self.splined, self.engaged_k) = (*held, *held, None);
@@ -100,7 +105,8 @@ impl Checker {
         self.own_stop_until_k = own_stop_end(config, held);
     }
 
-    /// The step to index `k` is a new motion that `control` has proved: no stop of the driver's own excuses it.
+    /// Takes the step to index `k` as a new motion that `control` has proved. The driver's own stop no longer
+    /// excuses it.
     pub(crate) fn obey(&mut self, config: &Config, k: u64) {
         if k <= self.own_stop_until_k {
             self.own_stop_until_k = k.saturating_sub(1);
@@ -109,7 +115,8 @@ impl Checker {
         }
     }
 
-    /// Checks the driver's step to `to`, executed in `mode`; behind a direct interface it is what the joints do.
+    /// Checks the driver's step to `to`, executed in `mode`. With a direct interface it is the setpoint of the
+    /// joints.
     pub fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;
         report.steps += 1;
@@ -132,7 +139,7 @@ impl Checker {
         (self.last, self.mode) = (*to, mode);
     }
 
-    /// Checks what controllers make of the driver's steps, index by index.
+    /// Checks the controllers' splines of the driver's steps, index by index.
     pub(crate) fn spline(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let from = self.splined;
         for j in 0..JOINTS {
@@ -157,7 +164,7 @@ impl Checker {
         }
     }
 
-    /// The mean speed of elbows and hands over the step: no more than the largest on the way.
+    /// Checks the mean speed of elbows and hands over the step. It is at most the largest speed on the way.
     fn check_hands(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let dt = to.k.saturating_sub(self.last.k) as f64 * TICK_S;
         let now = points(config, &mut self.frames, &to.q);
@@ -195,14 +202,16 @@ impl Checker {
     }
 }
 
-/// The least clearance of a stop that nobody proved, from `held`, m: as the joints' true motion is judged, or what it is.
+/// Returns the least clearance that is allowed in an unproved stop from `held`, m. It is the bound for the
+/// joints' true motion, or the present clearance if that is less.
 fn allowed(config: &Config, held: &Setpoint, room: &mut Workspace) -> f64 {
     let (clearance_m, _) = config.body.clearance(&config.model, &held.q, room);
     let margin_m = if held.v == [0.0; JOINTS] { 0.0 } else { CLEARANCE_MARGIN_M };
     clearance_m.min(config.body.d_min_m - margin_m)
 }
 
-/// The index by which a driver that stops from `held` by itself stands: no joint takes longer than |v| / A + 2 A / J.
+/// Returns the index by which a driver that stops from `held` by itself stands. No joint takes longer than |v| /
+/// A + 2 A / J.
 fn own_stop_end(config: &Config, held: &Setpoint) -> u64 {
     let took_s = |j: usize| {
         let limits = &config.limits[j];
@@ -225,7 +234,8 @@ fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f
     report.first.get_or_insert(Violation { kind, k, which, value, limit });
 }
 
-/// Position and velocity of one joint. What holds is computed, and its absence counted, so that NaN is a violation.
+/// Checks position and velocity of one joint. It tests that the limits hold and counts each failure, so NaN is a
+/// violation.
 fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
     let (limits, q) = (&config.limits[j], to.q[j]);
     let (mut slack_q, mut slack_v) = (TOLERANCE_Q, TOLERANCE_V);
@@ -249,7 +259,7 @@ fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpo
     }
 }
 
-/// What the links' motion asks of the motors.
+/// Checks the torques that the links' motion needs from the motors.
 fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
     let torques = config.plant.torques(&to.q, &to.v, &to.a);
     for (j, torque) in torques.into_iter().enumerate() {
@@ -262,7 +272,7 @@ fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
     }
 }
 
-/// Acceleration and jerk of one joint over one step.
+/// Checks acceleration and jerk of one joint over one step.
 fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
     let limits = &config.limits[j];
     let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
@@ -283,9 +293,10 @@ fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setp
     }
 }
 
-/// The largest speed of joint `j` on the way: at the ends, and, if the step is one tick of constant jerk, where the
-/// acceleration passes zero: there v = v' - a'^2 / 2J. A plan's tick with a change of phase inside peaks where a phase
-/// ends, at an acceleration of zero only if the ends show it, so its ends are what is checked.
+/// Returns the largest speed of joint `j` on the way. It looks at the ends. If the step is one tick of constant
+/// jerk, it also looks where the acceleration passes zero: there v = v' - a'^2 / 2J. A plan's tick with a change
+/// of phase inside peaks where a phase ends. The acceleration is zero there only if the ends show it, so it
+/// checks the ends.
 fn peak_velocity(from: &Setpoint, to: &Setpoint, j: usize) -> f64 {
     let ends = to.v[j].abs().max(from.v[j].abs());
     let (a0, a1) = (from.a[j], to.a[j]);

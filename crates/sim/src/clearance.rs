@@ -1,4 +1,4 @@
-//! Clearance of the checked pairs, with distances of its own.
+//! Clearance of the checked pairs, with distance formulas of its own.
 
 use robot::{Frames, Model, Solid};
 
@@ -22,7 +22,7 @@ struct Capsule {
     radius_m: f64,
 }
 
-/// What stands about the robot, in the base frame.
+/// An obstacle around the robot, in the base frame.
 #[derive(Clone, Debug)]
 enum Obstacle {
     /// Solid where normal . x <= offset.
@@ -38,7 +38,7 @@ struct Pair {
     radii_m: f64,
 }
 
-/// Room for the capsules' axes in the base frame, so that a tick allocates nothing.
+/// Buffers for the capsules' axes in the base frame, so that a tick allocates nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct Workspace {
     frames: Frames,
@@ -66,9 +66,9 @@ impl Body {
         Workspace { frames: Frames::default(), axes: vec![[[0.0; 3]; 2]; self.capsules.len()] }
     }
 
-    /// The least clearance of the checked pairs and of the capsules that move from the obstacles at posture `q`, m, and
-    /// the index of that pair; infinite without pairs. Behind the pairs of capsules come, for each capsule, its pairs
-    /// with each obstacle.
+    /// Returns the least clearance at posture `q`, m, and the index of its pair. It is infinite without pairs. It
+    /// covers the checked pairs, and the pairs of each moving capsule with each obstacle. The latter have the
+    /// indices after the pairs of capsules.
     pub(crate) fn clearance(&self, model: &Model, q: &[f64; messages::JOINTS], room: &mut Workspace) -> (f64, usize) {
         model.forward(q, &mut room.frames);
         for (axis, capsule) in room.axes.iter_mut().zip(&self.capsules) {
@@ -82,7 +82,8 @@ impl Body {
         let mut least = (f64::INFINITY, 0);
         for (index, pair) in self.pairs.iter().enumerate() {
             let (a, b) = (&room.axes[pair.a], &room.axes[pair.b]);
-            // Balls around the capsules: no pair whose balls are farther apart than the least so far can be nearer.
+            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be
+            // nearer.
             let reach = self.capsules[pair.a].half_length_m + self.capsules[pair.b].half_length_m + pair.radii_m;
             let beyond = least.0 + reach;
             let between = squared(minus(middle(a), middle(b)));
@@ -120,7 +121,7 @@ impl Obstacle {
         }
     }
 
-    /// Distance of a segment: 0 where it touches a box, negative below a plane.
+    /// Returns the distance of a segment: 0 where it touches a box, negative below a plane.
     fn distance(&self, segment: &[Point; 2]) -> f64 {
         match self {
             Self::Plane { normal, offset_m } => dot(*normal, segment[0]).min(dot(*normal, segment[1])) - offset_m,
@@ -132,10 +133,13 @@ impl Obstacle {
     }
 }
 
-/// Distance of a segment from the box |x_i| <= half_i. A coordinate is below, within or above its range, and for each of
-/// the 26 ways of being outside the squared distance is a square in the place s on the segment, sum of (x_i -+ half_i)^2
-/// over those outside, whose minimum is known. One of them, or an end, or a place where a coordinate enters or leaves
-/// its range, is the true minimum; the distance itself, taken at all of these places, is least there.
+/// Returns the distance of a segment from the box |x_i| <= half_i.
+///
+/// A coordinate is below, within or above its range, so there are 26 ways of being outside. For each of them the
+/// squared distance is a quadratic in the place s on the segment: the sum of (x_i -+ half_i)^2 over the
+/// coordinates outside. Its minimum is known. The true minimum is at one of these minima, at an end, or at a
+/// place where a coordinate enters or leaves its range. The function takes the distance at all of these places
+/// and returns the least.
 fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
     let (a, d) = (segment[0], minus(segment[1], segment[0]));
     let squared_at = |s: f64| {
@@ -150,7 +154,7 @@ fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
             falls += d[i] * (sides[i] * half[i] - a[i]);
             curves += d[i] * d[i];
         }
-        // With one coordinate outside, this is where it enters its range.
+        // With one coordinate outside, this is the place where it enters its range.
         if curves > 0.0 {
             least = least.min(squared_at(falls / curves));
         }
@@ -158,8 +162,9 @@ fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
     least.sqrt()
 }
 
-/// Distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and then the vector
-/// between them is perpendicular to both: the least of the five candidates is the distance, parallel segments included.
+/// Returns the distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and
+/// then the vector between them is perpendicular to both. The least of the five candidates is the distance,
+/// parallel segments included.
 fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
     let mut least = from_point(a[0], b).min(from_point(a[1], b)).min(from_point(b[0], a)).min(from_point(b[1], a));
     let (u, w, r) = (minus(a[1], a[0]), minus(b[1], b[0]), minus(a[0], b[0]));
@@ -176,7 +181,7 @@ fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
     least.sqrt()
 }
 
-/// Squared distance of a point from a segment.
+/// Returns the squared distance of a point from a segment.
 fn from_point(p: Point, segment: &[Point; 2]) -> f64 {
     let (d, r) = (minus(segment[1], segment[0]), minus(p, segment[0]));
     let dd = squared(d);
@@ -217,7 +222,7 @@ mod tests {
         for n in 0..100_000 {
             let half_m = point(0.5).map(|x| x.abs() + 1e-3);
             let mut a = point(1.0);
-            // Some segments begin in the plane of a face, some are points, some almost parallel to an edge.
+            // Some segments begin in the plane of a face, some are points, some are almost parallel to an edge.
             if n % 5 == 0 {
                 a[n % 3] = half_m[n % 3];
             }

@@ -1,4 +1,4 @@
-//! What the simulated robot is made of.
+//! Settings of the simulated robot.
 
 use crate::clearance::Body;
 use crate::interface::Interface;
@@ -6,16 +6,18 @@ use messages::{JOINTS, TICK_HZ, TICK_S};
 use plant::Reaction;
 use robot::{JointLimits, Model, Solid};
 
-/// The longest transport delay that fits, ticks: 20 ms, the cycle of the slowest interface that the robot offers.
+/// The longest transport delay that is allowed, ticks: 20 ms, the cycle of the slowest interface that the robot
+/// offers.
 pub const DELAY_MAX_TICKS: u32 = 30;
 
-/// How often the noise of an encoder may exceed its standard deviation before a posture counts as outside its limits.
+/// Multiple of its standard deviation that an encoder's noise may reach before a posture counts as outside its
+/// limits.
 const NOISE_SIGMAS: f64 = 8.0;
 
-/// What can be chosen. The manufacturer publishes none of the figures of the joint servos; the defaults are assumptions.
+/// Options. The manufacturer publishes none of the figures of the joint servos. The defaults are assumptions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// How the robot takes what the driver executes.
+    /// The way in which the robot takes the driver's setpoints.
     pub interface: Interface,
     /// Natural frequency of every joint servo, Hz. Assumption: 15, an industrial position loop.
     pub natural_frequency_hz: f64,
@@ -29,21 +31,23 @@ pub struct Options {
     pub encoder_step_rad: f64,
     /// Silence of the driver after which the robot reacts by itself, ms. Assumption: 10.
     pub watchdog_ms: f64,
-    /// What the robot does then.
+    /// The robot's reaction to that silence.
     pub reaction: Reaction,
-    /// Age of a measurement beyond which the driver does not hear the robot any more, ms.
+    /// Age of a measurement beyond which the driver counts the robot as silent, ms.
     pub measured_age_max_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
-    /// What the left and the right hand truly carry, kg; without it what the robot file says. The centre is the robot file's.
-    /// Whoever plans the motion may know another payload: that of the robot file, or what an operator said.
+    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the
+    /// robot file's. The planner of the motion may use another payload: the robot file's, or the operator's
+    /// report.
     pub payload_kg: [Option<f64>; 2],
-    /// Elbows and hands are commanded no faster than this in the base frame, m/s: beyond it is a violation.
+    /// Speed limit for elbows and hands in the base frame, m/s. A faster command is a violation.
     pub hand_speed_max_m_per_s: f64,
-    /// Posture at the start, rad or m; the robot's home if none is given.
+    /// Posture at the start, rad or m. The robot's home if none is given.
     pub initial: Option<[f64; JOINTS]>,
-    /// The posture at the start may lie anywhere between the mechanical stops (the URDF's limits), and too close to
-    /// itself: a robot to be recovered. Then it is a violation to go further out or closer, not to be there.
+    /// The posture at the start may lie anywhere between the mechanical stops (the URDF's limits), and closer to
+    /// itself than allowed: a robot to be recovered. Being there is then no violation, but going further out or
+    /// closer is.
     pub initial_outside: bool,
 }
 
@@ -69,13 +73,13 @@ impl Default for Options {
     }
 }
 
-/// Why there is no simulated robot.
+/// Returned when the simulated robot cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimError {
-    /// The second reader of the robot's files, or an option of the body, refuses.
+    /// The second reader of the robot's files, or an option of the body, failed.
     #[error("sim: {0}")]
     Body(#[from] plant::PlantError),
-    /// A figure out of its bounds.
+    /// A figure is out of its bounds.
     #[error("sim: {key} = {value}: must be between {min} and {max}")]
     OutOfBounds {
         /// The option.
@@ -87,7 +91,7 @@ pub enum SimError {
         /// Greatest value.
         max: f64,
     },
-    /// A start from which the noise of the encoders alone leaves the limits.
+    /// From this start the noise of the encoders alone would leave the limits.
     #[error(
         "sim: initial posture of {joint} = {value}: must be at least {margin} (noise and step of the encoder) inside [{min}, {max}]"
     )]
@@ -100,16 +104,18 @@ pub enum SimError {
         min: f64,
         /// Greatest position.
         max: f64,
-        /// How far inside it must be.
+        /// Distance by which it must be inside.
         margin: f64,
     },
 }
 
-/// Largest standard deviation of the encoders' noise, rad or m: the driver takes changes up to 0.4 mrad for noise, four times as much.
+/// Largest standard deviation of the encoders' noise, rad or m. The driver takes changes up to 0.4 mrad for
+/// noise, four times as much.
 pub const ENCODER_NOISE_MAX_RAD: f64 = 1e-4;
 
-/// Longest watchdog, ms. Until it fires, drives carry the last acceleration on; then the played stop begins where it should have
-/// got to. At 9.6 rad/s^2 and 20 ms their speeds differ by 0.2 rad/s; at 100 ms the robot goes 70 mrad beyond the end of the stop.
+/// Returns the longest allowed watchdog time, ms. Until the watchdog fires, drives carry the last acceleration
+/// on. Then the played stop begins where it should be by that time. At 9.6 rad/s^2 and 20 ms their speeds differ
+/// by 0.2 rad/s. At 100 ms the robot goes 70 mrad beyond the end of the stop.
 pub const fn watchdog_max_ms(reaction: Reaction) -> f64 {
     match reaction {
         Reaction::Play => 20.0,
@@ -117,13 +123,13 @@ pub const fn watchdog_max_ms(reaction: Reaction) -> f64 {
     }
 }
 
-/// The limits of a joint as the driver checks them.
+/// Returns the limits of a joint in the driver's form.
 fn last_hop(limits: JointLimits) -> driver::JointLimits {
     let JointLimits { q_min, q_max, v_max, a_max, j_max, .. } = limits;
     driver::JointLimits { q_min, q_max, v_max, a_max, j_max }
 }
 
-/// A simulated robot, checked.
+/// Settings of a simulated robot, checked.
 #[derive(Clone, Debug)]
 pub struct Config {
     pub(crate) model: Model,
@@ -140,7 +146,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// The simulated robot of `model`.
+    /// Creates the settings for a simulated robot of `model`.
     pub fn new(model: &Model, options: &Options) -> Result<Self, SimError> {
         let within = |key, value: f64, min: f64, max: f64| {
             let inside = value >= min && value <= max;
@@ -182,23 +188,23 @@ impl Config {
         })
     }
 
-    /// Names of the joints.
+    /// Returns the names of the joints.
     pub fn joint_names(&self) -> &[String; JOINTS] {
         &self.model.joint_names
     }
 
-    /// Torques of the links in a motion (rad, m, and seconds) by the body's own dynamics, N m or N.
+    /// Returns the torques of the links in a motion (rad, m, and seconds) by the body's own dynamics, N m or N.
     pub fn torques(&self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
         self.plant.torques(q, v, a)
     }
 
-    /// The posture at the start, rad or m.
+    /// Returns the posture at the start, rad or m.
     pub fn initial(&self) -> &[f64; JOINTS] {
         &self.initial
     }
 }
 
-/// The body, by the second reader of the same texts; what stands about it is that of the model.
+/// Creates the body with the second reader of the same texts. Its obstacles are the model's.
 fn body_of(model: &Model, options: &Options, delay_ns: u64) -> Result<plant::Config, plant::PlantError> {
     let obstacles = model.obstacles.iter().map(|obstacle| match obstacle.solid {
         Solid::HalfSpace { normal, offset_m } => plant::Obstacle::Plane { normal, offset_m },

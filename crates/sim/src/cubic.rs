@@ -1,7 +1,7 @@
-//! The cubic through positions and velocities (Hermite).
+//! The cubic through two positions and velocities (Hermite).
 
-/// Position, velocity and acceleration at `share` of the way between two ends, each position and velocity, `duration_s`
-/// apart.
+/// Returns position, velocity and acceleration at `share` of the way between two ends. Each end is a position and
+/// a velocity. The ends are `duration_s` apart.
 pub(crate) fn cubic(from: [f64; 2], to: [f64; 2], duration_s: f64, share: f64) -> [f64; 3] {
     let (h, s) = (duration_s, share);
     let (d, a, b) = (to[0] - from[0], h * from[1], h * to[1]);

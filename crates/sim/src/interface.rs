@@ -1,21 +1,22 @@
-//! What lies between the driver and the joints.
+//! The interface between the driver and the joints.
 //!
-//! A TIAGo++ takes no setpoints: it has four joint trajectory controllers (torso, head, left arm, right arm) that take
-//! trajectory points. [`Interface::Jtc100`] is a driver for them: every h = 10 ms of the index it hands position and
-//! velocity of what it executes, command or plan, to all four. Each of them lays a cubic through the points (Hermite) and
-//! follows it at a delay of its own,
+//! A TIAGo++ takes no setpoints. It has four joint trajectory controllers (torso, head, left arm, right arm) that
+//! take trajectory points. [`Interface::Jtc100`] is a driver for them. Every h = 10 ms of the index it hands
+//! position and velocity of its executed motion, command or plan, to all four. Each of them lays a cubic through
+//! the points (Hermite) and follows it at a delay of its own,
 //!
 //! ```text
 //! y_k(t) = spline_k(t - D - d_g),   D = h,   0 <= d_g <= h
 //! ```
 //!
-//! where D is what the newest point must be ahead by, and d_g is drawn once per run from the seed: the controllers are
-//! not synchronised, and the network and their cycles add what they add.
+//! D is the time by which the newest point must be ahead. d_g is drawn once per run from the seed, because the
+//! controllers are not synchronised, and the network and their cycles add delays.
 //!
-//! *Bounds.* For |q'''| <= J the spline leaves q by at most J h^3 / 96 and its derivative leaves q' by at most J h^2 / 30:
-//! the largest integrals over a period of the magnitude of the Peano kernel, 1/96 in the middle, and of its derivative,
-//! 0.0323 at 0.23 h from either end. So limits of position and velocity may be exceeded by so much
-//! ([`spline_error`], [`spline_speed_error`]); the jerk of a spline jumps from point to point.
+//! *Bounds.* For |q'''| <= J the spline differs from q by at most J h^3 / 96, and its derivative from q' by at
+//! most J h^2 / 30. The constants are the largest integrals over a period of the magnitude of the Peano kernel
+//! and of its derivative. They are 1/96 in the middle, and 0.0323 at 0.23 h from either end. So limits of
+//! position and velocity may be exceeded by these amounts ([`spline_error`], [`spline_speed_error`]). The jerk of
+//! a spline jumps from point to point.
 
 use crate::cubic::cubic;
 use driver::Setpoint;
@@ -25,28 +26,29 @@ use rand_pcg::Pcg64;
 
 /// Ticks between two trajectory points: 10 ms.
 pub const POINT_TICKS: u64 = TICK_HZ / 100;
-/// The same in seconds.
+/// Seconds between two trajectory points.
 const POINT_S: f64 = POINT_TICKS as f64 * TICK_S;
 /// Number of controllers.
 pub const CONTROLLERS: usize = 4;
 
-/// Ticks of a gap between two setpoints that are executed one by one; later every controller is at its end.
+/// Ticks of a gap between two setpoints that are executed one by one. After that many ticks every controller is
+/// at its end.
 const GAP_MAX_TICKS: u64 = 1500;
-/// Distinguishes the draw of the delays from that of the noise.
+/// Separates the draw of the delays from the draw of the noise.
 const DELAY_STREAM: u64 = 0x4a54_4331_3030_687a;
 
-/// How the robot takes what the driver executes.
+/// The way in which the robot takes the driver's setpoints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Interface {
-    /// Every setpoint at its index.
+    /// The robot takes every setpoint at its index.
     #[default]
     Direct,
-    /// Four trajectory controllers, not synchronised, that take points at 100 Hz.
+    /// The robot has four trajectory controllers, not synchronised, that take points at 100 Hz.
     Jtc100,
 }
 
 impl Interface {
-    /// Delay that it adds on average, s.
+    /// Returns the delay that it adds on average, s.
     pub const fn delay_s(self) -> f64 {
         match self {
             Self::Direct => 0.0,
@@ -55,12 +57,12 @@ impl Interface {
     }
 }
 
-/// Largest distance of the spline from a motion of this jerk, rad or m.
+/// Returns the largest distance of the spline from a motion of this jerk, rad or m.
 pub fn spline_error(j_max: f64) -> f64 {
     j_max * POINT_S.powi(3) / 96.0
 }
 
-/// Largest difference of their velocities, rad/s or m/s.
+/// Returns the largest difference of their velocities, rad/s or m/s.
 pub fn spline_speed_error(j_max: f64) -> f64 {
     j_max * POINT_S.powi(2) / 30.0
 }
@@ -77,14 +79,14 @@ struct Point {
 pub(crate) struct Controllers {
     /// d_g, ticks.
     delay_ticks: [f64; CONTROLLERS],
-    /// The last three points; the newest is that of the last multiple of a period.
+    /// The last three points. The newest is that of the last multiple of a period.
     points: [Point; 3],
-    /// What the driver executes.
+    /// The driver's last executed setpoint.
     last: Setpoint,
 }
 
 impl Controllers {
-    /// At rest at `held`.
+    /// Creates controllers at rest at `held`.
     pub(crate) fn new(held: &Setpoint, seed: u64) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
         Self {
@@ -94,20 +96,20 @@ impl Controllers {
         }
     }
 
-    /// At `held`, without moving there, as if it had come with its speed: what controllers do whose drives were off. Returns what
-    /// the joints are to do now.
+    /// Puts the controllers at `held`, without moving there, as if `held` had come with its speed. Controllers do
+    /// so after their drives were off. Returns the setpoint of the joints now.
     pub(crate) fn hold(&mut self, held: &Setpoint) -> Setpoint {
         self.points = points_before(held);
         self.last = *held;
         self.executed(held.k)
     }
 
-    /// D + d_g of torso, head, left arm and right arm, s.
+    /// Returns D + d_g of torso, head, left arm and right arm, s.
     pub(crate) fn delays_s(&self) -> [f64; CONTROLLERS] {
         self.delay_ticks.map(|ticks| (POINT_TICKS as f64 + ticks) * TICK_S)
     }
 
-    /// Whether every controller rests at the same place.
+    /// Returns true if every controller rests at the same place.
     pub(crate) fn at_rest(&self) -> bool {
         self.points.iter().all(|point| {
             let moved = point.q.iter().zip(&self.last.q).map(|(q, last)| q - last);
@@ -115,8 +117,8 @@ impl Controllers {
         })
     }
 
-    /// The driver moves on to `to`; `each` gets what the joints are to do at every index up to it. Where setpoints are
-    /// missing in between, the driver takes its points from the cubic through both ends.
+    /// Moves the driver on to `to`. `each` gets the setpoint of the joints at every index up to it. If setpoints
+    /// are missing in between, the points are taken from the cubic through both ends.
     pub(crate) fn advance(&mut self, to: &Setpoint, mut each: impl FnMut(&Setpoint)) {
         let from = self.last;
         let gap = to.k.saturating_sub(from.k);
@@ -133,7 +135,7 @@ impl Controllers {
         }
     }
 
-    /// What the joints are to do at index `k`, whose newest point is the last of `points`.
+    /// Returns the setpoint of the joints at index `k`, whose newest point is the last of `points`.
     fn executed(&self, k: u64) -> Setpoint {
         let mut out = Setpoint { k, q: [0.0; JOINTS], v: [0.0; JOINTS], a: [0.0; JOINTS] };
         for j in 0..JOINTS {
@@ -149,7 +151,7 @@ impl Controllers {
     }
 }
 
-/// The last three points of a motion that came to `held` with its speed.
+/// Returns the last three points of a motion that came to `held` with its speed.
 fn points_before(held: &Setpoint) -> [Point; 3] {
     std::array::from_fn(|n| {
         let before_s = (held.k % POINT_TICKS + (2 - n as u64) * POINT_TICKS) as f64 * TICK_S;
@@ -163,7 +165,7 @@ fn between(from: &Setpoint, to: &Setpoint, share: f64) -> Point {
     Point { q: std::array::from_fn(|j| at(j)[0]), v: std::array::from_fn(|j| at(j)[1]) }
 }
 
-/// The controller of a joint.
+/// Returns the controller of a joint.
 pub const fn controller(joint: usize) -> usize {
     match joint {
         0 => 0,

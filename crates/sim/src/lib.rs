@@ -1,13 +1,14 @@
-//! A simulated robot behind the driver's port. Never does IO, never reads a clock, never allocates in a tick; the same
-//! seed and the same inputs give the same run.
+//! A simulated robot behind the driver's port. Never does IO, never reads a clock, never allocates in a tick. The
+//! same seed and the same inputs give the same run.
 //!
-//! Parts that know nothing of each other's arithmetic:
+//! Its parts share no arithmetic:
 //!
 //! - The driver's follower executes commands, and the [`interface`] hands them to the robot.
-//! - The [`Body`] moves in wall time, with motors, friction and a watchdog of its own (crate `plant`). Its judge compares
-//!   what the joints truly do with the limits.
-//! - The checker compares every executed step with the limits of the URDF and of the robot file, and with the clearance of
-//!   every checked pair. It shares no formula with `wbc`, `safety` or `driver`.
+//! - The [`Body`] moves in wall time, with motors, friction and a watchdog of its own (crate `plant`). Its judge
+//!   compares
+//!   the joints' true motion with the limits.
+//! - The checker compares every executed step with the limits of the URDF and of the robot file, and with the clearance
+//!   of every checked pair. It shares no formula with `wbc`, `safety` or `driver`.
 //!
 //! Checker and judge only count. They never correct.
 

@@ -1,8 +1,8 @@
-//! What a run of the simulated robot amounts to.
+//! Report on a run of the simulated robot.
 
 use messages::JOINTS;
 
-/// What an executed step can violate.
+/// A limit that an executed step can violate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum ViolationKind {
@@ -12,8 +12,8 @@ pub enum ViolationKind {
     Velocity = 1,
     /// Acceleration limit.
     Acceleration = 2,
-    /// Jerk limit: the acceleration changed by more than it allows, or velocity or position by more than any motion
-    /// within it could.
+    /// Jerk limit. The acceleration changed by more than the limit allows, or velocity or position by more than
+    /// in any motion within the limit.
     Jerk = 3,
     /// Clearance of a checked pair, or from an obstacle.
     Clearance = 4,
@@ -35,7 +35,7 @@ impl ViolationKind {
         Self::Torque,
     ];
 
-    /// Name in reports.
+    /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Position => "position",
@@ -52,11 +52,13 @@ impl ViolationKind {
 /// One violation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
-    /// What was violated.
+    /// The violated limit.
     pub kind: ViolationKind,
     /// Index of the executed step.
     pub k: u64,
-    /// The joint; of a speed 0 to 3 for left elbow, left hand, right elbow and right hand; or the index of the pair; with m obstacles capsule i and obstacle k are m i + k behind the model's pairs.
+    /// The joint, or 0 to 3 for the speed of left elbow, left hand, right elbow and right hand, or the index of
+    /// the pair. With m obstacles the pair of capsule i and obstacle k has the index m i + k after the model's
+    /// pairs.
     pub which: usize,
     /// The value, SI.
     pub value: f64,
@@ -71,7 +73,7 @@ pub struct Report {
     pub(crate) first: Option<Violation>,
     pub(crate) steps: u64,
     pub(crate) min_clearance_m: f64,
-    /// The same of the steps that had to keep the distance of every command.
+    /// The least clearance of the steps that had to keep the clearance of every command.
     pub(crate) min_proved_clearance_m: f64,
     pub(crate) torque_share_max: [f64; JOINTS],
     pub(crate) tracking_max: [f64; JOINTS],
@@ -84,7 +86,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Nothing happened yet; `prismatic` are the joints that slide.
+    /// Creates an empty report. `prismatic` marks the joints that slide.
     pub fn new(prismatic: [bool; JOINTS]) -> Self {
         Self {
             counts: [0; ViolationKind::ALL.len()],
@@ -103,81 +105,84 @@ impl Report {
         }
     }
 
-    /// Violations by kind: name and number of joints or steps.
+    /// Returns the violations by kind: name and number of joints or steps.
     pub fn violations(&self) -> [(&'static str, u64); ViolationKind::ALL.len()] {
         ViolationKind::ALL.map(|kind| (kind.name(), self.counts[kind as usize]))
     }
 
-    /// How many violations there were of one kind.
+    /// Returns the number of violations of one kind.
     pub fn violations_of(&self, kind: ViolationKind) -> u64 {
         self.counts[kind as usize]
     }
 
-    /// Violations of all kinds.
+    /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.counts.iter().sum()
     }
 
-    /// The first violation, for whoever has to find out why.
+    /// Returns the first violation, to find the cause.
     pub fn first_violation(&self) -> Option<&Violation> {
         self.first.as_ref()
     }
 
-    /// Executed steps that were checked.
+    /// Returns the number of executed steps that were checked.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Least clearance of the checked pairs over all executed postures, m; infinite before the first.
+    /// Returns the least clearance of the checked pairs over all executed postures, m. It is infinite before the
+    /// first.
     pub fn min_clearance_m(&self) -> f64 {
         self.min_clearance_m
     }
 
-    /// As [`Report::min_clearance_m`], of the steps that had to keep the distance of every command: without the stops that the
-    /// driver began by itself, and without recoveries, m.
+    /// Returns the least clearance of the steps that had to keep the clearance of every command, m. It leaves out
+    /// the stops that the driver began by itself, and recoveries. See [`Report::min_clearance_m`].
     pub fn min_proved_clearance_m(&self) -> f64 {
         self.min_proved_clearance_m
     }
 
-    /// Largest torque of each joint over its effort limit, by the dynamics of the links in every executed motion.
+    /// Returns the largest torque of each joint over its effort limit, by the dynamics of the links in every
+    /// executed motion.
     pub fn torque_share_max(&self) -> &[f64; JOINTS] {
         &self.torque_share_max
     }
 
-    /// The largest of [`torque_share_max`](Self::torque_share_max), and its joint.
+    /// Returns the largest of [`torque_share_max`](Self::torque_share_max), and its joint.
     pub fn largest_torque_share(&self) -> (f64, usize) {
         let larger = |most: (f64, usize), (j, &share): (usize, &f64)| if share > most.0 { (share, j) } else { most };
         self.torque_share_max.iter().enumerate().fold((0.0, 0), larger)
     }
 
-    /// Largest |executed - measured| of each joint, rad or m.
+    /// Returns the largest |executed - measured| of each joint, rad or m.
     pub fn tracking_error_max(&self) -> &[f64; JOINTS] {
         &self.tracking_max
     }
 
-    /// Largest |executed - measured| of the revolute joints, rad.
+    /// Returns the largest |executed - measured| of the revolute joints, rad.
     pub fn tracking_error_max_rad(&self) -> f64 {
         self.revolute().map(|j| self.tracking_max[j]).fold(0.0, f64::max)
     }
 
-    /// Root mean square of executed less measured over the revolute joints and all ticks, rad; 0 before the first.
+    /// Returns the root mean square of executed minus measured over the revolute joints and all ticks, rad. 0
+    /// before the first.
     pub fn tracking_error_rms_rad(&self) -> f64 {
         let (sum, joints) = self.revolute().fold((0.0, 0), |(sum, n), j| (sum + self.tracking_squares[j], n + 1));
         (sum / (joints * self.tracking_samples).max(1) as f64).sqrt()
     }
 
-    /// How often the mode became Engaging with the robot at rest.
+    /// Returns how often the mode became Engaging with the robot at rest.
     pub fn engagements(&self) -> u64 {
         self.engagements
     }
 
-    /// Largest step of a revolute joint in the first tick of Engaging from rest, rad.
+    /// Returns the largest step of a revolute joint in the first tick of Engaging from rest, rad.
     pub fn engage_max_step_rad(&self) -> f64 {
         self.engage_max_step_rad
     }
 
-    /// Largest |v| / v_max of any joint in the first second after Engaging began from rest, while the mode was Engaging or
-    /// Engaged.
+    /// Returns the largest |v| / v_max of any joint in the first second after Engaging began from rest, while the
+    /// mode was Engaging or Engaged.
     pub fn engage_first_second_velocity_ratio(&self) -> f64 {
         self.engage_velocity_ratio
     }

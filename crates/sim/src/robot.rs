@@ -1,4 +1,4 @@
-//! The simulated robot as a process sees it: a command in, the robot's state out.
+//! The simulated robot as a process sees it: it takes a command and returns the robot's state.
 
 use crate::body::{Body, Port};
 use crate::checker::Checker;
@@ -53,12 +53,12 @@ impl DriverState {
         self.drive.first_latch()
     }
 
-    /// The follower.
+    /// Returns the follower.
     pub fn follower(&self) -> &driver::State {
         self.drive.follower()
     }
 
-    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
         self.checks.controllers.as_ref().map(Controllers::delays_s)
     }
@@ -77,14 +77,15 @@ pub struct State {
 }
 
 impl State {
-    /// At rest in the initial posture at index `k`, holding what its encoders read; `seed` is that of the noise.
+    /// Creates a robot at rest in the initial posture at index `k`. It holds the encoders' readings. `seed` is
+    /// the seed of the noise.
     pub fn new(config: &Config, k: u64, seed: u64) -> Self {
         Self::standing(config, k, &config.initial, seed)
             .expect("the initial posture was checked, and the noise is finite")
     }
 
-    /// A driver that starts at index `k` on a robot that stands at `q`, wherever that is; `None` if a number of it is not
-    /// finite.
+    /// Creates a driver that starts at index `k` on a robot that stands at `q`, wherever that is. Returns `None`
+    /// if a number of `q` or of the measurement is not finite.
     pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS], seed: u64) -> Option<Self> {
         if q.iter().any(|q| !q.is_finite()) {
             return None;
@@ -94,8 +95,8 @@ impl State {
         Some(Self { driver: DriverState::new(config, k, &measured, &measured, seed)?, body })
     }
 
-    /// Replaces the driver by one that starts at index `k` on the robot as it is; false, and nothing happens, if what it
-    /// measures is no posture.
+    /// Replaces the driver by one that starts at index `k` on the robot as it is. Returns false and changes
+    /// nothing if the measurement is no valid posture.
     pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
         let measured = Port { config, body: &mut self.body }.read(now);
         let restarted = DriverState::new(config, k, self.driver.drive.measured(), &measured, seed);
@@ -107,52 +108,52 @@ impl State {
         found
     }
 
-    /// What the commands of the run amount to so far.
+    /// Returns the report on the commands of the run so far.
     pub fn report(&self) -> &Report {
         self.driver.report()
     }
 
-    /// What the joints truly did so far.
+    /// Returns the judge's report on the joints' true motion so far.
     pub fn judged(&self) -> &plant::Report {
         self.body.judged()
     }
 
-    /// The driver's side.
+    /// Returns the driver's follower.
     pub fn follower(&self) -> &driver::State {
         self.driver.follower()
     }
 
-    /// Where the joints are in truth, rad or m.
+    /// Returns the true positions of the joints, rad or m.
     pub fn q(&self) -> &[f64; JOINTS] {
         &self.body.truth().q
     }
 
-    /// What the joints truly do.
+    /// Returns the true motion of the joints.
     pub fn truth(&self) -> &plant::Truth {
         self.body.truth()
     }
 
-    /// What the joints were told last: the driver's setpoint, or what controllers made of it.
+    /// Returns the last setpoint of the joints: the driver's setpoint, or the controllers' spline of it.
     pub fn told(&self) -> &Setpoint {
         &self.driver.checks.sent
     }
 
-    /// Whether the robot refused the last setpoint.
+    /// Returns true if the robot refused the last setpoint.
     pub fn refused(&self) -> bool {
         self.driver.drive.refused()
     }
 
-    /// Delays of torso, head, left arm and right arm, s, where they have controllers of their own.
+    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
     pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
         self.driver.delays_s()
     }
 
-    /// Whether the driver and all controllers are at rest.
+    /// Returns true if the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
         self.driver.at_rest()
     }
 
-    /// The robot goes on by itself until `now`, while its driver does not run.
+    /// Lets the robot go on by itself until `now`, while its driver does not run.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         self.body.advance(config, now);
     }

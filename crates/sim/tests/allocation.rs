@@ -8,7 +8,7 @@ use support::{Bench, ELBOW};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

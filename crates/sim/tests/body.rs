@@ -1,4 +1,4 @@
-//! Driver and body together: who is late, dies or fails, and what the joints then truly do.
+//! Driver and body together: delays, deaths and failures, and the joints' true motion after them.
 
 mod support;
 
@@ -86,8 +86,8 @@ fn injected_faults_show_where_they_should() {
     assert!((error + 0.3).abs() < 2e-3 && (bench.state.q()[ELBOW] - bench.command.q[ELBOW]).abs() < 2e-3);
 }
 
-/// A driver is suspended for so long while the elbow moves: the next setpoint begins where the robot is, and nothing that
-/// the joints truly do breaks a limit.
+/// A driver is suspended for some time while the elbow moves. The next setpoint begins where the robot is, and
+/// the joints' true motion breaks no limit.
 #[test]
 fn a_suspended_driver_leads_the_robot_nowhere_else() {
     let (direct, jtc100) = (Interface::Direct, Interface::Jtc100);
@@ -119,8 +119,8 @@ fn a_suspended_driver_leads_the_robot_nowhere_else() {
     }
 }
 
-/// The same at 1.8 rad/s, where the certified stop brakes as hard as it may, and behind trajectory controllers too. What the
-/// robot does by itself stays as it is: nothing leads it on once it stands.
+/// The same at 1.8 rad/s, where the certified stop brakes as hard as allowed, and behind trajectory controllers
+/// too. The robot's own stop is left as it is: nothing leads the robot on once it stands.
 #[test]
 fn a_suspended_driver_leads_a_fast_robot_nowhere_else() {
     let (brake, jerk) = (9.8, 392.0);
@@ -170,7 +170,7 @@ fn a_robot_whose_driver_died_stops_by_itself() {
         assert!(truth.v.iter().all(|v| v.abs() < 1e-3), "{reaction:?}: {truth:?}");
         assert!(truth.q[ELBOW] > from && truth.q[ELBOW] < from + 0.06, "{reaction:?}");
         assert_eq!(bench.state.judged().total(), 0, "{reaction:?}: {:?}", bench.state.judged().first);
-        // A new driver holds what it measures, and nothing moves.
+        // A new driver holds the measured posture, and nothing moves.
         let now = deadline(k + 2 * TICK_HZ + 1);
         assert!(bench.state.restart_driver(&bench.config, k + 2 * TICK_HZ, now, 4));
         let stood = bench.state.truth().q;

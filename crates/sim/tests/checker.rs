@@ -1,4 +1,4 @@
-//! The checker counts what is outside and nothing that is inside.
+//! The checker counts everything outside the limits and nothing inside them.
 
 mod support;
 
@@ -10,7 +10,7 @@ use robot::Frames;
 use sim::{Checker, Options, Report, SimError, ViolationKind};
 use support::{Bench, ELBOW, Judge, K, MODEL};
 
-/// Jerk up, hold the acceleration, jerk down: a ramp to a speed and back, at `share` of the limits.
+/// Jerk up, hold the acceleration, jerk down. This is a ramp to a speed and back, at `share` of the limits.
 fn ramp(bench: &mut Bench, share: f64) {
     let limits = MODEL.limits[ELBOW];
     let rise_s = limits.a_max / limits.j_max;
@@ -56,7 +56,7 @@ fn acceleration_beyond_its_limit_is_counted() {
     assert_eq!(judge.violated(), ["acceleration"]);
 }
 
-/// On both sides of the effort limit of the shoulder that lifts the arm, by the acceleration that reaches it.
+/// Accelerations on both sides of the effort limit of the shoulder that lifts the arm.
 #[test]
 fn a_torque_beyond_the_effort_limit_is_counted() {
     const LIFTS: usize = 4;
@@ -84,7 +84,8 @@ fn a_torque_beyond_the_effort_limit_is_counted() {
     }
 }
 
-/// At rest, with more in the hand than the shoulder can hold. The checker knows what the hand truly carries, whoever was told.
+/// At rest, with more in the hand than the shoulder can hold. The checker knows the true payload, whatever was
+/// reported.
 #[test]
 fn a_payload_that_no_motor_can_hold_is_counted() {
     let mut initial = MODEL.home;
@@ -107,7 +108,7 @@ fn a_hand_faster_than_its_bound_is_counted() {
         let point = MODEL.speed_points()[usize::from(ELBOW >= messages::RIGHT_ARM.start) * 2 + 1];
         frames.base_from_body[point.body].transform_point(&point.at)
     };
-    // It gets faster and faster: the last step is the fastest.
+    // It gets faster and faster, so the last step is the fastest.
     let ticks = 60;
     let mut bench = Bench::ideal();
     bench.drive(ELBOW, 40.0, ticks - 1);
@@ -126,13 +127,13 @@ fn a_hand_faster_than_its_bound_is_counted() {
 #[test]
 fn a_peak_of_velocity_inside_a_tick_is_counted() {
     let limits = MODEL.limits[ELBOW];
-    // With a acceleration at one end and -a at the other, the speed rises by a^2 / 2J in the middle and returns.
+    // With acceleration a at one end and -a at the other, the speed rises by a^2 / 2J in the middle and returns.
     let a = limits.j_max * TICK_S / 2.0;
     let rise = a * a / (2.0 * limits.j_max);
     for (below, expected) in [(1.01 * rise, vec![]), (0.99 * rise, vec!["velocity"])] {
         let mut judge = Judge::ideal();
         let k = judge.bench.command.k;
-        // Only the last step is looked at.
+        // Only the last step is checked.
         (judge.bench.command.v[ELBOW], judge.bench.command.a[ELBOW]) = (limits.v_max - below, a);
         judge.bench.command.q[ELBOW] += judge.bench.command.v[ELBOW] * TICK_S * 0.5;
         judge.bench.stop(ELBOW);
@@ -194,7 +195,7 @@ fn clearance_agrees_with_the_robot_model_and_is_counted_below_its_bound() {
         let (expected, _) = MODEL.clearance(&frames);
         let report = bench.state.report();
         assert!((report.min_clearance_m() - expected).abs() < 1e-9, "{} {expected}", report.min_clearance_m());
-        // A robot that is found there has violated nothing; a motion that leads there has.
+        // A robot that is found there has violated nothing. A motion that leads there has.
         assert_eq!(report.violations_of(ViolationKind::Clearance), 0);
         let mut commanded = Report::new(MODEL.prismatic);
         let at = |k, q| Setpoint { k, q, v: [0.0; JOINTS], a: [0.0; JOINTS] };
@@ -226,7 +227,7 @@ fn the_first_second_of_engaging_is_measured() {
     let ratio = bench.command.v[ELBOW] / v_max;
     let measured = bench.state.report().engage_first_second_velocity_ratio();
     assert!((measured - ratio).abs() < 1e-12 && ratio > 0.004, "{measured} {ratio}");
-    // Faster after the first second: no part of the figure.
+    // Faster after the first second, which is no part of the figure.
     let rest = 1500 - 61;
     bench.drive(ELBOW, 0.0, rest);
     bench.drive(ELBOW, 30.0, 30);

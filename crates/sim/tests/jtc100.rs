@@ -1,4 +1,4 @@
-//! What four controllers that are not synchronised make of commands under attack.
+//! Four controllers that are not synchronised, with commands under attack.
 
 mod support;
 
@@ -19,14 +19,14 @@ fn exact() -> Options {
     Options { interface, encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }
 }
 
-/// First joint of either arm: its axis is upright.
+/// First joint of either arm. Its axis is upright.
 const SHOULDERS: [usize; 2] = [3, 10];
-/// How far both arms swing to and fro together, rad, and how fast, rad/s.
+/// Amplitude of the common swing of both arms, rad, and its angular frequency, rad/s.
 const SWING_RAD: f64 = 0.4;
 const SWING_OMEGA: f64 = 2.0;
 
-/// A posture in which the arms reach forward side by side, closer than they may, wherever they swing: one is in the way of
-/// the other.
+/// Returns a posture in which the arms reach forward side by side, closer than allowed, wherever they swing. One
+/// is in the way of the other.
 fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS] {
     let mut frames = Frames::default();
     loop {
@@ -50,7 +50,7 @@ fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS] {
     }
 }
 
-/// Both arms turned to the same side.
+/// Returns the posture with both arms turned to the same side.
 fn swung(q: &[f64; JOINTS], by: f64) -> [f64; JOINTS] {
     let mut q = *q;
     q[SHOULDERS[0]] += by;
@@ -58,12 +58,12 @@ fn swung(q: &[f64; JOINTS], by: f64) -> [f64; JOINTS] {
     q
 }
 
-/// A body is moved by the joint before it.
+/// Returns the controller of a body. The joint before a body moves it.
 fn controller_of_body(body: usize) -> usize {
     if body == 0 { 0 } else { controller(body - 1) }
 }
 
-/// What happened in a tick.
+/// Record of one tick.
 struct Seen {
     commanded: Setpoint,
     told: Setpoint,
@@ -76,7 +76,7 @@ struct Run {
     seen: Vec<Seen>,
 }
 
-/// What the gate is told of the four controllers: a skew of 10 ms, and splines.
+/// Returns the gate's data on the four controllers: a skew of 10 ms, and splines.
 fn controllers() -> gate::Interface {
     let controller = |j: usize| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 };
     gate::Interface {
@@ -86,14 +86,14 @@ fn controllers() -> gate::Interface {
     }
 }
 
-/// A robot whose arms have delays that are at least 9 ms apart: about one in a hundred.
+/// Returns a robot whose arms have delays at least 9 ms apart: about one in a hundred.
 fn far_apart(config: &Config) -> State {
     let apart = |robot: &State| robot.delays_s().is_some_and(|delays| (delays[2] - delays[3]).abs() > 9e-3);
     (0..).map(|seed| State::new(config, K, seed)).find(apart).expect("there are many")
 }
 
-/// Whole-body control and the gate follow arms that swing side by side, and now and then no command arrives for some ticks:
-/// the driver plays the plan.
+/// Whole-body control and the gate follow arms that swing side by side. Now and then no command arrives for some
+/// ticks, and the driver plays the plan.
 fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> Run {
     let hand_speed = Options::default().hand_speed_max_m_per_s;
     let wbc_options = wbc::Options::default().interface(certified_for).hand_speed_m_per_s(hand_speed);
@@ -196,7 +196,7 @@ fn the_splines_stay_within_their_bound_of_the_delayed_command() {
     let skewed = run.delays_s.iter().fold(0.0, |most: f64, delay| most.max((delay - run.delays_s[0]).abs()));
     assert!(skewed > 1e-3 && run.delays_s.iter().all(|delay| (0.01..=0.02).contains(delay)), "{:?}", run.delays_s);
     let (mut off, mut off_speed) = (0.0_f64, 0.0_f64);
-    // The commands are known every tick; the cubic between them leaves them by (T / h)^3 of the bound.
+    // The commands are known every tick. The cubic between them differs from them by (T / h)^3 of the bound.
     let tick_share = 1.0 / 15.0;
     for (n, seen) in run.seen.iter().enumerate().skip(40) {
         for j in 0..JOINTS {

@@ -1,4 +1,4 @@
-//! The other end of the ring.
+//! The collector's end of the ring.
 
 use crate::counter::{Counter, Counters};
 use crate::event::{Missed, RateLimit};
@@ -11,11 +11,11 @@ use serde_json::{Map, Value, json};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Makes histograms and log lines of what a loop puts into its ring.
+/// Makes histograms and log lines from the entries that a loop puts into its ring.
 #[derive(Debug)]
 pub struct Collector {
     process: &'static str,
-    /// Without real-time scheduling deadlines are missed, and no line about them is a warning.
+    /// True without real-time scheduling. Then deadlines are missed, and no line about them is a warning.
     relaxed: bool,
     ring: Consumer<Entry>,
     counters: Arc<Counters>,
@@ -32,25 +32,25 @@ impl Collector {
         Self { process, relaxed: false, ring, counters, series, limit, missed: None, lines: None }
     }
 
-    /// Of a process that may do without real-time scheduling: what comes of that is no warning.
+    /// Sets if the process may run without real-time scheduling. Then missed deadlines and gaps are no warnings.
     pub fn relaxed(self, relaxed: bool) -> Self {
         Self { relaxed, ..self }
     }
 
-    /// The process it collects for.
+    /// Returns the name of the process that it collects for.
     pub fn process(&self) -> &'static str {
         self.process
     }
 
-    /// The numbers of the process.
+    /// Returns the counters of the process.
     pub fn counters(&self) -> &Counters {
         &self.counters
     }
 
-    /// Takes everything that lies in the ring; answers how much that was.
+    /// Takes all entries from the ring. Returns their number.
     pub fn drain(&mut self) -> usize {
-        // Before there is anything to write: no thread begins while the robot moves. The one that writes is the child of the
-        // one that collects, and runs where that one does.
+        // The log thread starts before there is anything to write, so that no thread starts while the robot
+        // moves. It is a child of the collecting thread, and runs on the same cores.
         if self.lines.is_none() {
             self.lines = Lines::start(self.process, self.relaxed);
         }
@@ -87,12 +87,12 @@ impl Collector {
         }
     }
 
-    /// What was measured, with its name.
+    /// Returns the metrics that have samples, with their series.
     pub(crate) fn measured(&self) -> impl Iterator<Item = (Metric, &Series)> {
         Metric::ALL.into_iter().zip(&self.series).filter_map(|(metric, series)| Some((metric, series.as_deref()?)))
     }
 
-    /// `{"metrics": {name: as Series::into_json}, "ring_dropped", "log_lines_lost", "allocations"}`.
+    /// Returns `{"metrics": {name: as Series::into_json}, "ring_dropped", "log_lines_lost", "allocations"}`.
     pub fn into_json(mut self) -> Value {
         self.drain();
         if let Some(missed) = self.missed.take() {

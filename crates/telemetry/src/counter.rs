@@ -1,17 +1,18 @@
-//! Numbers that a loop stores and others read. `tests/models` looks at every interleaving of it, with atomics of its own.
+//! Counters that a loop stores and other threads read. `tests/models` checks every interleaving, with atomics of
+//! its own.
 
 use super::atomic::{AtomicU64, Ordering};
 
-/// A number of one process.
+/// A counter of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counter {
-    /// Rounds of the loop; the watchdog looks at it.
+    /// Rounds of the loop. The watchdog reads it.
     Ticks,
     /// Indices of the grid that were skipped.
     MissedDeadlines,
     /// Messages that the bus did not take.
     PublishFailures,
-    /// Times the process found that it had stood still for longer than a command stays valid.
+    /// Times the process found that it had been stopped for longer than a command stays valid.
     Gaps,
     /// Allocations of the loop's thread since READY, without the transport's.
     Allocations,
@@ -25,18 +26,18 @@ pub enum Counter {
     Faults,
     /// Latched faults, as bits of `Faults` (control).
     Latched,
-    /// Frames of clients without authority (ingest).
+    /// Frames of clients without the lease (ingest).
     WithoutAuthority,
-    /// Frames passed over because their publisher sent more than the rate (ingest).
+    /// Frames dropped because their publisher sent more than the rate (ingest).
     OverQuota,
-    /// Connections turned away at a door.
+    /// Connections refused at a socket.
     Refused,
-    /// Places of single joints that were held for a frame because they were outliers (ingest).
+    /// Positions of single joints that were held for a frame because they were outliers (ingest).
     Outliers,
 }
 
 impl Counter {
-    /// All of them; the index of each is its place.
+    /// All counters. The index of each is its number.
     pub const ALL: [Self; 14] = [
         Self::Ticks,
         Self::MissedDeadlines,
@@ -55,14 +56,14 @@ impl Counter {
     ];
 }
 
-/// The numbers of one process. Each has one writer, its loop.
+/// The counters of one process. Each has one writer, the loop of the process.
 #[derive(Debug, Default)]
 pub struct Counters {
     values: [AtomicU64; Counter::ALL.len()],
 }
 
 impl Counters {
-    /// The newest value.
+    /// Returns the newest value.
     pub fn get(&self, counter: Counter) -> u64 {
         self.values[counter as usize].load(Ordering::Relaxed)
     }
@@ -72,7 +73,7 @@ impl Counters {
         self.values[counter as usize].store(value, Ordering::Relaxed);
     }
 
-    /// Adds to a value. There is one writer, so reading and storing apart loses nothing.
+    /// Adds to a value. There is one writer, so a separate load and store lose nothing.
     pub fn add(&self, counter: Counter, more: u64) {
         self.set(counter, self.get(counter).wrapping_add(more));
     }

@@ -1,79 +1,80 @@
-//! What is worth a line in the log, and how many lines a second it is worth.
+//! Events for the log, and the limit on lines per second.
 
 use messages::{Mode, Transition};
 use std::time::{Duration, Instant};
 
-/// Something that happened in a loop; it becomes text on the collector's thread.
+/// An event in a loop. The collector's thread turns it into text.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// The mode changed.
     Transition(Transition),
-    /// The process stood still for longer than a command stays valid: suspended, or its machine was.
+    /// The process was stopped for longer than a command stays valid. The process was suspended, or its machine
+    /// was.
     Gap {
-        /// Index of the tick that was given up.
+        /// Index of the tick that was dropped.
         k: u64,
-        /// How long, ns.
+        /// Length of the stop, ns.
         ns: u64,
     },
     /// The bus did not take a message.
     PublishFailed,
-    /// A client without authority publishes.
+    /// A client without the lease publishes.
     WithoutAuthority {
         /// Frames of such clients so far.
         frames: u64,
     },
     /// The lease passed to a client.
     Lease {
-        /// By which way it comes in.
+        /// The way by which its frames arrive.
         door: &'static str,
         /// Its user.
         uid: u32,
         /// Its process.
         pid: u32,
     },
-    /// Somebody came to a door, was turned away, or sends too much.
+    /// A client connected to a socket, was refused, or sends too much.
     Visitor {
-        /// What was said.
+        /// The reply to the client.
         what: &'static str,
-        /// Whether it is worth a warning.
+        /// True if it needs a warning.
         refused: bool,
         /// The user.
         uid: u32,
         /// The process.
         pid: u32,
     },
-    /// Frames of the client that holds authority were dropped.
+    /// Frames of the client that holds the lease were dropped.
     Dropped {
-        /// How many within a second.
+        /// Number within a second.
         frames: u64,
         /// The reason's name.
         reason: &'static str,
-        /// What it means.
+        /// Its meaning.
         meaning: &'static str,
     },
-    /// Somebody did something at the operator's socket.
+    /// A client acted at the operator's socket.
     Audit {
-        /// What was done.
+        /// The action.
         what: &'static str,
         /// The user.
         uid: u32,
         /// The process.
         pid: u32,
     },
-    /// An operator said what a hand carries.
+    /// An operator reported the payload of a hand.
     Payload {
-        /// What the left and the right hand carry now, kg.
+        /// Payload of the left and the right hand now, kg.
         kg: [f64; 2],
-        /// Why it was refused, if it was.
+        /// The reason of a refusal. `None` if the report was accepted.
         refused: Option<&'static str>,
     },
 }
 
 impl Event {
-    /// Kinds of event.
+    /// Number of kinds of event.
     pub const KINDS: usize = 9;
 
-    /// Which kind: lines of one kind share one limit.
+    /// Returns the number of its kind. Lines of one kind share one limit.
     pub fn kind(&self) -> usize {
         match self {
             Self::Transition(_) => 0,
@@ -88,7 +89,7 @@ impl Event {
         }
     }
 
-    /// What a kind is called when its lines are held back.
+    /// Returns the name of a kind, for the line about suppressed lines.
     pub(crate) fn kind_name(kind: usize) -> &'static str {
         [
             "changes of mode",
@@ -146,34 +147,34 @@ impl Event {
     }
 }
 
-/// Deadlines that were missed since the last line about them.
+/// Deadlines that were missed since the last log line about them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Missed {
-    /// When the first of them was.
+    /// Time of the first of them.
     since: Instant,
     count: u64,
     longest: u64,
 }
 
 impl Missed {
-    /// One line in so long a time.
+    /// Interval between two lines.
     const LINE_EVERY: Duration = Duration::from_secs(10);
-    /// A run of so many ticks is told at once: five more, and the driver latches the silence.
+    /// A run of this many ticks is logged at once. Five more, and the driver latches the silence.
     const LONG_RUN: u64 = 10;
 
-    /// Adds a run of `count` to what was gathered so far.
+    /// Adds a run of `count` to the missed deadlines so far.
     pub(crate) fn add(gathered: &mut Option<Self>, now: Instant, count: u64) {
         let all = gathered.get_or_insert(Self { since: now, count: 0, longest: 0 });
         all.count += count;
         all.longest = all.longest.max(count);
     }
 
-    /// Whether it is worth a line at `now`.
+    /// Returns true if it is time for a line at `now`.
     pub(crate) fn is_due(&self, now: Instant) -> bool {
         self.longest >= Self::LONG_RUN || now.duration_since(self.since) >= Self::LINE_EVERY
     }
 
-    /// In words, at `now`.
+    /// Returns the line at `now`.
     pub(crate) fn words(&self, now: Instant) -> String {
         let many = |n: u64| if n == 1 { "" } else { "s" };
         let Self { since, count, longest } = *self;
@@ -183,7 +184,7 @@ impl Missed {
     }
 }
 
-/// At most so many lines of one kind in a second; the rest is counted.
+/// A rate limit: a number of lines per kind and second. Further lines are counted.
 #[derive(Clone, Debug)]
 pub struct RateLimit {
     lines_per_s: u32,
@@ -192,7 +193,7 @@ pub struct RateLimit {
     held_back: [u64; Event::KINDS],
 }
 
-/// Lines of one kind in a second: enough to read, few enough to keep a disk (10 lines of 200 bytes are 2 KB/s).
+/// Lines of one kind per second: enough to read, few enough for a disk (10 lines of 200 bytes are 2 KB/s).
 const LINES_PER_S: u32 = 10;
 
 impl RateLimit {
@@ -201,7 +202,7 @@ impl RateLimit {
         Self { lines_per_s: LINES_PER_S, since: now, written: [0; Event::KINDS], held_back: [0; Event::KINDS] }
     }
 
-    /// Whether a line of `kind` may be written.
+    /// Returns true if a line of `kind` may be written.
     pub fn admits(&mut self, kind: usize) -> bool {
         let admitted = self.written[kind] < self.lines_per_s;
         if admitted {
@@ -212,7 +213,8 @@ impl RateLimit {
         admitted
     }
 
-    /// If a second is over: begins the next one and answers how many lines of each kind were held back in it.
+    /// Begins the next second if one is over. Then returns how many lines of each kind were suppressed in it, and
+    /// otherwise `None`.
     pub fn turn(&mut self, now: Instant) -> Option<[u64; Event::KINDS]> {
         if now.duration_since(self.since) < Duration::from_secs(1) {
             return None;

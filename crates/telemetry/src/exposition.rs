@@ -10,9 +10,10 @@ use std::time::{Duration, Instant};
 
 /// Quantiles of every summary.
 const QUANTILES: [f64; 4] = [0.5, 0.99, 0.999, 0.9999];
-/// A scraper that is slower than this is left alone: the collector has a ring to drain, which holds two seconds.
+/// Longest time for one scraper. A slower one is dropped, because the collector must drain a ring that holds two
+/// seconds.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Bytes of a request that are read: its first line, and the headers that nobody looks at.
+/// Bytes of a request that are read: its first line, and the headers, which are not used.
 const REQUEST_BYTES: usize = 4096;
 
 /// Counters as they are exposed: name, help, counter or gauge.
@@ -32,29 +33,29 @@ const EXPOSED: [(Counter, &str, &str); 13] = [
     (Counter::Latched, "faults_latched", "Latched faults, as bits."),
 ];
 
-/// A listener on 127.0.0.1 that answers `GET /metrics`.
+/// A listener on 127.0.0.1 that replies to `GET /metrics`.
 #[derive(Debug)]
 pub struct Exposition {
     listener: TcpListener,
 }
 
 impl Exposition {
-    /// Listens on the loopback interface alone.
+    /// Listens on the loopback interface only.
     pub fn bind(port: u16) -> std::io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         listener.set_nonblocking(true)?;
         Ok(Self { listener })
     }
 
-    /// The port it listens on.
+    /// Returns the port that it listens on.
     pub fn port(&self) -> std::io::Result<u16> {
         Ok(self.listener.local_addr()?.port())
     }
 
-    /// Answers one scraper, if one waits.
+    /// Replies to one scraper, if one waits.
     pub fn serve(&self, collector: &Collector) {
         let Ok((stream, _)) = self.listener.accept() else { return };
-        // A scraper that goes away has harmed nobody but itself.
+        // A scraper that disconnects early harms only itself.
         let _ = answer(stream, collector);
     }
 }
@@ -75,7 +76,7 @@ fn answer(mut stream: TcpStream, collector: &Collector) -> std::io::Result<()> {
     )
 }
 
-/// Reads until the empty line, within the patience of one scraper.
+/// Reads until the empty line, within the time limit of one scraper.
 fn request_head(stream: &mut TcpStream) -> std::io::Result<Vec<u8>> {
     let give_up = Instant::now() + PATIENCE;
     let mut head = Vec::with_capacity(REQUEST_BYTES);
@@ -94,7 +95,8 @@ fn request_head(stream: &mut TcpStream) -> std::io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Everything that is known of the process. A `String` takes what is written to it: `write!` cannot fail here.
+/// Returns all metrics of the process as text. Writing to a `String` cannot fail, so the result of `write!` is
+/// ignored.
 fn text(collector: &Collector) -> String {
     let (mut out, process, counters) = (String::with_capacity(8192), collector.process(), collector.counters());
     for (counter, name, help) in EXPOSED {

@@ -1,6 +1,7 @@
-//! What leaves a real-time loop. The loop has a `Probe`: it stores numbers in atomics and puts small values into a
-//! wait-free ring, and does nothing else. Everything that costs time (histograms, text, logs, the network) is done by a
-//! `Collector` on a thread of its own. A full ring loses samples, which are counted; it never holds the loop up.
+//! Metrics and log events of a real-time loop. The loop has a `Probe`. It stores numbers in atomics and puts
+//! small values into a wait-free ring, and does nothing else. A `Collector` on a thread of its own does the slow
+//! work: histograms, text, logs and the network. A full ring loses samples, which are counted. It never delays
+//! the loop.
 
 mod collector;
 mod counter;

@@ -1,16 +1,17 @@
-//! Lines on their way to the log. Whoever reads stderr or the journal may be slow or stuck, and neither the watchdog nor the
-//! end of the process may wait for that: a thread of its own writes, and what finds its queue full is lost and counted.
+//! Lines on their way to the log. The reader of stderr or of the journal may be slow or stuck. Neither the
+//! watchdog nor the end of the process may wait for it. So a thread of its own writes, and a line that finds its
+//! queue full is lost and counted.
 
 use crate::event::{Event, Missed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-/// Lines that wait: some seconds of every kind at its limit.
+/// Lines that can wait: some seconds of every kind at its limit.
 const QUEUE: usize = 256;
-/// How long the end of a process waits for its last lines.
+/// Longest wait of an ending process for its last lines.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// What becomes a line.
+/// Content of a line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Line {
     Event(Event),
@@ -27,7 +28,7 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
-    /// Starts the thread, with the attributes of the calling one; nothing if the system gives none.
+    /// Starts the thread, with the attributes of the calling one. Returns `None` if the system starts no thread.
     pub(crate) fn start(process: &'static str, relaxed: bool) -> Option<Self> {
         let (sender, lines) = sync_channel(QUEUE);
         let (finished, done) = sync_channel(1);
@@ -47,7 +48,7 @@ impl Lines {
         }
     }
 
-    /// Waits a little for the last lines; answers how many were lost in all.
+    /// Waits a short time for the last lines. Returns how many were lost in all.
     pub(crate) fn finish(self) -> u64 {
         drop(self.sender);
         let _ = self.done.recv_timeout(PATIENCE);

@@ -1,4 +1,4 @@
-//! Where log lines go.
+//! Destination of the log lines.
 
 use std::io::IsTerminal;
 use std::os::unix::fs::MetadataExt;
@@ -6,7 +6,8 @@ use tracing::level_filters::LevelFilter;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Sends log lines to the journal with their fields where stderr goes there, else to stderr, one line each; none below `level`. A process that has installed its own keeps it.
+/// Sends log lines to the journal, with their fields, if stderr goes there. Otherwise sends them to stderr, one
+/// line each. It sends none below `level`. A process that has installed its own subscriber keeps it.
 pub fn install(level: LevelFilter) {
     let registry = tracing_subscriber::registry().with(level);
     let journal = stderr_is_journal().then(|| tracing_journald::layer().ok()).flatten();
@@ -19,8 +20,8 @@ pub fn install(level: LevelFilter) {
     };
 }
 
-/// JOURNAL_STREAM names the device and inode of the stream that the service manager connected (systemd.exec(5)). A shell
-/// may have inherited the variable, but not the stream.
+/// Returns true if stderr goes to the journal. JOURNAL_STREAM names the device and inode of the stream that the
+/// service manager connected (systemd.exec(5)). A shell may have inherited the variable, but not the stream.
 fn stderr_is_journal() -> bool {
     let Ok(named) = std::env::var("JOURNAL_STREAM") else { return false };
     let stderr = std::fs::metadata("/proc/self/fd/2");

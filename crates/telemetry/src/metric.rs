@@ -1,13 +1,13 @@
-//! The durations that are measured, in the order of the path from the person to the motor.
+//! The measured durations, in the order of the path from the person to the motor.
 
-/// A duration that a loop measures. Hops begin where the one before ends.
+/// A duration that a loop measures. Each hop begins where the one before ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
     /// A client's frame is published -> `ingest` holds it.
     PublishedToIngest,
     /// `ingest` holds a frame -> the skeleton is about to be published.
     IngestWork,
-    /// The skeleton is published -> `retarget` wakes and reads it; the wait for the next deadline is in it.
+    /// The skeleton is published -> `retarget` wakes and reads it. It includes the wait for the next deadline.
     IngestToRetarget,
     /// `retarget` wakes -> the target is about to be published.
     RetargetWork,
@@ -17,16 +17,17 @@ pub enum Metric {
     ControlWork,
     /// The command is published -> the driver holds it.
     CommandToDriver,
-    /// A client's frame is published -> the driver executes the first command of it; one sample for each frame.
+    /// A client's frame is published -> the driver executes the frame's first command. There is one sample per
+    /// frame.
     SkeletonToCommand,
-    /// The target is published -> the driver executes its command; one sample for each command.
+    /// The target is published -> the driver executes its command. There is one sample per command.
     TargetToCommand,
     /// The deadline of the tick's index -> the loop wakes for it.
     WakeUp,
 }
 
 impl Metric {
-    /// All of them; the index of each is its place.
+    /// All metrics. The index of each is its number.
     pub const ALL: [Self; 10] = [
         Self::PublishedToIngest,
         Self::IngestWork,
@@ -40,7 +41,7 @@ impl Metric {
         Self::WakeUp,
     ];
 
-    /// Its name in reports and metrics.
+    /// Returns its name in reports and metrics.
     pub const fn name(self) -> &'static str {
         match self {
             Self::PublishedToIngest => "published_to_ingest",

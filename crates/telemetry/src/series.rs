@@ -4,12 +4,12 @@ use messages::Stamp;
 use rt::Histogram;
 use serde_json::{Value, json};
 
-/// Seconds that are kept, an hour and eight minutes; a longer run keeps its first ones, and its whole histogram.
+/// Seconds that are kept, an hour and eight minutes. A longer run keeps its first ones, and its whole histogram.
 const SECONDS_MAX: usize = 4096;
 /// Nanoseconds in a second.
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// One kind of duration. It allocates all that it will ever need when it is made.
+/// The series of one metric. It makes all its allocations when it is created.
 #[derive(Clone, Debug)]
 pub struct Series {
     whole: Histogram,
@@ -58,8 +58,8 @@ impl Series {
         self.current.reset();
     }
 
-    /// `{"count", "p50_us", .., "max_us", "buckets", "seconds"}`. A bucket is [highest duration in it in ns, count]; a second
-    /// is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
+    /// Returns `{"count", "p50_us", .., "max_us", "buckets", "seconds"}`. A bucket is [highest duration in it in
+    /// ns, count]. A second is [s on CLOCK_MONOTONIC, count, p50, p99 and longest in us].
     pub fn into_json(mut self) -> Value {
         self.turn();
         let mut value = self.whole.to_json();

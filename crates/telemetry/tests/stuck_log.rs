@@ -1,4 +1,4 @@
-//! Whoever reads the log may stop reading: the collector goes on, ends, and says how many lines were lost.
+//! The reader of the log may stop reading. The collector goes on, ends, and reports how many lines were lost.
 
 use messages::Transition;
 use std::io::Write;
@@ -24,7 +24,8 @@ fn a_log_that_nobody_reads_holds_nothing_up() {
     tracing_subscriber::fmt().with_writer(|| Stuck).init();
     let (mut probe, mut collector) = channel("control");
     let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, about: 0 };
-    // At ten lines a second the queue of 256 would take half a minute to fill: the thread's first line is enough to stick.
+    // At ten lines a second the queue of 256 would take half a minute to fill. The thread's first line is enough
+    // to block it.
     for _ in 0..20 {
         probe.event(Event::Transition(transition));
     }

@@ -1,4 +1,4 @@
-//! The ring between a loop and its collector: nothing is lost in silence, and the loop's end does not allocate.
+//! The ring between a loop and its collector: every loss is counted, and the loop's end does not allocate.
 
 use messages::{Mode, Stamp, Transition};
 use std::io::{Read, Write};
@@ -88,7 +88,7 @@ fn scraped(exposition: &Exposition, collector: &Collector, request: &str) -> Str
     stream.write_all(request.as_bytes()).expect("it reads");
     exposition.serve(collector);
     let mut answer = String::new();
-    // A connection that is cut gives no text.
+    // A connection that was cut gives no text.
     let _ = stream.read_to_string(&mut answer);
     answer
 }

@@ -6,7 +6,7 @@ use bus::{Domain, DomainConfig};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// A root folder and a prefix that no other test has; both vanish with it.
+/// A root folder and a prefix that no other test has. Both are removed with it.
 pub(crate) struct Place {
     folder: tempfile::TempDir,
     prefix: String,
@@ -41,7 +41,7 @@ impl Drop for Place {
     }
 }
 
-/// Waits until `check` answers; a minute without an answer is a failure of the test, whatever the load.
+/// Waits until `check` returns a value. A minute without one is a failure of the test, whatever the load.
 pub(crate) fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
@@ -53,7 +53,7 @@ pub(crate) fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) ->
     }
 }
 
-/// Files in /dev/shm whose names begin with `prefix`.
+/// Returns the size of the files in /dev/shm whose names begin with `prefix`.
 pub(crate) fn shared_memory_bytes(prefix: &str) -> u64 {
     let entries = std::fs::read_dir(Path::new("/dev/shm")).into_iter().flatten().flatten();
     let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));

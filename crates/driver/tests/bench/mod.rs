@@ -1,4 +1,4 @@
-//! A driver's follower, and the honest command stream to it.
+//! A driver's follower, and the valid command stream to it.
 
 use driver::{Chain, Config, Input, JointLimits, Motion, Output, State, tick};
 use messages::{Header, JOINTS, JointCommand, Layout, Stamp, TICK_S, deadline};
@@ -7,7 +7,7 @@ pub(crate) const K: u64 = 1000;
 pub(crate) const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 25.0, j_max: 500.0 };
 pub(crate) const CONFIG: Config = Config::new([LIMITS; JOINTS]);
 
-/// A driver and the honest command stream to it.
+/// A driver and the valid command stream to it.
 pub(crate) struct Bench {
     pub(crate) state: State,
     pub(crate) sequence: u64,
@@ -15,7 +15,7 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// Joint 3 moves at 1 rad/s already.
+    /// Creates a bench in which joint 3 already moves at 1 rad/s.
     pub(crate) fn new() -> Self {
         let mut bench = Self::at_rest();
         let command = bench.command(K);
@@ -28,7 +28,7 @@ impl Bench {
         Self { state, sequence: 0, chain: Chain { incarnation: 1, seed_k: K, seed_played: 0 } }
     }
 
-    /// A command of index `k`; joint 3 moves at 1 rad/s and stops within 0.1 s.
+    /// Returns a command of index `k`. Joint 3 moves at 1 rad/s and stops within 0.1 s.
     pub(crate) fn command(&mut self, k: u64) -> JointCommand {
         self.sequence += 1;
         let mut command = JointCommand {
@@ -45,7 +45,7 @@ impl Bench {
         command
     }
 
-    /// The driver's tick at index `k`, at its grace.
+    /// Runs the driver's tick at index `k`, at its grace.
     pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
         tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false, measured: None })
     }

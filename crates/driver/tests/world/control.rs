@@ -1,4 +1,4 @@
-//! A `control` that moves at random and keeps books of what it sent.
+//! A `control` that moves at random and records every command that it sent.
 
 use super::V_MAX;
 use driver::{Chain, ChainView, Motion, Seed, on_chain, reseed};
@@ -7,19 +7,19 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
 
-/// How a command was made of the state before it.
+/// How a command was made from the state before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Made {
-    /// With this constant jerk over the tick.
+    /// Made with this constant jerk over the tick.
     Jerk([f64; JOINTS]),
-    /// As the next point of the plan.
+    /// Made as the next point of the plan.
     OnPlan,
 }
 
 #[derive(Clone)]
 pub(crate) struct Control {
     pub(crate) incarnation: u32,
-    /// After missing an index of its own, continue from the own last command instead of from the echo.
+    /// If true, continues from its own last command instead of the echo after it missed an index.
     pub(crate) trusts_itself: bool,
     pub(crate) sent: HashMap<(u32, u64), (JointCommand, Made)>,
     pub(crate) reset_count: u32,
@@ -46,7 +46,7 @@ impl Control {
         (self.sequence, self.stream, self.reset_count) = (0, None, 0);
     }
 
-    /// The command of index `k`, given the newest echo.
+    /// Returns the command of index `k`, given the newest echo.
     pub(crate) fn tick(&mut self, k: u64, echo: Option<&RobotState>) -> Option<JointCommand> {
         let echo = echo?;
         let still = echo.v.iter().chain(&echo.a).all(|&x| x == 0.0);
@@ -112,7 +112,7 @@ impl Control {
     }
 }
 
-/// A stop: `a` goes to zero in `d1` seconds, then what is left of the velocity in two phases of `d` seconds.
+/// Returns a stop: `a` goes to zero in `d1` seconds, then the rest of the velocity in two phases of `d` seconds.
 fn stop(v: &[f64; JOINTS], a: &[f64; JOINTS], d1: f64, d: f64) -> StopPlan {
     let mut plan = StopPlan::ZERO;
     for j in 0..JOINTS {

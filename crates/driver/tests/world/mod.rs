@@ -1,4 +1,4 @@
-//! Two processes, two slots of shared memory and one clock of quarter ticks, in which anything may be late.
+//! Two processes, two slots of shared memory and one clock of quarter ticks. Anything may be late.
 
 mod control;
 mod oracle;
@@ -12,13 +12,14 @@ use oracle::Oracle;
 const GRACE_QUARTERS: u64 = 2;
 /// The index at which every run begins.
 pub(crate) const FIRST_K: u64 = 1000;
-/// Largest joint speed, rad/s; the motions of `Control` stay below it.
+/// Largest joint speed, rad/s. The motions of `Control` stay below it.
 pub(crate) const V_MAX: f64 = 3.0;
 
-/// Limits that every motion and every plan of `Control` keeps: its commands have up to 1e4 rad/s^3, its plans up to v / d^2.
+/// Limits that every motion and plan of `Control` keeps. Its commands have up to 1e4 rad/s^3, its plans up to v /
+/// d^2.
 const LIMITS: JointLimits = JointLimits { q_min: -100.0, q_max: 100.0, v_max: V_MAX, a_max: 1e3, j_max: 2e5 };
 
-/// What happens in one tick.
+/// Events of one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     /// The quarter in which `control` wakes, or never.
@@ -32,11 +33,11 @@ pub(crate) struct Moment {
 }
 
 impl Moment {
-    /// Everybody on time.
+    /// All processes and messages on time.
     pub(crate) const CALM: Self = Self { control: Some(0), driver: 0b1111, command_delay: 0, echo_delay: 0 };
 }
 
-/// What a tick came to.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Tally {
     pub(crate) commands: u64,
@@ -70,7 +71,7 @@ impl<T: Copy> Slot<T> {
     }
 
     fn read(&mut self, quarter: u64) -> Option<T> {
-        // What was sent later but arrived earlier is overwritten by what arrives last: reordering.
+        // A message that was sent later but arrived earlier is overwritten by the last arrival: reordering.
         while let Some(next) = (0..self.under_way.len())
             .filter(|&i| self.under_way[i].0 <= quarter)
             .min_by_key(|&i| (self.under_way[i].0, i))
@@ -82,7 +83,7 @@ impl<T: Copy> Slot<T> {
 }
 
 impl World {
-    /// A driver that has held a posture for a while, and a `control` that has just started.
+    /// Creates a driver that has held a posture for a while, and a `control` that has just started.
     pub(crate) fn new(seed: u64) -> Self {
         let follower = State::hold(FIRST_K, &[0.1; JOINTS]).expect("finite");
         Self {
@@ -118,7 +119,7 @@ impl World {
     fn drive(&mut self, echo_delay: u64) {
         let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
         let command = self.commands.read(self.quarter);
-        // The robot stands where it was told to be when its driver was heard of last.
+        // The robot stands at the last setpoint of its driver.
         let told = self.follower.setpoint();
         let robot = Measured {
             stamp: now,
@@ -142,7 +143,7 @@ impl World {
         });
         tally.refused += u64::from(out.refused.is_some());
         tally.suspensions += u64::from(out.suspended_ticks.is_some());
-        // A robot that is measured on the plan leaves the books as they are.
+        // A robot that is measured on the plan leaves the records as they are.
         assert!(!begun_again || out.suspended_ticks.is_some());
         if begun_again {
             assert_eq!(out.executed.q, robot.q, "it begins where it is measured");
@@ -161,7 +162,7 @@ impl World {
         self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
     }
 
-    /// Replaces the driver by one that has just started and holds where the last one was.
+    /// Replaces the driver by one that has just started and holds the posture of the last one.
     pub(crate) fn restart_driver(&mut self) {
         let q = self.follower.motion.q;
         self.follower = State::hold(self.quarter / 4, &q).expect("finite");

@@ -1,4 +1,5 @@
-//! Says whether a step of the execution continues the one before, from the books of `control` and closed forms alone.
+//! Checks that a step of the execution continues the one before, from the records of `control` and closed forms
+//! alone.
 
 use super::Tally;
 use super::control::{Control, Made};
@@ -10,11 +11,11 @@ const ROUNDING: f64 = 1e-9;
 
 #[derive(Clone)]
 pub(crate) struct Oracle {
-    /// What the last accepted command (or the start) asked for, its index, and its chain.
+    /// Motion of the last accepted command or of the start, its index, and its chain.
     base: Motion,
     base_k: u64,
     chain: Option<Chain>,
-    /// Plan ticks since.
+    /// Plan ticks since then.
     played: u64,
     last: Setpoint,
 }
@@ -35,7 +36,7 @@ impl Oracle {
                 assert_eq!(step.setpoint.k, self.base_k + self.played);
                 same(&step.setpoint, &on_plan(&self.base, self.played), "the plan");
             }
-            // The drives of this world always follow: the driver was suspended, and the books begin again.
+            // The drives of this world always follow, so the driver was suspended, and the records begin again.
             StepKind::Measured => {
                 let ticks = step.setpoint.k - self.last.k;
                 assert!(ticks > driver::GAP_MAX_TICKS, "{ticks} ticks are no suspension");
@@ -53,7 +54,7 @@ impl Oracle {
         self.last = step.setpoint;
     }
 
-    /// Follows the books of `control` from `command` back to the executed state, tick by tick.
+    /// Follows the records of `control` from `command` back to the executed state, tick by tick.
     fn lineage(&self, control: &Control, command: &JointCommand) {
         let (mut sent, mut made) = control.sent[&(command.header.incarnation, command.k)];
         loop {
@@ -73,7 +74,7 @@ impl Oracle {
     }
 }
 
-/// Whether `sent` is what `made` makes of plan tick `played` of `base`.
+/// Checks that `sent` is what `made` makes of plan tick `played` of `base`.
 fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
     let setpoint = Setpoint { k: sent.k, q: sent.q, v: sent.v, a: sent.a };
     let expected = match made {
@@ -92,7 +93,7 @@ fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
     same(&setpoint, &expected, "what control made");
 }
 
-/// The state `ticks` ticks along the plan of `base`, in closed form from its beginning.
+/// Returns the state `ticks` ticks along the plan of `base`, in closed form from its beginning.
 fn on_plan(base: &Motion, ticks: u64) -> Motion {
     let mut out = *base;
     if ticks == 0 {

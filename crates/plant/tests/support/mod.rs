@@ -1,4 +1,4 @@
-//! What the tests of this crate share.
+//! Code that the tests of this crate share.
 
 use messages::{JOINTS, Stamp, StopPlan};
 use plant::{Body, Config, Options, Setpoint};
@@ -7,14 +7,14 @@ use rand::RngExt;
 /// A shipped robot: name of the robot file, its text, name of the URDF, its text.
 pub(crate) type Texts = [&'static str; 4];
 
-/// With two Hey5 hands.
+/// The robot with two Hey5 hands.
 pub(crate) const HANDS: Texts = [
     "tiago_dual.toml",
     include_str!("../../../../config/robots/tiago_dual.toml"),
     "tiago_dual.urdf",
     include_str!("../../../../config/robots/tiago_dual.urdf"),
 ];
-/// With two PAL grippers.
+/// The robot with two PAL grippers.
 pub(crate) const GRIPPERS: Texts = [
     "tiago_dual_pal_gripper.toml",
     include_str!("../../../../config/robots/tiago_dual_pal_gripper.toml"),
@@ -22,7 +22,7 @@ pub(crate) const GRIPPERS: Texts = [
     include_str!("../../../../config/robots/tiago_dual_pal_gripper.urdf"),
 ];
 
-/// When every test begins: long after the origin of the clock.
+/// Start time of every test, long after the origin of the clock.
 pub(crate) const START: Stamp = Stamp(1_000_000_000_000);
 /// A tick of 1/1500 s, ns.
 pub(crate) const TICK_NS: u64 = 666_667;
@@ -37,18 +37,18 @@ pub(crate) fn config(texts: Texts, options: &Options) -> Config {
     Config::from_text(toml_name, toml, urdf_name, urdf, options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A posture uniform within the URDF's limits.
+/// Returns a posture uniform within the URDF's limits.
 pub(crate) fn uniform(body: &Body, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS] {
     std::array::from_fn(|j| rng.random_range(body.joints[j].urdf.q_min..body.joints[j].urdf.q_max))
 }
 
-/// A setpoint without a plan.
+/// Returns a setpoint without a plan.
 pub(crate) fn setpoint(k: u64, q: [f64; JOINTS], v: [f64; JOINTS], a: [f64; JOINTS]) -> Setpoint {
     let plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
     Setpoint { k, q, v, a, plan }
 }
 
-/// At rest at `q`.
+/// Returns a setpoint at rest at `q`.
 pub(crate) fn rest(k: u64, q: [f64; JOINTS]) -> Setpoint {
     setpoint(k, q, [0.0; JOINTS], [0.0; JOINTS])
 }
@@ -61,14 +61,15 @@ pub(crate) struct Sines {
 }
 
 impl Sines {
-    /// Random sines that use the limits: of speed or acceleration whichever comes first, within the range of positions.
+    /// Returns random sines that use the limits of speed or acceleration, whichever comes first, within the range
+    /// of positions.
     pub(crate) fn random(body: &Body, rng: &mut rand_pcg::Pcg64, share: f64) -> Self {
         let mut sines = Self { centre: [0.0; JOINTS], rows: [[0.0; 3]; JOINTS] };
         for (j, joint) in body.joints.iter().enumerate() {
             let limits = &joint.limits;
             let (v_max, a_max) = (share * limits.v_max, share * limits.a_max);
             let reach = 0.45 * (limits.q_max - limits.q_min);
-            // A w = v and A w^2 = a at once where the frequency is a / v.
+            // A w = v and A w^2 = a at once if the frequency is a / v.
             let omega = a_max / v_max * rng.random_range(0.4..2.5);
             let amplitude = (v_max / omega).min(a_max / (omega * omega)).min(reach);
             let centre = rng.random_range(limits.q_min + amplitude..limits.q_max - amplitude);
@@ -78,8 +79,8 @@ impl Sines {
         sines
     }
 
-    /// Random sines at this share of the limits, or as near to it as motors can bear: none asks for more than 0.85 of an effort limit, as no command
-    /// of whole-body control does.
+    /// Returns random sines at the share `most` of the limits, or as near to it as the motors can bear. None asks
+    /// for more than 0.85 of an effort limit, as no command of whole-body control does.
     pub(crate) fn bearable(config: &Config, rng: &mut rand_pcg::Pcg64, most: f64) -> Self {
         let mut share = most;
         loop {
@@ -92,14 +93,15 @@ impl Sines {
         }
     }
 
-    /// The largest torque of tick `k` over its effort limit.
+    /// Returns the largest torque of tick `k` over its effort limit.
     fn torque_share(&self, config: &Config, k: u64) -> f64 {
         let at = self.at(k);
         let torques = config.torques(&at.q, &at.v, &at.a).into_iter().zip(&config.body().joints);
         torques.map(|(torque, joint)| torque.abs() / joint.limits.effort_max).fold(0.0, f64::max)
     }
 
-    /// The setpoint of tick `k`. It begins at rest: a ramp lets the sines grow within the first two seconds.
+    /// Returns the setpoint of tick `k`. It begins at rest. A ramp lets the sines grow within the first two
+    /// seconds.
     pub(crate) fn at(&self, k: u64) -> Setpoint {
         let t = k as f64 / 1500.0;
         let (ramp, rate, bend) = ramp(t);
@@ -115,7 +117,7 @@ impl Sines {
     }
 }
 
-/// From 0 to 1 within two seconds, with its derivatives: 10 u^3 - 15 u^4 + 6 u^5.
+/// Returns a ramp from 0 to 1 within two seconds, with its derivatives: 10 u^3 - 15 u^4 + 6 u^5.
 fn ramp(t: f64) -> (f64, f64, f64) {
     if t >= 2.0 {
         return (1.0, 0.0, 0.0);

@@ -6,11 +6,11 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Where the kernel takes the longest wake-up latency that is wanted, us, as a native 32-bit integer; it holds while the
-/// file is open.
+/// File that takes the longest acceptable wake-up latency, us, as a native 32-bit integer. The value holds while
+/// the file is open.
 const DEVICE: &str = "/dev/cpu_dma_latency";
 
-/// Held until the process ends.
+/// The open file. It is held until the process ends.
 static HELD: OnceLock<File> = OnceLock::new();
 
 /// Keeps every core of the machine from sleeping until this process ends.

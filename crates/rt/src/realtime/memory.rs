@@ -1,20 +1,22 @@
-//! Memory that is there before it is needed: locked, kept, and touched in advance.
+//! Memory that is ready before it is needed: locked, kept, and touched in advance.
 
 use super::last_error;
 use crate::limits::{Limits, status_line};
 
-/// Stack that is touched in advance: an eighth of a Rust thread's 2 MiB; a tick holds a few messages of at most 3.6 KB.
+/// Stack that is touched in advance: an eighth of a Rust thread's 2 MiB. A tick holds a few messages of at most
+/// 3.6 KB.
 const STACK_PREFAULT_BYTES: usize = 256 * 1024;
-/// Heap that is touched in advance and kept: assumption; after READY a process asks for some KB at most, for a report.
+/// Heap that is touched in advance and kept. Assumption: after READY a process asks for some KB at most, for a
+/// report.
 const HEAP_PREFAULT_BYTES: usize = 4 << 20;
-/// Distance of two touches: the smallest page of the platforms we run on.
+/// Distance of two touches: the smallest page of the supported platforms.
 const PAGE_BYTES: usize = 4096;
 
 /// Locks all memory of the process, and all that it will map later.
 pub(super) fn lock() -> Result<String, String> {
     let limits = Limits::of_process();
     if let Some(bytes) = limits.memlock_bytes.filter(|_| !limits.any_lock) {
-        // A lock that fits today makes tomorrow's mappings fail, in the middle of the run.
+        // With a limit, a lock that fits now would make later mappings fail, in the middle of the run.
         return Err(format!(
             "RLIMIT_MEMLOCK is {bytes} bytes, later mappings would fail; grant it with LimitMEMLOCK=infinity in the \
              unit, or memlock in limits.conf"
@@ -30,7 +32,8 @@ pub(super) fn lock() -> Result<String, String> {
     }
 }
 
-/// Keeps freed memory in the process and touches the heap and the stack of the calling thread; says how much.
+/// Keeps freed memory in the process and touches the heap and the stack of the calling thread. Returns the sizes
+/// in words.
 pub(super) fn prefault() -> Result<String, String> {
     let kept = keep_heap();
     prefault_heap();
@@ -43,10 +46,12 @@ pub(super) fn prefault() -> Result<String, String> {
     }
 }
 
-/// Returned pages would fault again when they are next needed; so would blocks of their own mappings.
+/// Makes the allocator keep freed memory. Returned pages would fault again when they are next needed, and so
+/// would blocks with mappings of their own.
 fn keep_heap() -> bool {
     #[cfg(target_env = "gnu")]
-    // SAFETY: mallopt takes two integers and changes tuning values of the allocator only; 1 is its answer for success.
+    // SAFETY: mallopt takes two integers and changes only tuning values of the allocator. It returns 1 for
+    // success.
     unsafe {
         libc::mallopt(libc::M_TRIM_THRESHOLD, -1) == 1 && libc::mallopt(libc::M_MMAP_MAX, 0) == 1
     }

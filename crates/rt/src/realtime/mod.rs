@@ -1,4 +1,4 @@
-//! Thread and process attributes of the real-time path: each is set, read back, and reported in words.
+//! Thread and process attributes of the real-time path. Each is set, read back, and reported in words.
 #![allow(unsafe_code)]
 
 mod idle;
@@ -14,45 +14,46 @@ use std::fmt;
 pub enum Policy {
     /// SCHED_FIFO with this priority, 1 to 99.
     Fifo {
-        /// Higher runs first.
+        /// The priority. A higher one runs first.
         priority: u8,
     },
     /// The system's default.
     Other,
 }
 
-/// What a thread asks for.
+/// The requests of a thread.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RealtimeConfig {
     /// Scheduling policy of the calling thread.
     pub policy: Policy,
-    /// Cores that the calling thread may run on; nothing leaves it free.
+    /// Cores that the calling thread may run on. `None` leaves it free.
     pub cores: Option<Vec<usize>>,
-    /// Lock the memory of the whole process, now and in future; and touch heap and stack in advance, lock or not.
+    /// Lock the memory of the whole process, now and in future. Heap and stack are touched in advance, lock or
+    /// not.
     pub lock_memory: bool,
     /// Keep the cores of the machine from sleeping, as long as the process lives.
     pub cpu_dma_latency: bool,
 }
 
-/// What became of one request.
+/// Result of one request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// Not asked for.
+    /// It was not requested.
     NotRequested,
-    /// Set and read back.
+    /// It was set and read back.
     Applied(String),
-    /// Refused, with the system's reason and what would help.
+    /// It was refused. The text has the system's reason and the remedy.
     Refused(String),
 }
 
 impl Outcome {
-    /// Whether it holds.
+    /// Returns true if the request was granted.
     pub fn is_applied(&self) -> bool {
         matches!(self, Self::Applied(_))
     }
 }
 
-/// What the system granted.
+/// The system's answers to all requests.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RealtimeReport {
     /// Scheduling policy.
@@ -61,40 +62,40 @@ pub struct RealtimeReport {
     pub cores: Outcome,
     /// Memory lock.
     pub memory: Outcome,
-    /// Heap and stack touched in advance.
+    /// Heap and stack that were touched in advance.
     pub prefault: Outcome,
     /// Timer slack of 1 ns.
     pub timer_slack: Outcome,
-    /// Cores kept from sleeping.
+    /// Cores that are kept from sleeping.
     pub cpu_dma_latency: Outcome,
-    /// Denormal numbers flushed to zero.
+    /// Denormal numbers that are flushed to zero.
     pub denormals: Outcome,
     /// A kernel with PREEMPT_RT.
     pub kernel: Outcome,
-    /// The processor's features; nothing to ask for.
+    /// The processor's features. They cannot be requested.
     pub processor: Outcome,
 }
 
 impl RealtimeReport {
-    /// Whether the thread runs under SCHED_FIFO with locked memory on a kernel that bounds its own delays: what engaging
-    /// a real robot asks for.
+    /// Returns true if the thread runs under SCHED_FIFO with locked memory on a kernel that bounds its own
+    /// delays. Engaging a real robot requires that.
     pub fn is_realtime(&self) -> bool {
         self.policy.is_applied() && self.memory.is_applied() && self.kernel.is_applied()
     }
 
-    /// The reasons of everything that was refused.
+    /// Returns the reasons of all refusals.
     pub fn refusals(&self) -> Vec<String> {
         let named = self.named();
         named.into_iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
     }
 
-    /// What holds.
+    /// Returns everything that was granted.
     pub fn granted(&self) -> Vec<String> {
         let named = self.named();
         named.into_iter().filter(|(_, outcome)| outcome.is_applied()).map(line).collect()
     }
 
-    /// Everything, a line each: what holds, or the reason why it does not.
+    /// Returns one line for each request: the granted value, or the reason why it was not granted.
     pub fn lines(&self) -> Vec<String> {
         self.named().map(line).into()
     }
@@ -133,15 +134,15 @@ impl fmt::Display for RealtimeReport {
 pub struct Realtime;
 
 impl Realtime {
-    /// Asks for everything in `config` and reports what holds. Memory is locked first, so that ports created later
-    /// are resident; call it before opening the bus, on the thread that ticks. Threads started later do not inherit
-    /// SCHED_FIFO; they do inherit the affinity.
+    /// Makes all requests in `config` and reports the results. Memory is locked first, so that ports created
+    /// later are resident. Call it before opening the bus, on the thread that ticks. Threads started later do not
+    /// inherit SCHED_FIFO, but they inherit the cores.
     pub fn apply(config: &RealtimeConfig) -> RealtimeReport {
         let asked = |wanted: bool, ask: fn() -> Result<String, String>| {
             if wanted { outcome(ask()) } else { Outcome::NotRequested }
         };
         let memory = asked(config.lock_memory, memory::lock);
-        // The slack first: newer kernels report and accept no slack once the thread is real-time.
+        // The slack is set first: newer kernels report and accept no slack once the thread is real-time.
         let timer_slack = outcome(scheduling::set_timer_slack());
         let cores = config.cores.as_deref().map_or(Outcome::NotRequested, Self::keep_to);
         let policy = match config.policy {
@@ -161,12 +162,13 @@ impl Realtime {
         }
     }
 
-    /// Keeps the calling thread, and those that it starts, to `cores`, and reads it back.
+    /// Restricts the calling thread, and the threads that it starts, to `cores`, and reads the setting back.
     pub fn keep_to(cores: &[usize]) -> Outcome {
         outcome(scheduling::set_cores(cores))
     }
 
-    /// Whether this process would get SCHED_FIFO with `priority`: tried, and read back, on a thread that then ends.
+    /// Returns the result of asking for SCHED_FIFO with `priority`. It is set and read back on a thread that then
+    /// ends.
     pub fn try_fifo(priority: u8) -> Result<String, String> {
         let tried = std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority));
         let thread = tried.map_err(|error| format!("no thread to try it on: {error}"))?;
@@ -181,8 +183,8 @@ fn outcome(result: Result<String, String>) -> Outcome {
     }
 }
 
-/// Without PREEMPT_RT a system call of any other process may keep SCHED_FIFO off a core for milliseconds: 5 to 10 ms were
-/// seen here under a compiler's load (6.18, PREEMPT_DYNAMIC, 2026-11-21).
+/// Checks that the kernel is PREEMPT_RT. Without it a system call of any other process may keep SCHED_FIFO off a
+/// core for milliseconds. 5 to 10 ms were seen here under a compiler's load (6.18, PREEMPT_DYNAMIC, 2026-11-21).
 fn preempt_rt() -> Result<String, String> {
     if is_preempt_rt() {
         return Ok("PREEMPT_RT".into());
@@ -190,14 +192,15 @@ fn preempt_rt() -> Result<String, String> {
     Err("not PREEMPT_RT (/proc/sys/kernel/version): delays of several ms are possible; boot a PREEMPT_RT kernel".into())
 }
 
-/// Whether the kernel is PREEMPT_RT: its version says so, as `uname -v`; kernels with the patches from before 6.12 say it in
-/// /sys/kernel/realtime too.
+/// Returns true if the kernel is PREEMPT_RT. Its version says so, as in `uname -v`. Kernels with the patches from
+/// before 6.12 also say so in /sys/kernel/realtime.
 pub fn is_preempt_rt() -> bool {
     let text = |path| std::fs::read_to_string(path).unwrap_or_default();
     says_preempt_rt(&text("/proc/sys/kernel/version"), &text("/sys/kernel/realtime"))
 }
 
-/// `PREEMPT_RT` is a word of its own there; `PREEMPT_DYNAMIC` is another.
+/// Returns true if `version` contains the word `PREEMPT_RT`, or if `realtime` is 1. `PREEMPT_DYNAMIC` is another
+/// word.
 fn says_preempt_rt(version: &str, realtime: &str) -> bool {
     version.split_whitespace().any(|word| word == "PREEMPT_RT") || realtime.trim() == "1"
 }
@@ -214,7 +217,7 @@ mod tests {
         RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: false, cpu_dma_latency: false }
     }
 
-    /// Attributes belong to a thread: each test asks in a thread of its own.
+    /// Runs `work` in a thread of its own, because attributes belong to a thread.
     fn in_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
         std::thread::scope(|scope| scope.spawn(work).join().expect("the thread does not panic"))
     }

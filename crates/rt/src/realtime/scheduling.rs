@@ -3,11 +3,11 @@
 use super::last_error;
 use crate::limits::{Limits, words};
 
-/// SCHED_FIFO, and only where it then holds.
+/// Sets SCHED_FIFO, and succeeds only if it then holds.
 pub(super) fn set_fifo(priority: u8) -> Result<String, String> {
     let wanted = libc::c_int::from(priority);
     let parameter = libc::sched_param { sched_priority: wanted };
-    // SAFETY: `parameter` is a valid sched_param; pid 0 means the calling thread.
+    // SAFETY: `parameter` is a valid sched_param. pid 0 means the calling thread.
     let rc = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameter) };
     if rc != 0 {
         let error = last_error();
@@ -24,15 +24,15 @@ pub(super) fn set_fifo(priority: u8) -> Result<String, String> {
     Ok(format!("SCHED_FIFO priority {priority}"))
 }
 
-/// Policy and priority that hold for the calling thread; (-1, -1) if the kernel does not tell.
+/// Returns the policy and priority of the calling thread, or (-1, -1) if the kernel does not report them.
 pub(super) fn scheduling() -> (i32, i32) {
     let mut granted = libc::sched_param { sched_priority: -1 };
-    // SAFETY: `granted` is writable; pid 0 means the calling thread.
+    // SAFETY: `granted` is writable. pid 0 means the calling thread.
     let (policy, rc) = unsafe { (libc::sched_getscheduler(0), libc::sched_getparam(0, &mut granted)) };
     if policy < 0 || rc != 0 { (-1, -1) } else { (policy & !libc::SCHED_RESET_ON_FORK, granted.sched_priority) }
 }
 
-/// Cores of the calling thread, and of the threads that it starts.
+/// Sets the cores of the calling thread, and of the threads that it starts.
 pub(super) fn set_cores(cores: &[usize]) -> Result<String, String> {
     let mut wanted = empty_core_set();
     for &core in cores {
@@ -43,7 +43,7 @@ pub(super) fn set_cores(cores: &[usize]) -> Result<String, String> {
         unsafe { libc::CPU_SET(core, &mut wanted) };
     }
     let size = std::mem::size_of::<libc::cpu_set_t>();
-    // SAFETY: `wanted` is a valid set of `size` bytes; pid 0 means the calling thread.
+    // SAFETY: `wanted` is a valid set of `size` bytes. pid 0 means the calling thread.
     if unsafe { libc::sched_setaffinity(0, size, &wanted) } != 0 {
         let error = last_error();
         return Err(format!("cores {cores:?}: {error}; allowed to this process: {:?}", allowed_cores()));
@@ -55,10 +55,10 @@ pub(super) fn set_cores(cores: &[usize]) -> Result<String, String> {
     if granted == asked { Ok(format!("{granted:?}")) } else { Err(format!("cores {cores:?}: {granted:?} hold")) }
 }
 
-/// The cores that the calling thread may run on, ascending.
+/// Returns the cores that the calling thread may run on, ascending.
 pub(crate) fn allowed_cores() -> Vec<usize> {
     let mut set = empty_core_set();
-    // SAFETY: `set` is writable and of the size that is named; every index is below CPU_SETSIZE.
+    // SAFETY: `set` is writable and has the given size. Every index is below CPU_SETSIZE.
     unsafe {
         if libc::sched_getaffinity(0, std::mem::size_of::<libc::cpu_set_t>(), &mut set) != 0 {
             return Vec::new();
@@ -72,14 +72,14 @@ fn empty_core_set() -> libc::cpu_set_t {
     unsafe { std::mem::zeroed() }
 }
 
-/// The kernel may put a timer off by its slack, 50 us unless told otherwise.
+/// Sets the timer slack to 1 ns. The kernel may delay a timer by its slack, which is 50 us by default.
 pub(super) fn set_timer_slack() -> Result<String, String> {
-    // SAFETY: PR_SET_TIMERSLACK takes one integer, PR_GET_TIMERSLACK none; neither touches memory.
+    // SAFETY: PR_SET_TIMERSLACK takes one integer, PR_GET_TIMERSLACK none. Neither touches memory.
     let (set, slack_ns) =
         unsafe { (libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong), libc::prctl(libc::PR_GET_TIMERSLACK)) };
     if set != 0 {
         return Err(format!("PR_SET_TIMERSLACK 1 ns: {}", last_error()));
     }
-    // A real-time thread has none at all.
+    // A real-time thread has no slack at all.
     if (0..=1).contains(&slack_ns) { Ok(format!("{slack_ns} ns")) } else { Err(format!("{slack_ns} ns holds")) }
 }

@@ -1,4 +1,4 @@
-//! A simulated robot on a bench, and honest commands to it.
+//! A simulated robot on a bench, and valid commands to it.
 #![allow(dead_code)]
 
 use driver::{Chain, Setpoint};
@@ -38,12 +38,12 @@ impl Bench {
         Self { config, state, command }
     }
 
-    /// Encoders without noise and step, servos without delay.
+    /// Creates a bench with encoders without noise and step, and servos without delay.
     pub(crate) fn ideal() -> Self {
         Self::new(&Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }, 1)
     }
 
-    /// The next command: `joint` moves with this jerk for one tick; its plan is the stop from there.
+    /// Returns the next command: `joint` moves with this jerk for one tick. Its plan is the stop from there.
     pub(crate) fn next(&mut self, joint: usize, jerk: f64) -> JointCommand {
         let c = &mut self.command;
         (c.k, c.header.sequence) = (c.k + 1, c.header.sequence + 1);
@@ -63,7 +63,7 @@ impl Bench {
         self.command.plan.duration_s[joint] = [d1, d, d];
     }
 
-    /// The tick in which the command of index `k` is due.
+    /// Runs the tick in which the command of index `k` is due.
     pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
         tick(&self.config, &mut self.state, deadline(k), Input { due_k: k, command })
     }
@@ -80,7 +80,7 @@ impl Bench {
         out.expect("at least one tick")
     }
 
-    /// Sends the command as it stands, as that of the next index.
+    /// Sends the command as it is, with the next index.
     pub(crate) fn send(&mut self) -> Output {
         self.command.k += 1;
         self.command.header.sequence += 1;
@@ -88,7 +88,7 @@ impl Bench {
         self.tick(command.k, Some(&command))
     }
 
-    /// Names of the kinds of violation that occurred.
+    /// Returns the names of the kinds of violation that occurred.
     pub(crate) fn violated(&self) -> Vec<&'static str> {
         self.state.report().violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
     }
@@ -98,7 +98,7 @@ impl Bench {
     }
 }
 
-/// The checker alone, which sees setpoints that no driver would take.
+/// The checker alone. It sees setpoints that no driver would take.
 pub(crate) struct Judge {
     pub(crate) bench: Bench,
     pub(crate) report: Report,
@@ -124,19 +124,19 @@ impl Judge {
         }
     }
 
-    /// Shows the checker the command as it stands.
+    /// Shows the checker the command as it is.
     pub(crate) fn show(&mut self) {
         let JointCommand { k, q, v, a, mode, .. } = self.bench.command;
         self.checker.step(&self.bench.config, &mut self.report, &Setpoint { k, q, v, a }, mode);
     }
 
-    /// Names of the kinds of violation that occurred.
+    /// Returns the names of the kinds of violation that occurred.
     pub(crate) fn violated(&self) -> Vec<&'static str> {
         self.report.violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
     }
 }
 
-/// Joints other than `joint`.
+/// Returns the joints other than `joint`.
 pub(crate) fn others(joint: usize) -> impl Iterator<Item = usize> {
     (0..JOINTS).filter(move |&j| j != joint)
 }
