@@ -1,5 +1,5 @@
-//! The driver of the simulated robot: executes a command when it arrives, or its plan when none does, and sends every
-//! setpoint to the process `teleopd robot`.
+//! The driver of the simulated robot. Executes a command when it arrives, or its stop plan when none arrives.
+//! Sends every setpoint to the process `teleopd robot`.
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
@@ -16,29 +16,30 @@ use serde_json::{Map, Value, json};
 use std::time::Duration;
 use telemetry::{Metric, Probe};
 
-/// A driver that starts measures twice. The second measurement has to confirm the speeds of the first. Time between them, ns.
+/// Time between the two measurements of a starting driver, ns. The second must confirm the speeds of the first.
 const CONFIRM_NS: u64 = 6_000_000;
 
-/// Time between two looks at the robot, ns: it measures once a cycle of its port, 1 ms.
+/// Time between two reads of the robot, ns. It measures once per cycle of its port, 1 ms.
 const LOOK_NS: u64 = 1_000_000;
 
-/// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
+/// After a request to end, the driver plays its plan to rest, but no longer than this. The longest stop is 0.5 s,
+/// and this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
-/// A driver waits so long for a robot, ns.
+/// Longest time that a driver waits for a robot, ns.
 const ROBOT_WITHIN_NS: u64 = 2_000_000_000;
 
-/// A driver that was suspended waits so long for what the robot measures now, ns: 20 cycles of the robot's port.
+/// Longest time that a suspended driver waits for a current measurement, ns: 20 cycles of the robot's port.
 const NEWS_WITHIN_NS: u64 = 20_000_000;
 
-/// The robot's process, behind the driver's port.
+/// Connection to the robot's process, behind the driver's port.
 struct RemoteRobot {
     setpoints: Writer<RobotSetpoint>,
     measurements: Reader<RobotMeasured>,
     newest: RobotMeasured,
-    /// Index of the last setpoint that was sent.
+    /// Index of the last setpoint sent.
     sent_k: u64,
-    /// Of the driver's messages; sequence and stamp are filled in.
+    /// Header of the driver's messages. The sender fills in sequence and stamp.
     header: Header,
 }
 
@@ -63,8 +64,8 @@ impl RemoteRobot {
 }
 
 impl RemoteRobot {
-    /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand for a second
-    /// of its own time.
+    /// Waits for a robot whose last driver has just died. The robot reacts by itself. Returns once it stands
+    /// still, or after a second of the robot's own time if it does not.
     fn wait_until_it_stands(&mut self) -> Result<(), Failure> {
         let first = self.read(rt::now());
         let mut standstill = driver::Standstill::new(&first);
@@ -81,15 +82,16 @@ impl RemoteRobot {
         Err(Failure::new(Exit::Unavailable, text))
     }
 
-    /// Two measurements, [`CONFIRM_NS`] apart.
+    /// Takes two measurements, [`CONFIRM_NS`] apart.
     fn measure_twice(&mut self) -> (Measured, Measured) {
         let earlier = self.read(rt::now());
         rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
         (earlier, self.read(rt::now()))
     }
 
-    /// A driver that was suspended while the robot moved waits until a measurement is there that was made after now, but no
-    /// longer than [`NEWS_WITHIN_NS`], nor until its pause would latch. The robot may have been kept from its core too.
+    /// If the driver was suspended while the robot moved, waits for a measurement made after now. Waits no longer
+    /// than [`NEWS_WITHIN_NS`], and not beyond the time at which its pause latches. The robot may have been kept
+    /// from its core too.
     fn wait_if_suspended(&mut self, state: &sim::DriverState, due_k: u64) {
         if due_k.saturating_sub(state.follower().index()) <= driver::GAP_MAX_TICKS || state.at_rest() {
             return;
@@ -129,8 +131,9 @@ impl Driver for RemoteRobot {
         }
     }
 
-    /// The robot's answer is that to an earlier setpoint: it comes with the next measurement. A driver that was suspended since
-    /// `now` sends nothing: the robot is elsewhere, and the next tick sees the pause.
+    /// Sends a setpoint. Its answer comes with the next measurement, so the one read now belongs to an earlier
+    /// setpoint. If the driver was suspended since `now`, it sends nothing. The robot is elsewhere then, and the
+    /// next tick detects the pause.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         if rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ {
             return true;
@@ -147,7 +150,7 @@ impl Driver for RemoteRobot {
     }
 }
 
-/// Runs until shutdown, and then until the robot is at rest.
+/// Runs until shutdown, then until the robot is at rest.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
@@ -160,11 +163,11 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     warm_up(&config, seed);
     let grace_ns = (process.loaded.settings.driver.grace_us * 1e3) as u64;
     let due = |now: Stamp| tick_at(Stamp(now.0.saturating_sub(grace_ns)));
-    // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
+    // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     let (mut sequence, mut oldest_command_ns) = (0, 0);
-    // A driver that starts holds where it stands.
+    // A starting driver holds the robot where it stands.
     let mut robot = RemoteRobot::find(&core, process.header(0, Stamp::NONE, Stamp::NONE))?;
     robot.wait_until_it_stands()?;
     let (earlier, measured) = robot.measure_twice();
@@ -175,7 +178,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     loop {
         let now = rt::now();
         if process.shutdown.requested() {
-            // A driver that is told to end takes no command any more: it plays its plan, and ends at rest.
+            // After a request to end, the driver takes no more commands. It plays its plan and ends at rest.
             let since = *ending.get_or_insert(now);
             if state.at_rest() || now.since(since) > END_WITHIN_NS {
                 break;
@@ -219,7 +222,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     process.leave(report)
 }
 
-/// Ticks of a driver and a robot of their own.
+/// Runs warm-up ticks with a separate driver and robot.
 fn warm_up(config: &sim::Config, seed: u64) {
     let mut state = sim::State::new(config, 0, seed);
     for k in 1..=WARM_TICKS {
@@ -227,7 +230,7 @@ fn warm_up(config: &sim::Config, seed: u64) {
     }
 }
 
-/// How long the command that was executed at `now` took to come here.
+/// Records the latency of the command that was executed at `now`.
 fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
     let Some(accepted) = out.accepted else { return };
     probe.record(Metric::CommandToDriver, command.header.stamp, now);
