@@ -214,7 +214,7 @@ impl Report {
 }
 
 /// Returns how long the robot should have followed, how long it did, and why it held. The run ended at `end_s`.
-/// `share` is null if the operator never had it follow.
+/// `share` is null if the robot was never engaged.
 fn followed(transitions: &[Value], end_s: f64) -> Value {
     let (mut meant_since, mut engaged_since): (Option<f64>, Option<f64>) = (None, None);
     let (mut meant_s, mut engaged_s) = (0.0, 0.0);
