@@ -71,8 +71,9 @@ fn hinges_of_ten_seconds_agree_with_those_of_the_clip() {
 
 #[test]
 fn an_elbow_only_flexes() {
-    // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper arm's frame,
-    // followed by a twist about the bone: its bone lies in the upper arm's x-y plane, on the positive side of x.
+    // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper
+    // arm's frame. A twist about the bone follows. The forearm's bone lies in the upper arm's x-y plane, on the
+    // positive side of x.
     let Some(paths) = clips() else { return };
     let (mut out_of_plane, mut count) = (0.0f64, 0.0f64);
     for path in paths.iter().skip(2).step_by(5) {
