@@ -91,7 +91,7 @@ fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core()
         }
     }
     println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
-    // Whether `ingest` is dead, hung or alive: without the person the robot rests.
+    // `ingest` may be dead, hung or alive. Without the person the robot rests.
     drop(client);
     if rig.runs("ingest") {
         rig.kill("ingest");

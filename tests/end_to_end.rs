@@ -381,7 +381,7 @@ fn f092_a_second_writer_of_the_core_domain_is_refused() {
 #[test]
 fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
     use std::io::{Read, Write};
-    // Of four consecutive ports the driver has the last.
+    // The driver has the last of four consecutive ports.
     let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = other.local_addr().unwrap().port();
     let mut rig = Rig::with_settings(&[("port = 0 ", &format!("port = {} ", port - 3))]);

@@ -79,7 +79,7 @@ pub enum Command {
     /// Shows a running instance in a browser on this machine. Prints the address with this run's token.
     View(View),
     /// Examines the machine and the instance's folders, and advises on each finding. Changes nothing. Exit code
-    /// 0: ready for a robot; 3: fine for the simulator only; 78: the daemon cannot run as configured.
+    /// 0: ready for a robot. 3: fine for the simulator only. 78: the daemon cannot run as configured.
     Doctor(Doctor),
 }
 
@@ -99,7 +99,7 @@ pub struct Up {
 /// Options of the page.
 #[derive(Args, Clone, Debug)]
 pub struct Page {
-    /// Port on 127.0.0.1; 0 picks any free port.
+    /// Port on 127.0.0.1. 0 picks any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
     pub port: u16,
     /// Draw the robot with your own mesh files (DAE, STL, GLB, OBJ). Searches below this folder for the files
@@ -167,7 +167,7 @@ pub struct Demo {
     /// Also show the run in a browser on this machine. Prints the address. The run begins once a page is open.
     #[arg(long)]
     pub view: bool,
-    /// Port on 127.0.0.1 for --view; 0 picks any free port.
+    /// Port on 127.0.0.1 for --view. 0 picks any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub view_port: u16,
     /// With --view: draw the robot with your own mesh files (DAE, STL, GLB, OBJ). Searches below this folder for

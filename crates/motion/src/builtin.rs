@@ -160,7 +160,7 @@ fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
     out
 }
 
-/// Joints of a standing person without arms, m; segment lengths after Winter, Biomechanics, 4th ed., fig. 4.1.
+/// Joints of a standing person without arms, m. Segment lengths are after Winter, Biomechanics, 4th ed., fig. 4.1.
 fn standing() -> [[f32; 3]; SMPL_JOINTS] {
     let h = STATURE_M;
     let shoulders_z = 0.818 * h;

@@ -44,7 +44,7 @@ pub struct Source {
 pub enum Item {
     /// A message.
     Message {
-        /// Its channel; [`Reader::source`] names it.
+        /// Its channel. [`Reader::source`] names it.
         channel: u16,
         /// Sequence number of its writer.
         sequence: u32,

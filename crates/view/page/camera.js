@@ -39,7 +39,7 @@ export class CameraRig {
     this.camera = new THREE.PerspectiveCamera(32, 1, 0.05, 60);
     this.camera.up.set(0, 0, 1);
     [this.yaw, this.pitch] = VIEWS.reset;
-    // While `auto` is on, the rig chooses place and distance; zooming and moving turn it off.
+    // While `auto` is on, the rig chooses place and distance. Zooming and moving turn it off.
     this.auto = true;
     this.kept = [new THREE.Box3(), new THREE.Box3()];
     this.corners = Array.from({ length: 16 }, () => new THREE.Vector3());
