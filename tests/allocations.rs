@@ -1,4 +1,4 @@
-//! No stage allocates in a tick: counted over 10,000 ticks of each, in motion.
+//! Tests that no stage allocates in a tick. Counts allocations over 10,000 ticks of each stage, in motion.
 
 use messages::{
     Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
@@ -12,11 +12,11 @@ use std::path::Path;
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// Ticks counted, after engaging.
+/// Number of counted ticks, after engaging.
 const TICKS: u64 = 10_000;
-/// Ticks before: 1 s of a released enable, and engaging.
+/// Ticks before the count: 1 s with the enable released, then engaging.
 const BEFORE: u64 = 6 * TICK_HZ;
-/// A payload is said while the robot waits; later ones are refused.
+/// Tick at which the test sends a payload, while the robot waits. Later payloads are refused.
 const PAYLOAD_AT: u64 = TICK_HZ;
 
 #[test]

@@ -1,5 +1,5 @@
-//! Tables of the book that are rendered from the sources: the settings and the hazards. With `TELEOPD_WRITE_DOCS=1` the tests
-//! write them, otherwise they compare.
+//! Tables of the book that are generated from the sources: the settings and the hazards. With
+//! `TELEOPD_WRITE_DOCS=1` the tests write them. Otherwise they compare.
 
 mod rig;
 
@@ -22,7 +22,7 @@ fn text(file: &str) -> String {
     std::fs::read_to_string(rig::repository().join(file)).unwrap_or_else(|error| panic!("{file}: {error}"))
 }
 
-/// The public fields of a struct, with their doc comments on one line.
+/// Returns the public fields of a struct, each with its doc comment on one line.
 fn fields(source: &str, name: &str) -> Vec<Field> {
     let (_, rest) = source.split_once(&format!("pub struct {name} {{\n")).unwrap_or_else(|| panic!("no struct {name}"));
     let body = rest.split_once("\n}").expect("the struct ends").0;
@@ -38,7 +38,7 @@ fn fields(source: &str, name: &str) -> Vec<Field> {
     found
 }
 
-/// The value that the shipped settings have in a section, as they write it; without one, nothing.
+/// Returns the value of a key in a section of the shipped settings, as written. Empty if there is none.
 fn shipped(settings: &str, section: &str, key: &str) -> String {
     let of_section = settings.lines().skip_while(|line| {
         let head = line.split('#').next().unwrap_or_default().trim();
@@ -100,7 +100,7 @@ fn hazards_table() -> String {
     out
 }
 
-/// Compares what stands between two marks of a chapter with `table`, or writes it there.
+/// Compares the text between two marks of a chapter with `table`, or writes the table there.
 fn check(chapter: &str, name: &str, table: &str) {
     let (begin, end) = (format!("<!-- {name}: written by tests/book.rs -->\n"), format!("\n<!-- end of {name} -->"));
     let page = text(chapter);
@@ -124,7 +124,7 @@ fn hazards_of_the_evidence_chapter_are_those_of_the_list() {
     check("docs/src/evidence.md", "hazards", &hazards_table());
 }
 
-/// The bounds that the code checks by literal numbers: section, key, `low to high`.
+/// Returns the bounds that the code checks with literal numbers: section, key, `low to high`.
 fn bounds() -> Vec<(String, String, String)> {
     let whole = text(SETTINGS);
     let rows = |source: &str, section: &str| -> Vec<_> {

@@ -1,4 +1,4 @@
-//! An operator is measured by `teleopctl calibrate` at a real instance, and known in the next session.
+//! Tests `teleopctl calibrate` on a real instance. It measures an operator, and the next session uses the result.
 
 mod rig;
 
@@ -12,12 +12,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Lengths of upper arm and forearm of the person below, m.
+/// Lengths of the test person's upper arm and forearm, m.
 const LENGTHS_M: [f32; 2] = [0.29, 0.24];
-/// How long the person holds a T-pose, and how long the elbows bend, in turns, s.
+/// Time of the T-pose, and then of the bending elbows, in turns, s.
 const TURN_S: f64 = 4.0;
 
-/// Somebody who holds a T-pose, then lowers the arms and bends the elbows, in turns: the arms of the built-in motion's first frame, replaced.
+/// Returns a person who alternates between two poses: a T-pose, then lowered arms with bending elbows. Replaces
+/// the arms of the built-in motion's first frame.
 fn person(at_s: f64) -> RawSkeleton {
     let motion = motion::builtin();
     let mut raw = motion::raw_frame(&motion, 0, &HingeCalibration::ZERO);
@@ -37,7 +38,7 @@ fn person(at_s: f64) -> RawSkeleton {
             at += rotation * Vector3::y() * (sign * f64::from(length));
             raw.positions[joint + side] = at.cast::<f32>().into();
         }
-        // Joints' frames that rest as those of no robot do.
+        // Rest orientations of the joint frames, as no robot has them.
         let rest = about(Vector3::x_axis(), 0.7) * about(Vector3::z_axis(), 0.4 * sign);
         for (joint, rotation) in [(16, upper), (18, upper), (20, fore)] {
             let q = rotation * rest;
@@ -110,14 +111,14 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
     assert!(said.contains("move both arms up and down") && said.contains("axes from"), "{said}");
     let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
     assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
-    // The session goes on as it was; the next one begins with what was measured.
+    // The current session continues unchanged. The next one begins with the stored measurement.
     let online = hand.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
     assert_ne!(online.calibration, CalibrationSource::Stored as u32);
     drop(client);
     std::thread::sleep(Duration::from_millis(1500));
     let _client = Client::start(&rig, 2);
     hand.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
-    // The same person under another name would be refused by the next start.
+    // The next start would reject the same person under another name.
     let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);
     assert!(

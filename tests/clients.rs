@@ -1,4 +1,4 @@
-//! Clients in other languages, from the folder that users get, against the real processes.
+//! Tests clients in other languages, from the folder that users get, against the real processes.
 
 mod rig;
 
@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// Ended with the test, whatever its outcome.
+/// A client process. It ends with the test, whatever the result.
 struct Client(Child);
 
 impl Drop for Client {
@@ -18,7 +18,7 @@ impl Drop for Client {
     }
 }
 
-/// The interpreter of a virtual environment with the client in it, or why there is none.
+/// Returns the interpreter of a virtual environment with the client in it. The error says why there is none.
 fn python() -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-client");
     let python = folder.join("bin/python");
@@ -37,7 +37,7 @@ fn python() -> Result<PathBuf, String> {
     Ok(python)
 }
 
-/// As [`python`]; says why there is none.
+/// Like [`python`]. Prints the reason if there is none.
 fn python_or_skip() -> Option<PathBuf> {
     python().map_err(|why| println!("skipped: no Python client: {why}")).ok()
 }
@@ -57,7 +57,7 @@ fn a_python_script_moves_the_robot() {
     let script = Client(script.expect("it starts"));
     hand.engage_until(Mode::Engaged);
     eyes.wait_moved(&before, 0.5);
-    // A script that ends is silence.
+    // After the script ends, no frames arrive.
     drop(script);
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
@@ -77,7 +77,7 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
     let mut script = Command::new(&python);
     script.arg(&example).arg(rig.folder()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut script = Client(script.spawn().expect("it starts"));
-    // Nothing stands in the way of engaging once the person is seen, and is a plausible one.
+    // Nothing inhibits engaging once a plausible person is visible.
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     rig::interrupt(&script.0);
     let (mut said, mut wrong) = (String::new(), String::new());
@@ -97,14 +97,14 @@ fn the_python_example_without_an_instance_says_so_in_a_sentence() {
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(!done.status.success() && said.lines().count() == 1, "{said}");
     assert!(said.contains("no such folder: is `teleopd up --run-dir "), "{said}");
-    // As an instance leaves it that has ended.
+    // The state that an instance leaves after its end.
     std::fs::create_dir(rig.folder().join("input")).expect("a folder");
     let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(said.contains("no instance of teleopd runs in ") && said.contains("start `teleopd up"), "{said}");
 }
 
-/// A video of a drawn figure, and everything of the camera's client but MediaPipe's model.
+/// Uses a video of a drawn figure. It covers everything of the camera's client except MediaPipe's model.
 #[test]
 fn a_video_moves_the_robot() {
     let Some(python) = python_or_skip() else { return };
@@ -149,7 +149,7 @@ fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let heard = rig.folder().join("heard");
-    // A script's background jobs ignore SIGINT from the start.
+    // Background jobs of a script ignore SIGINT from the start.
     let line = format!(
         "{} -m replay_publish --run-dir {} > {} & child=$!; \
          for i in $(seq 200); do grep -q publishing {} && break; sleep 0.1; done; kill -s INT $child; wait $child",

@@ -1,5 +1,5 @@
-//! Every command of the documents, in their order, as a reader types it. What takes hours, root or a network is not run: its
-//! program must then know the options.
+//! Runs every command of the documents in their order, as a reader types it. Commands that take hours, root or a
+//! network are not run. Then the test checks that the program knows the options.
 
 mod rig;
 
@@ -9,25 +9,26 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// What is done with a command. One without a rule runs to its end, which must be a success.
+/// Treatment of a command. A command without a rule runs to its end, which must be a success.
 #[derive(Clone, Copy, Debug)]
 enum How {
     /// Runs to its end with one of these exit codes, with more options.
     Ends(&'static [i32], &'static str),
-    /// Runs beside the commands of so many blocks from when it prints these words; then Ctrl-C. With more options.
+    /// Runs beside the commands of this many blocks once it prints these words. Then it gets Ctrl-C. With more
+    /// options.
     Beside(&'static str, usize, &'static str),
-    /// Is not run, for this reason; `--help` names its options.
+    /// Is not run, for this reason. `--help` must name its options.
     Named(&'static str),
-    /// Is not run, for this reason, and is no program of ours.
+    /// Is not run, for this reason. It is not a program of ours.
     Foreign(&'static str),
 }
 use How::{Beside, Ends, Foreign, Named};
 
-/// A demo on a busy machine holds and goes on: 2 says that it did so for more than half of the motion.
+/// A demo on a busy machine holds and continues. Exit code 2 means that it held for more than half of the motion.
 const DEMO: &[i32] = &[0, 2];
 const AT: &str = "--run-dir {work}/run";
 
-/// By the beginning of the command, the first one that fits.
+/// Rules by the beginning of the command. The first match applies.
 const RULES: [(&str, How); 29] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo", Ends(DEMO, "")),
@@ -60,16 +61,16 @@ const RULES: [(&str, How); 29] = [
     ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
 ];
 
-/// What stands for the reader's own.
+/// Replacements for the reader's own paths.
 const PLACEHOLDERS: [(&str, &str); 2] =
     [(" FOLDER", " {repository}/tools/keyposes/motions"), (" PICTURES", " {work}/pictures")];
-/// Longest time of a command, and of words that one prints; only a hang comes near.
+/// Longest time of a command, and of waiting for its words. Only a hang comes near it.
 const WITHIN: Duration = Duration::from_secs(300);
 
-/// What a reader takes to type a command.
+/// Time that a reader takes to type a command.
 const TYPED_IN: Duration = Duration::from_secs(2);
 
-/// The commands of each block of a document, with lines that go on joined and remarks gone.
+/// Returns the commands of each block of a document. Joins continued lines and removes remarks.
 fn blocks(document: &str) -> Vec<Vec<String>> {
     let fenced = document.split("\n```").skip(1).step_by(2);
     fenced
@@ -92,7 +93,7 @@ fn rule(command: &str) -> How {
     RULES.iter().find(|(start, _)| command.starts_with(start)).map_or(Ends(&[0], ""), |(_, how)| *how)
 }
 
-/// Words as the shell takes them, with double quotes.
+/// Splits a command into words like the shell, with double quotes.
 fn words(command: &str) -> Vec<String> {
     let parts = command.split('"').enumerate();
     parts
@@ -108,13 +109,14 @@ fn words(command: &str) -> Vec<String> {
 struct Reader {
     work: tempfile::TempDir,
     repository: PathBuf,
-    /// Programs that go on, and for how many blocks.
+    /// Running programs, and for how many blocks each continues.
     beside: VecDeque<(String, Child, usize)>,
     started: usize,
 }
 
 impl Reader {
-    /// In a folder that has what a source tree has, so that nothing is written to the tree.
+    /// Creates a reader in a folder with the contents of a source tree, so that the tests write nothing to the
+    /// tree.
     fn new() -> Self {
         let work = tempfile::tempdir().expect("a folder");
         let repository = rig::repository();
@@ -129,7 +131,7 @@ impl Reader {
         text.replace("{work}", self.work.path().to_str().expect("UTF-8"))
     }
 
-    /// `cargo` in the source tree. Everything is built by now: what it compiles would be compiled twice.
+    /// Runs `cargo` in the source tree. Everything is already built, so any compilation would be a repeated one.
     fn build(&self, selection: &[String]) {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args(["build", "--release", "--locked", "--message-format=json"]).args(selection);
@@ -141,7 +143,7 @@ impl Reader {
         assert!(whole || compiled.is_empty(), "cargo build {selection:?} compiles again: {compiled:#?}");
     }
 
-    /// The program that a command runs, and its arguments.
+    /// Returns the program that a command runs, with its arguments.
     fn program(&self, command: &str) -> Option<Command> {
         let typed = words(command);
         let typed: Vec<&str> = typed.iter().map(String::as_str).collect();
@@ -203,7 +205,7 @@ impl Reader {
                     std::thread::sleep(Duration::from_millis(20));
                 }
                 self.beside.push_front((command.to_owned(), child, blocks));
-                // Nobody types the next command sooner, and nothing engages before half a second of skeletons.
+                // No reader types the next command sooner, and nothing engages before half a second of skeletons.
                 std::thread::sleep(TYPED_IN);
             }
         }
@@ -231,7 +233,7 @@ impl Reader {
         }
     }
 
-    /// Ends what has gone on for its number of blocks, the newest first.
+    /// Ends the programs that have run for their number of blocks, the newest first.
     fn end_block(&mut self) {
         for (_, _, blocks) in &mut self.beside {
             *blocks -= 1;
@@ -242,7 +244,7 @@ impl Reader {
             rig::interrupt(&child);
             let code = child.wait().expect("it ends").code();
             assert!(matches!(code, Some(0 | 130)), "{command}: {code:?}");
-            // A client that comes within a second of another's end is not followed.
+            // A client gets no lease within a second of another's end.
             std::thread::sleep(Duration::from_millis(1500));
         }
     }
@@ -261,28 +263,28 @@ fn read(log: &Path) -> String {
     std::fs::read_to_string(log).unwrap_or_default()
 }
 
-/// The book's chapters, in its order.
+/// Returns the book's chapters, in order.
 fn chapters() -> Vec<PathBuf> {
     let folder = rig::repository().join("docs/src");
     let links = links(&read(&folder.join("SUMMARY.md")));
     links.into_iter().map(|link| folder.join(link)).collect()
 }
 
-/// Where the links and pictures of a document point to, but for addresses.
+/// Returns the targets of a document's links and pictures, except web addresses.
 fn links(document: &str) -> Vec<String> {
     let prose: String = document.split("\n```").step_by(2).collect();
     let targets = prose.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     targets.filter(|target| !target.contains("://")).map(str::to_owned).collect()
 }
 
-/// A document, or the one that it includes as a whole.
+/// Returns a document, or the one that it includes as a whole.
 fn whole(path: &Path) -> String {
     let text = read(path);
     let included = text.strip_prefix("{{#include ").and_then(|rest| rest.trim_end().strip_suffix("}}"));
     included.map_or(text.clone(), |name| read(&path.with_file_name("").join(name)))
 }
 
-/// The names by which a browser finds the headings of a document.
+/// Returns the anchors of a document's headings, as a browser finds them.
 fn anchors(document: &str) -> Vec<String> {
     let headings = document.lines().filter_map(|line| line.strip_prefix('#'));
     let kept = |c: &char| c.is_alphanumeric() || "-_ ".contains(*c);
@@ -330,7 +332,7 @@ fn every_command_of_the_documents_runs_in_order() {
     let mut seen = Vec::new();
     for document in std::iter::once(rig::repository().join("README.md")).chain(chapters()) {
         for commands in blocks(&read(&document)) {
-            // What was run before is not run again.
+            // Commands that were run before are not run again.
             for command in commands {
                 if !seen.contains(&command) {
                     reader.run(&command);

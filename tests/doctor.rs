@@ -1,4 +1,4 @@
-//! `teleopd doctor` on machines and instances that are really broken.
+//! Tests `teleopd doctor` on machines and instances that are really broken.
 
 mod rig;
 
@@ -12,10 +12,10 @@ use std::process::{Command, Output, Stdio};
 
 /// EX_CONFIG of sysexits(3).
 const EX_CONFIG: i32 = 78;
-/// Fine for the simulator, and not ready for a robot.
+/// Fine for the simulator, not ready for a robot.
 const SIMULATOR_ONLY: i32 = 3;
 
-/// Settings, robot and weights of the repository, to be spoiled, and a run folder.
+/// Copies of the repository's settings, robot and weights for the tests to damage, and a run folder.
 struct Patient {
     folder: tempfile::TempDir,
     config: PathBuf,
@@ -48,7 +48,7 @@ impl Patient {
         Command::new("sh").arg("-c").arg(line).output().expect("a shell")
     }
 
-    /// Every finding, and the exit code, which must agree.
+    /// Returns every finding. Checks that the exit code agrees.
     fn findings(&self, before: &str) -> Vec<Value> {
         let output = self.shell(before, "--json");
         let all: Value = serde_json::from_slice(&output.stdout)
@@ -75,7 +75,7 @@ impl Patient {
         all.iter().find(|finding| finding["check"] == check).unwrap_or_else(|| panic!("no {check}: {all:#?}")).clone()
     }
 
-    /// The finding of `check` is of `level` and holds `words`.
+    /// Checks that the finding of `check` has `level` and contains `words`.
     fn shows(&self, check: &str, level: &str, words: &[&str], before: &str) {
         let finding = self.finding(check, before);
         assert_eq!(finding["level"], level, "{finding:#}");
@@ -110,7 +110,7 @@ fn a_sound_instance_has_no_problem_and_nothing_is_made() {
     let text = String::from_utf8_lossy(&words.stdout).into_owned();
     assert!(text.contains("\nfine for the simulator\n"), "{text}");
     assert!(text.contains("\nready for a robot") || text.contains("\nnot ready for a robot: "), "{text}");
-    // Other instances come and go between the two looks.
+    // Other instances may start and stop between the two runs.
     for finding in all.iter().filter(|finding| finding["check"] != "other instances") {
         assert!(text.contains(finding["advice"].as_str().expect("text")), "{finding:#}\n{text}");
     }
@@ -154,7 +154,7 @@ fn f087_a_run_folder_that_others_may_write_or_own_is_a_problem() {
     patient.shows("run folder", "problem", &["not a folder"], "");
 }
 
-/// A program whose reader has gone away before it writes its first word.
+/// Returns a command whose reader closes the pipe before the first output.
 fn unheard(program: &str) -> Command {
     let gone = || {
         let (reader, writer) = std::io::pipe().expect("a pipe");
@@ -186,7 +186,7 @@ fn a_reader_that_goes_away_ends_no_program() {
         assert!(std::time::Instant::now() < give_up && up.try_wait().expect("its state").is_none(), "up is not ready");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
-    // Once `ready in` is said, or lost: the last process is there.
+    // By then the last process runs, and `ready in` is printed or lost.
     std::thread::sleep(std::time::Duration::from_secs(1));
     rt::terminate(up.id());
     assert_eq!(up.wait().expect("it ends").code(), Some(0));
@@ -260,7 +260,7 @@ fn what_is_no_file_or_leads_nowhere_is_said_at_once() {
     let patient = Patient::new();
     std::os::unix::fs::symlink("/nowhere/at/all", &patient.run_dir).expect("a link");
     patient.shows("run folder", "problem", &["leads nowhere"], "");
-    // A pipe that nobody writes to would be waited for.
+    // Opening a pipe without a writer would block.
     std::fs::remove_file(&patient.config).expect("it was there");
     let made = Command::new("mkfifo").arg(&patient.config).status().expect("mkfifo");
     assert!(made.success());
@@ -296,7 +296,7 @@ fn f086_a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
     patient.shows("shared memory", "ok", &["nothing is left behind"], "");
 }
 
-/// Names in /dev/shm of the rig's instance.
+/// Returns the names in /dev/shm that belong to the rig's instance.
 fn shared_memory(rig: &Rig) -> Vec<String> {
     let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
     let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
@@ -311,7 +311,7 @@ fn f086_what_killed_processes_leave_is_gone_after_the_next_run() {
     let give_up = std::time::Instant::now() + rig::SOON;
     let up = rig.id("up").to_string();
     let children = || std::fs::read_to_string(format!("/proc/{up}/task/{up}/children")).expect("its children");
-    // The last of the five opens its socket once it has made what it needs.
+    // The last of the five processes opens its socket once it has created everything.
     while children().split_whitespace().count() < 5 || !rig.instance.skeleton_socket().exists() {
         assert!(std::time::Instant::now() < give_up, "{:?}", shared_memory(&rig));
         std::thread::sleep(std::time::Duration::from_millis(20));
@@ -324,7 +324,7 @@ fn f086_what_killed_processes_leave_is_gone_after_the_next_run() {
     let left: BTreeSet<String> =
         shared_memory(&rig).into_iter().filter(|name| !name.ends_with(".global_mgmt")).collect();
     assert!(left.len() > 20, "{left:?}");
-    // Whoever tidies /tmp takes the transport's own list of what there is.
+    // A cleaner of /tmp removes the transport's own list of its resources.
     std::fs::remove_dir_all(rig.folder().join("core")).expect("the core's folder");
     for name in teleopd::PROCESSES {
         rig.start(name);

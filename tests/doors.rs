@@ -1,4 +1,5 @@
-//! Who comes in by which door, and who holds the lease: real processes, and other users of the machine.
+//! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the
+//! machine.
 
 mod rig;
 
@@ -20,10 +21,11 @@ use std::time::{Duration, Instant};
 const GROUPS: [&str; 2] = ["daemon", "sys"];
 /// A user that no machine has.
 const SOMEBODY: u32 = 42_424;
-/// Names the socket to the client in a process of its own.
+/// Variable that names the socket to the client in a separate process.
 const CLIENT_OF: &str = "TELEOP_TEST_CLIENT_OF";
 
-/// All four processes, with a group for each socket, in a folder that others may pass through; and the groups' numbers.
+/// Starts all four processes, with a group for each socket, in a folder that other users can pass through.
+/// Returns the groups' numbers too.
 fn open_house() -> Option<(Rig, u32, u32)> {
     let [Some(skeletons), Some(operators)] = GROUPS.map(doors::group_id) else {
         println!("skipped: this machine has not the groups {GROUPS:?}");
@@ -39,7 +41,7 @@ fn open_house() -> Option<(Rig, u32, u32)> {
     Some((rig, skeletons, operators))
 }
 
-/// The shared memory of an instance, by the names of its two domains.
+/// Returns the shared memory of an instance, by the names of its two domains.
 fn segments(rig: &Rig) -> Vec<PathBuf> {
     let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
     let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
@@ -47,7 +49,7 @@ fn segments(rig: &Rig) -> Vec<PathBuf> {
     ours.map(|entry| entry.path()).collect()
 }
 
-/// Whether `path` gives itself away to whoever asks, in any manner.
+/// Returns true if `path` can be opened for reading or for writing.
 fn opens(path: &Path) -> bool {
     let refused = |error: std::io::Error| {
         assert_eq!(error.kind(), ErrorKind::PermissionDenied, "{}: {error}", path.display());
@@ -56,7 +58,7 @@ fn opens(path: &Path) -> bool {
     read | std::fs::OpenOptions::new().write(true).open(path).map_err(refused).is_ok()
 }
 
-/// Waits for a line in the log of `control`, which another thread than its loop writes.
+/// Waits for a line in the log of `control`. Another thread than its loop writes it.
 fn wait_for_log(rig: &Rig, is_it: &dyn Fn(&str) -> bool) {
     let give_up = Instant::now() + rig::SOON;
     while !rig.log("control").lines().any(is_it) {
@@ -91,11 +93,11 @@ fn f106_f107_f111_strangers_open_nothing_and_connect_to_nothing() {
             assert!(std::fs::read_dir(rig.folder()).is_err() && std::fs::write(rig.folder().join("x"), "").is_err());
             assert!(is_forbidden(Client::attach(&skeleton)));
             assert!(operator::Client::connect(&operator).is_err());
-            // f112: what another user may do to the processes themselves.
+            // f112: access of another user to the processes themselves.
             assert!(ids.iter().all(|id| std::fs::File::open(format!("/proc/{id}/mem")).is_err()));
         });
     }
-    // The files of a socket that somebody opened to all: the daemon asks the kernel who it is.
+    // Socket files that someone opened to all users. The daemon gets the peer's user from the kernel.
     for path in [&skeleton, &operator] {
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o666)).unwrap();
     }
@@ -161,7 +163,7 @@ fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_log
         sequence: 1,
         ..messages::Layout::ZERO
     };
-    // In place of the hello, and after it.
+    // Sent instead of the hello, and after it.
     for greets in [false, true] {
         let socket = doors::connect(&rig.instance.skeleton_socket(), "ingest", 1000).unwrap();
         let mut answer = [0; 64];
@@ -195,7 +197,7 @@ fn f068_one_lease_across_both_doors_whoever_comes_second() {
     by_socket.set_engaged(true);
     by_bus.set_engaged(true);
     std::thread::sleep(Duration::from_secs(2));
-    // Nobody else disturbs: without authority the robot would be let go, and not come back.
+    // No other client interferes. Otherwise the robot would disengage, and not engage again.
     hand.wait_mode(Mode::Engaged);
     assert_eq!(first.told().as_deref(), Some(Reply::Holder.meaning()));
     assert_eq!(by_socket.told().as_deref(), Some(Reply::NotHolder.meaning()));
@@ -208,7 +210,7 @@ fn f068_one_lease_across_both_doors_whoever_comes_second() {
     assert_no_violations(&rig.end("sim"));
 }
 
-/// Another writer is another client, whatever number it calls its session by.
+/// Another writer is another client, even with the same session number.
 #[test]
 fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
     let mut rig = Rig::whole();
@@ -223,7 +225,7 @@ fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
     assert!(ingest["without_authority"].as_u64().unwrap() > 30, "{ingest:#}");
 }
 
-/// No test by itself: the client of the test below, in a process that can be killed and suspended.
+/// Not a test by itself. It is the client of the next test, in a process that can be killed and suspended.
 #[test]
 fn a_client_in_a_process_of_its_own() {
     let Some(socket) = std::env::var_os(CLIENT_OF) else { return };
@@ -260,7 +262,7 @@ impl Drop for Process {
     }
 }
 
-/// Attaches until the newcomer is told that it holds the lease; answers after how long.
+/// Attaches until the new client has the lease. Returns the time that this took.
 fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
     let since = Instant::now();
     loop {
@@ -286,7 +288,7 @@ fn f069_f070_a_newcomer_waits_for_the_end_of_the_lease_and_moves_nothing_without
         holder.signal(signal);
         let (_newcomer, after) = wait_for_lease(&rig);
         assert!(after > Duration::from_millis(900), "{signal}: the lease passed on after {after:?}");
-        // The robot was at rest before anybody else could hold the lease; the enable is held all the while.
+        // The robot came to rest before another client could get the lease. The enable is held all the time.
         let rest = eyes.wait_at_rest();
         hand.wait_mode(Mode::Disengaged);
         std::thread::sleep(Duration::from_millis(1500));
@@ -322,14 +324,15 @@ fn f070_a_client_that_connects_again_engages_nothing() {
     eyes.wait_at_rest();
     let control = rig.end("control");
     let modes = modes(&control);
-    // Before that it may have held for a client that did not get its turn on a busy machine.
+    // Before that it may have held, because a client got no processor time on a busy machine.
     let released = modes.iter().position(|mode| mode == "Disengaged");
     assert_eq!(released, Some(modes.len() - 1), "{control:#}");
     assert!(modes.iter().any(|mode| mode == "Engaged") && modes[modes.len() - 2] == "Holding", "{control:#}");
     assert_no_violations(&rig.end("sim"));
 }
 
-/// Publishes as fast as `period` and the door allow, until told to end; answers how many frames were offered and taken.
+/// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted
+/// frames.
 fn flood(socket: &Path, period: Duration, end: &AtomicBool) -> (u64, u64) {
     let mut client = Client::attach(socket).expect("the door is open");
     let (mut offered, mut taken, mut next) = (0_u64, 0, Instant::now());
@@ -419,7 +422,7 @@ fn f092_f110_links_files_and_other_servers_in_the_place_of_a_socket_are_left_alo
     refused(&rig, 69, "lock");
     std::fs::remove_file(&lock).unwrap();
     assert_eq!(std::fs::read_to_string(&elsewhere).unwrap(), "precious");
-    // Another server on the path; it keeps its socket.
+    // Another server uses the path. It keeps its socket.
     let squatter = doors::Server::bind(&socket, None).unwrap();
     refused(&rig, 75, "another teleopd ingest");
     drop(squatter);

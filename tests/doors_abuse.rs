@@ -1,5 +1,6 @@
-//! What a process of the daemon's own user can do to the shared memory of the input domain, and a compromised `ingest` to
-//! the core: the robot ends at rest, and nothing but `ingest` dies. What one operator can do to another.
+//! Tests attacks by a process of the daemon's own user on the shared memory of the input domain, and by a
+//! compromised `ingest` on the core. The robot ends at rest, and only `ingest` dies. Also tests attacks of one
+//! operator on another.
 
 mod rig;
 
@@ -14,21 +15,21 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// SIGBUS of signal(7): memory whose file was cut off.
+/// SIGBUS of signal(7): access to memory whose file was truncated.
 const SIGBUS: i32 = 7;
-/// The processes that no client shares memory with.
+/// Processes that share no memory with clients.
 const CORE: [&str; 3] = ["sim", "control", "retarget"];
 
-/// A group that every Linux has, for operators; and users that no machine has.
+/// A group that every Linux has, for operators. The users below exist on no machine.
 const OPERATORS: &str = "sys";
 const SOMEBODY: u32 = 42_424;
 const ANOTHER: u32 = 42_425;
-/// Names the operator's socket to the process that floods it.
+/// Variable that names the operator socket to the flooding process.
 const FLOOD_AT: &str = "TELEOP_TEST_FLOOD_AT";
-/// Requests that may be lost to the crowd at the door, before one must be answered.
+/// Requests that may be lost in the flood of connections. After these, one must be answered.
 const TRIES_MAX: usize = 5;
 
-/// The shared memory of the input domain, open for writing.
+/// Opens the shared memory of the input domain for writing.
 fn input_segments(rig: &Rig) -> Vec<File> {
     let prefix = rig.instance.input_domain().prefix;
     let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
@@ -36,7 +37,8 @@ fn input_segments(rig: &Rig) -> Vec<File> {
     ours.filter_map(|entry| OpenOptions::new().read(true).write(true).open(entry.path()).ok()).collect()
 }
 
-/// Engaged and moving for a client of the socket, so that what happens to shared memory happens to `ingest` alone.
+/// Starts a rig that is engaged and moves for a client of the socket. Damage to shared memory then affects only
+/// `ingest`.
 fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, pipeline::Publisher) {
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -89,7 +91,7 @@ fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core()
         }
     }
     println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
-    // Dead, hung or alive: without the person the robot rests.
+    // `ingest` may be dead, hung or alive. Without the person the robot rests.
     drop(client);
     if rig.runs("ingest") {
         rig.kill("ingest");
@@ -112,7 +114,7 @@ fn f088_a_client_that_takes_all_places_of_the_bus_does_not_disturb_the_holder() 
     assert_eq!(places.len(), 7, "eight in all");
     let mut frame = motion::raw_frame(&motion::builtin(), 0, &messages::HingeCalibration::ZERO);
     let until = Instant::now() + Duration::from_secs(3);
-    // Each at about 1 kHz: 7 kHz together, and each wakes ingest.
+    // Each writes at about 1 kHz, 7 kHz together, and each wakes ingest.
     while Instant::now() < until {
         for (session, writer) in places.iter_mut().enumerate() {
             frame.session_nonce = 1000 + session as u64;
@@ -131,7 +133,7 @@ fn f088_a_client_that_takes_all_places_of_the_bus_does_not_disturb_the_holder() 
     assert_no_violations(&rig.end("sim"));
 }
 
-/// A unit quaternion, x y z w, from four draws.
+/// Draws a random unit quaternion, x y z w.
 fn rotation(random: &mut impl RngExt) -> [f32; 4] {
     let q: [f32; 4] = std::array::from_fn(|_| random.random_range(-1.0..1.0));
     let norm = q.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-3);
@@ -160,7 +162,7 @@ fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its
         skeleton.header.sequence += 1;
         let now = rt::now();
         (skeleton.header.stamp, skeleton.header.origin, skeleton.received) = (now, now, now);
-        // Valid numbers, and no person: any rotation in any frame, or one that trembles.
+        // Valid numbers, but not a person: any rotation in any frame, or one that trembles.
         if engaged > 0 && skeleton.header.sequence.is_multiple_of(7) {
             skeleton.limbs = std::array::from_fn(|_| rotation(&mut random));
         }
@@ -182,7 +184,7 @@ fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its
     assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
 }
 
-/// A process that connects to the operator's socket as fast as it can, and keeps its newest 64 connections open.
+/// A process that connects to the operator socket as fast as it can. It keeps its newest 64 connections open.
 struct Flood(Child);
 
 impl Flood {
@@ -290,11 +292,11 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
         assert!(Instant::now() < give_up, "{}", rig.log("control"));
         std::thread::sleep(Duration::from_millis(20));
     }
-    // A second presser is no way around the first.
+    // A second user's press does not bypass the first one's.
     assert!(teleopctl(SOMEBODY, "estop").0 && teleopctl(ANOTHER, "estop").0);
     assert!(!teleopctl(ANOTHER, "reset").0);
     let (reset, said) = teleopctl(SOMEBODY, "reset");
     assert!(reset, "{said}");
-    // The robot's own emergency stop has no user.
+    // The robot's own emergency stop belongs to no user.
     hand.wait_mode(Mode::Disengaged);
 }

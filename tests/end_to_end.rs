@@ -1,4 +1,4 @@
-//! Real processes over real shared memory: what a user sees, and what happens when a process dies.
+//! Tests real processes over real shared memory: the user's view, and the death of a process.
 
 mod rig;
 
@@ -31,7 +31,7 @@ fn engages_follows_and_stops_at_rest() {
     assert_eq!(modes[0], "Engaging");
     assert!(modes.iter().any(|mode| mode == "Engaged"), "{modes:?}");
     assert_eq!(modes[modes.len() - 2..], ["Holding", "Disengaged"], "{modes:?}");
-    // Once: the robot was let go by nobody else.
+    // Disengaged occurs once: nothing else released the robot.
     assert_eq!(modes.iter().position(|mode| mode == "Disengaged"), Some(modes.len() - 1), "{modes:?}");
     assert!(!modes.contains(&"Faulted".to_owned()), "{modes:?}");
 }
@@ -52,7 +52,7 @@ fn an_emergency_stop_latches_in_every_moving_mode() {
         hand.wait_mode(Mode::Faulted);
         eyes.wait_at_rest();
         assert_eq!(hand.raised(Fault::EmergencyStop).min(1), 1);
-        // The enable is still held: a reset does nothing.
+        // The enable is still held, so a reset does nothing.
         other.reset();
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(hand.mode(), Some(Mode::Faulted));
@@ -65,7 +65,7 @@ fn an_emergency_stop_latches_in_every_moving_mode() {
     }
 }
 
-/// `teleopctl` as an operator calls it.
+/// Runs `teleopctl` like an operator.
 fn teleopctl(rig: &Rig, command: &str) -> (Option<i32>, String) {
     let mut called = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
     let output = called.arg(command).arg("--run-dir").arg(rig.folder()).output().expect("it runs");
@@ -132,10 +132,10 @@ fn a_dead_input_holds_and_then_disengages() {
         rig.kill(process);
         hand.wait_mode(Mode::Holding);
         eyes.wait_at_rest();
-        // Without real-time scheduling a dead retarget shows as stale input first, as a stale target later.
+        // Without real-time scheduling, a dead retarget first shows as stale input, and later as a stale target.
         hand.wait("told which stream is stale", |status| status.fault_counts[fault.index()] > 0);
         hand.wait_mode(Mode::Disengaged);
-        // A restart alone never engages, although the enable is still held.
+        // A restart alone never engages, even while the enable is held.
         rig.start(process);
         std::thread::sleep(Duration::from_secs(1));
         assert_eq!(hand.mode(), Some(Mode::Disengaged));
@@ -155,7 +155,7 @@ fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
         let before = hand.wait_mode(Mode::Engaged).transition_count as usize;
         rig.kill(process);
         hand.wait_mode(Mode::Holding);
-        // Well before the hold times out: the person is seen again, and nobody let the enable go.
+        // Restart well before the hold times out. The person is visible again, and the enable is still held.
         rig.start(process);
         hand.wait_mode(Mode::Disengaged);
         eyes.wait_at_rest();
@@ -178,7 +178,7 @@ fn f058_f073_a_dead_control_leaves_the_robot_on_its_certified_stop() {
     assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
     eyes.wait_at_rest();
     drop(hand);
-    // A new control takes the resting robot over, faulted until it is reset.
+    // A new control takes over the resting robot. It stays faulted until a reset.
     rig.start("control");
     let hand = rig.hand();
     hand.wait_mode(Mode::Faulted);
@@ -203,12 +203,12 @@ fn a_dead_driver_faults() {
     assert!(hand.raised(Fault::StateStale) > 0);
 }
 
-/// Two ticks: the oldest command that may still be executed.
+/// Two ticks: the age of the oldest command that may still be executed.
 const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
 
 #[test]
 fn f074_a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old() {
-    // The driver latches the silence of a suspended control; control latches that of a suspended driver.
+    // The driver latches the silence of a suspended control. Control latches the silence of a suspended driver.
     let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("sim", Fault::StateStale)];
     for (process, fault) in latched {
         let mut rig = Rig::whole();
@@ -218,14 +218,14 @@ fn f074_a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old(
         client.set_engaged(true);
         eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
         rig.signal(process, "STOP");
-        // Longer than every stale time, relaxed as they are without real-time scheduling (20 x 20 ms).
+        // Longer than every stale time. These are relaxed without real-time scheduling (20 x 20 ms).
         std::thread::sleep(Duration::from_millis(700));
         if process != "sim" {
             eyes.wait_at_rest();
         }
         rig.signal(process, "CONT");
         hand.wait("told why", |status| status.fault_counts[fault.index()] > 0);
-        // A retarget that goes on is the one that was enabled: a hold may end, slowly. The others latch.
+        // A resumed retarget is the enabled one. A hold may end, slowly. The others latch.
         if process != "retarget" {
             hand.wait_mode(Mode::Faulted);
             eyes.wait_at_rest();
@@ -254,7 +254,7 @@ fn a_silent_operator_releases() {
     assert_no_violations(&rig.end("sim"));
 }
 
-/// What a panic does (`rt::abort_on_panic`).
+/// Same effect as a panic (`rt::abort_on_panic`).
 #[test]
 fn f075_a_control_that_aborts_leaves_the_robot_on_its_certified_stop() {
     let mut rig = Rig::whole();
@@ -292,7 +292,7 @@ fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
     if !std::fs::metadata("/proc/1/environ").is_ok_and(|_| std::fs::File::open("/proc/1/environ").is_ok()) {
         return println!("skipped: only root can become another user");
     }
-    // The build's folder may be closed to others: what they need is laid open to them.
+    // The build folder may be closed to other users, so the test copies the program to an open folder.
     std::fs::copy(env!("CARGO_BIN_EXE_teleopd"), &program).unwrap();
     for path in [rig.folder(), folder.as_path()] {
         std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
@@ -307,7 +307,7 @@ fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
     };
     let told = refused(&folder.join("inside"));
     assert!(told.contains(folder.to_str().unwrap()) && told.contains("Permission denied"), "{told}");
-    // In the place of an instance that is there.
+    // In the folder of an instance that already exists.
     std::fs::DirBuilder::new().create(folder.join("core")).unwrap();
     let told = refused(&folder);
     let whose = "this instance belongs to user 0, and this program runs as user 65534";
@@ -340,12 +340,12 @@ fn f068_a_second_client_gets_no_authority() {
     let second = rig.client(&motion::builtin(), 18);
     second.set_engaged(true);
     std::thread::sleep(Duration::from_secs(1));
-    // The second client disturbs nothing: without authority the robot would be let go, and not come back.
+    // The second client does not interfere. Otherwise the robot would disengage, and not engage again.
     hand.wait_mode(Mode::Engaged);
     drop(first);
     hand.wait_mode(Mode::Holding);
     hand.wait_mode(Mode::Disengaged);
-    // The second still publishes, long after the first has gone: it moves nothing by itself.
+    // The second client still publishes, long after the first has left. It moves nothing by itself.
     std::thread::sleep(Duration::from_millis(1500));
     hand.release();
     std::thread::sleep(Duration::from_millis(300));
@@ -381,7 +381,7 @@ fn f092_a_second_writer_of_the_core_domain_is_refused() {
 #[test]
 fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
     use std::io::{Read, Write};
-    // Of four ports in a row the driver has the last.
+    // The driver has the last of four consecutive ports.
     let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = other.local_addr().unwrap().port();
     let mut rig = Rig::with_settings(&[("port = 0 ", &format!("port = {} ", port - 3))]);
@@ -445,7 +445,7 @@ fn f094_weights_of_another_robot_are_refused() {
     let robots = repository().join("config/robots");
     let robot_text = std::fs::read_to_string(robots.join("tiago_dual.toml")).unwrap();
     let urdf_text = std::fs::read_to_string(robots.join("tiago_dual.urdf")).unwrap();
-    // The same robot with another elbow: the joint limit of both arms' joint 4.
+    // The same robot with another elbow: the limit of joint 4 of both arms differs.
     let other = urdf_text.replace("2.356194490192345", "2.3");
     assert_ne!(other, urdf_text);
     std::fs::write(folder.path().join("tiago_dual.urdf"), other).unwrap();

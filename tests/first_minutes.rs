@@ -1,4 +1,4 @@
-//! What somebody sees who starts this for the first time: `up`, `engage`, and the tour.
+//! Tests the first experience of a new user: `up`, `engage`, and the tour.
 
 mod rig;
 
@@ -15,7 +15,7 @@ fn teleopd() -> Command {
     command
 }
 
-/// What `up` prints until READY, and what it prints on stderr until it has ended at an interrupt.
+/// Returns the output of `up` until READY, and its stderr until its end on an interrupt.
 fn up(options: &[&str]) -> (Vec<String>, String) {
     let rig = Rig::empty();
     let mut command = teleopd();
@@ -50,7 +50,7 @@ fn up_opens_with_five_plain_lines_and_the_log_on_request() {
     let (verbose, log) = up(&["--engage-without-realtime", "-v"]);
     assert_eq!(verbose.len(), opening.len(), "{verbose:#?}");
     assert!(log.contains("INFO robot: ") && log.contains("timer slack"), "{log}");
-    // What this machine lacks for real time is no warning for a simulated robot.
+    // Missing real-time features of this machine are no warning for a simulated robot.
     assert!(!log.lines().any(|line| line.contains("WARN") && line.contains("granted")), "{log}");
 }
 
@@ -103,7 +103,7 @@ fn tour(folder: &Path, options: &[&str]) -> Output {
     command.output().expect("the tour runs")
 }
 
-/// The steps by their numbers in the list at the end.
+/// Returns the steps by their numbers in the list at the end.
 fn outcomes(said: &str) -> Vec<&str> {
     let outcome = |line: &'_ str| line.starts_with(|c: char| c.is_ascii_digit()) && line.get(1..3) == Some("  ");
     said.lines().filter(|line| outcome(line)).collect()

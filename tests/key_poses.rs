@@ -1,5 +1,5 @@
-//! A page whose person is a mix of three key poses, against the real processes: as a program sees it, and in a browser
-//! where there is one.
+//! Tests a page whose person is a mix of three key poses, against the real processes. Tests it as a program, and
+//! in a browser if there is one.
 
 mod browser;
 mod rig;
@@ -18,7 +18,7 @@ use viewer::{Page, Seen, Viewer};
 
 const CORNERS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// Asks for `shares` ten times a second, holds the enable if that is pressed, and reads until `done`.
+/// Requests `shares` ten times a second, keeps a pressed enable, and reads until `done`.
 fn lead(page: &mut Page, what: &str, shares: [f64; 3], mut done: impl FnMut(Option<&Value>) -> bool) {
     let (give_up, mut asked) = (Instant::now() + SOON, None);
     loop {
@@ -35,19 +35,19 @@ fn lead(page: &mut Page, what: &str, shares: [f64; 3], mut done: impl FnMut(Opti
     }
 }
 
-/// The next word on whether this page's person is published.
+/// Returns the next report on whether this page's person is published.
 fn mixed(told: Option<&Value>) -> Option<(bool, String)> {
     let told = told.filter(|told| told["tell"] == "mix")?;
     Some((told["on"] == true, told["text"].as_str().unwrap_or_default().to_owned()))
 }
 
-/// What the robot is to come to: where the limbs are, and the joint positions that retargeting finds for such limbs.
+/// Goal of the robot: the limb directions, and the joint positions that retargeting finds for them.
 struct Goal {
     arm: ArmModel,
     limbs: [Limbs; ARMS],
     q: [ArmQ; ARMS],
     joints: [[usize; 5]; ARMS],
-    /// Degrees by which what retargeting finds misses those limbs.
+    /// Error of the retargeted limbs, degrees.
     misses_deg: f64,
 }
 
@@ -73,22 +73,22 @@ impl Goal {
         (0..ARMS).flat_map(error).fold(0.0, f64::max)
     }
 
-    /// How far a posture is from it: the joint that is furthest, rad, and the limb that is, degrees.
+    /// Returns the distance of a posture from the goal: the worst joint, rad, and the worst limb, degrees.
     fn away(&self, posture: &[f64; JOINTS]) -> (f64, f64) {
         let q: [ArmQ; ARMS] = self.joints.map(|joints| joints.map(|joint| posture[joint]));
         let away = q.as_flattened().iter().zip(self.q.as_flattened()).map(|(a, b)| (a - b).abs());
         (away.fold(0.0, f64::max), self.limbs_deg(&q))
     }
 
-    /// Half a degree is what is left of the person's sway and of the way there; three of a joint, because where an elbow is
-    /// nearly straight the joints beside it may share a twist in other ways than the first guess.
+    /// Half a degree allows for the person's sway and the rest of the way. A joint may differ by three. If an
+    /// elbow is nearly straight, the joints beside it may share a twist differently than in the first guess.
     fn is_met(&self, posture: &[f64; JOINTS]) -> bool {
         let (joint_rad, limb_deg) = self.away(posture);
         joint_rad < 3_f64.to_radians() && limb_deg < self.misses_deg + 0.5
     }
 }
 
-/// From corner to corner in `view::EDGE_S` no joint has to be faster than it may: the robot is where the mix is.
+/// From corner to corner in `view::EDGE_S` no joint exceeds its speed limit. The robot keeps up with the mix.
 #[test]
 fn between_our_key_poses_the_arms_keep_up_with_the_handle() {
     let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
@@ -115,7 +115,7 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
     let (hand, viewer, mut eyes) = (rig.hand(), Viewer::of(&rig), rig.eyes());
     let mut page = viewer.page();
     assert_eq!(page.told("scene")["about"]["key_poses"], json!(POSES));
-    // Asked for, but not by a client.
+    // Requested without being a client.
     page.say(&json!({ "do": "mix", "shares": CORNERS[1] }));
     page.ask("join");
     lead(&mut page, "its person", CORNERS[0], |told| mixed(told).is_some_and(|(on, _)| on));
@@ -133,12 +133,12 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
         let (joint_rad, limb_deg) = eyes.robot().map(|state| goal.away(&state.q_measured)).expect("a robot");
         println!("{pose}: {joint_rad:.4} rad, {limb_deg:.2} degrees; retargeting misses {:.2}", goal.misses_deg);
     }
-    // Out of the triangle is its nearest corner, and no fault.
+    // A point outside the triangle becomes its nearest corner. This is no fault.
     let goal = Goal::at(&CORNERS[1]);
     lead(&mut page, "the corner", [-1e300, 1e12, 0.5], |_| {
         eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured))
     });
-    // Silence about the handle, with the enable still held: the person is gone, and the robot holds.
+    // The page stops sending the handle while the enable is held. The person disappears, and the robot holds.
     let give_up = Instant::now() + SOON;
     let silent = loop {
         page.ask("keep");
@@ -185,7 +185,7 @@ fn a_page_is_told_that_another_client_moves_the_robot() {
         assert!(Instant::now() < give_up, "the lease ends with its holder");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The second page is another client, and a page that goes gives its lease up.
+    // The second page is another client. A page that closes gives up its lease.
     lead(&mut page, "the person", CORNERS[0], |_| hand.status().is_some_and(|status| status.faults == 0));
     let mut second = viewer.page();
     second.ask("join");
@@ -221,7 +221,7 @@ fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
         assert!(page.ends(), "{bad}");
     }
     let mut page = viewer.page();
-    // A server that has closed its end and reads no more lets the sender wait; that is no taking either.
+    // A server that has closed its end and reads no more may block the sender. This also counts as not accepted.
     if let tungstenite::stream::MaybeTlsStream::Plain(stream) = page.socket.get_ref() {
         stream.set_write_timeout(Some(Duration::from_secs(5))).expect("a time-out");
     }
@@ -230,7 +230,7 @@ fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
     while page.socket.send(Message::text(flood.clone())).is_ok() {
         assert!(Instant::now() < give_up, "a flood is taken");
     }
-    // Nobody is there to be led: in words.
+    // There is no instance, and the reply says so in words.
     let mut page = viewer.page();
     page.ask("join");
     let told = page.told("mix");
@@ -275,10 +275,10 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
     browser.click("#engage");
     browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
-    // All of the triangle, and then the handle in it.
+    // The whole triangle, then the handle in it.
     browser.middle("#mix-plane");
     let from = browser.middle("#mix-handle");
-    // Beyond the corner: the handle stays in the triangle.
+    // A drag beyond the corner: the handle stays in the triangle.
     let to = browser.evaluate(
         "(() => { const b = document.getElementById('mix-plane').getBoundingClientRect(); return [b.right - 2, b.bottom - 2]; })()",
     );
@@ -304,7 +304,7 @@ fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
         std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
     }
-    // The handle has the focus since it was pressed.
+    // The handle has had the focus since it was pressed.
     for _ in 0..10 {
         browser.press("ArrowLeft", "ArrowLeft");
     }

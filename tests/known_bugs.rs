@@ -1,18 +1,19 @@
-//! Every known bug is a patch that fits the tree as it is. `.ci/known_bugs` builds each, and the simulation must find it.
+//! Tests that every known bug is a patch that applies to the tree. `.ci/known_bugs` builds each, and the
+//! simulation must find it.
 
 use std::path::PathBuf;
 use std::process::Command;
 
 const DOCUMENTS: [&str; 6] =
     ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SAFETY.md", "CHANGELOG.md", "docs/src/evidence.md"];
-/// Lines that a patch takes away and adds: a bug is small.
+/// Most lines that a patch removes and adds. A bug is small.
 const CHANGED_MAX: usize = 12;
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).canonicalize().expect("the tree")
 }
 
-/// The patches by name; nothing else lies in their folder.
+/// Returns the patches by name. Their folder contains nothing else.
 fn patches() -> Vec<(String, String)> {
     let entries = std::fs::read_dir(root().join("tests/known_bugs")).expect("the folder of the patches");
     let mut found: Vec<_> = entries
@@ -35,7 +36,7 @@ fn every_known_bug_applies_to_the_tree_as_it_is() {
     for (name, _) in patches() {
         let mut git = Command::new("git");
         git.args(["apply", "--check", &format!("tests/known_bugs/{name}")]).current_dir(&root);
-        // A tree without a repository of its own is a part of none further up.
+        // Stops git from using a repository above a tree that has none.
         git.env("GIT_CEILING_DIRECTORIES", root.parent().unwrap_or(&root));
         for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX"] {
             git.env_remove(variable);
@@ -48,8 +49,9 @@ fn every_known_bug_applies_to_the_tree_as_it_is() {
     assert!(refused.is_empty(), "adapt these to the code, so that they still hold the bug:\n{}", refused.concat());
 }
 
-/// What the bug is, in one sentence; the public bug that it resembles, if one is known; the test that finds what another
-/// layer hides from the simulation; then a small change of one file.
+/// A patch starts with one sentence that describes the bug. It names a similar public bug, if one is known. If
+/// another layer hides the bug from the simulation, it names the test that finds it. Then follows a small change
+/// of one file.
 #[test]
 fn every_known_bug_says_what_it_is() {
     for (name, text) in patches() {
@@ -73,7 +75,7 @@ fn every_known_bug_says_what_it_is() {
     }
 }
 
-/// A number before "bugs" or "known bugs" is that of the patches.
+/// A number before "bugs" or "known bugs" must be the number of patches.
 #[test]
 fn the_documents_know_how_many_there_are() {
     let count = patches().len();

@@ -1,4 +1,4 @@
-//! A real `ingest`, and clients of other layouts at its socket.
+//! Tests a real `ingest` with clients of other layouts at its socket.
 
 mod rig;
 
@@ -7,10 +7,10 @@ use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout};
 use rig::{Rig, SOON, repository};
 use std::time::{Duration, Instant};
 
-/// Frames of each client.
+/// Number of frames of each client.
 const FRAMES: usize = 30;
 
-/// The frame as OpenXR has it: x right, y up, z back.
+/// Converts the frame to OpenXR: x right, y up, z back.
 fn as_xr(mut raw: RawSkeleton) -> RawSkeleton {
     raw.layout = SkeletonLayout::XrBd24 as u32;
     raw.joint_count = 24;
@@ -20,7 +20,7 @@ fn as_xr(mut raw: RawSkeleton) -> RawSkeleton {
     raw
 }
 
-/// The frame as the file of ZED says, from a camera that the person faces: x left, y down, z back, mm.
+/// Converts the frame to the ZED file's layout, from a camera that the person faces: x left, y down, z back, mm.
 fn as_zed(raw: RawSkeleton) -> RawSkeleton {
     let of = |smpl: usize, zed: usize| (smpl, zed);
     let mut out = RawSkeleton { layout: 1038, joint_count: 38, flags: 0, ..raw };
@@ -61,7 +61,8 @@ fn ingest_takes_every_layout_that_it_knows_and_counts_what_it_does_not() {
     let figures = rig.end("ingest");
     let count = |value: &serde_json::Value| value.as_u64().unwrap_or(0);
     assert_eq!(count(&figures["dropped"]["Layout"]), FRAMES as u64, "{figures}");
-    // From layout to layout a joint may not jump, nor time stand still: a frame or two may be lost of each.
+    // When the layout changes, joints must not jump, and time must advance. One or two frames of each layout may
+    // be lost.
     assert!(count(&figures["accepted"]) >= 3 * (FRAMES as u64 - 8), "{figures}");
     for reason in ["NotUpright", "Chirality", "Size", "OutOfRange", "NotFinite", "NotUnit", "Count"] {
         assert_eq!(count(&figures["dropped"][reason]), 0, "{figures}");
@@ -79,7 +80,7 @@ fn status_says_why_frames_are_dropped() {
     let give_up = Instant::now() + SOON;
     for frame in 1.. {
         let mut raw = motion::raw_frame(&motion, frame, &calibration);
-        // Centimetres.
+        // Positions in centimetres.
         raw.positions = raw.positions.map(|place| place.map(|x| 100.0 * x));
         (raw.header.sequence, raw.header.origin, raw.header.stamp) = (frame as u64, rt::now(), rt::now());
         client.publish(&raw).expect("taken");
@@ -97,6 +98,6 @@ fn status_says_why_frames_are_dropped() {
         .expect("teleopctl runs");
     let said: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
     assert_eq!(said["input_drop"], "OutOfRange", "{said:#}");
-    // A second after the last one, nothing is dropped any more.
+    // A second after the last frame, no drop is reported any more.
     hand.wait("silent", |status| status.input_drop == 0);
 }

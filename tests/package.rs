@@ -1,4 +1,4 @@
-//! The Debian package: its table of files covers what an installation needs, and the package that is built from it works.
+//! Tests the Debian package. Its table of files covers an installation's needs, and the built package works.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The table of files: source, destination, mode.
+/// Returns the table of files: source, destination, mode.
 fn assets() -> Vec<[String; 3]> {
     let text = std::fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
     let manifest: toml::Table = text.parse().expect("TOML");
@@ -17,7 +17,7 @@ fn assets() -> Vec<[String; 3]> {
     assets.iter().map(|row| [0, 1, 2].map(|column| word(row, column))).collect()
 }
 
-/// The files below a folder of the repository, by their paths in it.
+/// Returns the files below a folder of the repository, by their paths in it.
 fn files(folder: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for entry in std::fs::read_dir(root().join(folder)).unwrap_or_else(|error| panic!("{folder}: {error}")).flatten() {
@@ -31,7 +31,7 @@ fn files(folder: &str) -> BTreeSet<String> {
     found
 }
 
-/// The files that a source of the table names: one, or by a `*` in its last part.
+/// Returns the files that a source in the table names: one file, or several by a `*` in its last part.
 fn named(source: &str) -> BTreeSet<String> {
     let (folder, pattern) = source.rsplit_once('/').unwrap_or((".", source));
     let mut parts = pattern.split('*');
@@ -95,7 +95,7 @@ fn an_installation_starts_and_enables_nothing() {
     }
 }
 
-/// A program's output, or nothing where it is not installed.
+/// Returns a program's output. `None` if it is not installed.
 fn run(command: &mut Command) -> Option<Output> {
     let output = command.output().ok()?;
     let said = String::from_utf8_lossy(&output.stderr);
@@ -103,7 +103,7 @@ fn run(command: &mut Command) -> Option<Output> {
     Some(output)
 }
 
-/// The package, built from the programs that are built already; or why there is none.
+/// Builds the package from the programs that are already built. The error says why there is none.
 fn package(folder: &Path) -> Result<PathBuf, String> {
     let installed =
         |name: &str| Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success());
@@ -182,7 +182,7 @@ fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
         }
     }
 
-    // The settings name absolute paths; here the tree stands elsewhere.
+    // The settings name absolute paths. Here the tree is in another place.
     let settings = tree.join("etc/teleop/teleop.toml");
     let text = std::fs::read_to_string(&settings).expect("settings");
     let moved = text.replace("\"/usr/share/", &format!("\"{}/usr/share/", tree.display()));

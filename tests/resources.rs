@@ -1,5 +1,5 @@
-//! What a machine runs out of: shared memory, disk, file descriptors. Small file systems of a test's own stand in for full
-//! ones; where the system lets nobody mount them, the test says so and ends.
+//! Tests exhausted resources: shared memory, disk, file descriptors. Each test uses its own small file system
+//! instead of a full one. If the system does not allow the mount, the test says so and ends.
 
 mod rig;
 
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A process of teleopd with a file system of `size` of its own at `place`; nothing where none can be mounted.
+/// Starts a process of teleopd with its own file system of `size` at `place`. `None` if it cannot be mounted.
 fn with_small_files_at(place: &Path, size: &str, arguments: &[&str]) -> Option<Child> {
     let script = "mount -t tmpfs -o mode=755,size=\"$1\" small \"$2\" || exit 99; shift 2; exec \"$@\"";
     let mut command = Command::new("unshare");
@@ -25,7 +25,7 @@ fn with_small_files_at(place: &Path, size: &str, arguments: &[&str]) -> Option<C
     Some(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("unshare runs"))
 }
 
-/// Fills the file system on which `folder` stands, as the process `id` sees it.
+/// Fills the file system of `folder`, as the process `id` sees it.
 fn fill(id: u32, folder: &Path) {
     let path = Path::new("/proc").join(id.to_string()).join("root").join(folder.strip_prefix("/").unwrap());
     let mut file = File::create(path.join("fill")).expect("a file in the process's own file system");
@@ -66,7 +66,7 @@ fn f085_shared_memory_that_fills_up_later_disturbs_nobody() {
         assert!(Instant::now() < give_up, "the demo never began");
         std::thread::sleep(Duration::from_millis(20));
     }
-    // All four are ready when the person's client is there; a second later it surely is.
+    // All four are ready when the person's client runs. A second later it surely does.
     std::thread::sleep(Duration::from_secs(1));
     fill(child.id(), Path::new("/dev/shm"));
     let (output, told) = end(child);

@@ -1,5 +1,5 @@
-//! What the product is built from: locked, from one registry, under permissive licences, and nothing that reaches a
-//! network. The same rules as `deny.toml`, without `cargo-deny` and without a network.
+//! Tests the dependencies of the product: locked, from one registry, under permissive licences, and without
+//! network code. The rules are those of `deny.toml`, but need neither `cargo-deny` nor a network.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -17,7 +17,7 @@ fn toml_file(name: &str) -> toml::Table {
     text.parse().unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// What cargo prints; it asks no network.
+/// Returns the output of cargo. It uses no network.
 fn cargo(args: &[&str]) -> Vec<u8> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
     let output = Command::new(cargo)
@@ -40,13 +40,13 @@ fn text<'a>(value: &'a Value, key: &str) -> &'a str {
     value[key].as_str().unwrap_or("")
 }
 
-/// The strings of an array.
+/// Returns the strings of an array.
 fn strings(value: &toml::Value) -> BTreeSet<String> {
     value.as_array().expect("an array").iter().map(|item| item.as_str().expect("a string").to_owned()).collect()
 }
 
-/// Whether an SPDX expression can be met with these licences: `OR` binds less than `AND`, which binds less than `WITH`; a
-/// bare `/` is an old way to write `OR`.
+/// Returns true if these licences satisfy an SPDX expression. `OR` binds less than `AND`, and `AND` less than
+/// `WITH`. A bare `/` is an old form of `OR`.
 fn admits(expression: &str, allowed: &BTreeSet<String>) -> bool {
     let spaced = expression.replace('/', " OR ").replace('(', " ( ").replace(')', " ) ");
     let words: Vec<&str> = spaced.split_whitespace().collect();
@@ -161,7 +161,7 @@ fn f113_nothing_that_is_banned_is_built() {
     }
 }
 
-/// The crates that these packages are built from, each with its features.
+/// Returns the crates that these packages are built from, each with its features.
 fn built_with(packages: &[&str]) -> BTreeSet<String> {
     let args = ["tree", "--edges", "normal,build", "--prefix", "none", "--format", "{p} {f}"];
     let tree = cargo(&[&args, packages].concat());
@@ -169,7 +169,7 @@ fn built_with(packages: &[&str]) -> BTreeSet<String> {
     lines.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
 }
 
-/// Otherwise cargo builds them again for that program: see crates/features.
+/// Otherwise cargo builds them again for that program, see crates/features.
 #[test]
 fn every_program_is_built_with_the_features_of_the_workspace() {
     let whole = built_with(&["--workspace"]);

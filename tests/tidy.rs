@@ -1,5 +1,5 @@
-//! Rules of the house that are tests: direction of dependencies, bans in the pure crates, lengths, and tables that
-//! must name each other.
+//! Project rules as tests: direction of dependencies, bans in the pure crates, lengths, and tables that must name
+//! each other.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -9,10 +9,10 @@ use std::process::Command;
 const PURE: [&str; 11] =
     ["messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant", "sim"];
 
-/// What a pure crate must not reach, however indirectly.
+/// Packages that a pure crate must not depend on, even indirectly.
 const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix", "getrandom"];
 
-/// For each package of the workspace: the packages of the workspace it may name as a dependency.
+/// For each package of the workspace: the workspace packages that it may depend on.
 const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("hazards", &[]),
     ("messages", &[]),
@@ -82,7 +82,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "pipeline", "rt"]),
 ];
 
-/// Text that has no place in a pure crate's sources, with what it would bring in.
+/// Text that is banned in a pure crate's sources, with the reason.
 const BANNED_IN_PURE: [(&str, &str); 12] = [
     ("std::time", "a clock"),
     ("Instant", "a clock"),
@@ -98,7 +98,8 @@ const BANNED_IN_PURE: [(&str, &str); 12] = [
     ("println!", "output"),
 ];
 
-/// Where `unsafe` may stand: system calls and the allocator that counts, shared memory, and the matrix product's pointers.
+/// Locations that may use `unsafe`: system calls and the counting allocator, shared memory, and the matrix
+/// product's pointers.
 const UNSAFE_MAY_STAND_IN: [&str; 3] = ["crates/rt/", "crates/bus/", "tools/train/src/gemm.rs"];
 
 const FILE_LINES_MAX: usize = 500;
@@ -141,7 +142,7 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The resolved graph of normal dependencies: package name -> names.
+/// Returns the resolved graph of normal dependencies: package name -> names.
 fn graph() -> BTreeMap<String, BTreeSet<String>> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
     let output = Command::new(cargo)
@@ -186,7 +187,7 @@ fn dependencies_only_point_down() {
     }
 }
 
-/// Everything that `package` is built from on this machine, with the features it asks for itself.
+/// Returns everything that `package` is built from on this machine, with the features that it requests itself.
 fn built_from(package: &str) -> BTreeSet<String> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
     let output = Command::new(cargo)
@@ -271,7 +272,7 @@ fn files_and_functions_stay_short() {
     );
 }
 
-/// Otherwise a tool goes on after one of its threads panicked, and reports what is not so.
+/// Otherwise a tool continues after one of its threads panicked, and reports wrong results.
 #[test]
 fn every_program_that_runs_threads_aborts_on_a_panic() {
     let mut seen = 0;
@@ -301,7 +302,7 @@ fn unsafe_stands_only_where_it_may() {
     }
 }
 
-/// How far above an unsafe block its reason may begin.
+/// Largest distance in lines between an unsafe block and the start of its reason.
 const REASON_LINES_MAX: usize = 8;
 
 #[test]
@@ -323,7 +324,7 @@ fn f113_every_unsafe_block_says_why_it_is_sound() {
     assert!(blocks > 20, "{blocks} found");
 }
 
-/// The one place may look at it to name an incarnation; nothing is ever timed by it.
+/// One file may read it to name an incarnation. Nothing is ever timed with it.
 #[test]
 fn f030_nobody_reads_the_clock_of_the_day() {
     let clocks = ["SystemTime", "UNIX_EPOCH", "CLOCK_REALTIME", "CLOCK_TAI", "ClockId::Realtime", "ClockId::Tai"];
@@ -366,7 +367,7 @@ fn every_test_that_the_safety_document_names_exists() {
         let source = std::fs::read_to_string(root().join(file)).unwrap_or_default();
         assert!(source.contains(&format!("fn {function}()")), "{}: no test {function:?} in {file:?}", row.name);
     }
-    // Every row of every table that ends with a file and a function.
+    // Takes every table row that ends with a file and a function.
     let rows = text.lines().filter(|line| line.starts_with('|'));
     let cells = rows.filter_map(|line| line.trim_end_matches(['|', ' ']).rsplit('|').next());
     let tests = cells.filter_map(|cell| cell.trim().strip_prefix('`')?.split_once("` "));
@@ -378,13 +379,13 @@ fn every_test_that_the_safety_document_names_exists() {
     }
 }
 
-/// Ids in a name, as `f021` in `f021_f069_silence_stops`: words of `f` and three digits.
+/// Returns the ids in a name, such as `f021` in `f021_f069_silence_stops`: words of `f` and three digits.
 fn hazard_ids(name: &str) -> impl Iterator<Item = &str> {
     name.split('_')
         .filter(|word| word.len() == 4 && word.starts_with('f') && word[1..].bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// The names of all tests whose source is in the tree.
+/// Returns the names of all tests whose source is in the tree.
 fn test_names() -> Vec<String> {
     let mut names = Vec::new();
     for (_, source) in rust_files() {
@@ -427,7 +428,7 @@ fn every_hazard_that_is_answered_has_a_test_and_none_that_is_struck() {
     assert!(struck.is_empty(), "struck, and still there is a test: {struck:#?}");
 }
 
-/// Where one program holds the tests of many files, it holds all of them.
+/// If one program holds the tests of many files, it must hold all of them.
 #[test]
 fn no_file_of_tests_is_left_out() {
     let files = rust_files();
@@ -444,7 +445,7 @@ fn no_file_of_tests_is_left_out() {
     }
 }
 
-/// A file of the repository, or a motion to play, is one that a reader has; but for what the commands write.
+/// Files of the repository, and motions to play, must exist. Files that the commands write are exceptions.
 #[test]
 fn files_that_readme_and_book_name_exist() {
     const WRITTEN: [&str; 2] = ["config/operators/anna.toml", "weights/mine"];
@@ -459,7 +460,7 @@ fn files_that_readme_and_book_name_exist() {
     let is_file = |word: &&str| folders.iter().any(|folder| word.starts_with(folder)) || word.ends_with(".bvh");
     let named: BTreeSet<&str> = words.filter(is_file).filter(|word| *word != ".bvh").collect();
     assert!(named.len() > 20, "{named:?}");
-    // A network is two files, whose common name is given.
+    // A network consists of two files, and the documents give their common name.
     let exists = |name: &&&str| root().join(name).exists() || root().join(format!("{name}.safetensors")).exists();
     let missing: Vec<_> = named.iter().filter(|name| !WRITTEN.contains(name) && !exists(name)).collect();
     assert!(missing.is_empty(), "files that are not there: {missing:?}");

@@ -1,4 +1,5 @@
-//! The page on the loopback, against the real processes: as a program sees it, and in a browser where there is one.
+//! Tests the page on the loopback interface against the real processes: as a program, and in a browser if there
+//! is one.
 
 mod appearance;
 mod browser;
@@ -30,20 +31,20 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     let scene = page.told("scene");
     assert_eq!(scene["joints"].as_array().map(Vec::len), Some(17));
     assert!(page.frame().len() > 500);
-    // Keeping what was never pressed presses nothing.
+    // Keeping an enable that was never pressed has no effect.
     page.ask("keep");
     page.until(Mode::Disengaged, false);
     page.ask("engage");
     assert_eq!(page.told("hand")["held"], true);
     page.until(Mode::Engaged, true);
-    // Silence: what was held is let go, and the page is told.
+    // After silence the enable is released, and the page is informed.
     let told = page.told("hand");
     assert_eq!(
         (&told["held"], told["text"].as_str().is_some_and(|text| text.contains("silent"))),
         (&json!(false), true)
     );
     hand.wait_mode(Mode::Disengaged);
-    // And what is kept late engages nothing.
+    // A late `keep` engages nothing.
     for _ in 0..30 {
         page.ask("keep");
         page.frame();
@@ -51,7 +52,7 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     assert_eq!(hand.mode(), Some(Mode::Disengaged));
     page.ask("engage");
     page.until(Mode::Engaged, true);
-    // A page that is gone is a hand that is gone.
+    // A closed page releases the enable.
     drop(page);
     hand.wait_mode(Mode::Disengaged);
     let mut page = viewer.page();
@@ -60,7 +61,7 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
     page.until(Mode::Faulted, false);
     page.ask("reset");
     hand.wait_mode(Mode::Disengaged);
-    // Refused, in words: the enable finds nobody to follow.
+    // The enable is refused in words, because there is no person to follow.
     drop(_client);
     std::thread::sleep(Duration::from_millis(300));
     page.ask("engage");
@@ -89,7 +90,7 @@ fn a_view_ends_with_the_process_that_started_it() {
     assert!(line.contains("shows"), "{line}");
     starter.kill().expect("it runs");
     starter.wait().expect("it ends");
-    // What it says ends when it ends.
+    // Its output ends when it ends.
     let (ended, seen) = std::sync::mpsc::channel();
     std::thread::spawn(move || ended.send(said.read_to_string(&mut line)));
     assert!(seen.recv_timeout(rig::SOON).is_ok(), "the view goes on");
@@ -118,7 +119,7 @@ fn a_demo_is_shown_once_a_page_is_open() {
     told.read_to_string(&mut rest).expect("its report");
     let status = demo.wait().expect("it ends");
     assert!(status.success(), "{status}: {rest}");
-    // With the demo the page ends.
+    // The page ends with the demo.
     while page.socket.read().is_ok() {}
 }
 
@@ -153,10 +154,10 @@ fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
         first_line(&viewer.raw(&format!("POST / HTTP/1.1\r\nHost: {host}\r\n\r\n"))),
         "HTTP/1.1 405 Method Not Allowed"
     );
-    // Garbage, and a header without end: closed without an answer.
+    // Garbage, and a header without end. The server closes the connection without an answer.
     assert_eq!(viewer.raw("\0\x01\x02\r\n\r\n"), "");
     assert_eq!(viewer.raw(&"a".repeat(20_000)), "");
-    // What is not of our page ends the connection.
+    // A request that is not one of our page's ends the connection.
     for bad in ["{\"do\":\"dance\"}", "[]", "{\"do\":\"stop\",\"more\":1}", &"x".repeat(5000)] {
         let mut page = viewer.page();
         page.told("scene");
@@ -172,7 +173,7 @@ fn silent_connections_keep_nobody_out_and_a_page_that_only_pings_is_put_out() {
     let viewer = Viewer::of(&rig);
     let mut open = viewer.page();
     open.told("scene");
-    // More than there are places, one byte each, and as many anew before each request.
+    // More connections than the server accepts, with one byte each. As many again before each request.
     let mut silent = Vec::new();
     for _ in 0..5 {
         for _ in 0..40 {
@@ -183,7 +184,7 @@ fn silent_connections_keep_nobody_out_and_a_page_that_only_pings_is_put_out() {
         let answer = viewer.get("/");
         assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     }
-    // Who is in stays.
+    // An open page stays.
     open.socket.send(Message::Ping(vec![0].into())).expect("the server listens");
     while !matches!(open.socket.read().expect("it answers"), Message::Pong(_)) {}
     while open.socket.send(Message::Ping(vec![0].into())).is_ok() {}
@@ -209,18 +210,18 @@ fn in_a_browser_the_robot_moves_and_space_stops_it() {
         "the robot moves",
         &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
     );
-    // The person as published: the built-in motion raises both hands above the head.
+    // The published person: the built-in motion raises both hands above the head.
     let z = |joint: usize| format!("window.teleopd.frame().person[{}]", 3 * joint + 2);
     browser.wait("both hands are up", &format!("{0} > {2} + 0.1 && {1} > {2} + 0.1", z(20), z(21), z(15)));
-    // A browser that draws in software may starve the input: then it holds, and follows again by itself.
+    // A browser with software rendering may starve the input. Then the robot holds, and follows again by itself.
     hand.wait_mode(Mode::Engaged);
     let picture = browser.screenshot();
-    // What is in the picture, by colour: the person, and the button that stops. `appearance` looks at the rest.
+    // Contents of the picture, by colour: the person, and the stop button. `appearance` checks the rest.
     for (what, near, least) in [("person", [217, 103, 12], 5000), ("stop", [192, 24, 43], 10_000)] {
         let seen = browser.count_pixels(&picture, near);
         assert!(seen > least, "{what}: {seen} pixels of its colour");
     }
-    // With the focus on a button, too: Space is never the button's.
+    // Also with the focus on a button: Space never presses the button.
     browser.evaluate("document.getElementById('engage').focus()");
     browser.press(" ", "Space");
     hand.wait_mode(Mode::Faulted);
@@ -237,7 +238,7 @@ fn in_a_browser_a_recording_stands_at_its_end_and_plays_anew() {
     let shown = appearance::shown();
     let mut builder = view::RecordingViewBuilder::new(&shown.model);
     let heard = view::LatestMessages { status: Some(Status::ZERO), ..view::LatestMessages::default() };
-    // 2.8 is less once it is of single precision.
+    // 2.8 becomes smaller in single precision.
     (0..29).for_each(|n| builder.add(&heard, f64::from(n) / 10.0));
     let server = view::Server::recording(builder.build(), "still.mcap", &shown, 0).expect("a port");
     let Some(mut browser) = Browser::open(server.address()) else {

@@ -1,5 +1,5 @@
-//! Measures an operator: a T-pose held still gives lengths and the trunk's lean, moving arms the axes of their elbows. The robot has no part
-//! in it, and must not be engaged.
+//! Measures an operator. A T-pose held still gives the lengths and the trunk's lean. Moving arms give the axes of
+//! the elbows. The robot takes no part and must not be engaged.
 
 use crate::{mode, only_disengaged};
 use bus::{BusError, Domain, Reader};
@@ -12,20 +12,20 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Time between two looks: shorter than the period of the fastest client that people are seen by.
+/// Polling period, shorter than the frame period of the fastest client.
 const LOOK: Duration = Duration::from_millis(4);
-/// Time between two looks at the robot's mode.
+/// Polling period of the robot's mode.
 const TELL: Duration = Duration::from_secs(1);
-/// Time between two pictures of the line in a terminal.
+/// Time between two updates of the line in a terminal.
 const DRAW: Duration = Duration::from_millis(100);
-/// How long the T-pose is held, ns.
+/// Time for which the person holds the T-pose, ns.
 const HOLD_NS: u64 = 2_000_000_000;
-/// Flexed frames of both elbows that the axes rest on, at least: one second at 60 Hz, three at 20 Hz.
+/// Fewest frames with both elbows flexed that the axes need: one second at 60 Hz, three at 20 Hz.
 const FLEXED_MIN: u32 = 60;
-/// How long each step may take.
+/// Time limit of each step.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What is to be measured, and where it goes.
+/// The measurement to make, and its destination.
 pub struct Job<'a> {
     /// The operator's name.
     pub name: &'a str,
@@ -33,12 +33,12 @@ pub struct Job<'a> {
     pub folder: PathBuf,
 }
 
-/// What the instance says of the person.
+/// Reads the instance's data about the person.
 struct StateObserver {
     skeletons: Reader<Skeleton>,
     inputs: Reader<InputStatus>,
     input: InputStatus,
-    /// Of the newest frame.
+    /// Session of the newest frame.
     session: u64,
     _domain: Domain,
 }
@@ -50,7 +50,7 @@ impl StateObserver {
         Ok(Self { skeletons, inputs, input: InputStatus::ZERO, session: 0, _domain: domain })
     }
 
-    /// The person, if there is a new frame.
+    /// Returns the person if there is a new frame.
     fn look(&mut self) -> Option<Skeleton> {
         self.input = self.inputs.latest().unwrap_or(self.input);
         let person = self.skeletons.latest();
@@ -58,13 +58,13 @@ impl StateObserver {
         person
     }
 
-    /// Who is seen: the session, the client's person, the layout.
+    /// Identifies the visible person: the session, the client's person, the layout.
     fn who(&self) -> (u64, u32, u32) {
         (self.session, self.input.operator_id, self.input.layout)
     }
 }
 
-/// Measures the operator and writes the file.
+/// Measures the operator and writes the file. Returns false if that was not possible.
 pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, OperatorError> {
     let status = client.heartbeat()?;
     if mode(&status) != Mode::Disengaged {
@@ -123,7 +123,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     Ok(store(&operator, &job.folder))
 }
 
-/// Why this person cannot have a file of that name.
+/// Returns the reason why this person cannot have a file of that name.
 fn taken(job: &Job<'_>, operator_id: u32, layout: u32) -> Option<String> {
     let known = match Operators::read(&job.folder) {
         Ok(known) => known,
@@ -152,18 +152,19 @@ fn store(operator: &Operator, folder: &Path) -> bool {
     true
 }
 
-/// Where a step is.
+/// Progress of a step.
 enum Step {
     Done,
-    /// Frames come, and this is how far it is.
+    /// Frames arrive. The text tells the progress.
     Going(String),
-    /// Frames come, and this is wrong.
+    /// Frames arrive. The text tells the problem.
     Wrong(String),
-    /// No frame came just now; why they are dropped, if they are.
+    /// No frame arrived just now. The text tells why frames are dropped, if they are.
     Silent(Option<String>),
 }
 
-/// Looks until a step is done, and keeps a line up to date meanwhile; false if it took too long or the robot was engaged.
+/// Waits until a step is done, and updates a line meanwhile. Returns false if it took too long or the robot was
+/// engaged.
 fn wait(
     client: &mut Client,
     eyes: &mut StateObserver,
@@ -198,8 +199,8 @@ fn wait(
     Ok(false)
 }
 
-/// A line that says how far a step is. In a terminal it is always the same line; elsewhere what is wrong is a line of its own,
-/// once a second at most.
+/// A line that shows the progress of a step. In a terminal it is redrawn in place. Elsewhere each problem is a
+/// new line, once a second at most.
 struct Progress {
     terminal: bool,
     drawn: Option<Instant>,
@@ -211,7 +212,7 @@ impl Progress {
         Self { terminal: std::io::stdout().is_terminal(), drawn: None, last: String::new() }
     }
 
-    /// Shows `text`, unless that is too soon; the present time.
+    /// Shows `text`, unless the last update is too recent. Returns the present time.
     fn shows(&mut self, text: &str, wrong: bool) -> Instant {
         let now = Instant::now();
         let every = if self.terminal { DRAW } else { TELL };
@@ -221,7 +222,7 @@ impl Progress {
         }
         if self.terminal {
             let columns = ratatui::crossterm::terminal::size().map_or(0, |(columns, _)| usize::from(columns));
-            // A terminal that does not say how wide it is counts as 80 columns wide.
+            // A terminal of unknown width counts as 80 columns wide.
             let columns = if columns == 0 { 80 } else { columns };
             let text: String = text.chars().take(columns.saturating_sub(3)).collect();
             let _ = write!(std::io::stdout(), "\r\x1b[2K  {text}").and_then(|()| std::io::stdout().flush());
@@ -234,7 +235,7 @@ impl Progress {
 }
 
 impl Drop for Progress {
-    /// The next words begin where the line began.
+    /// Clears the line, so that the next output begins where it began.
     fn drop(&mut self) {
         if self.terminal && self.drawn.is_some() {
             let _ = write!(std::io::stdout(), "\r\x1b[2K").and_then(|()| std::io::stdout().flush());
@@ -242,7 +243,7 @@ impl Drop for Progress {
     }
 }
 
-/// Seconds.
+/// Converts ns to s.
 fn s(ns: u64) -> f64 {
     ns as f64 * 1e-9
 }

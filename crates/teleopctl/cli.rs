@@ -16,58 +16,61 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Prints what control says of itself.
+    /// Prints control's status.
     Status(StatusArgs),
-    /// Draws the instance in this terminal, ten times a second, until q: mode, rates, ages, joints, what is nearest, faults,
-    /// what happened.
+    /// Draws the instance in this terminal ten times a second, until q. Shows mode, rates, ages, joints, the
+    /// smallest clearance, faults and events.
     Watch,
-    /// Measures an operator, who holds a T-pose for 2 s and then moves arms and elbows, and stores it for later sessions.
+    /// Measures an operator and stores the result for later sessions. The operator holds a T-pose for 2 s, then
+    /// moves arms and elbows.
     Calibrate(CalibrateArgs),
-    /// Engages, and holds the enable until Ctrl-C; then releases.
+    /// Engages and holds the enable until Ctrl-C. Then releases.
     Engage,
-    /// Brings a robot back that stands outside its limits or too close to itself, slowly, until Ctrl-C; never engages.
+    /// Slowly brings back a robot that is outside its limits or too close to itself, until Ctrl-C. Never engages.
     Recover,
-    /// Withdraws the enable, whoever holds it: the robot stops and keeps its posture.
+    /// Releases the enable, whichever client holds it. The robot stops and keeps its posture.
     Release,
-    /// Clears a latched stop, once its cause is gone and the robot is at rest. Never engages.
+    /// Resets a latched stop once its cause is gone and the robot is at rest. Never engages.
     Reset,
-    /// Says what a hand carries, as a point mass; 0 is an empty hand. Only while the robot is Disengaged and at rest.
+    /// Sets the load in a hand, as a point mass. 0 is an empty hand. Only while the robot is Disengaged and at
+    /// rest.
     Payload(PayloadArgs),
-    /// Stops the robot now, and latches.
+    /// Stops the robot now and latches the stop.
     Estop,
 }
 
 #[derive(Args, Debug)]
 pub struct CalibrateArgs {
-    /// The operator's name, which is the file's: letters, digits, `-` and `_`.
+    /// The operator's name, also the name of the file: letters, digits, `-` and `_`.
     #[arg(value_parser = name)]
     pub name: String,
-    /// Settings file, whose `ingest.operators` names the folder. A program installed in /usr/bin defaults to
+    /// Settings file. Its `ingest.operators` names the folder. A program installed in /usr/bin defaults to
     /// /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
-    /// Folder to write to, in place of that of the settings.
+    /// Folder to write to, instead of the one in the settings.
     #[arg(long, value_name = "DIR")]
     pub folder: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]
 pub struct PayloadArgs {
-    /// Which hand.
+    /// Left or right hand.
     pub hand: Hand,
     /// Mass, kg.
     #[arg(value_name = "KG", value_parser = finite, allow_negative_numbers = true)]
     pub mass_kg: f64,
-    /// Centre of mass, in m, in the frame of the link that the arm's last joint moves; without it that of the robot file.
+    /// Centre of mass, m, in the frame of the link that the arm's last joint moves. Default: the centre in the
+    /// robot file.
     #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     pub centre: Option<[f64; 3]>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Hand {
-    /// The left one.
+    /// The left hand.
     Left,
-    /// The right one.
+    /// The right hand.
     Right,
 }
 
@@ -91,7 +94,7 @@ fn name(text: &str) -> Result<String, String> {
 
 #[derive(Args, Debug)]
 pub struct StatusArgs {
-    /// As JSON.
+    /// Print as JSON.
     #[arg(long)]
     pub json: bool,
 }

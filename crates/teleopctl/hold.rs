@@ -1,4 +1,4 @@
-//! Holds the enable or the recovery until Ctrl-C, and says every change as it happens.
+//! Holds the enable or the recovery until Ctrl-C, and prints every change as it happens.
 
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
 use messages::{Fault, Faults, Mode, Status, Transition};
@@ -7,10 +7,11 @@ use pipeline::{Names, meaning};
 use rt::out;
 use std::time::{Duration, Instant};
 
-/// How long a press may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
+/// Time after which a press without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
-/// Keeps what was pressed held at 50 Hz until Ctrl-C. Whether it ended well: let go by the operator, or recovered.
+/// Holds the enable or the recovery at 50 Hz until Ctrl-C. Returns true if the operator released it or the robot
+/// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
     let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
@@ -33,7 +34,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
     }
     client.release();
     let give_up = Instant::now() + EFFECT_WITHIN;
-    // The reply to the request itself was made before the request was read.
+    // Control made the reply to the request before it read the request.
     client.heartbeat()?;
     loop {
         std::thread::sleep(HEARTBEAT);
@@ -63,10 +64,10 @@ fn refused(status: &Status, names: &Names) {
     }
 }
 
-/// What happened, each line with the seconds since the press.
+/// Prints events, each line with the seconds since the press.
 struct Diary {
     begun: Instant,
-    /// Transitions that were told.
+    /// Number of transitions already printed.
     shown: u32,
     note: Option<&'static str>,
 }
@@ -76,7 +77,7 @@ impl Diary {
         out!("{:>6.1} s  {what}", self.begun.elapsed().as_secs_f64());
     }
 
-    /// Tells what is new in `status`.
+    /// Prints the news in `status`.
     fn tells(&mut self, status: &Status, names: &Names) {
         for made in pipeline::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
             self.says(&change(made, status, names));
@@ -90,7 +91,7 @@ impl Diary {
     }
 }
 
-/// A change of mode in plain words.
+/// Describes a change of mode in plain words.
 fn change(made: &Transition, status: &Status, names: &Names) -> String {
     let why = Fault::from_u32(made.why);
     let why = why.map(|fault| format!("{}: {}", fault.row().name, meaning(fault, status, names)));

@@ -1,5 +1,5 @@
-//! The operator's client: unprivileged, talks to `control` over its socket and to nothing else; `watch` alone reads the joints
-//! too, where it may.
+//! The operator's client. It runs unprivileged and talks only to `control`, over its socket. Only `watch` also
+//! reads the joints, if it has access.
 
 mod calibrate;
 mod cli;
@@ -20,13 +20,14 @@ use std::time::{Duration, Instant};
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
 
-/// EX_UNAVAILABLE of sysexits(3): nobody answers.
+/// EX_UNAVAILABLE of sysexits(3): no answer.
 const EX_UNAVAILABLE: u8 = 69;
 
-/// How long the effect of a request is waited for: the longest stop and some.
+/// Longest wait for the effect of a request: the longest stop, with a margin.
 const EFFECT_WITHIN: Duration = Duration::from_secs(5);
 
-/// Time between two presses of a reset that is not taken yet: `control` takes one at rest alone, and forgets it otherwise.
+/// Time between two presses of a reset that has had no effect yet. `control` resets only at rest, and forgets
+/// other presses.
 const RESET_EVERY: Duration = Duration::from_millis(100);
 
 fn main() -> ExitCode {
@@ -71,8 +72,9 @@ fn stopped(client: &mut Client) -> Result<bool, OperatorError> {
     until(client, "stopped", |status| mode(status) == Mode::Faulted)
 }
 
-/// Presses the emergency stop until the robot is Faulted: whom a crowd puts out presses again. An answer to the press means
-/// that it counts, even if no place is left from which the robot's mode can be seen.
+/// Presses the emergency stop until the robot is Faulted. If a crowd of connections displaces this one, it
+/// presses again. An answer means that the press counts, even if no connection is left to observe the robot's
+/// mode.
 fn estop(socket: &Path) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
     let (mut heard, mut told) = (false, false);
@@ -173,7 +175,7 @@ fn calibrate(client: &mut Client, run_dir: &Path, args: &CalibrateArgs) -> Resul
     calibrate::run(client, run_dir, &calibrate::Job { name: &args.name, folder })
 }
 
-/// Why nothing can be begun in this mode, with the faults that are latched and what clears them.
+/// Explains why a command cannot begin in this mode. Lists the latched faults and how to clear them.
 fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
     let mut text = format!("{}: only a disengaged robot can be {what}", mode(status).name());
     let latched = Faults(status.latched);
@@ -193,7 +195,7 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
     text
 }
 
-/// What helps against a fault, where its meaning does not say it.
+/// Returns advice for a fault whose meaning does not include it.
 fn advice(fault: Fault) -> Option<&'static str> {
     (fault == Fault::InputStale).then_some(
         "start a client: `replay builtin --loop` plays a motion; if one runs, the log of `ingest` (the terminal of `up`) says which \
@@ -243,7 +245,7 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     hold::hold(client, &first, &names, "the recovery is held; Ctrl-C lets go")
 }
 
-/// Presses reset again and again until it is taken, or in vain; a stop that is pressed meanwhile ends it.
+/// Presses reset repeatedly until it takes effect or the time is up. An emergency stop meanwhile ends it.
 fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     if mode(&first) != Mode::Faulted {
@@ -265,7 +267,7 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
             out!("reset: {}", mode(&status).name());
             return Ok(true);
         }
-        // The answer to a press was made before the press was read: the one after it tells.
+        // Control made this answer before it read the press. The next answer tells.
         if beats > 0
             && let Some(why) = operator::reset_refusal(&status)
         {
@@ -281,14 +283,15 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     }
 }
 
-/// Whether somebody pressed the emergency stop after `first`, or something stopped the robot after a reset.
+/// Returns true if someone pressed the emergency stop after `first`, or if something stopped the robot after a
+/// reset.
 fn stopped_anew(first: &Status, now: &Status) -> bool {
     let pressed = |status: &Status| status.fault_counts[Fault::EmergencyStop.index()];
     let moved_on = now.transition_count != first.transition_count;
     pressed(now) != pressed(first) || moved_on && mode(now) == Mode::Faulted
 }
 
-/// Why a reset was not taken: what still holds, or what else it waits for.
+/// Explains why a reset had no effect: the persisting faults, or the missing condition.
 fn not_reset(status: &Status, names: &Names) -> String {
     let mut text = format!("not reset within {} s: {}", EFFECT_WITHIN.as_secs(), mode(status).name());
     let persists = Faults(status.faults).of(Response::Stop);
@@ -302,10 +305,10 @@ fn not_reset(status: &Status, names: &Names) -> String {
     text
 }
 
-/// Repeats the heartbeat until `done`, and prints `word` then; says what stands in the way otherwise.
+/// Repeats the heartbeat until `done`, then prints `word`. Otherwise prints the obstacle.
 fn until(client: &mut Client, word: &str, done: impl Fn(&Status) -> bool) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
-    // The reply to the request itself was made before the request was read.
+    // Control made the reply to the request before it read the request.
     client.heartbeat()?;
     loop {
         std::thread::sleep(HEARTBEAT);

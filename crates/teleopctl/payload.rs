@@ -1,4 +1,4 @@
-//! Says what a hand carries, and waits for the answer of `control`.
+//! Sends the load of a hand, and waits for the answer of `control`.
 
 use crate::cli::PayloadArgs;
 use crate::{EFFECT_WITHIN, HEARTBEAT};
@@ -9,7 +9,7 @@ use rt::{err, out};
 use std::path::Path;
 use std::time::Instant;
 
-/// Whether `control` took it.
+/// Returns true if `control` accepted it.
 pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bool, OperatorError> {
     let answers = |status: &Status| (status.payloads_taken, status.payloads_refused);
     let before = answers(&client.heartbeat()?);

@@ -1,5 +1,5 @@
-//! A live picture of an instance in a terminal. It asks nothing of the robot: it reads the status of `control`, and the
-//! joints from shared memory where this user may.
+//! A live picture of an instance in a terminal. It requests nothing of the robot. It reads the status of
+//! `control`, and the joints from shared memory if this user has access.
 
 use bus::{Domain, Reader};
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
@@ -16,15 +16,15 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Time between two pictures: a terminal over a network shows ten a second.
+/// Time between two pictures. A terminal over a network can show ten a second.
 const LOOK: Duration = Duration::from_millis(100);
-/// Time over which the rate of ticks is counted.
+/// Time over which the tick rate is measured.
 const RATE_OVER: Duration = Duration::from_secs(1);
-/// Ages that are drawn: half a minute.
+/// Number of ages drawn: half a minute.
 const AGES_KEPT: usize = 300;
-/// Sentences that are kept.
+/// Number of event sentences kept.
 const EVENTS_KEPT: usize = 100;
-/// A joint this near to a limit is marked, as a share of its range.
+/// A joint closer to a limit than this share of its range is marked.
 const NEAR: f64 = 0.03;
 
 /// Draws until q, Esc or Ctrl-C.
@@ -43,7 +43,7 @@ pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         match client.heartbeat() {
             Ok(status) => shown.note(status, joints.as_mut().and_then(Joints::look), Instant::now()),
             Err(OperatorError::Timeout { .. }) => shown.silent = true,
-            // Its place was taken by somebody who had something to say.
+            // Another client displaced this connection. Connect again.
             Err(error) => match Client::connect(instance.operator_socket()) {
                 Ok(new) => *client = new,
                 Err(_) => break Err(error),
@@ -57,7 +57,7 @@ pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     outcome
 }
 
-/// Waits for the next picture, or for a key that ends.
+/// Waits for the next picture. Returns true if the user pressed a key that ends it.
 fn wants_to_end() -> bool {
     let give_up = Instant::now() + LOOK;
     loop {
@@ -79,7 +79,7 @@ fn wants_to_end() -> bool {
     }
 }
 
-/// What is measured, for users who share memory with the instance.
+/// Measured joints, for users who share memory with the instance.
 struct Joints {
     states: Reader<RobotState>,
     latest: Option<RobotState>,
@@ -88,7 +88,7 @@ struct Joints {
 
 impl Joints {
     fn open(instance: &Instance) -> Option<Self> {
-        // Nothing is made where there is nothing.
+        // Create nothing if no instance is there.
         instance.run_dir().join("core").is_dir().then_some(())?;
         let domain = Domain::open(instance.core_domain(), "watch").ok()?;
         Some(Self { states: domain.reader(Service::RobotState).ok()?, latest: None, _domain: domain })
@@ -100,7 +100,7 @@ impl Joints {
     }
 }
 
-/// What is on the screen.
+/// Contents of the screen.
 struct Shown {
     names: Names,
     status: Option<Status>,
@@ -140,7 +140,7 @@ impl Shown {
         let Some(status) = &self.status else {
             return frame.render_widget(Paragraph::new("control does not answer yet"), frame.area());
         };
-        // A bar for each joint fits into 24 rows.
+        // With this height, a bar for each joint fits into 24 rows.
         let of_why = if frame.area().height < 25 { 2 } else { 3 };
         let rows = Layout::vertical([
             Constraint::Length(1),
@@ -194,7 +194,7 @@ impl Shown {
         frame.render_widget(Sparkline::default().data(&newest), chart);
     }
 
-    /// A bar for each joint, from its lowest to its highest position.
+    /// Returns a bar for each joint, from its lowest to its highest position.
     fn joints(&self, width: u16) -> Vec<Line<'static>> {
         let Some(q) = &self.q else { return vec![Line::from("joints: for the instance's user alone").dim()] };
         let bar = usize::from(width).saturating_sub(36).max(5);

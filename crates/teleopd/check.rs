@@ -1,11 +1,12 @@
-//! Prints every effective value, where it came from, and the hash that travels in every header.
+//! Prints every effective value, its source, and the configuration hash that every message header carries.
 
 use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use messages::JOINTS;
 use rt::out;
 
-/// Reads everything an instance would read, refuses what it would refuse, and prints the rest.
+/// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
+/// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;

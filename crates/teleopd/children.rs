@@ -1,4 +1,4 @@
-//! Starts the processes in order and ends them in the opposite one, the driver last.
+//! Starts the processes in order and stops them in reverse order. The driver is among the last to stop.
 
 use crate::cli::InstanceArgs;
 use crate::doctor::holder;
@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// The instance whose folder is `run_dir`.
+/// Returns the instance whose folder is `run_dir`.
 pub fn instance_in(run_dir: &Path) -> Result<Instance, Failure> {
     Instance::new(run_dir).map_err(|error| Failure::new(Exit::Unavailable, rt::unwritable(run_dir, &error)))
 }
 
-/// Refuses a folder in which an instance runs, before anything is started there.
+/// Returns an error if an instance already runs in this folder. Call it before anything is started there.
 pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {
     let Some(pid) = holder(&instance.operator_lock()) else { return Ok(()) };
     let folder = instance.run_dir().display();
@@ -27,7 +27,7 @@ pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {
     Err(Failure::new(Exit::TempFail, text))
 }
 
-/// Removes the sockets for READY of starters that were killed: nobody answers on them any more.
+/// Removes the READY sockets of starters that were killed. No process listens on them any more.
 fn remove_dead_sockets(run_dir: &Path) {
     let is_for_ready =
         |name: &str| name.ends_with(".sock") && (name.starts_with("ready-") || name.starts_with("record-"));
@@ -41,7 +41,7 @@ fn remove_dead_sockets(run_dir: &Path) {
     }
 }
 
-/// Where the processes print.
+/// Destination of the processes' log output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// To `<run dir>/<name>.log`.
@@ -52,7 +52,7 @@ pub enum Output {
     Warnings,
 }
 
-/// The running processes of one instance.
+/// Running processes of one instance.
 pub struct Children {
     running: Vec<(&'static str, Child)>,
     socket: UnixDatagram,
@@ -62,7 +62,8 @@ pub struct Children {
 impl Children {
     /// Starts every process and waits until each is READY.
     pub fn start(instance: &Instance, place: &InstanceArgs, output: Output) -> Result<Self, Failure> {
-        // Of its own, so that a second start in the same folder disturbs nothing before it is refused.
+        // The socket's name contains this process's id. A second start in the same folder disturbs nothing before
+        // it is refused.
         remove_dead_sockets(instance.run_dir());
         let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
@@ -81,7 +82,7 @@ impl Children {
         Ok(children)
     }
 
-    /// Starts the process `name` and waits until it is READY; also one that was killed, for the second time.
+    /// Starts the process `name` and waits until it is READY. Can also restart a process that was killed.
     pub fn start_one(
         &mut self,
         name: &'static str,
@@ -109,7 +110,8 @@ impl Children {
             let twin = log.try_clone().map_err(|error| Failure::new(Exit::Software, error))?;
             command.stdout(log).stderr(twin);
         }
-        // A process group of its own: Ctrl-C reaches this process alone, which then stops the others in order.
+        // The child gets its own process group. Ctrl-C then reaches this process only, and it stops the others in
+        // order.
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
         let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
         self.running.push((name, child));
@@ -146,12 +148,12 @@ impl Children {
         Err(Failure::new(Exit::Unavailable, format!("{name} was not ready within {} s", READY_WITHIN.as_secs())))
     }
 
-    /// Process number of `name`, if it was started and not killed.
+    /// Process id of `name`. `None` if it was not started or was killed.
     pub fn id(&self, name: &str) -> Option<u32> {
         self.running.iter().find(|(running, _)| *running == name).map(|(_, child)| child.id())
     }
 
-    /// kill -9, and waits until the process is gone.
+    /// Sends SIGKILL and waits until the process has ended.
     pub fn kill(&mut self, name: &str) {
         if let Some(index) = self.running.iter().position(|(running, _)| *running == name) {
             let (_, mut child) = self.running.remove(index);
@@ -160,12 +162,12 @@ impl Children {
         }
     }
 
-    /// The first process that has ended, if any.
+    /// Returns the first process that has ended, if any.
     pub fn ended(&mut self) -> Option<(&'static str, ExitStatus)> {
         self.running.iter_mut().find_map(|(name, child)| child.try_wait().ok().flatten().map(|status| (*name, status)))
     }
 
-    /// Ends every process in order and returns the names of those that had to be killed or ended badly.
+    /// Stops every process in order. Returns the names of those that it had to kill or that ended badly.
     pub fn stop(&mut self) -> Vec<String> {
         let mut trouble = Vec::new();
         for name in PROCESSES.into_iter().rev() {

@@ -1,4 +1,5 @@
-//! The whole system on one machine: its real processes, a recorded person, a virtual operator, a table at the end.
+//! Runs the whole system on one machine: real processes, a recorded person and a virtual operator. Prints a table
+//! at the end.
 
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
@@ -17,13 +18,13 @@ use rt::{Shutdown, out};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Time between two looks at the run, and two pictures.
+/// Polling period of the run, and time between two pictures.
 const LOOK: Duration = Duration::from_millis(50);
-/// Longest time until nothing inhibits engaging: the processes are READY, so a few hundred ms are enough.
+/// Longest time until no fault inhibits engaging. The processes are READY, so a few hundred ms are enough.
 const CLEAR_WITHIN: Duration = Duration::from_secs(5);
-/// Longest time from the enable to Engaged: 3 s of blending, and the torso's whole stroke takes 5 s.
+/// Longest time from the enable to Engaged. Blending takes 3 s, and the torso's whole stroke takes 5 s.
 const ENGAGED_WITHIN: Duration = Duration::from_secs(20);
-/// Longest time from release to rest: four times the longest stop.
+/// Longest time from release to rest, four times the longest stop.
 const REST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Runs the demo.
@@ -96,7 +97,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     judged(trouble, &report)
 }
 
-/// Prints the report, or writes it too; says what there is to see next to whoever only looks.
+/// Prints the report, and writes it to a file if the user asked for one. Otherwise suggests the next command to
+/// try.
 fn tell(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
     report.print();
     if let Some(path) = &options.report {
@@ -109,7 +111,7 @@ fn tell(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How a run with these troubles ends.
+/// Returns the exit of a run with these troubles.
 fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     match (trouble.is_empty(), report.advice()) {
         (true, None) => Ok(Exit::Ok),
@@ -121,7 +123,7 @@ fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     }
 }
 
-/// Everything that a run reads, and whether its report can be written and its page served.
+/// Reads all inputs of a run. Checks that its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let motion = match &options.motion {
         Some(path) => motion::load(path).map_err(|error| unread(path, error))?,
@@ -129,7 +131,8 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     };
     let overrides = Overrides { engage_without_realtime: true, interface: options.interface };
     let loaded = pipeline::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
-    // Before the run, not after it: a report that cannot be written is known now. One that is there stays until then.
+    // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
+    // has ended.
     if let Some(path) = &options.report {
         refuse_unwritable(path).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(path, &error)))?;
     }
@@ -139,7 +142,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     Ok((motion, loaded))
 }
 
-/// A motion that cannot be read.
+/// Returns the failure for a motion file that cannot be read.
 fn unread(path: &Path, error: motion::MotionError) -> Failure {
     if let motion::MotionError::Io { source, .. } = &error {
         return Failure::new(Exit::NoInput, rt::unreadable(path, source));
@@ -150,17 +153,18 @@ fn unread(path: &Path, error: motion::MotionError) -> Failure {
     Failure::new(Exit::NoInput, format!("{error}{hint}"))
 }
 
-/// Whether a file can be written; what is in it stays.
+/// Returns an error if the file cannot be written. Keeps the file's contents.
 fn refuse_unwritable(path: &Path) -> std::io::Result<()> {
     match std::fs::metadata(path) {
-        // Opening a pipe would wait for whoever reads it; a device has nothing to lose.
+        // Opening a pipe would wait for a reader. A device has no contents to lose.
         Ok(found) if !found.is_file() && !found.is_dir() => Ok(()),
         Ok(_) => std::fs::OpenOptions::new().write(true).open(path).map(drop),
         Err(_) => std::fs::File::create(path).and_then(|_| std::fs::remove_file(path)),
     }
 }
 
-/// What this machine or the settings keep from the real-time processes; nothing where they run in real time.
+/// Returns the real-time features that this machine or the settings deny to the real-time processes. Empty if
+/// they run in real time.
 pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
     let limits = rt::Limits::of_process();
     let fifo =
@@ -172,7 +176,7 @@ pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
         .collect()
 }
 
-/// Serves the page, and waits until one is open.
+/// Serves the page and waits until one is open.
 fn shown(
     instance: &Instance,
     place: &cli::InstanceArgs,
@@ -191,20 +195,22 @@ fn mode_of(status: &Status) -> Mode {
     Mode::from_u32(status.mode).unwrap_or(Mode::Faulted)
 }
 
-/// The parts that a run looks after.
+/// Parts of a run that it supervises.
 struct Run<'a> {
     children: &'a mut Children,
     operator: &'a mut Operator,
     publisher: &'a Publisher,
     shutdown: &'a Shutdown,
-    /// What keeps the run from being real-time.
+    /// Reasons why the run is not real-time.
     missing: &'a [&'static str],
 }
 
 impl Run<'_> {
-    /// Engages, follows the motion to its end (or for `seconds` of it), and returns what went wrong.
+    /// Engages and follows the motion to its end, or for `seconds` of it. Returns an error that says what went
+    /// wrong.
     fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut LiveDisplay) -> Result<(), String> {
-        // An enable that was never seen released engages nothing: wait for that, and for every inhibit to clear.
+        // Control must see the enable released before it engages. Wait for that, and until every inhibit has
+        // cleared.
         let clear =
             self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
         if !clear {
@@ -260,7 +266,7 @@ impl Run<'_> {
     }
 }
 
-/// The run's folder: a temporary one is removed at the end.
+/// Folder of the run. A temporary folder is removed at the end.
 struct Folder {
     path: PathBuf,
     temporary: bool,

@@ -1,4 +1,4 @@
-//! How a process ends: sysexits(3), so that a supervisor can tell a typo from a crash.
+//! Exit codes of a process, from sysexits(3). A supervisor can tell a configuration error from a crash.
 
 use rt::Shutdown;
 use std::process::ExitCode;
@@ -6,37 +6,37 @@ use std::process::ExitCode;
 /// SIGINT of signal(7).
 const SIGINT: i32 = 2;
 
-/// Why a command ends.
+/// The reason a command ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     /// All was well.
     Ok = 0,
-    /// The run ended, and something in it was not as it must be.
+    /// The run ended, and a check failed.
     Failed = 1,
-    /// Nothing was broken, and the robot held for most of the time in which it was meant to follow.
+    /// Nothing failed, but the robot held for most of the time in which it should have followed.
     Held = 2,
-    /// `doctor`: fine for the simulator, and not ready for a robot.
+    /// `doctor`: fine for the simulator, not ready for a robot.
     SimulatorOnly = 3,
-    /// EX_USAGE: an argument that makes no sense.
+    /// EX_USAGE: an argument is invalid.
     Usage = 64,
     /// EX_NOINPUT: a file to read is missing or malformed.
     NoInput = 66,
     /// EX_UNAVAILABLE: a service, socket or peer is missing.
     Unavailable = 69,
-    /// EX_SOFTWARE: an operating system call failed that must not.
+    /// EX_SOFTWARE: an operating system call failed that must not fail.
     Software = 70,
-    /// EX_CANTCREAT: a file to write cannot be made.
+    /// EX_CANTCREAT: an output file cannot be created.
     CantCreate = 73,
-    /// EX_TEMPFAIL: another instance holds the place.
+    /// EX_TEMPFAIL: another instance uses this folder.
     TempFail = 75,
-    /// EX_CONFIG: the configuration, robot file or weights are refused.
+    /// EX_CONFIG: the configuration, robot file or weights are invalid.
     Config = 78,
     /// Interrupted by SIGINT, after a stop at rest (128 + 2).
     Interrupted = 130,
 }
 
 impl Exit {
-    /// Of a run that was asked to end, and did so in order.
+    /// Exit code of a run that received a request to end and ended in order.
     pub fn after(shutdown: &Shutdown) -> Self {
         if shutdown.signal() == Some(SIGINT) { Self::Interrupted } else { Self::Ok }
     }
@@ -48,12 +48,12 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// A message for the user and the code to end with.
+/// A message for the user, with the exit code.
 #[derive(Debug)]
 pub struct Failure {
     /// Exit code.
     pub exit: Exit,
-    /// One sentence, with file, key, value and bound where there are such.
+    /// One sentence. Names file, key, value and bound where they exist.
     pub text: String,
 }
 

@@ -1,25 +1,27 @@
-//! Two stick figures for a terminal, drawn with Braille dots: the person and the robot on their floor, seen from the front.
+//! Two stick figures for a terminal, drawn with Braille dots. They show the person and the robot on their floor,
+//! from the front.
 
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, SMPL_JOINTS, SMPL_PARENT, Smpl};
 
-/// Columns of one figure, in characters: two and a gap fit a terminal of 80.
+/// Columns of one figure, in characters. Two figures and a gap fit a terminal 80 columns wide.
 pub const COLUMNS: usize = 38;
-/// Rows of one figure, in characters: with the floor and the live line they fit a terminal of 24.
+/// Rows of one figure, in characters. With the floor and the live line they fit a terminal of 24 rows.
 pub const ROWS: usize = 20;
-/// Between the two figures.
+/// Gap between the two figures.
 const GAP: &str = "  ";
-/// Columns and rows of the whole picture, with the live line and the line in which the cursor stays.
+/// Columns and rows of the whole picture, including the live line and the line of the cursor.
 pub const SIZE: (usize, usize) = (2 * COLUMNS + GAP.len(), ROWS + 3);
 
-/// Height that fills the canvas, m: hands above the head.
+/// Height that fills the canvas, m: a person with the hands above the head.
 const HEIGHT_M: f64 = 2.15;
-/// From the wrist to the knuckles, m (Winter, Biomechanics, fig. 4.1: half of 0.108 of 1.75 m).
+/// Distance from the wrist to the knuckles, m (Winter, Biomechanics, fig. 4.1: half of 0.108 of 1.75 m).
 const HAND_M: f64 = 0.095;
-/// Between the hips and the floor, m: a person who squats, and one of 2 m who stands. Beyond that feet are not to be believed.
+/// Plausible height of the hips above the feet, m: from a squatting person to one 2 m tall who stands. Outside
+/// this range the foot positions are not used.
 const HIPS_M: std::ops::Range<f64> = 0.3..1.25;
-/// The hips of a person whose feet are not to be believed, above the floor, m.
+/// Height of the hips above the floor if the foot positions are implausible, m.
 const STANDING_HIPS_M: f64 = 0.98;
-/// What stands on the floor begins below this, m.
+/// A capsule of the base whose lowest point is below this height stands on the floor, m.
 const BASE_M: f64 = 0.1;
 
 /// Colours of SGR, ISO 6429: cyan, yellow, and dim for the floor.
@@ -28,7 +30,7 @@ const ROBOT: &str = "\x1b[33m";
 const FLOOR: &str = "\x1b[2m";
 const PLAIN: &str = "\x1b[0m";
 
-/// A grid of Braille dots: two across and four down in each character.
+/// A grid of Braille dots. Each character has two dots across and four down.
 pub struct Canvas {
     cells: [[u8; COLUMNS]; ROWS],
 }
@@ -60,7 +62,7 @@ impl Canvas {
         }
     }
 
-    /// A square of dots: a hand.
+    /// Draws a square of dots: a hand.
     fn blob(&mut self, [x, y]: [f64; 2]) {
         for across in -1..=1 {
             self.line([x + f64::from(across), y - 1.0], [x + f64::from(across), y + 1.0]);
@@ -74,7 +76,7 @@ impl Canvas {
         }
     }
 
-    /// The rows as text, each `COLUMNS` characters wide.
+    /// Returns the rows as text, each `COLUMNS` characters wide.
     fn rows(&self) -> impl Iterator<Item = String> {
         self.cells.iter().map(|row| row.iter().map(|&bits| braille(bits)).collect())
     }
@@ -84,15 +86,16 @@ fn braille(bits: u8) -> char {
     char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' ')
 }
 
-/// Dots for each metre; a dot is as wide as it is high.
+/// Dots per metre. A dot is as wide as it is high.
 const DOTS_PER_M: f64 = (ROWS * 4) as f64 / HEIGHT_M;
 
-/// Seen from the front: the figure's left is on the right. `up_m` is above the floor, where the lowest dots are.
+/// Projects a point as seen from the front: the figure's left is on the right. `up_m` is the height above the
+/// floor. The floor is at the lowest dots.
 fn project(left_m: f64, up_m: f64) -> [f64; 2] {
     [COLUMNS as f64 + left_m * DOTS_PER_M, (ROWS * 4) as f64 - 1.0 - up_m * DOTS_PER_M]
 }
 
-/// The person. `positions`: SMPL-22 in metres, z up, any heading.
+/// Draws the person. `positions` are SMPL-22 joint positions in metres, z up, with any heading.
 pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     let mut canvas = Canvas::new();
     let at = |joint: Smpl| positions[joint as usize].map(f64::from);
@@ -112,13 +115,13 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     canvas.head(turned(Smpl::Head as usize));
     for (elbow, wrist) in [(Smpl::LeftElbow, Smpl::LeftWrist), (Smpl::RightElbow, Smpl::RightWrist)] {
         let (from, to) = (turned(elbow as usize), turned(wrist as usize));
-        // As far beyond the wrist as a hand is long, by the forearm as it is seen.
+        // Extends the visible forearm beyond the wrist by the length of a hand.
         let forearm_m = (0..3).map(|axis| (at(wrist)[axis] - at(elbow)[axis]).powi(2)).sum::<f64>().sqrt().max(0.05);
         let hand = [0, 1].map(|axis| to[axis] + (to[axis] - from[axis]) * HAND_M / forearm_m);
         canvas.line(to, hand);
         canvas.blob(hand);
     }
-    // Feet point at whoever looks: their tips are drawn apart.
+    // The feet point at the viewer, so their tips are drawn apart.
     for (foot, outwards) in [(Smpl::LeftFoot, 1.0), (Smpl::RightFoot, -1.0)] {
         let [x, y] = turned(foot as usize);
         canvas.line([x - outwards, y], [x + 3.0 * outwards, y]);
@@ -126,8 +129,8 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     canvas
 }
 
-/// The robot. `model` and its joint positions `q`: the box of its base, its column, and lines through the origins of its
-/// moving bodies.
+/// Draws the robot with `model` at the joint positions `q`: the box of its base, its column, and lines through
+/// the origins of its moving bodies.
 pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]) -> Canvas {
     let mut canvas = Canvas::new();
     model.forward(q, frames);
@@ -144,7 +147,7 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]
             canvas.line(last, next);
             last = next;
         }
-        // Where the hand's collision geometry reaches furthest.
+        // The point where the hand's collision geometry reaches furthest.
         let ends = model.capsules.iter().filter(|one| one.body == hand + 1).flat_map(|one| [one.a, one.b]);
         let pose = &frames.base_from_body[hand + 1];
         if let Some(tip) = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())) {
@@ -161,7 +164,7 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]
     canvas
 }
 
-/// The box about everything that stands on the floor and never moves; how high that is, m.
+/// Draws the box around everything that stands on the floor and never moves. Returns its height, m.
 fn base(canvas: &mut Canvas, model: &robot::Model) -> f64 {
     let (mut wide_m, mut high_m) = (0.0_f64, 0.0_f64);
     for capsule in model.capsules.iter().filter(|capsule| capsule.body == 0) {
@@ -179,7 +182,7 @@ fn base(canvas: &mut Canvas, model: &robot::Model) -> f64 {
     high_m
 }
 
-/// Both figures above their floor, a line each, with line feeds.
+/// Returns both figures above their floor. Every row is a line that ends with a line feed.
 pub fn picture(human: &Canvas, robot: &Canvas, colour: bool) -> String {
     let painted = |sgr: &str, text: &str| {
         if colour { format!("{sgr}{text}{PLAIN}") } else { text.to_owned() }
@@ -195,7 +198,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// What is drawn of the built-in motion's frame, and of the robot at home.
+    /// Draws one frame of the built-in motion, and the robot at home.
     fn drawn(frame: usize) -> [Canvas; 2] {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let model = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model;
@@ -203,7 +206,7 @@ mod tests {
         [human(&motion::builtin().frames[frame].positions), robot(&model, &mut robot::Frames::default(), &home)]
     }
 
-    /// Whether there is a dot in these columns and rows of dots.
+    /// Returns true if there is a dot in these columns and rows of dots.
     fn any(canvas: &Canvas, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> bool {
         let dot = |x: usize, y: usize| canvas.cells[y / 4][x / 2] & DOTS[y % 4][x % 2] != 0;
         rows.into_iter().any(|y| columns.clone().any(|x| dot(x, y)))
@@ -217,7 +220,7 @@ mod tests {
             assert!(any(canvas, 0..COLUMNS, last..last + 1), "{name}: right foot or wheel");
             assert!(any(canvas, COLUMNS..2 * COLUMNS, last..last + 1), "{name}: left foot or wheel");
         }
-        // A T-pose: 0.184 + 0.326 + 0.256 + 0.095 m from the middle is the hand, which is three dots high.
+        // In a T-pose the hand is 0.184 + 0.326 + 0.256 + 0.095 m from the middle. It is three dots high.
         let hand = COLUMNS + (0.861 * DOTS_PER_M) as usize;
         let rows = (0..ROWS * 4).filter(|&y| any(&person, hand - 1..hand + 2, y..y + 1)).count();
         assert!((3..=4).contains(&rows), "{rows} rows of dots at the hand");

@@ -1,28 +1,29 @@
-//! What control gathers for the report: limb errors and tracking errors while engaged, and every transition.
+//! Figures that control collects for the report: limb and tracking errors while engaged, and every transition.
 
 use messages::{FAULTS, JOINTS, Mode, RobotState, TICK_HZ, Transition};
 use pipeline::ControlOutput;
 use rt::Histogram;
 use serde_json::{Value, json};
 
-/// Transitions that are kept; a run with more is described well enough by these.
+/// Number of transitions kept. They describe a run with more transitions well enough.
 const TRANSITIONS_MAX: usize = 1024;
 
-/// One microdegree is one of the histogram's nanoseconds.
+/// Unit conversion: one microdegree counts as one nanosecond of the histogram.
 const UNITS_PER_DEGREE: f64 = 1e6;
 
 /// Sums over the time in which the robot followed.
 pub struct Following {
     target: ErrorSums,
     measured: ErrorSums,
-    /// As `measured`, whether the robot followed or not: from the first time it did, while it was meant to.
+    /// Same as `measured`, but also while the robot held. Counts from the first engagement, while the robot
+    /// should follow.
     throughout: ErrorSums,
     meant: bool,
     tracking_squares: f64,
     tracking_max: f64,
     tracking_count: u64,
     transitions: Vec<Transition>,
-    /// How often each fault was raised when the robot first left Disengaged; nothing before that.
+    /// Fault counts when the robot first left Disengaged. `None` before that.
     before_engaging: Option<[u32; FAULTS.len()]>,
 }
 
@@ -52,7 +53,7 @@ impl ErrorSums {
 }
 
 impl Following {
-    /// Nothing yet.
+    /// Creates an empty collection.
     pub fn new() -> Self {
         Self {
             target: ErrorSums::new(),
@@ -67,7 +68,7 @@ impl Following {
         }
     }
 
-    /// Notes a tick, and the robot state that was new in it.
+    /// Adds a tick, and the robot state if it was new in this tick.
     pub fn note(&mut self, out: &ControlOutput, robot: Option<&RobotState>) {
         if let Some(transition) = out.transition
             && self.transitions.len() < TRANSITIONS_MAX
@@ -98,7 +99,7 @@ impl Following {
         }
     }
 
-    /// For the process report.
+    /// Returns the figures for the process report.
     pub fn to_json(&self) -> Value {
         let rms = (self.tracking_squares / self.tracking_count.max(1) as f64).sqrt();
         let first = self.transitions.first().map_or(0, |transition| transition.k);
@@ -132,14 +133,14 @@ impl Following {
     }
 }
 
-/// Whether the operator wants the robot to follow after this transition. The wish begins with Engaged and lasts through every
-/// hold. It ends with a release or with Disengaged.
+/// Returns true if the operator wants the robot to follow after this transition. This begins with Engaged and
+/// lasts through every hold. It ends with a release or with Disengaged.
 fn is_meant(before: bool, transition: &Transition) -> bool {
     let let_go = transition.why == Transition::RELEASED || transition.to == Mode::Disengaged as u32;
     !let_go && (before || transition.to == Mode::Engaged as u32)
 }
 
-/// The faults that were raised at all, and how often.
+/// Returns the faults that were raised, each with its count.
 fn counted(counts: [u32; FAULTS.len()]) -> Value {
     let raised = FAULTS.iter().map(|row| (row.name, counts[row.fault.index()])).filter(|(_, count)| *count > 0);
     Value::Object(raised.map(|(name, count)| (name.to_owned(), json!(count))).collect())

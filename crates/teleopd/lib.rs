@@ -1,5 +1,6 @@
-//! The processes of teleopd and the commands about them. A library, so that a harness can start the same processes from
-//! its own executable (`Children` starts the running one again); the binary `teleopd` is `main` alone.
+//! The processes of teleopd and the commands that manage them. This is a library, so that a harness can start the
+//! same processes from its own executable: `Children` starts the running executable again. The binary `teleopd`
+//! only calls `main`.
 
 mod check;
 mod children;
@@ -35,10 +36,11 @@ pub use processes::{PROCESSES, Row, TABLE};
 pub use recorder::Recorder;
 pub use report::Report;
 
-/// Does what the command line says; the exit code is one of `Exit`.
+/// Runs the command from the command line. The exit code is one of `Exit`.
 pub fn main() -> ExitCode {
     rt::abort_on_panic();
-    // Before any thread starts: the stages count the same way here as in every tool. The processes report the outcome.
+    // Set before any thread starts, so that the stages compute the same here as in every tool. The processes
+    // report the outcome.
     let _ = rt::flush_denormals();
     let outcome = match Cli::parse().command {
         Command::Ingest(one) => process(&one, process::ingest::run),
@@ -86,7 +88,7 @@ pub fn drive<D: driver::Driver>(open: impl Fn(&robot::Model) -> Result<D, String
     finish(process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
 }
 
-/// Runs a process of an instance to its end.
+/// Runs one process of an instance to its end.
 fn process(one: &cli::Process, run: impl Fn(&InstanceArgs) -> Result<(), Failure>) -> Result<Exit, Failure> {
     let level = if one.quiet { telemetry::LevelFilter::WARN } else { telemetry::LevelFilter::INFO };
     telemetry::install_logging(level);

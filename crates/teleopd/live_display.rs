@@ -10,10 +10,10 @@ use rt::out;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// A line is shorter than a terminal is wide: a full one would begin another.
+/// Longest line, one less than a terminal's width. A full line would wrap.
 const LINE_MAX: usize = 79;
 
-/// Draws what a run does.
+/// Draws the state of a run.
 pub struct LiveDisplay {
     skeletons: Reader<Skeleton>,
     states: Reader<RobotState>,
@@ -24,14 +24,14 @@ pub struct LiveDisplay {
     terminal: bool,
     colour: bool,
     quiet: bool,
-    /// Lines of the last picture, over which the next one is drawn.
+    /// Number of lines in the last picture. The next picture overwrites them.
     drawn: usize,
     last: Option<(Instant, u64)>,
     _domain: Domain,
 }
 
 impl LiveDisplay {
-    /// Of `instance`, whose robot is `model`.
+    /// Creates the display of `instance`, whose robot is `model`.
     pub fn new(instance: &Instance, model: robot::Model, quiet: bool) -> Result<Self, Failure> {
         let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
         let terminal = std::io::stdout().is_terminal();
@@ -51,7 +51,7 @@ impl LiveDisplay {
         })
     }
 
-    /// Draws `status`, and how many frames of how many were published.
+    /// Draws `status` and the progress: how many frames of the total are published.
     pub fn draw(&mut self, status: Option<Status>, progress: (u64, u64)) {
         self.skeleton = self.skeletons.latest().or(self.skeleton);
         self.state = self.states.latest().or(self.state);
@@ -60,7 +60,7 @@ impl LiveDisplay {
             Some((at, ticks)) => (status.ticks - ticks) as f64 / at.elapsed().as_secs_f64(),
             None => 0.0,
         };
-        // A rate over less than a second jumps about; off a terminal one line a second is enough.
+        // A rate over less than a second is noisy. Without a terminal, one line a second is enough.
         let second = self.last.is_none_or(|(at, _)| at.elapsed() >= Duration::from_secs(1));
         if !self.terminal && !second {
             return;
@@ -87,7 +87,7 @@ impl LiveDisplay {
         let _ = std::io::stdout().flush();
     }
 
-    /// The figures; nothing before both are known, and where they do not fit.
+    /// Returns the figures. Empty until person and robot are known, and if the terminal is too small.
     fn picture(&mut self) -> String {
         let (Some(skeleton), Some(state), true) = (&self.skeleton, &self.state, fits()) else { return String::new() };
         let human = figure::human(&skeleton.positions);
@@ -95,20 +95,20 @@ impl LiveDisplay {
         figure::picture(&human, &robot, self.colour)
     }
 
-    /// Draws no more: what was drawn last stays.
+    /// Stops drawing. The last picture stays.
     pub fn end(&mut self) {
         self.quiet = true;
     }
 }
 
-/// Whether the terminal is as large as the picture. One that does not say counts as one of 80 by 24.
+/// Returns true if the terminal is as large as the picture. A terminal of unknown size counts as 80 by 24.
 fn fits() -> bool {
     let (columns, rows) = ratatui::crossterm::terminal::size().unwrap_or_default();
     let (width, height) = figure::SIZE;
     (columns == 0 || usize::from(columns) >= width) && (rows == 0 || usize::from(rows) > height)
 }
 
-/// Mode, progress, rate, age of the person, what is nearest, and how far the robot is behind.
+/// Formats mode, progress, frame rate, age of the input, smallest clearance and tracking error of the robot.
 fn line(status: &Status, (frame, frames): (u64, u64), rate_hz: f64) -> String {
     let line = format!(
         "{:<14} {frame:>4}/{frames} {rate_hz:4.0} Hz, input {:.0} ms, nearest {:.0} mm, {:.1} deg behind",
@@ -120,7 +120,7 @@ fn line(status: &Status, (frame, frames): (u64, u64), rate_hz: f64) -> String {
     line.chars().take(LINE_MAX).collect()
 }
 
-/// Green while the robot follows, red once it is stopped, yellow on the way.
+/// Green while the robot follows, red once it is stopped, yellow in between.
 fn colour(status: &Status) -> &'static str {
     match Mode::from_u32(status.mode) {
         Some(Mode::Engaged) => "\x1b[32m",

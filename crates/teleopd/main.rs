@@ -1,8 +1,8 @@
-//! teleopd: one binary for all processes, so that they cannot disagree about a layout.
+//! teleopd: one binary for all processes, so that all use the same message layouts.
 
 use std::process::ExitCode;
 
-/// Counts what the loops allocate after READY, so that the daemon's own figures show it.
+/// Counts the loops' allocations after READY. The daemon's own figures show the count.
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 

@@ -1,4 +1,4 @@
-//! An operator in a thread: sends heartbeats at 50 Hz, holds or lets go the enable, and keeps the newest status.
+//! An operator in a thread. Sends heartbeats at 50 Hz, holds or releases the enable, and keeps the newest status.
 
 use crate::exit::{Exit, Failure};
 use messages::{Mode, Status};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
 
-/// What the hand does next.
+/// Next request of the virtual operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Request {
     Enable,
@@ -28,7 +28,7 @@ pub struct Operator {
 }
 
 impl Operator {
-    /// Connects to the operator socket of an instance and begins to send heartbeats, without the enable.
+    /// Connects to the operator socket of an instance. Then sends heartbeats without the enable.
     pub fn connect(socket: &Path) -> Result<Self, Failure> {
         let client = Client::connect(socket).map_err(|error| Failure::new(Exit::Unavailable, error))?;
         let (hand, commands) = channel();
@@ -45,17 +45,17 @@ impl Operator {
         let _ = self.hand.send(Request::Enable);
     }
 
-    /// Lets the enable go.
+    /// Releases the enable.
     pub fn release(&self) {
         let _ = self.hand.send(Request::Release);
     }
 
-    /// Asks for a reset of what is latched.
+    /// Requests a reset of the latched faults.
     pub fn reset(&self) {
         let _ = self.hand.send(Request::Reset);
     }
 
-    /// The newest status; nothing before the first reply.
+    /// Returns the newest status. `None` before the first reply.
     pub fn status(&mut self) -> Option<Status> {
         while let Ok(status) = self.statuses.try_recv() {
             self.latest = Some(status);
@@ -63,17 +63,17 @@ impl Operator {
         self.latest
     }
 
-    /// The mode of the newest status.
+    /// Returns the mode of the newest status.
     pub fn mode(&mut self) -> Option<Mode> {
         self.status().and_then(|status| Mode::from_u32(status.mode))
     }
 
-    /// Whether control answers no more.
+    /// Returns true once control no longer answers.
     pub fn is_cut_off(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits until `done` or `within` has passed; `false` in the latter case.
+    /// Waits until `done` returns true. Returns false if `within` passes first.
     pub fn wait(&mut self, within: Duration, done: impl Fn(&Status) -> bool) -> bool {
         let give_up = Instant::now() + within;
         while Instant::now() < give_up && !self.is_cut_off() {
@@ -116,7 +116,8 @@ fn heartbeats(mut client: Client, commands: &Receiver<Request>, statuses: &Sende
                     return;
                 }
             }
-            // One late reply is no end: the socket keeps the connection, and control judges the silence.
+            // One late reply does not end the thread. The socket keeps the connection, and control judges the
+            // silence.
             Err(operator::OperatorError::Timeout { .. }) => {}
             Err(_) => return,
         }

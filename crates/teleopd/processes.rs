@@ -1,22 +1,24 @@
-//! The processes of an instance. `up` and `demo` start them by this table, and the units in config/systemd/ name the same.
+//! Table of the processes of an instance. `up` and `demo` start them from this table. The units in
+//! config/systemd/ use the same names.
 
 use std::time::Duration;
 
-/// What is common knowledge about one process.
+/// Properties of one process.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// Its subcommand, and its unit's instance: `teleop@NAME`.
+    /// Subcommand, also the instance name of its unit: `teleop@NAME`.
     pub name: &'static str,
-    /// The process that is READY before this one starts; it ends after this one has ended.
+    /// The process that must be READY before this one starts. This one ends before that one does.
     pub after: Option<&'static str>,
-    /// Asks for SCHED_FIFO and locked memory.
+    /// True if the process asks for SCHED_FIFO and locked memory.
     pub realtime: bool,
-    /// A service manager may start it again after it failed: it moves nothing, and its return engages nothing.
+    /// True if a service manager may restart the process after a failure. Such a process moves nothing, and its
+    /// restart engages nothing.
     pub restarts: bool,
 }
 
-/// The processes in starting order: whoever comes later finds its peers there. The driver `sim` needs a robot, `control` needs the driver's state,
-/// `retarget` needs nobody, `ingest` opens the door to clients last.
+/// The processes in starting order: each finds its peers running. The driver `sim` needs a robot, and `control`
+/// needs the driver's state. `retarget` needs no other process. `ingest` starts last and lets clients in.
 pub const TABLE: [Row; 5] = [
     Row { name: "robot", after: None, realtime: true, restarts: false },
     Row { name: "sim", after: Some("robot"), realtime: true, restarts: false },
@@ -25,21 +27,22 @@ pub const TABLE: [Row; 5] = [
     Row { name: "ingest", after: Some("retarget"), realtime: false, restarts: true },
 ];
 
-/// Their names, in starting order; they end in the opposite one: no new input, then no new targets, then control at rest,
-/// the driver and its robot last.
+/// Names of the processes in starting order. They stop in reverse order. First input stops, then targets, then
+/// control with the robot at rest. The driver and its robot stop last.
 pub const PROCESSES: [&str; 5] = [TABLE[0].name, TABLE[1].name, TABLE[2].name, TABLE[3].name, TABLE[4].name];
 
-/// The port of the metrics of process `name`, where the first of all is `first`: in the order in which they stand on the
-/// path from the person, the opposite of that in which they start. 0 is none.
+/// Returns the metrics port of process `name`. `first` is the first port of the instance. The ports follow the
+/// data path from the person, which is the reverse of the starting order. 0 means no port.
 pub fn metrics_port(first: u32, name: &str) -> u16 {
     let offset = PROCESSES.iter().rev().position(|process| *process == name).unwrap_or_default();
     if first == 0 { 0 } else { (first as usize + offset) as u16 }
 }
 
-/// Longest time from start to READY: weights, memory lock, services and warm ticks take well under a second.
+/// Longest time from start to READY. Weights, memory lock, services and warm-up ticks take well under a second.
 pub const READY_WITHIN: Duration = Duration::from_secs(20);
 
-/// Longest time from SIGTERM to the end of a process: the longest stop (0.5 s) and its report, with a wide margin.
+/// Longest time from SIGTERM to the end of a process: the longest stop (0.5 s) and its report, with a wide
+/// margin.
 pub const END_WITHIN: Duration = Duration::from_secs(5);
 
 #[cfg(test)]
@@ -48,14 +51,14 @@ mod tests {
     use std::collections::BTreeSet;
     use std::path::{Path, PathBuf};
 
-    /// The units of the system's manager and of a user's.
+    /// The unit folders of the system manager and of the user manager.
     const MANAGERS: [&str; 2] = ["system", "user"];
 
     fn folder(manager: &str) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd").join(manager)
     }
 
-    /// Every value of `key` in a unit file and its drop-ins, in the order in which systemd reads them.
+    /// Returns every value of `key` in a unit file and its drop-ins, in the order in which systemd reads them.
     fn values(manager: &str, unit: &str, key: &str) -> Vec<String> {
         let mut files = vec![folder(manager).join(unit)];
         if let Some((template, _)) = unit.split_once('@') {
@@ -133,7 +136,7 @@ mod tests {
                 let limit = row.restarts.then(|| ("60".to_owned(), "3".to_owned()));
                 assert_eq!(last("StartLimitIntervalSec").zip(last("StartLimitBurst")), limit, "{manager} {}", row.name);
             }
-            // Requires= would carry the restart of one process to the others.
+            // Requires= would restart the other processes when one restarts.
             assert!(values(manager, "teleop.target", "Requires").is_empty());
         }
     }

@@ -1,4 +1,4 @@
-//! The programs beside this one: where they lie, and what a person types to run them.
+//! The other programs of the project: where they are, and the command that a person types to run them.
 
 use crate::exit::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 /// A program of the project.
 #[derive(Clone, Copy, Debug)]
 pub struct Program {
-    /// Its names: in a build folder, and as it is installed.
+    /// Name in a build folder, and name after installation.
     names: [&'static str; 2],
-    /// How cargo names it.
+    /// Arguments with which cargo builds or runs it.
     cargo: &'static str,
 }
 
@@ -18,17 +18,17 @@ pub const REPLAY: Program = Program { names: ["replay", "teleop-replay"], cargo:
 pub const RECORD: Program = Program { names: ["record", "teleop-record"], cargo: "-p record" };
 
 impl Program {
-    /// Where it lies; nothing if it is not built.
+    /// Returns the program's path. `None` if it is not built.
     pub fn found(&self) -> Option<PathBuf> {
         let own = std::env::current_exe().ok()?;
         let folder = own.parent()?;
-        // Tests run from a folder below that of the programs.
+        // Tests run from a folder below the programs' folder.
         let folders = [Some(folder), folder.parent()].into_iter().flatten();
         let mut places = folders.flat_map(|folder| self.names.map(|name| folder.join(name)));
         places.find(|path| path.is_file())
     }
 
-    /// The same; what to do if it is not there.
+    /// Returns the program's path. The error says how to build a missing program.
     pub fn path(&self) -> Result<PathBuf, Failure> {
         let missing = || {
             let text = format!("the program `{}` is not built (cargo build --release {})", self.names[0], self.cargo);
@@ -37,7 +37,8 @@ impl Program {
         self.found().ok_or_else(missing)
     }
 
-    /// What a person types to run it: its name where it is installed, else its path from here, else cargo's command.
+    /// Returns the command that a person types: its name if installed, else its path from here, else cargo's
+    /// command.
     pub fn typed(&self) -> String {
         let Some(path) = self.found() else { return format!("cargo run --release {} --", self.cargo) };
         if pipeline::is_installed() {
@@ -48,7 +49,7 @@ impl Program {
     }
 }
 
-/// ` --run-dir DIR`, where `run_dir` is not where every program looks by itself.
+/// Returns ` --run-dir DIR`, or nothing if `run_dir` is the default of every program.
 pub fn run_dir_option(run_dir: &Path) -> String {
     if run_dir == pipeline::default_run_dir() { String::new() } else { format!(" --run-dir {}", run_dir.display()) }
 }

@@ -1,4 +1,4 @@
-//! The recorder of `up` and `demo`: a child that only reads. Whatever becomes of it, the robot goes on.
+//! The recorder of `up` and `demo`. It is a child process that only reads. If it fails, the robot goes on.
 
 use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
@@ -13,23 +13,23 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest time until it reads: it loads the settings and opens the services.
+/// Longest time until the recorder reads. It loads the settings and opens the services.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 
 /// The running recorder.
 pub struct Recorder {
     child: Child,
-    /// It has ended by itself and that was said.
+    /// True once this process has reported that the recorder ended by itself.
     told: bool,
 }
 
 impl Recorder {
-    /// Starts it if a file is given, and waits until it reads.
+    /// Starts the recorder if a file is given, and waits until it reads.
     pub fn start_if(file: Option<&Path>, instance: &Instance, place: &InstanceArgs) -> Result<Option<Self>, Failure> {
         file.map(|file| Self::start(file, instance, place)).transpose()
     }
 
-    /// Starts it, and waits until it reads.
+    /// Starts the recorder and waits until it reads.
     pub fn start(file: &Path, instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
         let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
         let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
@@ -38,7 +38,8 @@ impl Recorder {
         socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(software)?;
         let mut command = Command::new(RECORD.path()?);
         command.arg(file).arg("--full").arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
-        // Should this process be killed, the recorder ends as at a signal: nobody is recorded who did not ask for it.
+        // If this process is killed, the recorder ends as on a signal. It must not record people without a
+        // request.
         command.arg("--child-of").arg(std::process::id().to_string());
         if place.engage_without_realtime {
             command.arg("--engage-without-realtime");
@@ -46,7 +47,7 @@ impl Recorder {
         if let Some(interface) = place.interface {
             command.arg("--interface").arg(interface.name());
         }
-        // A process group of its own: Ctrl-C ends the others first.
+        // The recorder gets its own process group, so that Ctrl-C ends the other processes first.
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &socket_path).process_group(0);
         let mut recorder = Self { child: spawned_aside(command, place).map_err(software)?, told: false };
         let ready = recorder.wait_ready(&socket);
@@ -76,7 +77,7 @@ impl Recorder {
         Err(Failure::new(Exit::Unavailable, format!("the recorder was not ready within {} s", READY_WITHIN.as_secs())))
     }
 
-    /// Says once if it has ended by itself; the robot goes on.
+    /// Reports once that the recorder ended by itself. The robot goes on.
     pub fn watch(&mut self) {
         if !self.told
             && let Ok(Some(status)) = self.child.try_wait()
@@ -86,7 +87,7 @@ impl Recorder {
         }
     }
 
-    /// Ends it, after everything that it reads; what was not as it must be.
+    /// Stops the recorder after it has read everything. Returns the problem if it ended badly.
     pub fn stop(&mut self) -> Option<String> {
         let judged = |status: ExitStatus| (!status.success()).then(|| format!("the recorder ended badly ({status})"));
         if let Ok(Some(status)) = self.child.try_wait() {
@@ -113,7 +114,8 @@ impl Drop for Recorder {
     }
 }
 
-/// Starts `command` off the cores of the real-time processes: a child stays where the thread is that starts it.
+/// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that
+/// starts it.
 fn spawned_aside(mut command: Command, place: &InstanceArgs) -> std::io::Result<Child> {
     let settings = pipeline::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
     let spawned = std::thread::scope(|scope| {

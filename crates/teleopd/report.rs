@@ -1,4 +1,4 @@
-//! What a run measured: collected from the processes' own figures, as JSON and as a table.
+//! Report of a run, collected from the processes' own figures. Available as JSON and as a table.
 
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
@@ -7,22 +7,22 @@ use pipeline::Instance;
 use rt::out;
 use serde_json::{Map, Value, json};
 
-/// The kinds of violation that the checker of the commands counts.
+/// Kinds of violation that the command checker counts.
 const VIOLATIONS: [&str; 7] = ["position", "velocity", "acceleration", "jerk", "clearance", "hand speed", "torque"];
-/// The kinds of violation that the judge of the joints' true motion counts.
+/// Kinds of violation that the judge of the joints' true motion counts.
 const TRUE_VIOLATIONS: [plant::ViolationKind; 7] = plant::ViolationKind::ALL;
-/// A robot that follows for a smaller share of the motion is not one that follows. Assumption.
+/// Smallest share of the motion that a robot must follow. Below it the robot counts as not following. Assumption.
 const FOLLOWED_MIN: f64 = 0.5;
-/// The percentiles of a latency.
+/// Percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
-/// The report of a run; its keys name what they hold.
+/// Report of a run. Its keys are self-explanatory.
 pub struct Report {
     value: Value,
 }
 
 impl Report {
-    /// Reads what the processes left in the instance's folder.
+    /// Reads the reports that the processes wrote to the instance's folder.
     pub fn collect(instance: &Instance) -> Result<Self, Failure> {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
@@ -88,12 +88,12 @@ impl Report {
         Ok(Self { value })
     }
 
-    /// As JSON.
+    /// Returns the report as JSON.
     pub fn to_json(&self) -> &Value {
         &self.value
     }
 
-    /// What must not have happened: a violation, a Stop fault, or no engagement. Empty if all was well.
+    /// Returns the checks that failed: a violation, a Stop fault, or no engagement. Empty if all was well.
     pub fn complaints(&self) -> Vec<String> {
         let mut complaints = Vec::new();
         for kind in VIOLATIONS {
@@ -123,7 +123,8 @@ impl Report {
         complaints
     }
 
-    /// What to do about a robot that followed for less than half of the time in which it was meant to; none if it followed.
+    /// Returns advice if the robot followed for less than half of the time in which it should have. `None` if it
+    /// followed.
     pub fn advice(&self) -> Option<String> {
         let followed = &self.value["followed"];
         let share = followed["share"].as_f64()?;
@@ -144,7 +145,7 @@ impl Report {
         self.value["mode_transitions"].as_array().is_some_and(|all| all.iter().any(|one| one["to"] == "Engaged"))
     }
 
-    /// A table for people.
+    /// Prints a table for people.
     pub fn print(&self) {
         let v = &self.value;
         let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
@@ -212,8 +213,8 @@ impl Report {
     }
 }
 
-/// For how long the robot was meant to follow, for how much of that time it did, and why it held, of a run that ended at `end_s`.
-/// `share` is null where it never was engaged.
+/// Returns how long the robot should have followed, how long it did, and why it held. The run ended at `end_s`.
+/// `share` is null if the robot was never engaged.
 fn followed(transitions: &[Value], end_s: f64) -> Value {
     let (mut meant_since, mut engaged_since): (Option<f64>, Option<f64>) = (None, None);
     let (mut meant_s, mut engaged_s) = (0.0, 0.0);
@@ -257,7 +258,8 @@ fn print_followed(followed: &Value) {
     out!("\n{:<34} {:>10.1} % of {meant_s:.1} s ({engaged_s:.1} s){held}", "followed", share * 100.0);
 }
 
-/// The faults before the robot was first engaged, and those since; all of them are before where it never was.
+/// Splits the faults into those before the first engagement and those since. All are before if the robot never
+/// engaged.
 fn faults(all: &Value, before: &Value) -> (Vec<String>, Vec<String>) {
     let (mut early, mut since) = (Vec::new(), Vec::new());
     for (name, count) in all.as_object().into_iter().flatten() {
@@ -314,7 +316,7 @@ mod tests {
         let report = Report { value: json!({ "followed": all }) };
         let advice = report.advice().expect("less than half");
         assert!(advice.contains("40 %") && advice.contains("InputStale"), "{advice}");
-        // Still held at the end of the run.
+        // The robot still holds at the end of the run.
         assert_eq!(followed(&run[..3], 7.0)["share"], json!(0.5));
         assert_eq!(followed(&run[..1], 7.0)["share"], Value::Null);
         let never = Report { value: json!({ "followed": followed(&[], 7.0) }) };

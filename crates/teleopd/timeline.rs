@@ -1,11 +1,13 @@
-//! Which ticks a process really ran, so that "ticks plus missed deadlines" can be counted over any common window.
+//! Records the ticks that a process ran. "Ticks plus missed deadlines" can then be counted over any common
+//! window.
 
 use serde_json::{Value, json};
 
-/// Runs of consecutive ticks that are kept; a run that is interrupted this often has worse troubles than its record.
+/// Number of runs of consecutive ticks that are kept. A process that is interrupted more often has worse problems
+/// than an incomplete record.
 const RUNS_MAX: usize = 65_536;
 
-/// Runs of consecutive tick indices, in order; never allocates after it was made.
+/// Runs of consecutive tick indices, in order. Never allocates after creation.
 #[derive(Clone, Debug)]
 pub struct Timeline {
     runs: Vec<(u64, u64)>,
@@ -13,12 +15,12 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// An empty record.
+    /// Creates an empty record.
     pub fn new() -> Self {
         Self { runs: Vec::with_capacity(RUNS_MAX), lost: 0 }
     }
 
-    /// Notes that tick `k` ran; `k` must not go back.
+    /// Records that tick `k` ran. `k` must not decrease.
     pub fn note(&mut self, k: u64) {
         let room = self.runs.len() < RUNS_MAX;
         match self.runs.last_mut() {
@@ -29,7 +31,7 @@ impl Timeline {
         }
     }
 
-    /// Ticks between `first` and `last`, both included.
+    /// Number of ticks between `first` and `last`, both included.
     pub fn ticks_within(&self, first: u64, last: u64) -> u64 {
         self.runs
             .iter()
@@ -40,19 +42,19 @@ impl Timeline {
             .sum()
     }
 
-    /// First and last tick, if any ran.
+    /// First and last recorded tick, if any.
     pub fn span(&self) -> Option<(u64, u64)> {
         let first = self.runs.first()?.0;
         let (start, length) = *self.runs.last()?;
         Some((first, start + length - 1))
     }
 
-    /// For a process report.
+    /// Returns the record for a process report.
     pub fn to_json(&self) -> Value {
         json!({ "runs": self.runs, "lost": self.lost })
     }
 
-    /// From a process report.
+    /// Reads the record from a process report.
     pub fn from_json(value: &Value) -> Option<Self> {
         let mut runs = Vec::new();
         for pair in value.get("runs")?.as_array()? {

@@ -1,4 +1,4 @@
-//! Starts the processes without systemd, and stops them with the robot at rest when asked to, or when one ends.
+//! Starts the processes without systemd. Stops them with the robot at rest on a signal, or when one of them ends.
 
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
@@ -14,10 +14,10 @@ use pipeline::{DriverKind, Instance, Loaded};
 use rt::{Shutdown, out};
 use std::time::Duration;
 
-/// How often the children are looked after.
+/// Polling period of the children.
 const LOOK: Duration = Duration::from_millis(20);
-/// Longest time for a released robot to come to rest: the longest stop (0.5 s), a slow servo's settling (0.64 s) and the 0.1 s
-/// for which rest is measured, with a margin.
+/// Longest time until a released robot is at rest, with a margin. The longest stop takes 0.5 s and a slow servo
+/// settles in 0.64 s. Rest is measured over 0.1 s.
 const REST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Runs until a signal, or until one process ends.
@@ -27,7 +27,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
-    // Before the others, so that it sees their first messages; it is dropped after them.
+    // Starts before the other processes, so that it sees their first messages. Is dropped after them.
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, place)?;
     let output = if options.verbose { Output::All } else { Output::Warnings };
     let mut children = Children::start(&instance, place, output)?;
@@ -63,7 +63,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     Ok(Exit::after(&shutdown))
 }
 
-/// What runs, which robot it is, where a person comes in, how to engage, and how to stop.
+/// Prints what runs, the robot, where a person connects, how to engage and how to stop.
 fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     let (settings, run_dir) = (&loaded.settings, place.run_dir.display());
     let at = run_dir_option(&place.run_dir);
@@ -85,8 +85,9 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     out!("READY");
 }
 
-/// Withdraws whatever authority there is, and waits for rest: that of the command and that of the measured robot. Control does
-/// the same again when it is told to end. Whether the robot was at rest; true too where no control is left to say so.
+/// Releases the enable and waits until the command and the measured robot are at rest. Control does the same
+/// again when it receives its request to end. Returns true if the robot came to rest, or if control no longer
+/// answers.
 fn release(instance: &Instance) -> bool {
     let Ok(mut operator) = Operator::connect(&instance.operator_socket()) else { return true };
     operator.release();

@@ -16,7 +16,7 @@ use std::process::Command;
 use std::time::Duration;
 use view::{KeyPoses, RobotView, Server, ViewError};
 
-/// How often the signals are looked for.
+/// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Serves until a signal.
@@ -46,7 +46,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     Ok(Exit::after(&shutdown))
 }
 
-/// Becomes the program that reads recordings.
+/// Replaces this process by the program that reads recordings.
 fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
     let mut command = Command::new(RECORD.path()?);
     command.arg("--view").arg(recording).arg("--port").arg(options.page.port.to_string());
@@ -57,7 +57,7 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
     Err(Failure::new(Exit::Software, command.exec()))
 }
 
-/// A server for `instance` as it was started at `place`, by whose pages nobody is the person.
+/// Starts a server for `instance`, which was started at `place`. Its pages cannot act as the person.
 pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -> Result<Server, Failure> {
     serve(instance, &load(place)?, None, page)
 }
@@ -66,12 +66,12 @@ fn load(place: &cli::InstanceArgs) -> Result<Loaded, Failure> {
     pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
 }
 
-/// Why a port of this machine cannot be had, of which `option` chooses another.
+/// Returns the failure for a port that cannot be opened. `option` is the option that selects another port.
 fn port_failure(port: u16, option: &str, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Unavailable, rt::port_refused(port, option, error))
 }
 
-/// Refuses a port that is in use, before anything is started that would have to be ended again.
+/// Returns an error if the port is in use. Called before anything starts that would have to be stopped again.
 pub fn refuse_taken(port: u16, option: &str) -> Result<(), Failure> {
     let tried = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
     tried.map(drop).map_err(|error| port_failure(port, option, &error))
@@ -87,7 +87,7 @@ fn serve(
     if !view.missing.is_empty() {
         err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
     }
-    // The server's threads stay where the one is that starts them.
+    // The server's threads inherit the cores of the thread that starts them.
     let served = std::thread::scope(|scope| {
         let serve = || {
             keep_off(&loaded.settings.realtime);
@@ -102,7 +102,8 @@ fn serve(
     })
 }
 
-/// The key poses that were asked for, or ours; none where the instance has no network and nobody asked.
+/// Returns the key poses that the user named, or the default ones. `None` if the instance has no network and the
+/// user named no poses.
 fn key_poses(asked: Option<&[String]>, loaded: &Loaded) -> Result<Option<KeyPoses>, Failure> {
     let Some(weights) = &loaded.weights else {
         let text =

@@ -1,19 +1,19 @@
-//! The short animation of the page that README shows: a browser's pictures, one after the other in an animated WebP.
+//! The short animation of the page in README: a browser's pictures, joined in an animated WebP.
 
 use super::{SKIPPED, Shown, loaded, played, shown};
 use crate::browser::{Browser, bytes_of};
 use serde_json::json;
 
-/// The part of the built-in motion that is shown, s: the robot is behind at first, and follows then.
+/// Part of the built-in motion that is shown, s. At first the robot is behind, then it follows.
 const SPAN_S: [f64; 2] = [2.5, 8.5];
-/// Pictures a second: few enough for a small file.
+/// Picture rate, Hz. It is low, so that the file is small.
 const RATE_HZ: f64 = 10.0;
-/// Size of the page, and of the animation by it.
+/// Size of the page, and scale of the animation.
 const PAGE: [u32; 2] = [1280, 720];
 const SCALE: f64 = 0.75;
-/// Quality of a picture, 0 to 100: letters can still be read.
+/// Quality of a picture, 0 to 100. Letters are still readable.
 const QUALITY: u32 = 60;
-/// Largest file, bytes: README is loaded with it.
+/// Largest file, bytes. README loads with it.
 const BYTES_MAX: usize = 1_500_000;
 
 fn chunk(tag: &[u8; 4], body: &[u8]) -> Vec<u8> {
@@ -29,7 +29,7 @@ fn three(value: u32) -> [u8; 3] {
     [a, b, c]
 }
 
-/// The chunks of a still WebP that hold its pixels.
+/// Returns the chunks of a still WebP that hold its pixels.
 fn pixels(picture: &[u8]) -> Vec<u8> {
     assert!(picture.starts_with(b"RIFF") && picture[8..12] == *b"WEBP", "not a WebP");
     let (mut all, mut rest) = (Vec::new(), &picture[12..]);
@@ -43,7 +43,7 @@ fn pixels(picture: &[u8]) -> Vec<u8> {
     all
 }
 
-/// One file of still pictures in WebP, each shown for so many milliseconds. The container is that of
+/// Joins still WebP pictures in one file. Each is shown for `every_ms` milliseconds. The container is that of
 /// <https://developers.google.com/speed/webp/docs/riff_container>.
 fn animated(pictures: &[Vec<u8>], [width, height]: [u32; 2], every_ms: u32) -> Vec<u8> {
     let (has_animation, for_ever, not_blended) = (0x02, 0_u16, 0x02);
@@ -72,10 +72,10 @@ fn short_animation_of_the_page_is_made() {
     let (loaded, view) = (loaded(), shown());
     let Some(mut shown) = Shown::of(played(&loaded, 1.0, SPAN_S[1] + 1.0), &view) else { return println!("{SKIPPED}") };
     shown.browser.resize(PAGE[0], PAGE[1]);
-    // The arms are widest at the beginning, and the camera stays.
+    // The arms are widest at the beginning. The camera stays.
     shown.at(SPAN_S[0]);
     shown.hold_camera();
-    // Without the wish for the whole, two pictures tell whether it would be made.
+    // Without a request for the whole animation, two pictures test that it can be made.
     let count = if asked.is_some() { ((SPAN_S[1] - SPAN_S[0]) * RATE_HZ) as u32 } else { 2 };
     let pictures: Vec<Vec<u8>> = (0..count)
         .map(|n| {
@@ -89,7 +89,7 @@ fn short_animation_of_the_page_is_made() {
     let file = animated(&pictures, size, (1000.0 / RATE_HZ) as u32);
     println!("{} pictures, {} kB", pictures.len(), file.len() / 1000);
     assert!(file.len() < BYTES_MAX, "{} bytes", file.len());
-    // A browser reads it.
+    // A browser can read it.
     let bytes: Vec<String> = file.iter().map(u8::to_string).collect();
     let read = format!(
         "(async () => {{ const decoder = new ImageDecoder({{ type: 'image/webp', data: new Uint8Array([{}]) }}); \

@@ -1,4 +1,4 @@
-//! The user's own meshes: each format is drawn, and nothing else of the disk is served.
+//! Tests the user's own meshes: each format is drawn, and no other file of the disk is served.
 
 use super::{SKIPPED, loaded, played};
 use crate::browser::Browser;
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::{Mesh, MeshFolder, RobotView, Server};
 
-/// A tetrahedron of 0.4 m: corners, and the triangles of them.
+/// A tetrahedron of 0.4 m: corners and triangles.
 const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.4]];
 const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
 
@@ -82,7 +82,7 @@ fn glb() -> Vec<u8> {
     file
 }
 
-/// A robot whose base is one mesh of each format, and whose parts are those of its look.
+/// Returns a robot whose base is one mesh of each format. Its parts are those of its look.
 fn view_of(folder: &Path) -> RobotView {
     for (name, bytes) in [
         ("a b.stl", stl().into_bytes()),

@@ -1,4 +1,4 @@
-//! What the page looks like: in a browser, by the pixels and by what the page says of its own picture.
+//! Tests the page's appearance in a browser, by the pixels and by the page's own data about its picture.
 
 mod animation;
 mod meshes;
@@ -21,17 +21,17 @@ pub fn loaded() -> Loaded {
     pipeline::load(&config(), overrides).expect("settings")
 }
 
-/// The shipped robot as a page shows it.
+/// Returns the shipped robot as a page shows it.
 pub fn shown() -> RobotView {
     RobotView::of(&loaded(), None).expect("the shipped look")
 }
 
-/// The built-in motion through every stage in virtual time, at so many times its speed, and for so many seconds.
+/// Plays the built-in motion through every stage in virtual time, at `speed` times its speed, for `seconds`.
 pub fn played(loaded: &Loaded, speed: f64, seconds: f64) -> RecordingView {
     recording(loaded, speed, seconds, true)
 }
 
-/// The same; without its person where no skeletons were recorded.
+/// Like `played`. Without a person, no skeletons are recorded.
 fn recording(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> RecordingView {
     let _ = rt::flush_denormals();
     let (mut builder, mut heard, mut first) =
@@ -57,7 +57,7 @@ fn recording(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Rec
     builder.build()
 }
 
-/// A page that shows a recording, paused.
+/// A page that shows a paused recording.
 struct Shown {
     browser: Browser,
     _server: Server,
@@ -68,14 +68,14 @@ impl Shown {
         let server = Server::recording(recording, "played.mcap", view, 0).expect("a port");
         let mut browser = Browser::open(server.address())?;
         browser.wait("it draws", "window.teleopd.drawn() > 0");
-        // At its end it stands already.
+        // At the end of the recording it is already paused.
         browser.evaluate(
             "document.getElementById('play').textContent === 'Pause' && document.getElementById('play').click()",
         );
         Some(Self { browser, _server: server })
     }
 
-    /// Goes to a time.
+    /// Moves to a time.
     fn seek(&mut self, at_s: f64) {
         self.browser.evaluate(&format!(
             "(() => {{ const at = document.getElementById('at'); at.value = {at_s}; at.dispatchEvent(new Event('input')); }})()"
@@ -83,10 +83,10 @@ impl Shown {
         self.browser.wait("it is there", &format!("Math.abs(window.teleopd.frame().at - {at_s}) < 0.05"));
     }
 
-    /// Goes to a time, frames the figures anew, and waits until the picture stands.
+    /// Moves to a time, frames the figures again, and waits until the picture is still.
     fn at(&mut self, at_s: f64) {
         self.seek(at_s);
-        // The page draws a frame that it has in its next picture.
+        // The page draws a received frame in its next picture.
         self.browser.evaluate("requestAnimationFrame(() => document.querySelector('[data-view=reset]').click())");
         self.stands();
     }
@@ -105,7 +105,8 @@ impl Shown {
         }
     }
 
-    /// Where person and robot are in the picture, -1 to 1: left, bottom, right, top. Both are inside of it.
+    /// Returns the places of person and robot in the picture, -1 to 1: left, bottom, right, top. Checks that both
+    /// are inside it.
     fn both_inside(&mut self) -> [[f64; 4]; 2] {
         ["person", "robot"].map(|figure| {
             let edges: [f64; 4] =
@@ -116,7 +117,7 @@ impl Shown {
         })
     }
 
-    /// From now on hiding a figure does not move the camera: it was moved by hand.
+    /// Stops the camera from moving when a figure is hidden, by moving it by hand.
     fn hold_camera(&mut self) {
         self.browser.evaluate(
             "document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', { deltaY: 0.01, cancelable: true }))",
@@ -124,7 +125,7 @@ impl Shown {
         self.stands();
     }
 
-    /// What is in the picture only while the checkbox is on.
+    /// Returns the part of the picture that appears only while the checkbox is on.
     fn layer(&mut self, checkbox: &str) -> Difference {
         let toggle = format!("document.getElementById('{checkbox}').click()");
         self.browser.evaluate(&toggle);
@@ -136,7 +137,7 @@ impl Shown {
         self.browser.difference(&without, &with)
     }
 
-    /// Where an element is in the window: left, top, right, bottom.
+    /// Returns the edges of an element in the window: left, top, right, bottom.
     fn edges(browser: &mut Browser, selector: &str) -> [f64; 4] {
         let edges = browser.evaluate(&format!(
             "(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); \
@@ -156,7 +157,7 @@ fn both_figures_are_in_the_frame_at_five_window_sizes() {
     let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
     for [width, height] in SIZES {
         shown.browser.resize(width, height);
-        // Arms hanging, both up, one up: the widest and the highest of the motion.
+        // Arms hanging, both up, one up: the widest and the highest poses of the motion.
         for at_s in [1.0, 8.0, 12.0, 16.0] {
             shown.at(at_s);
             for [left, bottom, right, top] in shown.both_inside() {
@@ -164,7 +165,7 @@ fn both_figures_are_in_the_frame_at_five_window_sizes() {
                 assert!(large > 0.5, "{width} x {height}, {at_s} s: a figure is tiny, {large}");
             }
         }
-        // And by the pixels.
+        // The same check by the pixels.
         shown.hold_camera();
         let [left, top, right, bottom] = Shown::edges(&mut shown.browser, "#stage");
         for checkbox in ["show-person", "show-measured"] {
@@ -173,7 +174,7 @@ fn both_figures_are_in_the_frame_at_five_window_sizes() {
             assert!(seen.pixels > 2000, "{width} x {height}: {checkbox}: {seen:?}");
             let [l, t, r, b] = seen.edges;
             let inside = l > left && t > top && r < right - 1.0 && b < bottom - 1.0;
-            // The legend tells which layers there are, so the lower edge may be its.
+            // The legend names the layers, so the lower edge may belong to the legend.
             let legend = b > bottom - 40.0;
             assert!(inside || legend && l > left && t > top && r < right - 1.0, "{width} x {height}: {seen:?}");
         }
@@ -225,7 +226,7 @@ fn figures_and_their_lines_are_shown_right_after_a_seek() {
 fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
     let (loaded, view) = (loaded(), shown());
     let Some(mut shown) = Shown::of(played(&loaded, 1.0, 9.0), &view) else { return println!("{SKIPPED}") };
-    // The robot has just been enabled, and the person stands in a T-pose.
+    // The robot was just enabled, and the person stands in a T-pose.
     shown.at(1.2);
     let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
     assert!(behind.as_f64() > Some(10.0), "{behind} degrees behind");
@@ -252,7 +253,7 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
     ] {
         assert!(apart(a.mean, b.mean) > 30.0, "{what} look alike: {a:?} {b:?}");
     }
-    // It follows: the ghost has gone by itself, and is there for one who asks.
+    // The robot follows. The ghost disappeared by itself, and is drawn on request.
     shown.at(7.0);
     let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
     assert!(behind.as_f64() < Some(2.0), "{behind} degrees behind");

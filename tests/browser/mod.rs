@@ -1,4 +1,4 @@
-//! A headless Chromium, driven by its DevTools protocol: pages as users see them.
+//! A headless Chromium, driven by its DevTools protocol. The tests see pages as users do.
 #![allow(dead_code)]
 
 use serde_json::{Value, json};
@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
-/// Longest time for anything that must happen; software rendering on a busy machine is slow.
+/// Longest time for any expected event. Software rendering on a busy machine is slow.
 const SOON: Duration = Duration::from_secs(30);
-/// Names of the browser, in the order of preference.
+/// Names of the browser, in order of preference.
 const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome-headless-shell"];
 
 /// A browser with one page.
@@ -27,21 +27,21 @@ pub struct Browser {
     _turn: MutexGuard<'static, ()>,
 }
 
-/// One browser at a time: each draws with all the cores that there are.
+/// Allows one browser at a time, because each draws with all cores.
 static TURN: Mutex<()> = Mutex::new(());
 
-/// Where two pictures differ.
+/// Difference of two pictures.
 #[derive(Debug)]
 pub struct Difference {
-    /// How many pixels do.
+    /// Number of pixels that differ.
     pub pixels: u64,
-    /// Left, top, right and bottom of them all.
+    /// Left, top, right and bottom edge of all of them.
     pub edges: [f64; 4],
-    /// Their mean colour in the second picture: red, green, blue.
+    /// Mean colour of them in the second picture: red, green, blue.
     pub mean: [f64; 3],
 }
 
-/// The program: that of TELEOPD_CHROMIUM, or one of the usual names in PATH.
+/// Returns the browser: the path in TELEOPD_CHROMIUM, or one of the usual names in PATH.
 fn program() -> Option<PathBuf> {
     if let Some(path) = std::env::var_os("TELEOPD_CHROMIUM") {
         return Some(path.into());
@@ -51,14 +51,15 @@ fn program() -> Option<PathBuf> {
 }
 
 impl Browser {
-    /// Opens `address`; none where there is no browser on this machine.
+    /// Opens `address`. `None` if there is no browser on this machine.
     pub fn open(address: &str) -> Option<Self> {
         let program = program()?;
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
         let mut child = Command::new(program)
             .args(["--headless=new", "--remote-debugging-port=0", "--no-first-run", "--disable-gpu-sandbox"])
-            // Root may not use the sandbox; the page is our own. There is no graphics card: software renders.
+            // Root cannot use the sandbox, and the page is our own. There is no graphics card, so software
+            // renders.
             .args(["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1280,800"])
             .args(["--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"])
             .arg(format!("--user-data-dir={}", folder.path().display()))
@@ -87,7 +88,7 @@ impl Browser {
         Some(browser)
     }
 
-    /// A request of the DevTools protocol, and its result.
+    /// Sends a request of the DevTools protocol and returns its result.
     pub fn ask(&mut self, method: &str, with: &Value) -> Value {
         self.asked += 1;
         let mut request = json!({ "id": self.asked, "method": method, "params": with });
@@ -105,7 +106,7 @@ impl Browser {
         }
     }
 
-    /// What an expression is in the page.
+    /// Evaluates an expression in the page.
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let result = self.ask("Runtime.evaluate", &json!({ "expression": expression, "returnByValue": true }));
         assert!(result.get("exceptionDetails").is_none(), "{expression}: {result}");
@@ -115,7 +116,7 @@ impl Browser {
     /// Waits until an expression is true.
     pub fn wait(&mut self, what: &str, expression: &str) {
         let give_up = Instant::now() + SOON;
-        // Before the page is there, its parts are not.
+        // Before the page has loaded, its elements do not exist.
         let guarded = format!("(() => {{ try {{ return {expression}; }} catch {{ return false; }} }})()");
         while self.evaluate(&guarded) != true {
             if Instant::now() > give_up {
@@ -126,14 +127,14 @@ impl Browser {
         }
     }
 
-    /// Presses and lets go a key.
+    /// Presses and releases a key.
     pub fn press(&mut self, key: &str, code: &str) {
         for kind in ["keyDown", "keyUp"] {
             self.ask("Input.dispatchKeyEvent", &json!({ "type": kind, "key": key, "code": code }));
         }
     }
 
-    /// Presses the middle of the element that `selector` names, where a user would.
+    /// Clicks the middle of the element that `selector` names, like a user.
     pub fn click(&mut self, selector: &str) {
         let place = self.middle(selector);
         for kind in ["mousePressed", "mouseReleased"] {
@@ -141,7 +142,7 @@ impl Browser {
         }
     }
 
-    /// Where the middle of the element is in the window, x and y.
+    /// Returns the middle of the element in the window, x and y.
     pub fn middle(&mut self, selector: &str) -> Value {
         self.evaluate(&format!(
             "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'nearest' }}); \
@@ -149,13 +150,13 @@ impl Browser {
         ))
     }
 
-    /// What the mouse does with its left button, at x and y in the window.
+    /// Sends an event of the left mouse button, at x and y in the window.
     pub fn mouse(&mut self, kind: &str, place: &Value) {
         let at = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "buttons": 1, "clickCount": 1 });
         self.ask("Input.dispatchMouseEvent", &at);
     }
 
-    /// How many pixels of a picture have about this colour, whatever light falls on it.
+    /// Counts the pixels of a picture with about this colour, under any light.
     pub fn count_pixels(&mut self, picture: &str, near: [u8; 3]) -> u64 {
         let expression = format!(
             "(async () => {{ const image = new Image(); image.src = 'data:image/png;base64,{picture}'; await image.decode(); \
@@ -171,13 +172,13 @@ impl Browser {
         result["result"]["value"].as_u64().unwrap_or_else(|| panic!("no count: {result}"))
     }
 
-    /// The size of the window, in pixels.
+    /// Sets the size of the window, in pixels.
     pub fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
         self.ask("Emulation.setDeviceMetricsOverride", &size);
     }
 
-    /// What differs between two pictures.
+    /// Returns the difference of two pictures.
     pub fn difference(&mut self, before: &str, after: &str) -> Difference {
         let expression = format!(
             "(async () => {{ const pixels = async (picture) => {{ const image = new Image(); \
@@ -201,14 +202,14 @@ impl Browser {
         Difference { pixels: pixels as u64, edges: [left, top, right, bottom], mean: [r, g, b] }
     }
 
-    /// The page as a PNG, in base64.
+    /// Returns the page as a PNG, in base64.
     pub fn screenshot(&mut self) -> String {
         let shot = self.ask("Page.captureScreenshot", &json!({ "format": "png" }));
         shot["data"].as_str().expect("a picture").to_owned()
     }
 }
 
-/// The bytes of a picture in base64.
+/// Returns the bytes of a picture in base64.
 pub fn bytes_of(picture: &str) -> Vec<u8> {
     let value = |letter: u8| match letter {
         b'A'..=b'Z' => letter - b'A',

@@ -1,6 +1,6 @@
-//! Every interleaving, and every order that the memory model allows, of what the product's own threads share without
-//! locks. The sources are the product's; only their atomics are loom's. The rings between threads are `rtrb`, which has
-//! models of its own.
+//! Tests lock-free data shared by the product's own threads, in every interleaving and every order that the
+//! memory model allows. The sources are the product's, and only their atomics are loom's. The rings between
+//! threads are `rtrb`, which has its own models.
 #![cfg(test)]
 
 use loom::sync::{Arc, atomic};
@@ -57,7 +57,7 @@ fn f080_a_stop_is_seen_and_takes_nothing_back() {
         let publisher = Arc::clone(&shared);
         let publishing = thread::spawn(move || {
             let mut published = 0;
-            // At most two frames, so that there is an end to what is looked at.
+            // At most two frames, so that the search ends.
             while !publisher.stopped() && published < 2 {
                 published += 1;
                 publisher.publish(published, false, published == 2);

@@ -1,4 +1,5 @@
-//! An instance of real processes for a test: a folder of its own, processes started singly, a hand, a client, and eyes.
+//! An instance of real processes for a test: its own folder, processes started one by one, an operator, a client
+//! and an observer.
 #![allow(dead_code)]
 
 pub mod user;
@@ -15,16 +16,16 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// The driver's process and that of its robot.
+/// The driver's process and its robot's process.
 const DRIVER: &str = "sim";
 const ROBOT: &str = "robot";
 
-/// Processors for each instance that runs at a time: its real-time processes share one and take half of it. Two instances on
-/// one processor are throttled by the kernel for 50 ms in each second, which the driver takes for a suspension.
+/// Processors per running instance. Its real-time processes share one and use half of it. The kernel throttles
+/// two instances on one processor for 50 ms in each second. The driver takes that for a suspension.
 const PROCESSORS_EACH: usize = 2;
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// One of the instances that may run.
+/// A slot for one running instance.
 struct Turn;
 
 impl Turn {
@@ -44,10 +45,10 @@ impl Drop for Turn {
     }
 }
 
-/// Longest time for anything that must happen; only a hang comes near.
+/// Longest time for any expected event. Only a hang comes near it.
 pub const SOON: Duration = Duration::from_secs(25);
 
-/// Presses Ctrl-C.
+/// Sends Ctrl-C.
 pub fn interrupt(child: &Child) {
     send("INT", child);
 }
@@ -65,7 +66,7 @@ pub fn config() -> PathBuf {
     repository().join("config/teleop.toml")
 }
 
-/// The processes of an instance, killed when the test ends.
+/// Processes of an instance. They are killed when the test ends.
 pub struct Rig {
     pub instance: Instance,
     children: Vec<(String, Child)>,
@@ -75,7 +76,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// An instance without processes.
+    /// Creates an instance without processes.
     pub fn empty() -> Self {
         let turn = Turn::take();
         let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a temporary folder");
@@ -83,7 +84,8 @@ impl Rig {
         Self { instance, children: Vec::new(), folder, config: config(), _turn: turn }
     }
 
-    /// An instance without processes whose settings differ by `changes`, each a line of the file and what it becomes.
+    /// Creates an instance without processes, with changed settings. Each change is a line of the file and its
+    /// replacement.
     pub fn with_settings(changes: &[(&str, &str)]) -> Self {
         let mut rig = Self::empty();
         let folder = repository().join("config");
@@ -99,7 +101,7 @@ impl Rig {
         rig
     }
 
-    /// All processes, each ready.
+    /// Starts all processes, each until READY.
     pub fn whole() -> Self {
         let mut rig = Self::empty();
         for name in teleopd::PROCESSES {
@@ -119,7 +121,7 @@ impl Rig {
         command
     }
 
-    /// Starts a process and waits for READY; with the driver its robot, unless that still runs.
+    /// Starts a process and waits for READY. With the driver it also starts its robot, unless that still runs.
     pub fn start(&mut self, name: &str) {
         if name == DRIVER && !self.children.iter().any(|(running, _)| running == ROBOT) {
             self.start(ROBOT);
@@ -150,7 +152,7 @@ impl Rig {
         self.children.push((name.to_owned(), child));
     }
 
-    /// Starts `teleopd up`, and waits until its control answers.
+    /// Starts `teleopd up` and waits until its control answers.
     pub fn start_up(&mut self) {
         let child = self.command("up").stdin(Stdio::null()).stdout(Stdio::null()).spawn().expect("up starts");
         self.children.push(("up".into(), child));
@@ -163,7 +165,7 @@ impl Rig {
         }
     }
 
-    /// The figures of a process that ended by itself; waits for them.
+    /// Returns the figures of a process that ended by itself. Waits for them.
     pub fn figures(&self, name: &str) -> serde_json::Value {
         let give_up = Instant::now() + SOON;
         loop {
@@ -176,7 +178,7 @@ impl Rig {
         }
     }
 
-    /// Runs a process that is expected to end by itself, and returns what it said.
+    /// Runs a process that should end by itself, and returns its output.
     pub fn run(&self, name: &str) -> Output {
         self.command(name).stdin(Stdio::null()).output().expect("the process runs")
     }
@@ -189,17 +191,17 @@ impl Rig {
         &mut self.children.iter_mut().find(|(running, _)| running == name).expect("a running process").1
     }
 
-    /// Process number of a running process.
+    /// Returns the process id of a running process.
     pub fn id(&mut self, name: &str) -> u32 {
         self.child(name).id()
     }
 
-    /// Sends the signal of this name, as kill(1) knows it.
+    /// Sends the signal with this name of kill(1).
     pub fn signal(&mut self, name: &str, signal: &str) {
         send(signal, self.child(name));
     }
 
-    /// kill -9, and waits for the process to be gone.
+    /// Sends SIGKILL and waits until the process has ended.
     pub fn kill(&mut self, name: &str) {
         let child = self.child(name);
         child.kill().expect("the process can be killed");
@@ -207,7 +209,7 @@ impl Rig {
         self.children.retain(|(running, _)| running != name);
     }
 
-    /// SIGTERM, and the figures that the process leaves; with the driver's come those of its robot.
+    /// Sends SIGTERM and returns the figures of the process. For the driver, they include those of its robot.
     pub fn end(&mut self, name: &str) -> serde_json::Value {
         let mut figures = self.end_one(name);
         if name == DRIVER && self.children.iter().any(|(running, _)| running == ROBOT) {
@@ -225,7 +227,7 @@ impl Rig {
         serde_json::from_str(&text).expect("JSON")
     }
 
-    /// Ends `teleopd up` and with it its processes.
+    /// Stops `teleopd up` and its processes.
     pub fn end_up(&mut self) {
         rt::terminate(self.id("up"));
         let status = self.ended("up");
@@ -236,32 +238,32 @@ impl Rig {
         OperatorSession::connect(&self.instance.operator_socket())
     }
 
-    /// A client that publishes `motion`, holding its first frame.
+    /// Starts a client that publishes `motion`, holding its first frame.
     pub fn client(&self, motion: &Motion, session: u64) -> Publisher {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         let player = Player::new(motion, play, session, rt::incarnation());
         Publisher::start(self.instance.input_domain(), player, rt::now).expect("a client")
     }
 
-    /// The same by the skeleton socket; the session is the daemon's.
+    /// The same through the skeleton socket. The daemon sets the session.
     pub fn socket_client(&self, motion: &Motion) -> Result<Publisher, ClientError> {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         let player = Player::new(motion, play, 0, rt::incarnation());
         Publisher::start_on(Transport::Socket(self.instance.skeleton_socket()), player, rt::now)
     }
 
-    /// Lets other users pass through the folder, as that of an installed instance does.
+    /// Lets other users pass through the folder, like that of an installed instance.
     pub fn open_to_others(&self) {
         let mode = std::os::unix::fs::PermissionsExt::from_mode(0o711);
         std::fs::set_permissions(self.folder(), mode).expect("the folder is ours");
     }
 
-    /// Whether a process that was started still runs.
+    /// Returns true if a started process still runs.
     pub fn runs(&mut self, name: &str) -> bool {
         self.child(name).try_wait().expect("its state").is_none()
     }
 
-    /// Waits for a process to end by itself, and says how.
+    /// Waits for a process to end by itself, and returns its status.
     pub fn ended(&mut self, name: &str) -> std::process::ExitStatus {
         let give_up = Instant::now() + SOON;
         loop {
@@ -291,7 +293,7 @@ impl Drop for Rig {
     }
 }
 
-/// Sees what the driver executes.
+/// Observes the driver's executed states.
 pub struct StateObserver {
     states: Reader<RobotState>,
     latest: Option<RobotState>,
@@ -304,7 +306,7 @@ impl StateObserver {
         self.latest
     }
 
-    /// Waits for a state of which `done` is true.
+    /// Waits for a state for which `done` returns true.
     pub fn wait(&mut self, what: &str, done: impl Fn(&RobotState) -> bool) -> RobotState {
         let give_up = Instant::now() + SOON;
         loop {
@@ -316,7 +318,7 @@ impl StateObserver {
         }
     }
 
-    /// Waits until a joint is further than this, rad or m, from where it was.
+    /// Waits until a joint is more than `by`, rad or m, from its old position.
     pub fn wait_moved(&mut self, before: &RobotState, by: f64) -> RobotState {
         self.wait("moving with the person", |state| state.q.iter().zip(&before.q).any(|(q, was)| (q - was).abs() > by))
     }
@@ -331,7 +333,7 @@ const RELEASE: u32 = 2;
 const RESET: u32 = 4;
 const ESTOP: u32 = 8;
 
-/// An operator's hand: heartbeats at 50 Hz in a thread of its own.
+/// An operator: heartbeats at 50 Hz in its own thread.
 pub struct OperatorSession {
     orders: Arc<AtomicU32>,
     silent: Arc<AtomicBool>,
@@ -392,7 +394,7 @@ impl OperatorSession {
         self.order(ESTOP);
     }
 
-    /// Stops the heartbeats, as a hung client would.
+    /// Stops the heartbeats, like a hung client.
     pub fn fall_silent(&self) {
         self.silent.store(true, Ordering::Relaxed);
     }
@@ -427,14 +429,14 @@ impl OperatorSession {
         self.wait(mode.name(), |status| status.mode == mode as u32)
     }
 
-    /// Waits until nothing inhibits, enables, and waits for `mode`. A machine that stands still meanwhile latches the driver:
-    /// the operator resets it and begins again, a few times.
+    /// Waits until nothing inhibits, enables, and waits for `mode`. If the machine pauses meanwhile, the driver
+    /// latches. Then the operator resets it and tries again, a few times.
     pub fn engage_until(&self, mode: Mode) {
         let paused = |status: &Status| {
             status.mode == Mode::Faulted as u32 && status.faults == Faults::NONE.with(Fault::DriverFault).0
         };
         for _ in 0..4 {
-            // Half a second of a released enable, and a fresh target.
+            // Half a second with the enable released, and a fresh target.
             self.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
             self.enable();
             if !paused(&self.wait(mode.name(), |status| status.mode == mode as u32 || paused(status))) {
@@ -462,14 +464,14 @@ impl Drop for OperatorSession {
     }
 }
 
-/// The modes that control came to, in their order, by its figures. A machine that stands still for a tenth of a second adds
+/// Returns the modes of control in order, from its figures. A machine that pauses for a tenth of a second adds
 /// holds that end by themselves.
 pub fn modes(control: &serde_json::Value) -> Vec<String> {
     let transitions = control["mode_transitions"].as_array().expect("transitions");
     transitions.iter().map(|one| one["to"].as_str().expect("a mode").to_owned()).collect()
 }
 
-/// No kind of violation was counted by the simulated robot.
+/// Checks that the simulated robot counted no violation of any kind.
 pub fn assert_no_violations(figures: &serde_json::Value) {
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
         assert_eq!(figures["violations"][kind], 0, "{kind}: {figures:#}");

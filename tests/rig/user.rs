@@ -1,11 +1,11 @@
-//! Another user: a thread with other credentials. Linux keeps them per thread, and what it opens and connects to is checked
-//! by them.
+//! Another user: a thread with other credentials. Linux keeps credentials per thread, and checks the thread's
+//! file and socket access by them.
 
 use rustix::process::geteuid;
 use rustix::thread::{set_thread_groups, set_thread_res_gid, set_thread_res_uid};
 use rustix::{process::Gid, process::Uid};
 
-/// Whether this test may be somebody else; if not, says so.
+/// Returns true if this test can act as another user. Otherwise prints why not.
 pub fn can_be_another() -> bool {
     let can = geteuid().is_root();
     if !can {
@@ -14,7 +14,7 @@ pub fn can_be_another() -> bool {
     can
 }
 
-/// Who acts.
+/// Credentials of the acting user.
 #[derive(Clone, Copy, Debug)]
 pub struct User<'a> {
     pub uid: u32,
@@ -24,12 +24,12 @@ pub struct User<'a> {
 }
 
 impl User<'_> {
-    /// A user of this number in no group but one that nobody else has.
+    /// Returns a user with this number. Its only group is one that no other user has.
     pub fn stranger(uid: u32) -> Self {
         Self { uid, gid: uid, groups: &[] }
     }
 
-    /// Does `work` as this user, on a thread of its own.
+    /// Runs `work` as this user, on its own thread.
     pub fn does<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         std::thread::scope(|scope| {
             let acting = scope.spawn(|| {

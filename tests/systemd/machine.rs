@@ -1,17 +1,18 @@
-//! A machine of its own under a real systemd, in namespaces: needs root, systemd and a cgroup2 hierarchy, and nothing else.
+//! A separate machine under a real systemd, in namespaces. Needs only root, systemd and a cgroup2 hierarchy.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// One machine at a time: four real-time processes are enough for a small computer.
+/// Allows one machine at a time. Four real-time processes are enough for a small computer.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// Longest time for anything that must happen; only a hang comes near.
+/// Longest time for any expected event. Only a hang comes near it.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A user who is neither root nor the daemon's, but a member of the operators' group; the numbers are of machine.sh.
+/// A user who is neither root nor the daemon's, but a member of the operators' group. The numbers come from
+/// machine.sh.
 pub const OPERATOR: [&str; 2] = ["--setuid=1000", "--setgid=991"];
 
 pub struct Machine {
@@ -23,7 +24,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A machine that has booted, without teleopd; or why this computer cannot have one.
+    /// Boots a machine without teleopd. The error says why this computer cannot run one.
     pub fn boot() -> Result<Self, String> {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let uid = std::fs::metadata("/proc/self").map(|metadata| std::os::unix::fs::MetadataExt::uid(&metadata));
@@ -61,18 +62,18 @@ impl Machine {
             && self.output(&[], &["systemctl", "is-active", "basic.target"]).status.success()
     }
 
-    /// What systemd and the services said.
+    /// Returns the output of systemd and the services.
     pub fn console(&self) -> String {
         let read = |path: PathBuf| std::fs::read_to_string(path).unwrap_or_default();
         read(self.folder.path().join("console")) + &read(self.inside("tmp/log"))
     }
 
-    /// A path of the machine, as it is seen from here.
+    /// Converts a path of the machine to the path as seen from here.
     pub fn inside(&self, path: &str) -> PathBuf {
         Path::new("/proc").join(self.init.to_string()).join("root").join(path)
     }
 
-    /// A command in the machine; `as_whom` are options of nsenter(1), root without any.
+    /// Returns a command in the machine. `as_whom` are options of nsenter(1). Without options it runs as root.
     pub fn command(&self, as_whom: &[&str], words: &[&str]) -> Command {
         let mut command = Command::new("/usr/bin/nsenter");
         command
@@ -80,7 +81,7 @@ impl Machine {
             .arg(self.init.to_string())
             .args(["--mount", "--pid", "--cgroup", "--uts", "--ipc", "--net"]);
         command.args(as_whom).arg("--").args(words).stdin(Stdio::null());
-        // Where `systemctl --user` finds the manager of the machine's one user.
+        // Location at which `systemctl --user` finds the manager of the machine's one user.
         command.env("XDG_RUNTIME_DIR", "/run/user/1000");
         command
     }
@@ -89,7 +90,7 @@ impl Machine {
         self.command(as_whom, words).output().expect("nsenter runs")
     }
 
-    /// A command that must succeed; what it printed.
+    /// Runs a command that must succeed, and returns its output.
     pub fn run(&self, as_whom: &[&str], words: &[&str]) -> String {
         let output = self.output(as_whom, words);
         let errors = String::from_utf8_lossy(&output.stderr);
@@ -97,7 +98,7 @@ impl Machine {
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// A property of a unit; `manager` is empty for the system's.
+    /// Returns a property of a unit of `manager`: the system's or the user's.
     pub fn property(&self, manager: &Manager, unit: &str, property: &str) -> String {
         let words = [&["systemctl"], manager.option, &["show", "--value", "-p", property, unit]].concat();
         self.run(&manager.as_whom, &words).trim().to_owned()
@@ -116,7 +117,7 @@ impl Machine {
         }
     }
 
-    /// What a process left in the run folder.
+    /// Returns the figures that a process left in the run folder.
     pub fn figures(&self, path: &str) -> serde_json::Value {
         let text = std::fs::read_to_string(self.inside(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
         serde_json::from_str(&text).expect("JSON")
@@ -125,7 +126,7 @@ impl Machine {
 
 impl Drop for Machine {
     fn drop(&mut self) {
-        // unshare --kill-child takes the machine's first process along, and that one all others.
+        // unshare --kill-child also kills the machine's first process, and with it all others.
         let _ = self.outer.kill();
         let _ = self.outer.wait();
         let give_up = Instant::now() + SOON;
@@ -135,7 +136,7 @@ impl Drop for Machine {
     }
 }
 
-/// A service manager of the machine, and who talks to it.
+/// A service manager of the machine, and the user who controls it.
 pub struct Manager {
     pub option: &'static [&'static str],
     pub as_whom: Vec<&'static str>,
@@ -146,13 +147,13 @@ impl Manager {
         Self { option: &[], as_whom: vec![] }
     }
 
-    /// That of the machine's user `operator`.
+    /// Returns the manager of the machine's user `operator`.
     pub fn user() -> Self {
         Self { option: &["--user"], as_whom: OPERATOR.to_vec() }
     }
 }
 
-/// Where the cgroup2 hierarchy is mounted.
+/// Returns the mount point of the cgroup2 hierarchy.
 fn hierarchy() -> Result<PathBuf, String> {
     let mounts = std::fs::read_to_string("/proc/self/mounts").map_err(|error| format!("/proc/self/mounts: {error}"))?;
     let of_type_cgroup2 = |line: &str| {
@@ -172,7 +173,7 @@ fn start(cgroup: &Path, folder: &Path) -> Result<Child, String> {
         .or_else(|_| std::fs::copy(std::env::current_exe().unwrap(), &client).map(drop))
         .map_err(|error| format!("{}: {error}", client.display()))?;
     let repository = env!("CARGO_MANIFEST_DIR");
-    // The shell joins the cgroup, and only what it starts then is in it.
+    // The shell joins the cgroup. Only its later child processes are in it.
     let script = "echo $$ > \"$0/cgroup.procs\" && exec \"$@\"";
     Command::new("/bin/sh")
         .args(["-c", script])

@@ -1,5 +1,5 @@
-//! The units in config/systemd/: what systemd's own checks say of them, what a real systemd does with them where one can be
-//! booted, and what a stand-in that speaks its protocol sees of the processes everywhere.
+//! Tests the units in config/systemd/. systemd's own checks examine them. A real systemd runs them if one can be
+//! booted. On every machine, a stand-in with systemd's protocol observes the processes.
 
 mod machine;
 mod stand_in;
@@ -12,14 +12,14 @@ use std::process::Command;
 use std::time::Duration;
 use teleopd::PROCESSES;
 
-/// The highest exposure that `systemd-analyze security` may give to a unit of the system, of 10.
+/// Highest exposure that `systemd-analyze security` may report for a system unit, of 10.
 const EXPOSURE_MAX: f64 = 2.0;
 
 fn unit(process: &str) -> String {
     format!("teleop@{process}.service")
 }
 
-/// A copy of the units in which ExecStart= names the program that was built.
+/// Copies the units, with the built program in ExecStart=.
 fn copy_of_units(manager: &str, to: &Path) {
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd").join(manager);
     copy(&from, to);
@@ -42,7 +42,8 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// systemd-analyze on the copy in `units`, which goes before the machine's own units; nobody's home is looked into.
+/// Runs systemd-analyze on the copy in `units`, which precedes the machine's own units. It does not look into
+/// home folders.
 fn analyze(units: &Path, arguments: &[&str]) -> Option<std::process::Output> {
     let mut path = units.as_os_str().to_owned();
     path.push(":");
@@ -52,7 +53,7 @@ fn analyze(units: &Path, arguments: &[&str]) -> Option<std::process::Output> {
     command.env("SYSTEMD_COLORS", "0").output().ok()
 }
 
-/// Adds examples/metrics.conf to a copy of the units, its settings no comments any more.
+/// Adds examples/metrics.conf to a copy of the units, with its settings uncommented.
 fn open_the_loopback(units: &Path) {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd/examples/metrics.conf");
     let text = std::fs::read_to_string(example).expect("the drop-in");
@@ -113,7 +114,7 @@ fn the_units_of_the_system_are_little_exposed() {
     }
 }
 
-/// A machine with teleop.target started, or nothing where this computer cannot have one.
+/// Boots a machine and starts teleop.target. `None` if this computer cannot run one.
 fn started() -> Option<Machine> {
     let machine = match Machine::boot() {
         Ok(machine) => machine,
@@ -124,7 +125,7 @@ fn started() -> Option<Machine> {
     };
     machine.run(&[], &["systemctl", "start", "teleop.target"]);
     for process in PROCESSES {
-        // `start` returns when every process of the target has said READY, or has failed.
+        // `start` returns when every process of the target has reported READY, or has failed.
         assert_eq!(
             machine.property(&Manager::system(), &unit(process), "SubState"),
             "running",
@@ -141,7 +142,8 @@ fn mode(machine: &Machine, run_dir: &str) -> String {
     status["mode"].as_str().unwrap_or("").to_owned()
 }
 
-/// Ran by client.service in the machine, with the drop-in that is proposed for clients: publishes until it is ended.
+/// client.service runs this in the machine, with the drop-in proposed for clients. It publishes until it is
+/// stopped.
 #[test]
 #[ignore = "a part of the tests with a machine, started by its systemd"]
 fn client() {
@@ -173,24 +175,24 @@ fn the_target_starts_everything_and_a_stop_brings_the_robot_to_rest() {
     };
     let mut operator = engage();
     machine.wait_until("engaged", || {
-        // On a busy computer the first attempt may be refused, or be given up by control.
+        // On a busy computer the first attempt may be refused, or control may end it.
         if operator.try_wait().is_ok_and(|ended| ended.is_some()) {
             operator = engage();
         }
         mode(&machine, run_dir) == "Engaged"
     });
-    // The shared memory is the instance's own: nothing of it is where every user of the machine looks.
+    // The shared memory belongs to the instance. Nothing of it is where every user of the machine can see it.
     assert_eq!(std::fs::read_dir(machine.inside("dev/shm")).expect("a folder").count(), 0);
     assert!(std::fs::read_dir(machine.inside("run/teleop/shm")).expect("a folder").count() > 0);
 
-    // As the README says it: it returns when all are gone, so nothing is waited for here.
+    // The command from README. It returns when all processes are gone, so no wait is needed here.
     machine.run(&[], &["systemctl", "stop", "teleop.target", "teleop@*"]);
     for process in PROCESSES {
         assert_eq!(machine.property(&system, &unit(process), "ActiveState"), "inactive", "{process}");
         assert_eq!(machine.property(&system, &unit(process), "Result"), "success");
     }
     let _ = operator.wait();
-    // A process leaves its figures when it ends: input first, the driver last.
+    // A process writes its figures when it ends: input first, the driver last.
     let ends = PROCESSES.map(|process| {
         let figures = machine.inside(&format!("run/teleop/{process}.json"));
         std::fs::metadata(&figures).and_then(|metadata| metadata.modified()).expect("figures")
@@ -225,7 +227,7 @@ fn f082_the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
     assert_eq!(machine.property(&system, &unit("control"), "NRestarts"), "0");
 
     for end in 1..=4 {
-        // The third end within 60 s is one too many: three starts are allowed.
+        // The third end within 60 s is one too many, because three starts are allowed.
         machine.wait_until("ended or returned", || {
             machine.property(&system, &unit("ingest"), "SubState") != "auto-restart"
         });

@@ -1,4 +1,5 @@
-//! A stand-in for systemd's side of sd_notify(3): starts the processes with the units' own command lines and listens.
+//! A stand-in for systemd's side of sd_notify(3). Starts the processes with the units' own command lines and
+//! reads their messages.
 
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
@@ -9,10 +10,10 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// WatchdogSec= of the stand-in: shorter than the units', so that the test is.
+/// WatchdogSec= of the stand-in. It is shorter than the units', to shorten the test.
 const WATCHDOG: Duration = Duration::from_millis(400);
 
-/// Longest time for anything that must happen; only a hang comes near.
+/// Longest time for any expected event. Only a hang comes near it.
 const SOON: Duration = Duration::from_secs(25);
 
 /// One process under the stand-in.
@@ -22,7 +23,8 @@ struct Service {
     socket: UnixDatagram,
 }
 
-/// ExecStart= of the system's unit as words, with this test's program, settings and folder in place of the installed ones.
+/// Returns ExecStart= of the system's unit as words. This test's program, settings and folder replace the
+/// installed ones.
 fn command_line(name: &str, settings: &Path, run_dir: &Path) -> Vec<String> {
     let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd/system/teleop@.service");
     let text = std::fs::read_to_string(unit).expect("the template");
@@ -43,7 +45,7 @@ impl Service {
         let socket = UnixDatagram::bind(&path).expect("a socket");
         let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let log = std::fs::File::create(run_dir.join(format!("{name}.log"))).expect("a log");
-        // As systemd does: the watchdog is of the process that is started, by its id.
+        // As in systemd, the watchdog belongs to the started process, by its id.
         let child = Command::new("/bin/sh")
             .args(["-c", "WATCHDOG_PID=$$ exec \"$0\" \"$@\""])
             .args(command_line(name, &settings, run_dir))
@@ -59,7 +61,7 @@ impl Service {
         Self { name, child, socket }
     }
 
-    /// The next state that the process tells, within `time`.
+    /// Returns the next state that the process reports, within `time`.
     fn hears(&self, time: Duration) -> Option<String> {
         let mut text = [0; 512];
         self.socket.set_read_timeout(Some(time)).expect("a timeout");
@@ -67,7 +69,7 @@ impl Service {
         Some(String::from_utf8_lossy(&text[..length]).into_owned())
     }
 
-    /// Everything that has been told and not been heard yet.
+    /// Returns all reports that were not yet read.
     fn drain(&self) -> Vec<String> {
         std::iter::from_fn(|| self.hears(Duration::from_millis(1))).collect()
     }
@@ -88,7 +90,7 @@ impl Service {
         Pid::from_raw(self.child.id() as i32)
     }
 
-    /// Stops the thread that ticks, and it alone, until `resume_loop` from the same thread of the test.
+    /// Stops only the thread that ticks, until `resume_loop` is called from the same thread of the test.
     fn hang_loop(&self) -> nix::Result<()> {
         ptrace::seize(self.id(), ptrace::Options::empty())?;
         ptrace::interrupt(self.id())?;
@@ -106,7 +108,8 @@ impl Service {
     }
 }
 
-/// Nothing is told for two watchdog times, after a first one in which the last motion may still be told of.
+/// Checks that no report arrives for two watchdog times. One more is allowed before it, for the last round of the
+/// loop.
 fn fall_silent(services: &[Service], why: &str) {
     std::thread::sleep(WATCHDOG);
     services.iter().for_each(|service| drop(service.drain()));

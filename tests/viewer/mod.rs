@@ -1,4 +1,4 @@
-//! `teleopd view` of an instance, and its page as a program sees it.
+//! `teleopd view` of an instance, and its page as seen by a program.
 #![allow(dead_code)]
 
 use crate::rig::{Rig, SOON, config};
@@ -24,7 +24,7 @@ impl Viewer {
         Self::with(rig, &[])
     }
 
-    /// With these arguments besides.
+    /// Starts it with these additional arguments.
     pub fn with(rig: &Rig, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_teleopd"))
             .args(["view", "--port", "0", "--config"])
@@ -52,7 +52,7 @@ impl Viewer {
         self.address.split('#').next_back().expect("a token")
     }
 
-    /// The answer to a request as it is.
+    /// Returns the raw answer to a request.
     pub fn raw(&self, request: &str) -> String {
         let mut stream = TcpStream::connect(self.host()).expect("it listens");
         stream.set_read_timeout(Some(SOON)).unwrap();
@@ -78,7 +78,7 @@ impl Drop for Viewer {
     }
 }
 
-/// What a page is sent.
+/// Data that the server sends to a page.
 pub enum Seen {
     Told(Value),
     Frame(Vec<f32>),
@@ -107,7 +107,7 @@ impl Page {
         self.socket.send(Message::text(what.to_string())).expect("the server listens");
     }
 
-    /// The next text or frame.
+    /// Returns the next text or frame.
     pub fn read(&mut self) -> Seen {
         loop {
             match self.socket.read().expect("the server tells") {
@@ -121,7 +121,7 @@ impl Page {
         }
     }
 
-    /// The next text of this kind.
+    /// Returns the next text of this kind.
     pub fn told(&mut self, kind: &str) -> Value {
         loop {
             if let Seen::Told(told) = self.read()
@@ -132,7 +132,7 @@ impl Page {
         }
     }
 
-    /// The next frame, as numbers.
+    /// Returns the next frame, as numbers.
     pub fn frame(&mut self) -> Vec<f32> {
         loop {
             if let Seen::Frame(frame) = self.read() {
@@ -141,7 +141,7 @@ impl Page {
         }
     }
 
-    /// Whether the server ends the connection.
+    /// Returns true if the server ends the connection.
     pub fn ends(mut self) -> bool {
         let give_up = Instant::now() + SOON;
         while self.socket.read().is_ok() {
@@ -152,7 +152,7 @@ impl Page {
         true
     }
 
-    /// Reads until a frame is in this mode, and keeps the enable pressed where it is meant to be.
+    /// Reads until a frame is in this mode. Keeps the enable pressed if `keep` is set.
     pub fn until(&mut self, mode: Mode, keep: bool) {
         let (give_up, mut kept) = (Instant::now() + SOON, Instant::now());
         while self.frame()[2] != mode as u32 as f32 {

@@ -1,10 +1,10 @@
-//! What comes from the person's side.
+//! Hazards from the person's side.
 
 use crate::{Hazard, does};
 
-/// What a dropped frame leads to if it is not the only one.
+/// Effect of dropped frames if there are several in a row.
 const DROPPED: &str = "dropped and counted; after 100 ms the robot stops and needs a new enable";
-/// The bound on that.
+/// Bound on that effect.
 const STALE: &str = "the frame at once; 100 ms + B";
 
 pub(crate) const CONTENT: &[Hazard] = &[

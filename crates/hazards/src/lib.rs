@@ -1,11 +1,11 @@
-//! Everything that can go wrong, in one list: each hazard has an id, what teleopd does about it, and within what.
+//! Everything that can go wrong, in one list. Each hazard has an id, the reaction of teleopd, and its bound.
 //!
-//! Each id is carried by the name of at least one test, as in `fn f021_...`; `tests/tidy.rs` fails on an id without one.
-//! What does not apply to teleopd is struck here, with the reason. `messages::FAULTS` is another list: of the few faults
-//! by which the daemon tells at run time what it reacts to.
+//! At least one test names each id, as in `fn f021_...`. `tests/tidy.rs` fails on an id without one. A hazard
+//! that does not apply to teleopd is struck from the list here, with the reason. `messages::FAULTS` is another
+//! list: the few faults that the daemon reports at run time when it reacts.
 //!
-//! B is the longest stop, 0.5 s (SAFETY.md); a tick is 1/1500 s. Times of the 1500 Hz streams are multiplied by
-//! `safety.stale_factor_without_realtime` where a machine without real-time scheduling drives a simulated robot.
+//! B is the longest stop, 0.5 s (SAFETY.md). A tick is 1/1500 s. If a machine without real-time scheduling drives
+//! a simulated robot, times of the 1500 Hz streams are multiplied by `safety.stale_factor_without_realtime`.
 
 mod input;
 mod robot;
@@ -14,27 +14,27 @@ mod system;
 /// One hazard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hazard {
-    /// `f` and a number of three digits; it never changes, and is never used again.
+    /// `f` and a number of three digits. It never changes and is never reused.
     pub id: &'static str,
-    /// What goes wrong.
+    /// Description of the hazard.
     pub what: &'static str,
-    /// What teleopd does about it.
+    /// Reaction of teleopd.
     pub answer: Answer,
 }
 
-/// What teleopd does about a hazard.
+/// Reaction of teleopd to a hazard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// A reaction, shown by every test whose name carries the id.
+    /// A reaction. Every test with the id in its name shows it.
     Does {
-        /// What.
+        /// The reaction.
         does: &'static str,
-        /// Within what: a time, a count, a bound.
+        /// Bound on the reaction: a time or a count.
         within: &'static str,
     },
     /// The hazard does not apply.
     Struck {
-        /// Why.
+        /// Reason.
         because: &'static str,
     },
 }
@@ -53,17 +53,17 @@ pub const GROUPS: [(&str, &[Hazard]); 10] = [
     ("Intruders", system::INTRUDERS),
 ];
 
-/// Every hazard, by id.
+/// Returns every hazard, in the order of the groups.
 pub fn all() -> impl Iterator<Item = &'static Hazard> {
     GROUPS.iter().flat_map(|(_, hazards)| hazards.iter())
 }
 
-/// A row of the list: its reaction and the bound on it.
+/// Creates a row with a reaction and its bound.
 const fn does(id: &'static str, what: &'static str, does: &'static str, within: &'static str) -> Hazard {
     Hazard { id, what, answer: Answer::Does { does, within } }
 }
 
-/// A row that is struck.
+/// Creates a row that is struck.
 const fn struck(id: &'static str, what: &'static str, because: &'static str) -> Hazard {
     Hazard { id, what, answer: Answer::Struck { because } }
 }

@@ -14,6 +14,6 @@ fn main() {
             };
         }
     }
-    // Whoever reads may have had enough: no error.
+    // The reader may have closed the pipe. That is no error.
     let _ = std::io::stdout().write_all(out.as_bytes());
 }

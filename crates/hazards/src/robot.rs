@@ -1,4 +1,4 @@
-//! What happens between the network and the robot.
+//! Hazards between the network and the robot.
 
 use crate::{Hazard, does, struck};
 

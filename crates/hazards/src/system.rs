@@ -1,4 +1,4 @@
-//! What the machine, its files and strangers do.
+//! Hazards from the machine, its files and other users.
 
 use crate::{Hazard, does};
 

@@ -1,6 +1,6 @@
-//! AMASS: SMPL-H and SMPL-X body poses in .npz, z up. Joint positions follow from the rotations by forward kinematics
-//! over this crate's own standing person, because body models may not be passed on: limb rotations are the source's,
-//! lengths are nominal.
+//! AMASS: SMPL-H and SMPL-X body poses in .npz, z up. Forward kinematics over this crate's own standing person
+//! gives joint positions from the rotations, because body models may not be redistributed. Limb rotations are the
+//! source's, lengths are nominal.
 
 use crate::bvh::{Pose, RigFrame};
 use crate::error::ArrayError;
@@ -10,11 +10,11 @@ use messages::{SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::io::{Read, Seek};
 
-/// Columns of `poses` that move the 22 joints of the body: an axis-angle vector each.
+/// Columns of `poses` that move the 22 joints of the body. Each joint has an axis-angle vector.
 const BODY_COLUMNS: usize = 3 * SMPL_JOINTS;
-/// Widths of `poses` that begin with these: SMPL-22 alone, SMPL, SMPL-H, SMPL-X.
+/// Widths of `poses` that begin with these columns: SMPL-22 alone, SMPL, SMPL-H, SMPL-X.
 const POSES_WIDTHS: [usize; 4] = [BODY_COLUMNS, 72, 156, 165];
-/// Names of the frame rate: SMPL-H, SMPL-X.
+/// Keys of the frame rate: SMPL-H, SMPL-X.
 const RATE_KEYS: [&str; 2] = ["mocap_framerate", "mocap_frame_rate"];
 /// Largest angle, rad, and largest coordinate, m.
 const NUMBER_MAX: f64 = 1e4;
@@ -26,10 +26,10 @@ pub(crate) struct Sequence {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Reads the keys that matter and no other: `gender`, `betas` and the like may be what they want.
+/// Reads only the required keys. `gender`, `betas` and other keys may hold anything.
 ///
 /// # Errors
-/// Missing keys, other shapes, numbers that are not finite, or a damaged archive.
+/// Returns an error if a key is missing, a shape is wrong, a number is not finite, or the archive is damaged.
 pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Sequence, ArrayError> {
     let mut npz = Npz::open(source)?;
     let mut warnings = Vec::new();
@@ -70,7 +70,8 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
     Ok(Sequence { frame_rate_hz: rate, frames, warnings })
 }
 
-/// (N, 66) axis-angle vectors: `root_orient` and `pose_body` if they are there, else the beginning of `poses`.
+/// Returns (N, 66) axis-angle vectors: `root_orient` and `pose_body` if they exist, else the first columns of
+/// `poses`.
 fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> {
     let body = BODY_COLUMNS - 3;
     if let (Some(root), Some(pose)) = (npz.read("root_orient")?, npz.read("pose_body")?) {
@@ -97,12 +98,13 @@ fn body_poses<R: Read + Seek>(npz: &mut Npz<R>) -> Result<Vec<f64>, ArrayError> 
     Ok(body)
 }
 
-/// The values of (N, width) for one of these widths, N at least 1, all within bounds.
+/// Returns the values of an (N, width) array. The width must be one of `widths`, N at least 1, and all values in
+/// bounds.
 fn matrix(array: Array, widths: &[usize], expected: &'static str) -> Result<Vec<f64>, ArrayError> {
     let lengths = array.squeezed();
     let (frames, width) = match *lengths.as_slice() {
         [frames, width] => (frames, width),
-        // One frame loses its N with the dimensions of length one.
+        // A single frame loses its N, because dimensions of length one are removed.
         [width] if array.shape.len() > 1 => (1, width),
         _ => (0, 0),
     };
@@ -130,7 +132,7 @@ fn rest_bones() -> [Vector3<f64>; SMPL_JOINTS] {
     std::array::from_fn(|j| rest[j] - rest[SMPL_PARENT[j]])
 }
 
-/// Global poses: R_j = R_parent exp(pose_j), p_j = p_parent + R_parent bone_j, from the pelvis at `trans`.
+/// Computes global poses: R_j = R_parent exp(pose_j), p_j = p_parent + R_parent bone_j. The pelvis is at `trans`.
 fn forward(pose: &[f64], trans: Vector3<f64>, rest: &[Vector3<f64>; SMPL_JOINTS]) -> RigFrame {
     let mut out = [Pose { position: trans, rotation: UnitQuaternion::identity() }; SMPL_JOINTS];
     for (j, turn) in pose.chunks_exact(3).enumerate().take(SMPL_JOINTS) {

@@ -1,4 +1,4 @@
-//! The built-in motions: our own, procedural, and slow enough for a robot arm of 2 rad/s.
+//! The built-in motions. They are procedural, made for this project, and slow enough for a robot arm of 2 rad/s.
 
 use crate::{Frame, Guesses, Motion};
 use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
@@ -8,8 +8,8 @@ use skeleton::TORSO_LEAN_RAD;
 const RATE_HZ: f64 = 60.0;
 const STATURE_M: f64 = 1.75;
 
-/// An arm's pose, degrees: forward swing and lowering of the upper arm out of the T-pose, its roll about itself
-/// (positive turns the forearm inwards when the arm hangs), flexion of the elbow, pronation.
+/// An arm's pose, degrees: forward swing and lowering of the upper arm from the T-pose, its roll about itself,
+/// flexion of the elbow, and pronation. Positive roll turns the forearm inwards when the arm hangs.
 type ArmPose = [f64; 5];
 
 const T_POSE: ArmPose = [0.0, 0.0, 0.0, 0.0, 0.0];
@@ -24,7 +24,7 @@ const ARMS_UP: ArmPose = [0.0, -60.0, 0.0, 0.0, 0.0];
 const ARMS_DOWN: ArmPose = [0.0, 60.0, 0.0, 0.0, 0.0];
 const ELBOWS_BENT: ArmPose = [0.0, 0.0, 0.0, 95.0, 0.0];
 
-/// Name of the motion that `teleopctl calibrate` asks for.
+/// Name of the motion for `teleopctl calibrate`.
 pub const CALIBRATION: &str = "builtin:calibration";
 
 /// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 1.9 rad/s in each angle,
@@ -61,7 +61,7 @@ const KEYS: [Key; 19] = [
     key(0.6, T_POSE, T_POSE),
 ];
 
-/// A T-pose held for 4 s, arms up and down, elbows bent and stretched.
+/// A T-pose held for 4 s. Then the arms move up and down, and the elbows bend and stretch.
 const CALIBRATION_KEYS: [Key; 11] = [
     key(0.0, T_POSE, T_POSE),
     key(4.0, T_POSE, T_POSE),
@@ -76,7 +76,7 @@ const CALIBRATION_KEYS: [Key; 11] = [
     key(1.8, T_POSE, T_POSE),
 ];
 
-/// The built-in motion of this name: `builtin`, or [`CALIBRATION`].
+/// Returns the built-in motion of this name: `builtin`, or [`CALIBRATION`].
 pub fn builtin_named(name: &str) -> Option<Motion> {
     match name {
         "builtin" => Some(builtin()),
@@ -85,13 +85,13 @@ pub fn builtin_named(name: &str) -> Option<Motion> {
     }
 }
 
-/// The demo motion of a person of 1.75 m, 60 Hz: T-pose, wave, hands up, hands to the chest, crossed arms, and back, with
-/// minimum-jerk blends; it ends as it begins and can be repeated as it is.
+/// Returns the demo motion of a person of 1.75 m, 60 Hz: T-pose, wave, hands up, hands to the chest, crossed
+/// arms, and back. The blends are minimum-jerk. The motion ends as it begins, so it can be repeated directly.
 pub fn builtin() -> Motion {
     played("builtin", &KEYS)
 }
 
-/// The keys, one after the other.
+/// Plays the keys one after the other.
 fn played(name: &str, keys: &[Key]) -> Motion {
     let mut frames = Vec::new();
     for pair in keys.windows(2) {
@@ -109,13 +109,13 @@ fn played(name: &str, keys: &[Key]) -> Motion {
     Motion { name: name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
-/// The T-pose of this person: bones of nominal length, and a torso frame that is upright.
+/// Returns the T-pose of this person, with nominal bone lengths and an upright torso frame.
 pub(crate) fn t_pose() -> [[f32; 3]; SMPL_JOINTS] {
     frame(&T_POSE, &T_POSE).positions
 }
 
-/// Nobody stands as still as a number: a sway of 3 mm, five times in the motion, so that a pause is told from a stuck
-/// tracker.
+/// Adds a sway of 3 mm, five times in the motion. No real person stands perfectly still. With it, a pause differs
+/// from a stuck tracker.
 fn sway(frames: &mut [Frame]) {
     let count = frames.len() as f64;
     for (i, frame) in frames.iter_mut().enumerate() {
@@ -127,7 +127,7 @@ fn sway(frames: &mut [Frame]) {
     }
 }
 
-/// A standing person with these arms.
+/// Returns a standing person with these arms.
 fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
     let mut out = Frame { positions: standing(), rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let joints = [
@@ -160,7 +160,7 @@ fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
     out
 }
 
-/// Joints of a standing person without arms, m; segment lengths after Winter, Biomechanics, 4th ed., fig. 4.1.
+/// Joints of a standing person without arms, m. Segment lengths are after Winter, Biomechanics, 4th ed., fig. 4.1.
 fn standing() -> [[f32; 3]; SMPL_JOINTS] {
     let h = STATURE_M;
     let shoulders_z = 0.818 * h;

@@ -1,4 +1,4 @@
-//! BVH: hierarchy and channels of any rig, forward kinematics, and the way to SMPL-22.
+//! BVH: hierarchy and channels of any rig, forward kinematics, and the mapping to SMPL-22.
 
 use crate::canonical::Canonical;
 use crate::error::BvhError;
@@ -8,23 +8,23 @@ use crate::{FRAMES_MAX, Frame, Motion, mirror};
 use messages::SMPL_JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Joints and end sites that a rig may have; the largest production rigs have about 500.
+/// Most joints and end sites of a rig. The largest production rigs have about 500.
 const JOINTS_MAX: usize = 2048;
-/// Depth of a rig; a spine, an arm and a finger make 20.
+/// Largest depth of a rig. A spine, an arm and a finger make 20.
 const DEPTH_MAX: usize = 128;
-/// Largest length (units of the file) and largest angle (degrees) that is not damage: 10 km in millimetres, and
-/// 27,000 turns.
+/// Largest length (units of the file) and largest angle (degrees). Larger values indicate damage. They are 10 km
+/// in millimetres, and 27,000 turns.
 const NUMBER_MAX: f64 = 1e7;
 
-/// Fewest numbers in a frame: a moving root and four limbs; less moves no person, and would let a small file claim many
-/// frames.
+/// Fewest numbers in a frame: a moving root and four limbs. Fewer cannot move a person, and would let a small
+/// file claim many frames.
 const CHANNELS_MIN: usize = 18;
 
-/// Shortest and longest time between two frames, s. No camera is faster than 100 kHz; longer than 10 s is no motion.
-/// Assumption.
+/// Shortest and longest time between two frames, s. No camera is faster than 100 kHz. A step longer than 10 s is
+/// no motion. Assumption.
 const FRAME_TIME_S: [f64; 2] = [1e-5, 10.0];
 
-/// What a number of a frame moves.
+/// Quantity that a number of a frame moves: position or rotation, with its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Channel {
     Position(usize),
@@ -51,18 +51,18 @@ pub(crate) struct Pose {
 /// SMPL-22 in the file's frame and unit.
 pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
 
-/// Reads the text of a BVH file. Frame 0 becomes `first`, the others are the motion.
+/// Reads the text of a BVH file. Frame 0 becomes `first`. The other frames are the motion.
 ///
 /// # Errors
-/// Line and cause of what is wrong; memory is bounded by a small multiple of the text's length.
+/// Returns the line and cause of the first error. Memory is bounded by a small multiple of the text's length.
 pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mut motion = parse(name, text)?;
-    // Only looked at: without `mirror` nothing is changed.
+    // Only a check: without `mirror` the frames do not change.
     mirror::settle(&mut motion.frames, false).map_err(BvhError::Mirror)?;
     Ok(motion)
 }
 
-/// As [`parse_bvh`], without a look at left and right.
+/// Like [`parse_bvh`], but without the check of left and right.
 pub(crate) fn parse(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mut scan = Scan::new(text);
     if text.trim_ascii().is_empty() {
@@ -168,7 +168,7 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     }
     let channels: usize = joints.iter().map(|joint| joint.channels.len()).sum();
     let bytes = scan.rest();
-    // Each number needs a digit and a space, so the claim is checked before anything is reserved for it.
+    // Each number needs a digit and a space. The claim is therefore checked before memory is reserved for it.
     if channels < CHANNELS_MIN || frames.saturating_mul(channels as u64 * 2) > bytes as u64 + 1 {
         return Err(BvhError::FrameCount { line, claimed: frames, channels, bytes });
     }
@@ -187,8 +187,8 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
             }
             let offset = Vector3::from(joint.offset);
             if frame == 0 {
-                // A joint that moves as far as its parent in the first frame is a bone without length, unless what is
-                // written is the way from the offset.
+                // A zero position in the first frame would make a bone of no length. Such a file writes positions
+                // relative to the joint's offset.
                 added[i] = joint.parent.is_some() && position == Some(Vector3::zeros()) && offset.norm() > 0.0;
             }
             let way = if added[i] { position.map(|p| p + offset) } else { position };
@@ -206,9 +206,10 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
     Ok((1.0 / frame_time_s, out))
 }
 
-/// Reads a joint's channels of one frame: its position, if all of it or some is written (the offset's components stand in
-/// for the others), and its rotation; the numbers are only skipped if nothing needs it. A position channel replaces the
-/// offset's component: exporters write the whole translation; what the root's channels mean is guessed later.
+/// Reads a joint's channels of one frame: its position, if any component is written, and its rotation. The offset
+/// supplies the missing components. The numbers are only skipped if no joint needs them. A position channel
+/// replaces the offset's component, because exporters write the whole translation. A later step guesses the
+/// meaning of the root's channels.
 fn read_channels(
     scan: &mut Scan<'_>,
     joint: &Joint,

@@ -1,4 +1,4 @@
-//! From a motion to what a client publishes: hinge calibration, limb rotations, raw frames.
+//! Turns a motion into client data: hinge calibration, limb rotations, raw frames.
 
 use crate::{Frame, Motion};
 use messages::{
@@ -7,28 +7,28 @@ use messages::{
 };
 use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
 
-/// Which frames the hinges are estimated from.
+/// Frames from which the hinges are estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CalibrationMode {
-    /// The whole clip: looks ahead, for figures only.
+    /// The whole clip. It looks ahead, so use it for figures only.
     Clip,
-    /// The first 10 s of motion, or the whole clip if it is shorter: what a live operator can give.
+    /// The first 10 s of motion, or the whole clip if it is shorter. A live operator can provide this.
     First10s,
-    /// No hinges: the elbow's plane of the moment, and what `ingest` learns while the motion plays.
+    /// No hinges. The current elbow plane is used, and the hinges that `ingest` learns while the motion plays.
     None,
-    /// The rig's own: for rigs whose joints have no rotation in the T-pose, palms down, as the motions that this project
-    /// makes itself. The hinge is -z of the left, +z of the right shoulder and wrist.
+    /// The rig's own hinges. Only for rigs whose joints have no rotation in the T-pose, palms down, such as this
+    /// project's own motions. The hinge is -z of the left, +z of the right shoulder and wrist.
     Rig,
 }
 
 impl CalibrationMode {
-    /// All of them.
+    /// All modes.
     pub const ALL: [Self; 4] = [Self::First10s, Self::Clip, Self::None, Self::Rig];
 
-    /// The mode of this name, if it is one of `allowed`; for command lines.
+    /// Returns the mode of this name if it is one of `allowed`. For command lines.
     ///
     /// # Errors
-    /// The names that are allowed.
+    /// Returns the allowed names if the name is not one of them.
     pub fn among(text: &str, allowed: &[Self]) -> Result<Self, String> {
         let found = allowed.iter().copied().find(|mode| mode.name() == text);
         found.ok_or_else(|| {
@@ -47,7 +47,7 @@ impl CalibrationMode {
     }
 }
 
-/// Estimates the hinges of a motion; none of them valid if the motion has no rotations or never flexes an elbow.
+/// Estimates the hinges of a motion. None is valid if the motion has no rotations or never flexes an elbow.
 pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
     let frames = match mode {
         CalibrationMode::Clip => motion.frames.len(),
@@ -71,8 +71,9 @@ pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
     calibrator.estimate()
 }
 
-/// The four limb rotations of every frame (torso frame, difference from the T-pose, x y z w, by `messages::Limb`), by the
-/// very code of the live stage; identity where a limb has no direction.
+/// Returns the four limb rotations of every frame, x y z w, in the order of `messages::Limb`. They are
+/// differences from the T-pose in the torso frame. The code is that of the live stage. A limb without a direction
+/// has the identity.
 pub fn limbs(motion: &Motion, calibration: &HingeCalibration) -> Vec<[[f32; 4]; LIMBS]> {
     let mut hold = Hold::default();
     let limbs = |frame: &Frame| {
@@ -82,8 +83,8 @@ pub fn limbs(motion: &Motion, calibration: &HingeCalibration) -> Vec<[[f32; 4]; 
     motion.frames.iter().map(limbs).collect()
 }
 
-/// Frame `i` (modulo the length) as a client publishes it, with full confidence. Header, session nonce and operator id are
-/// left zero for the caller. A motion without frames gives joints at zero.
+/// Returns frame `i` (modulo the length) as a client publishes it, with full confidence. Header, session nonce
+/// and operator id stay zero, and the caller sets them. A motion without frames gives joints at zero.
 pub fn raw_frame(motion: &Motion, i: usize, calibration: &HingeCalibration) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
     raw.layout = SkeletonLayout::Smpl22 as u32;

@@ -1,30 +1,31 @@
-//! From a file's unit and axes to metres, x forward, y left, z up: guessed where the format says neither.
+//! Converts a file's unit and axes to metres, x forward, y left, z up. Guesses them if the format does not say.
 
 use crate::bvh::RigFrame;
 use crate::{Frame, Guesses};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// Units that exporters use, m. The last one is CMU's own (the cgspeed release): 0.45 inch divided by 0.2025.
+/// Units that exporters use, m. The last one is CMU's own unit (the cgspeed release): 0.45 inch divided by
+/// 0.2025.
 const UNITS: [(&str, f64); 5] = [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254), ("CMU unit", 0.056_444)];
-/// Statures that a person may have, m; no two of the units fit into it at once.
+/// Range of a person's stature, m. No two of the units fit into it at once.
 const STATURE_M: [f64; 2] = [1.2, 2.2];
-/// What a person of no plausible unit is scaled to, m.
+/// Nominal stature, m. A person in no plausible unit is scaled to it.
 const STATURE_NOMINAL_M: f64 = 1.75;
-/// Hip to ankle 0.491 and pelvis to head joint 0.39 of the stature (Winter, Biomechanics, 4th ed., fig. 4.1, head joint
-/// at the skull's base).
+/// Leg and spine as a share of the stature: hip to ankle 0.491, pelvis to head joint 0.39 (Winter, Biomechanics,
+/// 4th ed., fig. 4.1, head joint at the skull's base).
 const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
-/// Frames looked at to guess the up-axis.
+/// Number of frames used to guess the up-axis.
 const UP_SAMPLES: usize = 200;
 
-/// The axis that a format calls up.
+/// The up-axis of a format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Up {
     Y,
     Z,
 }
 
-/// The way into the canonical frame.
+/// Transform into the canonical frame.
 #[derive(Debug)]
 pub(crate) struct Canonical {
     pub(crate) scale: f64,
@@ -37,7 +38,8 @@ pub(crate) struct Canonical {
 }
 
 impl Canonical {
-    /// What BVH leaves open; the error is the length of legs and spine, if it is none.
+    /// Guesses everything that BVH leaves open. The error is the length of legs and spine, returned if they have
+    /// none.
     pub(crate) fn guess(frames: &[RigFrame], root_offset: [f64; 3]) -> Result<Self, f64> {
         let (scale, unit, stature_m) = guess_unit(frames)?;
         let (axis, up, mut warning) = guess_up(frames);
@@ -53,8 +55,8 @@ impl Canonical {
         Ok(Self { scale, unit, stature_m, up, warning, rotation, shift })
     }
 
-    /// For formats that say which axis is up; another one that looks more like it is a warning. The error is the length
-    /// of legs and spine, if it is none.
+    /// For formats with a known up-axis. If another axis looks more like it, this is a warning. The error is the
+    /// length of legs and spine, returned if they have none.
     pub(crate) fn known(frames: &[RigFrame], up: Up) -> Result<Self, f64> {
         let (scale, unit, stature_m) = guess_unit(frames)?;
         let (axis, up) = match up {
@@ -75,7 +77,7 @@ impl Canonical {
         Ok(Self { scale, unit, stature_m, up, warning, rotation, shift: Vector3::zeros() })
     }
 
-    /// What was guessed, with these warnings.
+    /// Returns the guesses with these warnings.
     pub(crate) fn guesses(&self, warnings: Vec<String>) -> Guesses {
         Guesses { scale_m_per_unit: self.scale, unit: self.unit, stature_m: self.stature_m, up: self.up, warnings }
     }
@@ -84,7 +86,7 @@ impl Canonical {
         let mut out = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
         for (joint, pose) in frame.iter().enumerate() {
             let p = self.rotation * (pose.position + self.shift) * self.scale;
-            // Products of many rotations drift from unit length by rounding alone.
+            // Rounding alone makes products of many rotations drift from unit length.
             let q = UnitQuaternion::new_normalize((self.rotation * pose.rotation).into_inner());
             out.positions[joint] = [p.x as f32, p.y as f32, p.z as f32];
             out.rotations[joint] = [q.i as f32, q.j as f32, q.k as f32, q.w as f32];
@@ -93,7 +95,7 @@ impl Canonical {
     }
 }
 
-/// Scale (m per unit), its name, and the stature (m), from the bones' lengths in the first frame.
+/// Returns the scale (m per unit), its name, and the stature (m), from the bone lengths in the first frame.
 fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), f64> {
     let stature = stature_m(frames.first().ok_or(0.0)?);
     if !stature.is_finite() || stature < 1e-6 {
@@ -106,7 +108,7 @@ fn guess_unit(frames: &[RigFrame]) -> Result<(f64, &'static str, f64), f64> {
     })
 }
 
-/// The stature that follows from the bones' lengths in `frame`, in its unit.
+/// Returns the stature computed from the bone lengths in `frame`, in the frame's unit.
 pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
     use Smpl::{
         Head, LeftAnkle, LeftHip, LeftKnee, Neck, Pelvis, RightAnkle, RightHip, RightKnee, Spine1, Spine2, Spine3,
@@ -118,7 +120,7 @@ pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
     (legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head])) / LEG_AND_SPINE_OF_STATURE
 }
 
-/// The file's axis nearest to the mean direction from the ankles to the head.
+/// Returns the file's axis nearest to the mean direction from the ankles to the head.
 fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>) {
     let step = frames.len().div_ceil(UP_SAMPLES).max(1);
     let mut sum = Vector3::zeros();
@@ -130,7 +132,7 @@ fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>)
     let axis = sum.iamax();
     let names = [["+X", "-X"], ["+Y", "-Y"], ["+Z", "-Z"]];
     let negative = sum[axis] < 0.0;
-    // 45 degrees: beyond it another axis may be up, and most exporters use Y.
+    // The limit is 45 degrees. Beyond it another axis may be up, and most exporters use Y.
     if sum[axis].abs() < 0.7 * sum.norm() || sum.norm() == 0.0 {
         let warning = "the person does not stand upright on average: +Y is taken as up".to_owned();
         return (Vector3::y(), "+Y", Some(warning));
@@ -139,15 +141,16 @@ fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>)
     (Vector3::ith(axis, sign), names[axis][usize::from(negative)], None)
 }
 
-/// A rotation (determinant +1) that takes `up` to z; for +Y the usual one, +Z forward to x and +X to y (left).
+/// Returns a rotation (determinant +1) that takes `up` to z. For +Y it is the usual one: +Z forward to x and +X
+/// to y (left).
 fn canonical_from_file(up: Vector3<f64>) -> Matrix3<f64> {
     let left = if up.x == 0.0 { Vector3::x() } else { Vector3::y() };
     let front = left.cross(&up);
     Matrix3::from_rows(&[front.transpose(), left.transpose(), up.transpose()])
 }
 
-/// What to add to every position: the root's OFFSET or nothing. Exporters disagree on whether the root's position channels
-/// replace its OFFSET or add to it; the person stands on the floor in the right case.
+/// Returns the vector to add to every position: the root's OFFSET or zero. Exporters disagree on whether the
+/// root's position channels replace its OFFSET or add to it. In the right case the person stands on the floor.
 fn guess_shift(frames: &[RigFrame], canonical: &Matrix3<f64>, offset: Vector3<f64>) -> Vector3<f64> {
     let lowest = |frame: &RigFrame| frame.iter().map(|pose| (canonical * pose.position).z).fold(f64::MAX, f64::min);
     let floor = frames.iter().map(lowest).fold(f64::MAX, f64::min);
@@ -155,8 +158,8 @@ fn guess_shift(frames: &[RigFrame], canonical: &Matrix3<f64>, offset: Vector3<f6
     if raised.abs() < floor.abs() { offset } else { Vector3::zeros() }
 }
 
-/// The quarter turn about z after which the person's first frame of motion faces +x best: Z-up exporters have no common
-/// forward axis.
+/// Returns the quarter turn about z after which the first frame of motion faces +x best. Z-up exporters have no
+/// common forward axis.
 fn face_forward(frames: &[RigFrame], canonical: &Matrix3<f64>) -> Matrix3<f64> {
     let Some(frame) = frames.get(1).or(frames.first()) else {
         return Matrix3::identity();

@@ -1,12 +1,12 @@
-//! What can be wrong with a motion file.
+//! Errors of motion files.
 
 use crate::mirror::MirrorError;
 use thiserror::Error;
 
-/// Why a file gave no motion.
+/// Reason why a file gave no motion.
 #[derive(Debug, Error)]
 pub enum MotionError {
-    /// The operating system refused.
+    /// The operating system cannot open or read the file.
     #[error("{file}: {source}")]
     Io {
         /// Path.
@@ -14,7 +14,7 @@ pub enum MotionError {
         /// Cause.
         source: std::io::Error,
     },
-    /// No reader for this extension.
+    /// There is no reader for this extension.
     #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh, .npy, .npz and .mcap")]
     UnknownFormat {
         /// Path.
@@ -22,13 +22,13 @@ pub enum MotionError {
         /// Extension in lower case.
         extension: String,
     },
-    /// A folder.
+    /// The path is a folder.
     #[error("{file} is a folder; name one motion file in it (.bvh, .npy, .npz or .mcap)")]
     Folder {
         /// Path.
         file: String,
     },
-    /// Refused before reading.
+    /// The file is too large. It was not read.
     #[error("{file}: {bytes} bytes, at most {bound}")]
     TooLarge {
         /// Path.
@@ -38,7 +38,7 @@ pub enum MotionError {
         /// Bound.
         bound: u64,
     },
-    /// Not a BVH that can be used.
+    /// The file is not a usable BVH.
     #[error("{file}: {source}")]
     Bvh {
         /// Path.
@@ -46,7 +46,7 @@ pub enum MotionError {
         /// Cause.
         source: BvhError,
     },
-    /// Not an array that can be used.
+    /// The file has no usable array.
     #[error("{file}: {source}")]
     Array {
         /// Path.
@@ -54,7 +54,7 @@ pub enum MotionError {
         /// Cause.
         source: ArrayError,
     },
-    /// Not a recording that can be played.
+    /// The file is not a playable recording.
     #[error("{file}: {source}")]
     Mcap {
         /// Path.
@@ -62,7 +62,7 @@ pub enum MotionError {
         /// Cause.
         source: McapError,
     },
-    /// Left and right cannot be trusted.
+    /// Left and right of the person are not reliable.
     #[error("{file}: {source}")]
     Mirror {
         /// Path.
@@ -72,57 +72,57 @@ pub enum MotionError {
     },
 }
 
-/// What is wrong with a .mcap.
+/// Errors of a .mcap file.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum McapError {
-    /// Another kind of file.
+    /// The file is of another kind.
     #[error("is not an MCAP file: {cause}")]
     NotMcap {
-        /// What its reader says.
+        /// The reader's error text.
         cause: String,
     },
     /// The file cannot be read.
     #[error("cannot be read: {cause}")]
     Read {
-        /// What the system says.
+        /// The system's error text.
         cause: String,
     },
-    /// More channels or schemas than are read.
+    /// The file has too many channels or schemas.
     #[error("names more than {bound} channels or schemas")]
     Channels {
         /// Bound.
         bound: usize,
     },
-    /// A larger chunk than is read.
+    /// A chunk is too large.
     #[error("the chunk at byte {offset} says that it unpacks to {bytes} bytes, at most {bound} are read")]
     Chunk {
-        /// Where it begins.
+        /// Start of the chunk in the file.
         offset: u64,
         /// Its length before compression.
         bytes: u64,
         /// Bound.
         bound: u64,
     },
-    /// More comes out of the chunks than such a file may hold.
+    /// The chunks unpack to more than a file of this length may hold.
     #[error("up to byte {offset} it unpacks to {bytes} bytes, at most {bound} are read of that much of a file")]
     Unpacked {
-        /// How far the file was read: where the chunk begins that is too much.
+        /// Bytes read so far: the start of the chunk that is too much.
         offset: u64,
-        /// What it unpacks to with this chunk.
+        /// Unpacked bytes, including this chunk.
         bytes: u64,
         /// Bound.
         bound: u64,
     },
-    /// A longer motion than is read.
+    /// The motion is too long.
     #[error("holds more than {bound} skeletons")]
     Frames {
         /// Bound.
         bound: usize,
     },
-    /// A recording of something else, or of another version.
+    /// The recording holds something else, or messages of another version.
     #[error("holds {count} skeletons of the layout {layout}, at least 2 are needed; its topics are {topics}")]
     NoSkeletons {
-        /// How many were found.
+        /// Number of skeletons found.
         count: usize,
         /// Their schema.
         layout: &'static str,
@@ -131,39 +131,39 @@ pub enum McapError {
     },
 }
 
-/// What is wrong with a .npy or .npz.
+/// Errors of a .npy or .npz file.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ArrayError {
-    /// Another kind of file.
+    /// The file is not a .npy.
     #[error("is not a .npy file (it does not begin with \\x93NUMPY and a version)")]
     NotNpy,
-    /// Another kind of file.
+    /// The file is not a .npz.
     #[error("is not a .npz file: {cause}")]
     NotZip {
-        /// What the archive's reader says.
+        /// The archive reader's error text.
         cause: String,
     },
-    /// A header that says nothing useful.
+    /// The header is not valid.
     #[error("the .npy header is damaged: {cause}")]
     Header {
-        /// What is wrong.
+        /// Cause.
         cause: String,
     },
-    /// Numbers of a type that is not read; objects are pickles.
+    /// The number type is not supported. Objects are pickles.
     #[error("numbers of type {found} are not read; f4, f8 and integers are (objects are pickles and never read)")]
     Type {
         /// NumPy's name of the type.
         found: String,
     },
-    /// An array beyond the bound.
+    /// The array is too large.
     #[error("shape {shape:?} is more than {bound} numbers")]
     TooLarge {
-        /// Shape claimed.
+        /// Claimed shape.
         shape: Vec<usize>,
-        /// Bound, numbers.
+        /// Largest count of numbers.
         bound: usize,
     },
-    /// A longer motion than is read.
+    /// The motion is too long.
     #[error("{frames} frames, at most {bound} are read")]
     TooManyFrames {
         /// Frames of the array.
@@ -174,7 +174,7 @@ pub enum ArrayError {
     /// The file ends before the array does.
     #[error("shape {shape:?} needs {claimed} bytes, and {found} follow")]
     Short {
-        /// Shape claimed.
+        /// Claimed shape.
         shape: Vec<usize>,
         /// Bytes that follow the header.
         found: u64,
@@ -184,40 +184,40 @@ pub enum ArrayError {
     /// The file cannot be read to its end.
     #[error("is damaged: {cause}")]
     Damaged {
-        /// What the reader says.
+        /// The reader's error text.
         cause: String,
     },
-    /// Something in an array of an archive, or in another file.
+    /// An error in an array of an archive, or in another file.
     #[error("{key}: {source}")]
     Key {
         /// The key or file.
         key: String,
-        /// What is wrong there.
+        /// The error there.
         source: Box<ArrayError>,
     },
-    /// An archive without motion.
+    /// The archive holds no motion.
     #[error("has no {missing}; its keys are {}", .found.join(", "))]
     MissingKeys {
-        /// What is missing.
+        /// The missing key.
         missing: &'static str,
         /// Keys of the archive, the first 40.
         found: Vec<String>,
     },
-    /// Another shape than motion has.
+    /// The shape is not one of a motion.
     #[error("has shape {found:?}, expected is {expected}")]
     Shape {
         /// Shape found.
         found: Vec<usize>,
-        /// Shapes that are read.
+        /// Accepted shapes.
         expected: &'static str,
     },
-    /// No frames.
+    /// The array has no frames.
     #[error("has shape {shape:?}: no frame")]
     Empty {
         /// Shape found.
         shape: Vec<usize>,
     },
-    /// A number that is infinite, NaN or out of every proportion.
+    /// A number is infinite, NaN or implausibly large.
     #[error("frame {frame}, number {column}: {value} is not within +-{bound}")]
     Number {
         /// Frame, from 0.
@@ -229,7 +229,7 @@ pub enum ArrayError {
         /// Bound of its magnitude.
         bound: f64,
     },
-    /// A frame rate that no camera has.
+    /// The frame rate is implausible.
     #[error("frame rate {value} Hz is not within [{low}, {high}]")]
     FrameRate {
         /// Value, Hz.
@@ -239,52 +239,52 @@ pub enum ArrayError {
         /// Highest, Hz.
         high: f64,
     },
-    /// Bones without length.
+    /// The bones have no length.
     #[error("legs and spine have no length ({length} m)")]
     NoSize {
-        /// Leg and spine.
+        /// Length of leg and spine.
         length: f64,
     },
-    /// A Mean.npy or Std.npy, not motion.
+    /// The file is a Mean.npy or Std.npy, not motion.
     #[error("has shape [263]: the statistics of features (Mean.npy or Std.npy), not motion, which is (N, 263)")]
     Statistics,
-    /// Normalised features without Mean and Std.
+    /// The features are normalised, and Mean and Std are missing.
     #[error(
         "the features look normalised ({signs}), and there is no Mean.npy and Std.npy beside the file or up to {levels} \
          folders above: give the options `mean` and `std`"
     )]
     NeedsStatistics {
-        /// Why they look so.
+        /// Evidence that they are normalised.
         signs: String,
-        /// Folders above that were looked at.
+        /// Number of folders above that were searched.
         levels: usize,
     },
-    /// One option without the other.
+    /// Only one of the options `mean` and `std` is given.
     #[error("the options `mean` and `std` go together, one is missing")]
     HalfOfStatistics,
-    /// Statistics that do not lead to a person.
+    /// The statistics do not lead to a plausible person.
     #[error("with {mean} and its Std the features are no person ({after}); as stored: {before}")]
     WrongStatistics {
         /// The file with the mean.
         mean: String,
-        /// Signs before.
+        /// Plausibility signs before.
         before: String,
-        /// Signs after.
+        /// Plausibility signs after.
         after: String,
     },
 }
 
 impl ArrayError {
-    /// The same, of one array of an archive.
+    /// Wraps the error as one of this array in an archive.
     pub(crate) fn in_key(self, key: &str) -> Self {
         Self::Key { key: key.to_owned(), source: Box::new(self) }
     }
 }
 
-/// What is wrong with the text of a BVH; lines count from 1.
+/// Errors in the text of a BVH. Lines count from 1.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum BvhError {
-    /// Nothing but white space.
+    /// The file holds only white space.
     #[error("the file is empty")]
     Empty,
     /// The file ends too early.
@@ -292,42 +292,42 @@ pub enum BvhError {
     Truncated {
         /// Last line.
         line: usize,
-        /// What is missing.
+        /// Expected text.
         expected: &'static str,
     },
-    /// Another word stands where the grammar wants this one.
+    /// The grammar requires another word here.
     #[error("line {line}: \"{found}\" where {expected} should stand")]
     Unexpected {
         /// Line.
         line: usize,
         /// The word, shortened.
         found: String,
-        /// What the grammar wants.
+        /// Expected word.
         expected: &'static str,
     },
-    /// Not a number.
+    /// The word is not a number.
     #[error("line {line}: \"{found}\" is not a number ({what})")]
     NotANumber {
         /// Line.
         line: usize,
         /// The word, shortened.
         found: String,
-        /// What the number is for.
+        /// Purpose of the number.
         what: &'static str,
     },
-    /// A number that is infinite, NaN or out of every proportion.
+    /// A number is infinite, NaN or implausibly large.
     #[error("line {line}: {what} {value} is not within +-{bound}")]
     OutOfRange {
         /// Line.
         line: usize,
-        /// What the number is for.
+        /// Purpose of the number.
         what: &'static str,
         /// Value.
         value: f64,
         /// Bound of its magnitude.
         bound: f64,
     },
-    /// A time between two frames that no motion has.
+    /// The time between two frames is implausible.
     #[error(
         "line {line}: Frame Time: {value_s} is outside [{low_s}, {high_s}] s; write the seconds from one frame to the \
          next, such as 0.0333333 for 30 frames a second"
@@ -342,14 +342,14 @@ pub enum BvhError {
         /// Longest time, s.
         high_s: f64,
     },
-    /// Joints nested or counted beyond any body.
+    /// The rig has too many joints, or its nesting is too deep.
     #[error("line {line}: {what}: {value}, at most {bound}")]
     TooMany {
         /// Line.
         line: usize,
-        /// What there is too much of.
+        /// The quantity that is too large.
         what: &'static str,
-        /// How many.
+        /// Its value.
         value: u64,
         /// Bound.
         bound: u64,
@@ -368,7 +368,7 @@ pub enum BvhError {
         /// Bytes that follow.
         bytes: usize,
     },
-    /// Fewer than two frames: the first is a pose, not motion.
+    /// There are fewer than two frames. The first one is a pose, not motion.
     #[error("line {line}: {frames} frame(s); at least 2 are needed, because the first is a pose, not motion")]
     TooFewFrames {
         /// Line of `Frames:`.
@@ -376,7 +376,7 @@ pub enum BvhError {
         /// Frames claimed.
         frames: u64,
     },
-    /// Text after the last frame.
+    /// Text follows the last frame.
     #[error("line {line}: more numbers than the {frames} frames of the header")]
     Trailing {
         /// Line.
@@ -384,7 +384,7 @@ pub enum BvhError {
         /// Frames claimed.
         frames: u64,
     },
-    /// The rig has no joint for these.
+    /// The rig lacks these joints.
     #[error("the rig has no joint for {}; it has {}", sought(.missing), .found.join(", "))]
     MissingJoints {
         /// SMPL-22 names.
@@ -392,18 +392,18 @@ pub enum BvhError {
         /// The rig's names, the first 40.
         found: Vec<String>,
     },
-    /// Bones without length.
+    /// The bones have no length.
     #[error("legs and spine have no length ({length} units): no scale can be guessed")]
     NoSize {
-        /// Leg and spine, units of the file.
+        /// Length of leg and spine, units of the file.
         length: f64,
     },
-    /// Left and right cannot be trusted.
+    /// Left and right of the person are not reliable.
     #[error(transparent)]
     Mirror(MirrorError),
 }
 
-/// The joints' names, and what else those are called that many rigs call otherwise.
+/// Returns the joints' names. Adds the usual name for joints that many rigs name differently.
 fn sought(missing: &[&str]) -> String {
     let called = |name: &&str| match *name {
         "left_foot" | "right_foot" => format!("{name} (the toes: ToeBase)"),

@@ -1,43 +1,43 @@
-//! Which files of a folder are motion files.
+//! Finds the motion files of a folder.
 
 use crate::MotionError;
 use std::path::{Path, PathBuf};
 
 /// Extensions that have a reader, in lower case.
 pub const EXTENSIONS: [&str; 4] = ["bvh", "mcap", "npy", "npz"];
-/// Deepest folder below the one that is listed; the deepest public data set has 4.
+/// Largest depth of folders below the listed one. The deepest public data set has 4.
 const DEPTH_MAX: usize = 32;
 
-/// What a folder holds.
+/// Contents of a folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Listing {
     /// Motion files by extension, sorted by path.
     pub files: Vec<PathBuf>,
-    /// Files of a readable extension that are known to hold no motion, and why.
+    /// Files with a readable extension that are known to hold no motion, each with the reason.
     pub skipped: Vec<(PathBuf, &'static str)>,
 }
 
-/// The files of `folder` that have a readable extension, sorted by name. Folders inside are left out; so are
+/// Returns the files of `folder` with a readable extension, sorted by name. Skips subfolders. Also skips
 /// `Mean.npy`, `Std.npy` and files of body shapes, which hold no motion (see [`list`] for those).
 ///
 /// # Errors
-/// Names the folder if it cannot be listed.
+/// Returns an error that names the folder if it cannot be listed.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, MotionError> {
     Ok(list(folder, false)?.files)
 }
 
-/// As [`motion_files`], with everything below `folder`; links to folders are not followed.
+/// Like [`motion_files`], with everything below `folder`. Does not follow links to folders.
 ///
 /// # Errors
-/// Names the folder that cannot be listed.
+/// Returns an error that names the folder that cannot be listed.
 pub fn motion_files_recursive(folder: &Path) -> Result<Vec<PathBuf>, MotionError> {
     Ok(list(folder, true)?.files)
 }
 
-/// Motion files of a folder, and what was left out with the reason.
+/// Lists the motion files of a folder, and the skipped files with the reason.
 ///
 /// # Errors
-/// Names the folder that cannot be listed, or lies more than 32 levels deep.
+/// Returns an error that names the folder if it cannot be listed, or lies more than 32 levels deep.
 pub fn list(folder: &Path, recursive: bool) -> Result<Listing, MotionError> {
     let mut listing = Listing::default();
     walk(folder, recursive.then_some(DEPTH_MAX), &mut listing)?;
@@ -51,7 +51,8 @@ fn walk(folder: &Path, depth: Option<usize>, listing: &mut Listing) -> Result<()
     for entry in std::fs::read_dir(folder).map_err(refuse)? {
         let entry = entry.map_err(refuse)?;
         let path = entry.path();
-        // The entry's own type, so that a link to a folder is not one and no circle is walked.
+        // The entry's own type. A link to a folder therefore does not count as a folder, and the walk cannot
+        // loop.
         let is_folder = entry.file_type().map_err(refuse)?.is_dir();
         match depth {
             Some(0) if is_folder => return Err(refuse(std::io::Error::other("folders are nested too deeply"))),
@@ -71,7 +72,7 @@ fn is_motion_file(path: &Path) -> bool {
     EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// Files that the data sets put beside their motions.
+/// Recognises files that the data sets store beside their motions.
 fn holds_no_motion(path: &Path) -> Option<&'static str> {
     let name = path.file_name()?.to_str()?.to_ascii_lowercase();
     match name.as_str() {

@@ -1,4 +1,5 @@
-//! HumanML3D's two formats: joint positions (N, 22, 3) and feature vectors (N, 263); y up, metres, 20 Hz, no rotations.
+//! HumanML3D's two formats: joint positions (N, 22, 3) and feature vectors (N, 263), y up, metres, 20 Hz, no
+//! rotations.
 
 use crate::error::ArrayError;
 use crate::npy::{self, Array};
@@ -9,34 +10,36 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Frames per second of the data set.
+/// Frame rate of the data set, Hz.
 pub(crate) const FRAME_RATE_HZ: f64 = 20.0;
 /// Features of a frame: root (4), positions (21 * 3), 6D rotations (21 * 6), velocities (22 * 3), foot contacts (4).
 const FEATURES: usize = 263;
-/// The first of the positions, of the joints 1 to 21 relative to the root.
+/// Index of the first position feature. The positions are those of joints 1 to 21, relative to the root.
 const RIC: usize = 4;
-/// The first of the foot contacts.
+/// Index of the first foot contact.
 const CONTACTS: usize = 259;
-/// Folders above the file's own in which Mean.npy and Std.npy are looked for: the data set keeps them one above.
+/// Number of folders above the file's own that are searched for Mean.npy and Std.npy. The data set keeps them one
+/// above.
 const STATISTICS_LEVELS: usize = 2;
-/// Largest coordinate, m, and largest feature: no room and no statistic is larger.
+/// Largest coordinate, m, and largest feature. No room and no statistic is larger.
 const NUMBER_MAX: f64 = 1e5;
 
 type Positions = Vec<[Vector3<f64>; SMPL_JOINTS]>;
 
-/// What the shapes may be, for messages.
+/// Accepted shapes, for error texts.
 pub(crate) const SHAPES: &str = "(N, 22, 3) global positions, (N, 24, 3) with hands, or (N, 263) HumanML3D features";
 
-/// Positions in the file's frame (x left, y up, z forward), and what had to be made do with.
+/// Returns positions in the file's frame (x left, y up, z forward), and warnings about missing information.
 ///
 /// # Errors
-/// Another shape, numbers that are not finite, or features without the statistics they need.
+/// Returns an error for another shape, for numbers that are not finite, or for features without the statistics
+/// they need.
 pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<(Positions, Vec<String>), ArrayError> {
     let shape = || ArrayError::Shape { found: array.shape.clone(), expected: SHAPES };
     if array.shape == [FEATURES] {
         return Err(ArrayError::Statistics);
     }
-    // One frame loses its N with the dimensions of length one.
+    // A single frame loses its N, because dimensions of length one are removed.
     let lengths = match *array.squeezed().as_slice() {
         [joints, 3] if array.shape.len() > 2 => [1, joints, 3],
         [FEATURES] => [1, FEATURES, 1],
@@ -79,9 +82,9 @@ fn finite(values: &[f64], width: usize) -> Result<(), ArrayError> {
     }
 }
 
-/// Global positions from features. The yaw rate is the half angle of a quaternion's step, so that the heading at frame i
-/// is q = (cos a, 0, sin a, 0) (w x y z) with a the sum of the rates before i; positions and the root's steps are in the
-/// heading's frame and turn back with q^-1.
+/// Returns global positions from features. The yaw rate is the half angle of a quaternion's step. The heading at
+/// frame i is therefore q = (cos a, 0, sin a, 0) (w x y z), where a is the sum of the rates before i. Positions
+/// and the root's steps are in the heading's frame, and q^-1 turns them back.
 fn recover(values: &[f64]) -> Positions {
     let mut half_yaw = 0.0f64;
     let mut root = Vector3::zeros();
@@ -105,7 +108,7 @@ fn recover(values: &[f64]) -> Positions {
     out
 }
 
-/// What speaks for raw features: three signs, of which normalised ones show at most one.
+/// Evidence for raw features: three signs. Normalised features show at most one.
 struct Signs {
     root_height_m: f64,
     contacts_binary: f64,
@@ -119,7 +122,7 @@ impl Signs {
         let count = rows().len().max(1) as f64;
         let mut heights: Vec<f64> = rows().map(|row| row[3]).collect();
         heights.sort_by(f64::total_cmp);
-        // Contacts are 0 or 1; a network's are near.
+        // Contacts are 0 or 1. A network's contacts are near these values.
         let near = |x: &f64| x.abs() < 0.2 || (x - 1.0).abs() < 0.2;
         let binary = rows().flat_map(|row| &row[CONTACTS..]).filter(|x| near(x)).count();
         let at = |row: &[f64], joint: usize| {
@@ -141,7 +144,7 @@ impl Signs {
     fn are_raw(&self) -> bool {
         let root = (0.05..1.6).contains(&self.root_height_m);
         let contacts = self.contacts_binary > 0.6;
-        // Bones keep their length, and hip to ankle is 0.491 of a stature of 1.2 to 2.2 m.
+        // Bones keep their length. Hip to ankle is 0.491 of a stature of 1.2 to 2.2 m.
         let leg = (0.5..1.2).contains(&self.leg_m) && self.leg_spread < 0.1;
         u8::from(root) + u8::from(contacts) + u8::from(leg) >= 2
     }
@@ -157,7 +160,8 @@ impl Signs {
     }
 }
 
-/// The features with Mean and Std undone, if they look normalised or the options name the statistics; else none.
+/// Undoes Mean and Std if the features look normalised or the options name the statistics. Otherwise returns
+/// `None`.
 fn unnormalised(
     path: &Path,
     values: &[f64],
@@ -186,7 +190,7 @@ fn unnormalised(
     Ok(Some(undone))
 }
 
-/// Mean.npy and Std.npy in the file's folder or above.
+/// Finds Mean.npy and Std.npy in the file's folder or above.
 fn beside(path: &Path) -> Option<(PathBuf, PathBuf)> {
     path.ancestors().skip(1).take(STATISTICS_LEVELS + 1).find_map(|folder| {
         let pair = (folder.join("Mean.npy"), folder.join("Std.npy"));

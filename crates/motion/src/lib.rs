@@ -1,8 +1,9 @@
-//! Motion files and built-in motions: reads any rig of BVH, HumanML3D's positions and features, and AMASS into SMPL-22,
-//! x forward, y left, z up, metres, and skeletons of recordings; writes BVH; resamples, loops and calibrates. A shell crate: it reads and writes
-//! files, and prints nothing.
+//! Reads and writes motion files, and makes built-in motions. It reads any BVH rig, HumanML3D's positions and
+//! features, and AMASS. It also reads the skeletons of recordings. All become SMPL-22 with x forward, y left, z
+//! up, in metres. It writes BVH. It resamples, loops and calibrates motions. This is a shell crate: it reads and
+//! writes files, and prints nothing.
 //!
-//! What had to be guessed (unit, up-axis, missing joints) is returned as data in [`Motion::guesses`].
+//! [`Motion::guesses`] returns guesses as data: unit, up-axis, missing joints.
 mod amass;
 mod builtin;
 mod bvh;
@@ -34,59 +35,61 @@ use messages::SMPL_JOINTS;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Largest file that is read: 128 MiB, a quarter of an hour of a rig of 100 joints at 60 Hz.
+/// Largest file that is read: 128 MiB, a quarter of an hour for a rig of 100 joints at 60 Hz.
 pub const FILE_BYTES_MAX: u64 = 1 << 27;
-/// Largest recording that is read: it is streamed, and never in memory as a whole. An hour of every message takes about 8 GB.
+/// Largest recording that is read. It is streamed and never held in memory as a whole. An hour of every message
+/// takes about 8 GB.
 pub const RECORDING_BYTES_MAX: u64 = 1 << 35;
-/// Most frames that are read: 33 minutes at 60 Hz. A frame takes 1.8 kB while it is read, so that no file, whatever it
-/// claims and however it is packed, takes more than 512 MB (`tests/bounds.rs`). Longer recordings come in parts.
+/// Most frames that are read: 33 minutes at 60 Hz. A frame takes 1.8 kB while it is read. No file therefore takes
+/// more than 512 MB, whatever it claims and however it is packed (`tests/bounds.rs`). Split longer recordings
+/// into parts.
 pub const FRAMES_MAX: usize = 120_000;
-/// Sources slower than this are upsampled before they are published: between two of their frames lies more time than the
-/// interpolation of targets is behind.
+/// Sources slower than this are upsampled before publication. Their frame period is longer than the delay of
+/// target interpolation.
 pub const RATE_MIN_HZ: f64 = 30.0;
-/// Frame rates that a file or an option may claim: from one frame in 100 s to 100 kHz, faster than any camera.
+/// Allowed range of frame rates, Hz: from one frame in 100 s to 100 kHz, which is faster than any camera.
 pub const FRAME_RATE_HZ: [f64; 2] = [0.01, 1e5];
-/// The rate that slow sources are upsampled to.
+/// Frame rate after upsampling of slow sources.
 pub const RATE_UPSAMPLED_HZ: f64 = 60.0;
 
-/// One instant of a person.
+/// A person's posture at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Global positions, m, x forward, y left, z up.
     pub positions: [[f32; 3]; SMPL_JOINTS],
-    /// Global rotations, x y z w, in the same frame; identity where the source has none.
+    /// Global rotations, x y z w, in the same frame. Identity if the source has none.
     pub rotations: [[f32; 4]; SMPL_JOINTS],
 }
 
-/// What a reader had to guess.
+/// Guesses of a reader.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guesses {
     /// Metres per unit of the file.
     pub scale_m_per_unit: f64,
-    /// Name of that unit, or that the person was scaled to 1.75 m.
+    /// Name of that unit, or a note that the person was scaled to 1.75 m.
     pub unit: &'static str,
-    /// Stature that follows, from leg and spine, m.
+    /// Stature computed from leg and spine, m.
     pub stature_m: f64,
     /// The file's axis that points up: "+X", "-Y", ...
     pub up: &'static str,
-    /// What else the reader made do with, a sentence each.
+    /// Other warnings of the reader, one sentence each.
     pub warnings: Vec<String>,
 }
 
 /// A motion of one person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// The file's name without extension, or the built-in's name.
+    /// Name of the file without extension, or name of the built-in motion.
     pub name: String,
     /// Frames per second.
     pub frame_rate_hz: f64,
     /// The frames of motion, without the file's first one.
     pub frames: Vec<Frame>,
-    /// The file's first frame: often a T-pose that the exporter added, never motion.
+    /// First frame of the file. It is often a T-pose that the exporter added, and never motion.
     pub first: Option<Frame>,
-    /// Whether `rotations` are the source's (else identity, and twist is unknown).
+    /// True if `rotations` come from the source. Otherwise they are the identity, and twist is unknown.
     pub has_rotations: bool,
-    /// What was guessed; nothing for built-in motions.
+    /// Guesses of the reader. Empty for built-in motions.
     pub guesses: Guesses,
 }
 
@@ -97,33 +100,36 @@ impl Motion {
     }
 }
 
-/// What a file does not say itself.
+/// Information that a file may lack.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
-    /// Mean of HumanML3D features, a (263,) .npy; with `std`, features are unnormalised with these. Without, `Mean.npy`
-    /// and `Std.npy` beside the file or up to two folders above are used if the features look normalised.
+    /// Mean of HumanML3D features, a (263,) .npy. With `std`, it unnormalises the features. Without it, the
+    /// reader uses `Mean.npy` and `Std.npy` beside the file or up to two folders above, if the features look
+    /// normalised.
     pub mean: Option<PathBuf>,
     /// Standard deviation of HumanML3D features, a (263,) .npy.
     pub std: Option<PathBuf>,
-    /// The data are a mirror image: reflect them at the plane between left and right, so that what is named left is left.
+    /// The data are a mirror image. The reader reflects them at the plane between left and right, so that left is
+    /// left.
     pub mirror: bool,
-    /// Frames per second, whatever the file says; HumanML3D says nothing, and is 20 Hz otherwise.
+    /// Frames per second. Overrides the file. HumanML3D files contain no rate, and default to 20 Hz.
     pub frame_rate_hz: Option<f64>,
 }
 
-/// Reads a motion file, by its extension: `.bvh`; `.npy` with HumanML3D's positions (N, 22, 3) or features (N, 263);
-/// `.npz` of AMASS (SMPL-H or SMPL-X); `.mcap`, a recording of `record`. As [`load_with`] without options.
+/// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's
+/// positions (N, 22, 3) or features (N, 263). `.npz`: AMASS (SMPL-H or SMPL-X). `.mcap`: a recording of `record`.
 ///
 /// # Errors
-/// Names the file and the cause; a file above [`FILE_BYTES_MAX`] is refused before it is read.
+/// Returns an error that names the file and the cause. Rejects a file above [`FILE_BYTES_MAX`] before reading it.
 pub fn load(path: &Path) -> Result<Motion, MotionError> {
     load_with(path, &LoadOptions::default())
 }
 
-/// As [`load`], with what the file does not say itself.
+/// Like [`load`], with information that the file may lack.
 ///
 /// # Errors
-/// Names the file and the cause: line, key, shape or frame. A mirror image is refused unless `mirror` is set.
+/// Returns an error that names the file and the cause: line, key, shape or frame. Rejects a mirror image unless
+/// `mirror` is set.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
     if path.is_dir() {
@@ -148,7 +154,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
             .map_err(|source| MotionError::Array { file: file(), source })?,
         _ => read_amass(&name, source, options).map_err(|source| MotionError::Array { file: file(), source })?,
     };
-    // The first frame of a BVH belongs to the body too.
+    // The first frame of a BVH shows the same body.
     let has_first = motion.first.is_some();
     motion.frames.splice(0..0, motion.first);
     mirror::settle(&mut motion.frames, options.mirror)
@@ -164,7 +170,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
 fn open(path: &Path, most: u64) -> Result<std::fs::File, MotionError> {
     let file = || path.display().to_string();
     let io = |source| MotionError::Io { file: file(), source };
-    // Before it is opened: opening a pipe would wait for whoever writes into it.
+    // Checked before opening, because opening a pipe would wait for a writer.
     if !std::fs::metadata(path).map_err(io)?.is_file() {
         return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, "is not a regular file")));
     }
@@ -179,7 +185,7 @@ fn open(path: &Path, most: u64) -> Result<std::fs::File, MotionError> {
 fn read_bvh(name: &str, path: &Path, source: std::fs::File) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
     let mut text = Vec::new();
-    // A file may grow while it is read: never more than the bound is taken from it.
+    // A file may grow while it is read. Never read more than the bound.
     let read = source.take(FILE_BYTES_MAX).read_to_end(&mut text);
     read.map_err(|source| MotionError::Io { file: file(), source })?;
     bvh::parse(name, &text).map_err(|source| MotionError::Bvh { file: file(), source })
@@ -191,7 +197,7 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
     let rotation = nalgebra::UnitQuaternion::identity();
     let frames: Vec<bvh::RigFrame> =
         positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
-    // Before the last of the copies is made.
+    // Freed before the last copy is made, to save memory.
     drop((array, positions));
     let canonical = Canonical::known(&frames, Up::Y).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());

@@ -1,5 +1,5 @@
-//! Recordings (.mcap): a reader that takes any file from its beginning to its last whole chunk, in bounded memory, and the
-//! motion of the skeletons in it.
+//! Recordings (.mcap). The reader reads any file from its beginning to its last whole chunk, in bounded memory. A
+//! second function extracts the motion of the skeletons.
 
 use crate::error::McapError;
 use crate::unpack::{CHUNK_BYTES_MAX, Meter};
@@ -11,46 +11,46 @@ use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// Largest record that is read, bytes: as the largest chunk.
+/// Largest record that is read, bytes. It equals the largest chunk.
 const RECORD_BYTES_MAX: usize = CHUNK_BYTES_MAX as usize;
 /// Most schemas and channels of a file.
 const CHANNELS_MAX: usize = 4096;
-/// Bytes asked of the file at once.
+/// Bytes per read from the file.
 const READ_BYTES: usize = 1 << 16;
-/// The rates to which skeletons are resampled, Hz: those that a live client may have.
+/// Range of rates to which skeletons are resampled, Hz. It is the range of a live client.
 const RATE_HZ: (f64, f64) = (30.0, 240.0);
-/// A pause longer than this between two skeletons, s, is cut out: the person was not seen.
+/// A longer pause between two skeletons is cut out, s. The person was not visible.
 const PAUSE_S: f64 = 0.5;
-/// A person whom nothing of changes for longer was a frame that a client held, s: half of what `ingest` takes for a tracker that
-/// hangs (`frozen_after_ms`), so that it follows the recording.
+/// If a person stays exactly the same for longer, a client held a frame, s. The limit is half of the time after
+/// which `ingest` assumes a stuck tracker (`frozen_after_ms`), so that `ingest` follows the recording.
 const HELD_S: f64 = 0.1;
 
-/// A joint farther from the origin, m, is no person's: farther than any camera or tracker sees.
+/// Largest plausible distance of a joint from the origin, m. It is farther than any camera or tracker sees.
 const POSITION_MAX_M: f32 = 1e4;
 
-/// Where a message came from.
+/// Origin of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     /// The channel's topic.
     pub topic: String,
-    /// How its messages are encoded: `teleopd`, `protobuf`, `json`, ...
+    /// Encoding of its messages: `teleopd`, `protobuf`, `json`, ...
     pub encoding: String,
-    /// Name of its schema; empty where it has none.
+    /// Name of its schema. Empty if it has none.
     pub schema: String,
 }
 
-/// Something in a recording.
+/// An item of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
     /// A message.
     Message {
-        /// Its channel; [`Reader::source`] names it.
+        /// Its channel. [`Reader::source`] names it.
         channel: u16,
-        /// As its writer counted.
+        /// Sequence number of its writer.
         sequence: u32,
-        /// When it was recorded, ns.
+        /// Time of recording, ns.
         log_time: u64,
-        /// Its bytes.
+        /// Payload.
         data: Vec<u8>,
     },
     /// A table of texts.
@@ -60,7 +60,7 @@ pub enum Item {
         /// The texts.
         entries: BTreeMap<String, String>,
     },
-    /// A file in the file.
+    /// An embedded file.
     Attachment {
         /// Its name.
         name: String,
@@ -69,20 +69,20 @@ pub enum Item {
     },
 }
 
-/// How the reading ended.
+/// State of the end of reading.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// There is more.
+    /// There are more items.
     Open,
     /// The writer finished the file.
     Complete,
-    /// The file breaks off, as after kill -9 or on a full disk: what was read until there is good.
+    /// The file is cut short, as after kill -9 or on a full disk. The data before the cut are valid.
     BrokenOff(String),
-    /// The writer finished the file, and somebody put more behind it: that is not read.
+    /// The writer finished the file, but more data follow. They are not read.
     GoesOn,
 }
 
-/// Reads a recording from its beginning. No index is needed, so that a file that breaks off is read up to its last chunk.
+/// Reads a recording from its beginning. It needs no index, so it reads a cut file up to its last chunk.
 pub struct Reader<R> {
     input: R,
     reader: LinearReader,
@@ -94,7 +94,7 @@ pub struct Reader<R> {
 }
 
 impl<R: Read> Reader<R> {
-    /// Reads from `input`.
+    /// Creates a reader of `input`.
     pub fn new(input: R) -> Self {
         let options =
             LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_BYTES_MAX);
@@ -103,30 +103,30 @@ impl<R: Read> Reader<R> {
         Self { input, reader, schemas, channels, ending: Ending::Open, any: false, meter: Meter::default() }
     }
 
-    /// The channel that a message names.
+    /// Returns the channel of a message.
     pub fn source(&self, channel: u16) -> Option<&Source> {
         self.channels.get(&channel)
     }
 
-    /// Every channel met so far.
+    /// Returns every channel seen so far.
     pub fn sources(&self) -> impl Iterator<Item = &Source> {
         self.channels.values()
     }
 
-    /// How the reading ended.
+    /// Returns the state of the end of reading.
     pub fn ending(&self) -> &Ending {
         &self.ending
     }
 
-    /// Bytes of records that were unpacked so far, chunks and all.
+    /// Bytes of records unpacked so far, including chunks.
     pub fn unpacked_bytes(&self) -> u64 {
         self.meter.came()
     }
 
-    /// The next item; none at the end, whichever it is ([`Reader::ending`]).
+    /// Returns the next item. `None` at the end, whatever its kind ([`Reader::ending`]).
     ///
     /// # Errors
-    /// The file is no MCAP at all, names more channels than are read, unpacks to more than is read, or cannot be read.
+    /// Returns an error if the file is no MCAP, names too many channels, unpacks to too much, or cannot be read.
     pub fn next_item(&mut self) -> Result<Option<Item>, McapError> {
         while self.ending == Ending::Open {
             let event = match self.reader.next_event() {
@@ -196,10 +196,10 @@ impl<R: Read> Reader<R> {
     }
 }
 
-/// Reads the motion of the skeletons that `ingest` published: `name` is the motion's.
+/// Reads the motion of the skeletons that `ingest` published. The motion gets the name `name`.
 ///
 /// # Errors
-/// The file is no MCAP, or holds no stretch of at least two skeletons of the layout of this version.
+/// Returns an error if the file is no MCAP, or holds fewer than two skeletons of this version's layout.
 pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     let mut reader = Reader::new(input);
     let mut timed: Vec<(f64, Frame)> = Vec::new();
@@ -216,7 +216,7 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
             unusable += 1;
             continue;
         };
-        // The time at which the person was seen, as the header has it.
+        // Time at which the person was seen, from the header.
         let origin = skeleton.header.origin.0;
         let mut at_s = (origin.wrapping_sub(*begin_ns.get_or_insert(origin)) as i64) as f64 * 1e-9 - cut_s;
         if let Some((before_s, last)) = timed.last() {
@@ -268,8 +268,8 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     Ok(Motion { name: name.to_owned(), frame_rate_hz: rate_hz, frames, first: None, has_rotations: true, guesses })
 }
 
-/// The frame whose limbs, by the hinges of `CalibrationMode::Rig`, are those recorded. None where an arm is missing or a number
-/// is none.
+/// Returns the frame that gives the recorded limbs with the hinges of `CalibrationMode::Rig`. `None` if an arm is
+/// missing, or a number is NaN, infinite or too large.
 fn frame_of(skeleton: &Skeleton) -> Option<Frame> {
     let near = skeleton.positions.iter().flatten().all(|x| x.abs() < POSITION_MAX_M);
     if !near
@@ -298,18 +298,18 @@ fn frame_of(skeleton: &Skeleton) -> Option<Frame> {
     Some(frame)
 }
 
-/// The stature that follows from the legs and the spine, m.
+/// Returns the stature computed from the legs and the spine, m.
 fn stature_m(positions: &[[f32; 3]; SMPL_JOINTS]) -> f64 {
     let pose = |p: &[f32; 3]| crate::bvh::Pose { position: (*p).map(f64::from).into(), rotation: Default::default() };
     crate::canonical::stature_m(&positions.each_ref().map(pose))
 }
 
-/// The person at `at_s`, between the frames around it.
+/// Returns the person at `at_s`, interpolated between the adjacent frames.
 fn at(timed: &[(f64, Frame)], at_s: f64) -> Frame {
     let after = timed.partition_point(|(t, _)| *t <= at_s).clamp(1, timed.len() - 1);
     let ((t0, a), (t1, b)) = (&timed[after - 1], &timed[after]);
     let t = ((at_s - t0) / (t1 - t0)).clamp(0.0, 1.0) as f32;
-    // The frame itself where it falls on the time: nothing is added to what was seen.
+    // At a frame's own time, returns that frame unchanged.
     if t == 0.0 {
         *a
     } else if t == 1.0 {

@@ -1,13 +1,13 @@
-//! Mirror images: how they are told from persons, and how they are turned back.
+//! Mirror images: detects them and reflects them back.
 
 use crate::Frame;
 use skeleton::chirality;
 use thiserror::Error;
 
-/// Why left and right of a body cannot be trusted.
+/// Reason why left and right of a body are not reliable.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum MirrorError {
-    /// Feet and knees point backwards if left is left.
+    /// Feet and knees point backwards.
     #[error(
         "the body is a mirror image: its feet and knees point the wrong way for its left and right (front {front:.2}, \
          sides {sides:.2}); if the data are mirrored, read them with the option `mirror`"
@@ -18,13 +18,13 @@ pub enum MirrorError {
         /// Mean evidence of feet and knees, negative for a mirror image.
         front: f64,
     },
-    /// Shoulders and hips disagree, so that one pair has its names swapped.
+    /// Shoulders and hips disagree. The names of one pair are swapped.
     #[error("shoulders and hips disagree on where left is (sides {sides:.2}): one pair's names are swapped")]
     Swapped {
         /// Mean cosine between the lines of shoulders and hips.
         sides: f64,
     },
-    /// The option `mirror` was given for a body that is none.
+    /// The option `mirror` is given, but the body is no mirror image.
     #[error("the option `mirror` is given, but the body is no mirror image (front {front:.2}): leave it out")]
     NotMirrored {
         /// Mean evidence of feet and knees in the file, positive for a person.
@@ -32,9 +32,9 @@ pub enum MirrorError {
     },
 }
 
-/// Checks left and right over all frames, by the lines of shoulders and hips and by which way feet and knees point; with
-/// `mirror`, reflects the frames at the plane between left and right first, so that the joint that is named left is on
-/// the left again.
+/// Checks left and right over all frames. Uses the lines of shoulders and hips, and the direction of feet and
+/// knees. With `mirror`, it first reflects the frames at the plane between left and right. Then the joint named
+/// left is on the left again.
 pub(crate) fn settle(frames: &mut [Frame], mirror: bool) -> Result<(), MirrorError> {
     if mirror {
         frames.iter_mut().for_each(reflect);
@@ -57,7 +57,7 @@ pub(crate) fn settle(frames: &mut [Frame], mirror: bool) -> Result<(), MirrorErr
     }
 }
 
-/// y -> -y: a reflection M, so that a rotation R becomes M R M, x y z w -> -x y -z w.
+/// Reflects y -> -y. With the reflection M, a rotation R becomes M R M, x y z w -> -x y -z w.
 fn reflect(frame: &mut Frame) {
     for [_, y, _] in &mut frame.positions {
         *y = -*y;

@@ -1,38 +1,39 @@
-//! NumPy arrays: the .npy format (NEP 1) and the .npz archive, read with bounds on every claim that a file makes.
+//! NumPy arrays: the .npy format (NEP 1) and the .npz archive. The reader checks every claim of a file against a
+//! bound.
 //!
-//! Only plain numbers are read. Object arrays are pickles, which can run code when they are read: they are refused.
+//! It reads only plain numbers. Object arrays are pickles, which can run code when loaded, so it rejects them.
 
 use crate::error::ArrayError;
 use std::io::{Read, Seek, Write};
 
-/// Most numbers of one array: as many frames as are read, each as wide as those of SMPL-X. Each number becomes 8 bytes,
-/// whatever it is in the file; it bounds what a compressed file can become.
+/// Most numbers in one array: the largest frame count, with frames as wide as those of SMPL-X. Each number
+/// becomes 8 bytes, whatever its type in the file. This bounds the size of an unpacked file.
 pub const ARRAY_VALUES_MAX: usize = crate::FRAMES_MAX * 165;
-/// Bytes that are read at a time; a multiple of every number's length.
+/// Bytes per read, a multiple of every number's length.
 const CHUNK_BYTES: usize = 1 << 16;
-/// Longest header; NumPy's own readers take 10,000 characters, and arrays of plain numbers need about 100.
+/// Longest header. NumPy's own readers accept 10,000 characters, and arrays of plain numbers need about 100.
 const HEADER_BYTES_MAX: usize = 10_000;
-/// Most dimensions: NumPy's own bound.
+/// Most dimensions. This is NumPy's own bound.
 const DIMENSIONS_MAX: usize = 64;
 
-/// An array of numbers, row-major whatever the order in the file.
+/// An array of numbers. It is row-major, whatever the order in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
-    /// Length of each dimension; empty for a single number.
+    /// Length of each dimension. Empty for a single number.
     pub shape: Vec<usize>,
-    /// The values, the last dimension fastest.
+    /// Values, with the last dimension fastest.
     pub values: Vec<f64>,
 }
 
 impl Array {
-    /// The shape without dimensions of length one.
+    /// Returns the shape without dimensions of length one.
     #[must_use]
     pub fn squeezed(&self) -> Vec<usize> {
         self.shape.iter().copied().filter(|&n| n != 1).collect()
     }
 }
 
-/// What a header says.
+/// Contents of a header.
 struct Header {
     number: Number,
     big_endian: bool,
@@ -40,7 +41,7 @@ struct Header {
     shape: Vec<usize>,
 }
 
-/// Number types that are read.
+/// Supported number types.
 #[derive(Clone, Copy)]
 enum Number {
     Float(usize),
@@ -55,7 +56,7 @@ impl Number {
         }
     }
 
-    /// The value of little-endian bytes, at most 8 of them.
+    /// Returns the value of little-endian bytes, at most 8 of them.
     fn value(self, bytes: &[u8]) -> f64 {
         let mut wide = [0; 8];
         wide[..bytes.len()].copy_from_slice(bytes);
@@ -72,11 +73,12 @@ impl Number {
     }
 }
 
-/// Reads a .npy of f32, f64 or integers, either byte order, row- or column-major. Nothing is reserved for a claim that
-/// the source does not keep; bytes after the array are left unread.
+/// Reads a .npy of f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
+/// that the source delivers. Bytes after the array stay unread.
 ///
 /// # Errors
-/// Not a .npy, another type of number, or an array that is too large or cut short.
+/// Returns an error if it is not a .npy, if the number type is not supported, or if the array is too large or cut
+/// short.
 pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
     let header = parse_header(&read_header(&mut source)?)?;
     let bytes = header.number.bytes();
@@ -98,7 +100,7 @@ pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
         if header.big_endian {
             raw.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
         }
-        // For as much as has been read, the rest is believed: at most half of what is reserved stands empty.
+        // Reserves at most as much again as was already read. At most half of the memory is therefore empty.
         values.reserve_exact(if at == 0 { 0 } else { values.len().min(count - values.len()) });
         values.extend(raw.chunks_exact(bytes).map(|chunk| header.number.value(chunk)));
     }
@@ -130,7 +132,8 @@ fn read_header(source: &mut impl Read) -> Result<Vec<u8>, ArrayError> {
     Ok(header)
 }
 
-/// The three keys of the dictionary that NumPy writes, `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }`.
+/// Parses the three keys of the dictionary that NumPy writes, `{'descr': '<f4', 'fortran_order': False, 'shape':
+/// (2, 3), }`.
 fn parse_header(text: &[u8]) -> Result<Header, ArrayError> {
     let text = String::from_utf8_lossy(text);
     let value = |key: &'static str| {
@@ -151,7 +154,7 @@ fn parse_header(text: &[u8]) -> Result<Header, ArrayError> {
     Ok(Header { number, big_endian, fortran_order, shape })
 }
 
-/// `'<f4'` and its like: byte order, kind, bytes.
+/// Parses a type such as `'<f4'`: byte order, kind, bytes.
 fn parse_type(descr: &str) -> Result<(Number, bool), ArrayError> {
     let quoted = descr.chars().next().filter(|&quote| quote == '\'' || quote == '"');
     let inside = quoted.and_then(|quote| descr[1..].split_once(quote)).map(|(inside, _)| inside);
@@ -174,7 +177,7 @@ fn parse_type(descr: &str) -> Result<(Number, bool), ArrayError> {
     Ok((number, order == Some('>')))
 }
 
-/// Column-major values (the first dimension fastest) row by row.
+/// Reorders column-major values (the first dimension fastest) to row-major.
 fn row_major(values: &[f64], shape: &[usize]) -> Vec<f64> {
     let strides: Vec<usize> = shape.iter().scan(1, |next, &n| Some(std::mem::replace(next, *next * n))).collect();
     let mut index = vec![0; shape.len()];
@@ -192,32 +195,32 @@ fn row_major(values: &[f64], shape: &[usize]) -> Vec<f64> {
     out
 }
 
-/// An open .npz: a zip archive with one .npy for each key.
+/// An open .npz: a zip archive with one .npy per key.
 pub struct Npz<R: Read + Seek> {
     archive: zip::ZipArchive<R>,
 }
 
 impl<R: Read + Seek> Npz<R> {
-    /// Reads the archive's directory, and no array yet.
+    /// Reads the archive's directory, but no array.
     ///
     /// # Errors
-    /// If it is no zip archive.
+    /// Returns an error if the source is no zip archive.
     pub fn open(source: R) -> Result<Self, ArrayError> {
         let archive = zip::ZipArchive::new(source).map_err(|error| ArrayError::NotZip { cause: error.to_string() })?;
         Ok(Self { archive })
     }
 
-    /// The keys, in the archive's order, shortened; at most 40.
+    /// Returns the keys in the archive's order, shortened, at most 40.
     #[must_use]
     pub fn keys(&self) -> Vec<String> {
         let key = |name: &str| name.strip_suffix(".npy").unwrap_or(name).chars().take(40).collect();
         self.archive.file_names().take(40).flatten().map(|name| key(&name)).collect()
     }
 
-    /// The array of this key; none if there is no such key.
+    /// Returns the array of this key. `None` if there is no such key.
     ///
     /// # Errors
-    /// As [`read_npy`], with the key, or if the archive is damaged.
+    /// Returns the errors of [`read_npy`] with the key, or an error if the archive is damaged.
     pub fn read(&mut self, key: &str) -> Result<Option<Array>, ArrayError> {
         let damaged = |cause: String| ArrayError::Damaged { cause }.in_key(key);
         let mut file = match self.archive.by_name(&format!("{key}.npy")) {
@@ -226,7 +229,7 @@ impl<R: Read + Seek> Npz<R> {
             Err(error) => return Err(damaged(error.to_string())),
         };
         let array = read_npy(&mut file).map_err(|error| error.in_key(key))?;
-        // The archive's checksum is compared at the end of the entry, which is here.
+        // The end of the entry is reached here, so the library compares the archive's checksum.
         match file.read(&mut [0]) {
             Ok(0) => Ok(Some(array)),
             Ok(_) => Err(damaged("more bytes than its shape says".into())),
@@ -235,16 +238,16 @@ impl<R: Read + Seek> Npz<R> {
     }
 }
 
-/// Writes a .npy header of version 1 for little-endian numbers, row-major: `descr` is `<f8`, `<f4` or `<U12`.
+/// Writes a .npy header of version 1 for little-endian, row-major numbers. `descr` is `<f8`, `<f4` or `<U12`.
 ///
 /// # Errors
-/// Those of `out`.
+/// Returns the errors of `out`.
 pub fn write_npy_header(mut out: impl Write, descr: &str, shape: &[usize]) -> std::io::Result<()> {
     let lengths: String = shape.iter().map(|n| format!("{n}, ")).collect();
-    // A tuple of one needs its comma, longer ones may not begin with it.
+    // A tuple of one needs its comma. A longer one needs no comma at the end.
     let lengths = if shape.len() == 1 { lengths.trim_end() } else { lengths.trim_end_matches(", ") };
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}");
-    // The data begin at a multiple of 64 bytes after 10 bytes of prefix and the line's end.
+    // The data begin at a multiple of 64 bytes, after 10 bytes of prefix, the text and the line feed.
     while (text.len() + 11) % 64 != 0 {
         text.push(' ');
     }

@@ -1,12 +1,12 @@
-//! Mixing poses: upsampling of slow sources, and loops without a seam.
+//! Mixes poses: upsamples slow sources, and makes seamless loops.
 
 use crate::{Frame, Motion, RATE_MIN_HZ, RATE_UPSAMPLED_HZ};
 use messages::SMPL_PARENT;
 use nalgebra::{UnitQuaternion, Vector3};
 use skeleton::slerp;
 
-/// A source below [`RATE_MIN_HZ`] resampled to [`RATE_UPSAMPLED_HZ`] (rotations by slerp, bones by direction and length,
-/// so that no limb shrinks between frames); any other is returned as it is.
+/// Resamples a source below [`RATE_MIN_HZ`] to [`RATE_UPSAMPLED_HZ`]. Rotations use slerp, bones are mixed by
+/// direction and length, so no limb shrinks between frames. Returns any other source unchanged.
 pub fn upsample(motion: &Motion) -> Motion {
     if motion.frame_rate_hz >= RATE_MIN_HZ || motion.frames.len() < 2 {
         return motion.clone();
@@ -14,7 +14,7 @@ pub fn upsample(motion: &Motion) -> Motion {
     resampled(motion, RATE_UPSAMPLED_HZ)
 }
 
-/// The same motion in so many frames a second, as far as its frames reach: between two of them as in [`upsample`].
+/// Returns the same motion at `rate_hz`, as far as its frames reach. Interpolates like [`upsample`].
 pub fn resampled(motion: &Motion, rate_hz: f64) -> Motion {
     let mut out = motion.clone();
     let last = motion.frames.len().saturating_sub(1);
@@ -32,9 +32,9 @@ pub fn resampled(motion: &Motion, rate_hz: f64) -> Motion {
     out
 }
 
-/// A motion that can be repeated: its last `seconds` are crossfaded, in the hips' frame, into its first ones, which are cut
-/// from the beginning, so that the end runs into the new beginning without a step in pose or speed. A motion shorter than
-/// three times `seconds` is crossfaded over a third of its length.
+/// Returns a motion that can be repeated. Its last `seconds` are crossfaded, in the hips' frame, into its first
+/// ones, which are cut from the beginning. The end then runs into the new beginning without a step in pose or
+/// speed. A motion shorter than three times `seconds` is crossfaded over a third of its length.
 pub fn loop_blend(motion: &Motion, seconds: f64) -> Motion {
     let mut out = motion.clone();
     let n = ((seconds.max(0.0) * motion.frame_rate_hz) as usize).min(motion.frames.len() / 3);
@@ -45,14 +45,14 @@ pub fn loop_blend(motion: &Motion, seconds: f64) -> Motion {
     out.frames = motion.frames[n..].to_vec();
     for i in 0..n {
         let t = (i + 1) as f32 / (n + 1) as f32;
-        // The minimum-jerk profile: no step in speed or acceleration at either end.
+        // The minimum-jerk profile. It has no step in speed or acceleration at either end.
         let weight = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
         out.frames[tail - n + i] = mix(&motion.frames[tail + i], &motion.frames[i], weight);
     }
     out
 }
 
-/// From `a` (t = 0) to `b` (t = 1): the pelvis in a line, everything else in the hips' frame, bone by bone.
+/// Mixes `a` (t = 0) and `b` (t = 1). The pelvis moves on a line, all else in the hips' frame, bone by bone.
 pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
     let (hips_a, hips_b) = (hips_rotation(a), hips_rotation(b));
     let hips = slerp(hips_a, hips_b, t);
@@ -75,21 +75,21 @@ pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
     out
 }
 
-/// From one bone to another along the arc, with the length between both.
+/// Turns one bone into another along the arc. The length is interpolated.
 fn turn(from: Vector3<f64>, to: Vector3<f64>, t: f64) -> Vector3<f64> {
     let length = from.norm() * (1.0 - t) + to.norm() * t;
     let (Some(a), Some(b)) = (from.try_normalize(1e-6), to.try_normalize(1e-6)) else {
         return from.lerp(&to, t);
     };
     let arc = UnitQuaternion::rotation_between(&a, &b).unwrap_or_else(|| {
-        // Opposite directions: any half turn will do.
+        // For opposite directions, any half turn will do.
         let side = if a.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(a.cross(&side)), std::f64::consts::PI)
     });
     arc.powf(t) * a * length
 }
 
-/// The hips' heading and lean from the pelvis' positions: y to the left hip, z to the first spine joint.
+/// Computes the hips' heading and lean from the pelvis' positions: y to the left hip, z to the first spine joint.
 fn hips_rotation(frame: &Frame) -> [f32; 4] {
     let at = |joint: usize| Vector3::from(frame.positions[joint]).cast::<f64>();
     let y = at(1) - at(2);

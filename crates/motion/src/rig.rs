@@ -1,11 +1,11 @@
-//! Which joint of a rig is which of SMPL-22: one table of aliases, and the tree where names do not decide.
+//! Maps a rig's joints to SMPL-22 with one table of aliases. If names do not decide, the tree does.
 
 use crate::bvh::Joint;
 use crate::error::BvhError;
 use messages::{SMPL_JOINTS, SMPL_NAMES, Smpl};
 
-/// Joints that have a side, as left and right SMPL index and their names without the side, best first. "leg", "shoulder",
-/// "foot" and "hand" are ambiguous and are decided by the tree.
+/// Joints with a side: left and right SMPL index and their names without the side, best first. "leg", "shoulder",
+/// "foot" and "hand" are ambiguous, and the tree decides them.
 const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
     (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "thighbend", "femur", "leg", "hip"]),
     (Smpl::LeftKnee, Smpl::RightKnee, &["lowerleg", "lowleg", "calf", "shin", "tibia", "knee", "leg"]),
@@ -24,7 +24,8 @@ const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
     ),
     (Smpl::LeftWrist, Smpl::RightWrist, &["wrist", "handwrist", "hand"]),
 ];
-/// What exporters put before every name, in lower case; digits and separators that follow belong to it.
+/// Prefixes that exporters put before every name, in lower case. Digits and separators that follow belong to the
+/// prefix.
 const PREFIXES: [&str; 12] = [
     "valvebiped.bip",
     "cc_base_",
@@ -55,7 +56,7 @@ pub(crate) struct Mapping {
 }
 
 impl Mapping {
-    /// Which joints must be computed: the mapped ones and what they hang from.
+    /// Marks the joints to compute: the mapped ones and their ancestors.
     pub(crate) fn needed(&self, joints: &[Joint]) -> Vec<bool> {
         let mut needed = vec![false; joints.len()];
         for &joint in &self.joints {
@@ -73,7 +74,7 @@ impl Mapping {
 /// Finds every SMPL-22 joint.
 ///
 /// # Errors
-/// Names all joints that the rig misses.
+/// Returns an error that names all joints that the rig misses.
 pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
     let names: Vec<Name> = joints.iter().map(|j| Name::read(if j.is_end { "" } else { &j.name })).collect();
     let mut found: [Option<usize>; SMPL_JOINTS] = [None; SMPL_JOINTS];
@@ -95,7 +96,7 @@ pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
     Ok(Mapping { joints: found.map(Option::unwrap_or_default), warnings })
 }
 
-/// The first joint of this name that the tree does not make another one.
+/// Returns the first joint of this name, unless the tree shows that it is another joint.
 fn find(joints: &[Joint], names: &[Name], side: Side, target: Smpl, core: &str) -> Option<usize> {
     let has = |core: &str| names.iter().any(|n| n.is(side, core));
     let carries = |i: usize, cores: &[&str], but: &str| {
@@ -107,18 +108,18 @@ fn find(joints: &[Joint], names: &[Name], side: Side, target: Smpl, core: &str) 
             return false;
         }
         match (target, core) {
-            // "LeftShoulder" is the clavicle if it carries an upper arm, else the shoulder itself.
+            // "LeftShoulder" is the clavicle if it carries an upper arm. Otherwise it is the shoulder itself.
             (Smpl::LeftCollar | Smpl::RightCollar, "shoulder") => carries(i, SIDED[5].2, "shoulder"),
-            // "Left leg" is the thigh if it carries a knee, else the shin.
+            // "Left leg" is the thigh if it carries a knee. Otherwise it is the shin.
             (Smpl::LeftHip | Smpl::RightHip, "leg") => carries(i, SIDED[1].2, "leg"),
-            // "LeftFoot" is the ankle, unless there is an ankle of that name: then it is the ball.
+            // "LeftFoot" is the ankle. If there is also a joint named ankle, it is the ball.
             (Smpl::LeftFoot | Smpl::RightFoot, "foot") => has("ankle"),
             _ => true,
         }
     })
 }
 
-/// Toes that a rig lacks: the end site of the foot.
+/// Fills in missing toes with the end site of the foot.
 fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnings: &mut Vec<String>) {
     for (ankle, foot) in [(Smpl::LeftAnkle, Smpl::LeftFoot), (Smpl::RightAnkle, Smpl::RightFoot)] {
         if let (Some(parent), None) = (found[ankle as usize], found[foot as usize]) {
@@ -131,7 +132,7 @@ fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warning
     }
 }
 
-/// Spine, neck and collars by the tree: rigs name and count them differently.
+/// Finds spine, neck and collars by the tree. Rigs name and count them differently.
 fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnings: &mut Vec<String>) {
     let get = |found: &[Option<usize>; SMPL_JOINTS], joint: Smpl| found[joint as usize];
     let thighs = (get(found, Smpl::LeftHip), get(found, Smpl::RightHip));
@@ -155,11 +156,12 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
         warnings.push("no joint named head: the end of the neck is the head".to_owned());
     }
     if let Some(head) = get(found, Smpl::Head) {
-        // The child of the chest on the way to the head; the head itself if nothing lies between.
+        // The child of the chest on the way to the head. If nothing lies between, it is the head itself.
         found[Smpl::Neck as usize] =
             ancestors(joints, head).take_while(|&i| i != chest).last().filter(|_| is_ancestor(joints, chest, head));
     }
-    // From the chest down to what also carries the legs, which is the pelvis or stands in for it.
+    // The chain goes from the chest down to the joint that also carries the legs. That joint is the pelvis or
+    // replaces it.
     let Some(pelvis) = get(found, Smpl::Pelvis) else { return };
     let legs = thighs.0.map_or(pelvis, |thigh| common_ancestor(joints, chest, thigh).unwrap_or(pelvis));
     let mut spine: Vec<usize> = ancestors(joints, chest).take_while(|&i| i != legs && i != pelvis).collect();
@@ -174,7 +176,8 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
     }
 }
 
-/// Where the chain ends that leaves the chest and is neither arm: the longest one, up to where it branches.
+/// Finds the end of the chain that leaves the chest and is neither arm. It takes the longest one, up to its
+/// branch.
 fn top(joints: &[Joint], chest: usize, shoulders: [usize; 2]) -> Option<usize> {
     let children =
         |parent: usize| (0..joints.len()).filter(move |&i| joints[i].parent == Some(parent) && !joints[i].is_end);
@@ -193,7 +196,7 @@ fn top(joints: &[Joint], chest: usize, shoulders: [usize; 2]) -> Option<usize> {
         .and_then(|(_, i)| chain(i).last())
 }
 
-/// A joint and everything it hangs from, upwards.
+/// Returns a joint and all its ancestors, upwards.
 fn ancestors(joints: &[Joint], from: usize) -> impl Iterator<Item = usize> {
     std::iter::successors(Some(from), |&i| joints[i].parent)
 }
@@ -206,7 +209,7 @@ fn common_ancestor(joints: &[Joint], a: usize, b: usize) -> Option<usize> {
     ancestors(joints, a).find(|&i| is_ancestor(joints, i, b))
 }
 
-/// A name without prefix, case and separators, and its side in every way that exporters write it.
+/// A name without prefix, case and separators, and its side in every notation of the exporters.
 struct Name {
     whole: String,
     sided: Option<(Side, String)>,
@@ -214,7 +217,7 @@ struct Name {
 
 impl Name {
     fn read(name: &str) -> Self {
-        // "mixamorig:LeftArm", "Character1:Hips": a namespace says nothing.
+        // Drops a namespace such as "mixamorig:" in "mixamorig:LeftArm", or "Character1:" in "Character1:Hips".
         let name = name.rsplit(':').next().unwrap_or(name).trim();
         let lower = name.to_ascii_lowercase();
         let rest = PREFIXES.iter().find_map(|prefix| lower.strip_prefix(prefix)).unwrap_or(&lower);
@@ -230,11 +233,11 @@ impl Name {
         };
         let by_word = words.iter().enumerate().find_map(|(i, word)| {
             let rest: String = words.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, w)| w.as_str()).collect();
-            // The first of a bone's pieces stands for it: "upperarm01.L".
+            // The first piece of a divided bone represents it: "upperarm01.L".
             let rest = rest.strip_suffix("01").map(str::to_owned).unwrap_or(rest);
             side(word).map(|side| (side, rest))
         });
-        // "leftarm", "lfemur": no separator, so the name must begin with the side.
+        // "leftarm" and "lfemur" have no separator, so the name must begin with the side.
         let prefixes = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
         let by_prefix = || prefixes.iter().find_map(|&(p, side)| whole.strip_prefix(p).map(|r| (side, r.to_owned())));
         let sided = by_word.or_else(by_prefix);
@@ -250,7 +253,7 @@ impl Name {
     }
 }
 
-/// Lower-case words of a name, split at separators and at capitals ("LHipJoint", "UpperArm_L", "upperarm_l").
+/// Splits a name into lower-case words at separators and capitals ("LHipJoint", "UpperArm_L", "upperarm_l").
 fn words(name: &str) -> Vec<String> {
     let chars: Vec<char> = name.chars().collect();
     let mut words = vec![String::new()];

@@ -1,8 +1,8 @@
-//! Words of a text with their lines; never copies, never needs UTF-8.
+//! Splits a text into words with line numbers. Never copies, never needs UTF-8.
 
 use crate::error::BvhError;
 
-/// Walks over the words of a file.
+/// Iterates over the words of a file.
 pub(crate) struct Scan<'a> {
     text: &'a [u8],
     at: usize,
@@ -11,7 +11,7 @@ pub(crate) struct Scan<'a> {
 
 impl<'a> Scan<'a> {
     pub(crate) fn new(text: &'a [u8]) -> Self {
-        // A byte order mark is no part of the first word.
+        // A byte order mark does not belong to the first word.
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
         Self { text, at: 0, line: 1 }
     }
@@ -22,7 +22,7 @@ impl<'a> Scan<'a> {
         self.line
     }
 
-    /// Bytes not yet read.
+    /// Number of bytes not yet read.
     pub(crate) fn rest(&self) -> usize {
         self.text.len() - self.at
     }
@@ -38,7 +38,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// The next word, if there is one.
+    /// Returns the next word, if there is one.
     pub(crate) fn word(&mut self) -> Option<&'a [u8]> {
         self.skip_space();
         let rest = &self.text[self.at..];
@@ -47,12 +47,12 @@ impl<'a> Scan<'a> {
         (length > 0).then(|| &rest[..length])
     }
 
-    /// The next word, which must be there.
+    /// Returns the next word. Returns an error at the end of the text.
     pub(crate) fn expect_word(&mut self, expected: &'static str) -> Result<&'a [u8], BvhError> {
         self.word().ok_or(BvhError::Truncated { line: self.line, expected })
     }
 
-    /// The rest of this line, trimmed: names may hold spaces.
+    /// Returns the rest of this line, trimmed. Names may contain spaces.
     pub(crate) fn rest_of_line(&mut self) -> &'a [u8] {
         let rest = &self.text[self.at..];
         let length = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
@@ -62,7 +62,7 @@ impl<'a> Scan<'a> {
         rest[..length].trim_ascii()
     }
 
-    /// One of these words, whatever its case.
+    /// Expects this word, whatever its case.
     pub(crate) fn expect(&mut self, word: &'static str) -> Result<(), BvhError> {
         let found = self.expect_word(word)?;
         if found.eq_ignore_ascii_case(word.as_bytes()) { Ok(()) } else { Err(self.unexpected(found, word)) }
@@ -72,14 +72,14 @@ impl<'a> Scan<'a> {
         BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
     }
 
-    /// The next word as a number, which may be infinite or NaN.
+    /// Returns the next word as a number, which may be infinite or NaN.
     pub(crate) fn any_number(&mut self, what: &'static str) -> Result<f64, BvhError> {
         let word = self.expect_word(what)?;
         let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<f64>().ok());
         value.ok_or_else(|| BvhError::NotANumber { line: self.line, found: excerpt(word), what })
     }
 
-    /// The next word as a finite number of at most `bound`.
+    /// Returns the next word as a finite number of at most `bound`.
     pub(crate) fn number(&mut self, what: &'static str, bound: f64) -> Result<f64, BvhError> {
         let value = self.any_number(what)?;
         if value.is_finite() && value.abs() <= bound {
@@ -89,7 +89,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// The next word as a whole number of at most `bound`.
+    /// Returns the next word as a whole number of at most `bound`.
     pub(crate) fn count(&mut self, what: &'static str, bound: u64) -> Result<u64, BvhError> {
         let word = self.expect_word(what)?;
         let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<u64>().ok());
@@ -100,7 +100,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// At most 40 characters of a word, whatever its bytes.
+/// Returns at most 40 characters of a word. Accepts any bytes.
 pub(crate) fn excerpt(word: &[u8]) -> String {
     String::from_utf8_lossy(word).chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

@@ -1,21 +1,22 @@
-//! How much a recording may unpack to: its chunks are measured as the file is read, before anything of them is unpacked.
+//! Limits the unpacked size of a recording. It measures each chunk while the file is read, before the chunk is
+//! unpacked.
 
 use crate::error::McapError;
 use mcap::records::op;
 
-/// Largest chunk, bytes before compression. Our own have 1 MiB, those of the C++, Rust and ROS 2 writers of MCAP 768 KiB, those
-/// of the Go tools 4 MiB by default; an assumption that leaves room for writers that were told to make larger ones.
+/// Largest chunk, bytes before compression. Our own have 1 MiB. The C++, Rust and ROS 2 writers of MCAP use 768
+/// KiB, the Go tools 4 MiB by default. Assumption, with a margin for writers with larger settings.
 pub(crate) const CHUNK_BYTES_MAX: u64 = 64 << 20;
-/// Bytes that chunks may unpack to for each byte of the file before them, beside one largest chunk. A run in virtual time with
-/// every message unpacks to 5 times its file, the chunk in which the robot rests to 12 times; an assumption of ten times that.
-/// Zeros under zstd unpack to 30,000 times their length.
+/// Bytes that chunks may unpack to for each byte of the file before them, in addition to one largest chunk. A run
+/// in virtual time with every message unpacks to 5 times its file, the chunk in which the robot rests to 12
+/// times. Assumption: about ten times that. Zeros under zstd unpack to 30,000 times their length.
 pub(crate) const RATIO_MAX: u64 = 128;
 
 /// Bytes of opcode and length before every record.
 const HEAD: usize = 9;
-/// The same of a chunk, with its first and last time and its length before compression.
+/// Bytes at the start of a chunk: `HEAD`, its first and last time, and its length before compression.
 const CHUNK_HEAD: usize = HEAD + 24;
-/// `\x89MCAP0\r\n`.
+/// Length of `\x89MCAP0\r\n`.
 const MAGIC: u64 = 8;
 
 /// Follows the records of a file from its beginning.
@@ -27,9 +28,9 @@ pub(crate) struct Meter {
     skip: u64,
     head: [u8; CHUNK_HEAD],
     known: usize,
-    /// What the chunks so far unpack to, as they say; no more than that comes out of the library.
+    /// Declared unpacked size of all chunks so far. The library never returns more than that.
     declared: u64,
-    /// What came out.
+    /// Bytes of records that the library returned.
     came: u64,
 }
 
@@ -40,15 +41,15 @@ impl Default for Meter {
 }
 
 impl Meter {
-    /// Bytes of records that came out.
+    /// Bytes of records that the library returned.
     pub(crate) fn came(&self) -> u64 {
         self.came
     }
 
-    /// Looks at the file's next bytes.
+    /// Examines the file's next bytes.
     ///
     /// # Errors
-    /// A chunk begins that unpacks to more than is read.
+    /// Returns an error if a chunk begins that unpacks to more than the limit.
     pub(crate) fn see(&mut self, mut bytes: &[u8]) -> Result<(), McapError> {
         while !bytes.is_empty() {
             let wanted = if self.known >= HEAD { CHUNK_HEAD } else { HEAD };
@@ -75,10 +76,10 @@ impl Meter {
         Ok(())
     }
 
-    /// Counts a record that came out, `bytes` long without its head.
+    /// Counts a record that the library returned, `bytes` long without its head.
     ///
     /// # Errors
-    /// More came out than the file and its chunks' headers say.
+    /// Returns an error if more bytes came out than the file and its chunks' headers declare.
     pub(crate) fn comes(&mut self, bytes: usize) -> Result<(), McapError> {
         self.came += (HEAD + bytes) as u64;
         let bound = self.declared.saturating_add(self.at);

@@ -1,4 +1,4 @@
-//! Writing BVH: SMPL-22 with the names of LAFAN1, six channels on every joint, centimetres, Y up, +Z forward.
+//! Writes BVH: SMPL-22 with the names of LAFAN1, six channels on every joint, centimetres, Y up, +Z forward.
 
 use crate::{Frame, Motion, MotionError};
 use messages::{SMPL_JOINTS, SMPL_PARENT};
@@ -35,14 +35,14 @@ const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrota
 /// Saves a motion as BVH.
 ///
 /// # Errors
-/// What the operating system refuses, with the path.
+/// Returns the operating system's error, with the path.
 pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
     let io = |source| MotionError::Io { file: path.display().to_string(), source };
     std::fs::write(path, write_bvh(motion)).map_err(io)
 }
 
-/// The motion as BVH text, which [`crate::parse_bvh`] reads back. Frame 0 of the file is `first`, or the first frame again
-/// if the motion has none, because readers drop it.
+/// Returns the motion as BVH text. [`crate::parse_bvh`] can read it. Frame 0 of the file is `first`. If the
+/// motion has none, its first frame is written twice, because readers drop frame 0.
 pub fn write_bvh(motion: &Motion) -> String {
     let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let first = motion.first.or(motion.frames.first().copied()).unwrap_or(zero);
@@ -91,9 +91,9 @@ fn write_joint(
     let _ = writeln!(text, "{pad}}}");
 }
 
-/// Positions (cm) and rotations relative to the parent, in the file's frame.
+/// Returns positions (cm) and rotations relative to the parent, in the file's frame.
 fn locals(frame: &Frame) -> [(Vector3<f64>, UnitQuaternion<f64>); SMPL_JOINTS] {
-    // x forward, y left, z up -> X left, Y up, Z forward.
+    // Axes: x forward, y left, z up -> X left, Y up, Z forward.
     let matrix = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0);
     let file = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
     let position = |joint: usize| file * Vector3::from(frame.positions[joint]).cast::<f64>() * 100.0;

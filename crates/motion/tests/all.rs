@@ -1,4 +1,5 @@
-//! All integration tests of `motion` but those that count allocations: one program, so that it is linked once.
+//! All integration tests of `motion` except those that measure memory. They are one program, so that it is linked
+//! once.
 
 mod arrays;
 mod bounds;

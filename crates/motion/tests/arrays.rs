@@ -1,5 +1,5 @@
-//! .npy and .npz: HumanML3D in both formats, AMASS, and every damage that must be named. The data are made here, from the
-//! built-in motion; the sample beside the repository is read too, where it is there.
+//! Tests .npy and .npz: HumanML3D in both formats, AMASS, and every kind of damage. The tests make their data
+//! from the built-in motion. They also read the sample beside the repository, if it is there.
 
 use crate::writers;
 
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 use writers::*;
 
-/// Every second frame or so of the built-in motion that shows all of its poses, at 20 Hz.
+/// Returns every third frame of the built-in motion, at 20 Hz. All of its poses appear.
 fn short() -> Motion {
     let mut motion = builtin();
     motion.frames = motion.frames.into_iter().step_by(3).collect();
@@ -74,7 +74,7 @@ fn both_formats_give_the_same_limbs_as_the_motion_they_were_made_of() {
         let read = load(&folder.path().join(name)).unwrap_or_else(|error| panic!("{error}"));
         let worst = largest_angle(&motion, &read);
         assert!(worst < 0.05, "{name}: limbs differ by {worst} degrees");
-        // The pelvis walks where it walked, from where it began: features carry it as steps in the heading's frame.
+        // The pelvis takes the same path from its start. Features carry it as steps in the heading's frame.
         let way = |m: &Motion, i: usize, c: usize| m.frames[i].positions[0][c] - m.frames[0].positions[0][c];
         for i in 0..motion.frames.len() {
             let off = (0..3).map(|c| (way(&motion, i, c) - way(&read, i, c)).abs()).fold(0.0, f32::max);
@@ -85,7 +85,7 @@ fn both_formats_give_the_same_limbs_as_the_motion_they_were_made_of() {
 
 #[test]
 fn limbs_without_rotations_have_bone_and_hinge_and_a_neutral_forearm() {
-    // What the person was made of, and what positions alone say of it.
+    // Compare the full motion with its positions alone.
     let made = short();
     let whole = limbs(&made, &calibrate(&made, CalibrationMode::Clip));
     let alone = limbs(&positions_only(made.clone()), &HingeCalibration::ZERO);
@@ -101,7 +101,7 @@ fn limbs_without_rotations_have_bone_and_hinge_and_a_neutral_forearm() {
                 let off = angle_deg(whole[upper], alone[upper]);
                 assert!(off < 1.0, "frame {i}: the upper arm is off by {off} degrees at {flexion} degrees of flexion");
             }
-            // A neutral forearm is the upper arm flexed about its hinge: the two hinges are the same axis.
+            // A neutral forearm is the upper arm flexed about its hinge. The two hinges are then the same axis.
             let twist = hinge(alone[upper], side).angle(&hinge(alone[fore], side)).to_degrees();
             assert!(twist < 0.1, "frame {i}: the forearm is rolled by {twist} degrees");
         }
@@ -125,7 +125,8 @@ fn a_straight_elbow_keeps_its_hinge_and_defines_every_limb() {
             let norm: f32 = limb.iter().map(|c| c * c).sum();
             assert!((norm - 1.0).abs() < 1e-4, "frame {i}: {limb:?}");
         }
-        // No jump: an arm of 1.9 rad/s turns by 5.5 degrees between frames of 20 Hz, and its bone carries the hinge.
+        // Limbs do not jump: an arm of 1.9 rad/s turns by 5.5 degrees between frames at 20 Hz, and its bone
+        // carries the hinge.
         for (now, before) in limbs.iter().zip(last.unwrap_or(limbs)) {
             assert!(angle_deg(*now, before) < 12.0, "frame {i}: a limb jumps");
         }
@@ -149,7 +150,7 @@ fn normalised_features_need_their_statistics_and_find_them() {
     assert!(error.contains("look normalised") && error.contains("`mean` and `std`"), "{error}");
     assert!(error.contains("clip.npy"), "{error}");
 
-    // Given by name.
+    // Statistics named in the options.
     let named = folder.path().join("elsewhere");
     std::fs::create_dir_all(&named).expect("a folder");
     write_npy(&named.join("m.npy"), &[263], &mean, Kind::F64);
@@ -163,7 +164,7 @@ fn normalised_features_need_their_statistics_and_find_them() {
     let error = load_with(&path, &options).expect_err("half").to_string();
     assert!(error.contains("go together"), "{error}");
 
-    // Found one folder above, as the data set keeps them; raw features beside them are left as they are.
+    // Statistics found one folder above, as the data set keeps them. Raw features beside them stay unchanged.
     write_npy(&folder.path().join("data/Mean.npy"), &[263], &mean, Kind::F32);
     write_npy(&folder.path().join("data/Std.npy"), &[263], &std, Kind::F32);
     let read = load(&path).unwrap_or_else(|error| panic!("{error}"));
@@ -172,7 +173,7 @@ fn normalised_features_need_their_statistics_and_find_them() {
     let read = load(&data.join("raw.npy")).unwrap_or_else(|error| panic!("{error}"));
     assert!(largest_angle(&motion, &read) < 0.05 && read.guesses.warnings.is_empty(), "{:?}", read.guesses.warnings);
 
-    // Statistics of something else.
+    // Statistics of other data.
     write_npy(&named.join("m.npy"), &[263], &[5.0; 263], Kind::F64);
     options.std = Some(named.join("s.npy"));
     let error = load_with(&path, &options).expect_err("wrong statistics").to_string();
@@ -220,13 +221,13 @@ fn mirrored_positions_are_refused_and_the_option_turns_them_back() {
     let mirror = LoadOptions { mirror: true, ..LoadOptions::default() };
     let read = load_with(&path, &mirror).unwrap_or_else(|error| panic!("{error}"));
     assert!(largest_angle(&motion, &read) < 0.05);
-    // What is no mirror image stays as it is: the option is refused instead of making one.
+    // The option `mirror` is rejected for a body that is no mirror image.
     let path = folder.path().join("right.npy");
     write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F32);
     let error = load_with(&path, &mirror).expect_err("no mirror image").to_string();
     assert!(error.contains("leave it out"), "{error}");
 
-    // The same for BVH, rotations included.
+    // The same for BVH, including rotations.
     let mut image = builtin();
     for frame in &mut image.frames {
         frame.positions = frame.positions.map(|[x, y, z]| [x, -y, z]);
@@ -238,7 +239,7 @@ fn mirrored_positions_are_refused_and_the_option_turns_them_back() {
     let read = load_with(&path, &mirror).unwrap_or_else(|error| panic!("{error}"));
     let wanted = limbs(&builtin(), &calibrate(&builtin(), CalibrationMode::Clip));
     let got = limbs(&read, &calibrate(&read, CalibrationMode::Clip));
-    // The file's first frame is no motion unless it was given apart.
+    // The file's first frame is no motion, unless it was given separately.
     let skip = wanted.len() - got.len();
     for (wanted, got) in wanted.iter().skip(skip).zip(&got) {
         for limb in 0..4 {
@@ -388,7 +389,7 @@ fn the_sample_of_humanml3d_agrees_in_both_formats() {
     let worst = largest_angle(&joints, &features);
     assert!(worst < 2.0, "limbs differ by {worst} degrees");
     println!("limbs of the two formats differ by at most {worst:.4} degrees over {} frames", joints.frames.len());
-    // Normalised with the sample's own statistics, and found beside the file.
+    // Normalised with the sample's own statistics, which are found beside the file.
     let statistics =
         |name: &str| npy::read_npy(std::fs::File::open(folder.join(name)).expect("opened")).expect("read").values;
     let (mean, std) = (statistics("Mean.npy"), statistics("Std.npy"));
@@ -420,7 +421,7 @@ proptest! {
             let path = folder.path().join(name);
             let mut bytes = std::fs::read(&path).expect("read");
             for (at, value) in &changes {
-                // Half of the changes in the header, where they do most.
+                // Half of the changes are in the header, where they have the largest effect.
                 let end = if value % 2 == 0 { bytes.len().min(128) } else { bytes.len() };
                 bytes[at.index(end)] = *value;
             }

@@ -1,5 +1,6 @@
-//! No file, whatever it claims and however it is packed, takes more than 512 MB: the largest that are read, and those
-//! that are refused for being larger. Alone in its process, because memory is measured for all of it.
+//! Tests that no file takes more than 512 MB, whatever it claims and however it is packed. Covers the largest
+//! accepted files and rejected larger ones. Runs alone in its process, because it measures the memory of the
+//! whole process.
 
 use crate::writers;
 
@@ -9,16 +10,16 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use writers::*;
 
-/// kB.
+/// Memory bound, kB.
 const MEMORY_MAX: u64 = 512 << 10;
 
-/// The most memory that this process ever had, kB; none where /proc is not that of Linux.
+/// Returns the peak memory of this process, kB. `None` if there is no Linux /proc.
 fn peak_kb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse().ok()
 }
 
-/// Loads the file; what came of it, and how much memory there was at most.
+/// Loads the file. Checks the result and the peak memory.
 fn attempt(path: &Path, expected: &str) {
     let result = load(path).map(|motion| format!("{} frames", motion.frames.len())).unwrap_or_else(|e| e.to_string());
     let peak = peak_kb().unwrap_or(0);
@@ -27,7 +28,7 @@ fn attempt(path: &Path, expected: &str) {
     assert!(peak <= MEMORY_MAX, "{peak} kB");
 }
 
-/// An archive of arrays of bytes that are all alike: (key, shape, numbers, the number).
+/// Writes an archive of byte arrays with constant values: (key, shape, numbers, the number).
 fn alike(path: &Path, arrays: &[(&str, String, usize, u8)]) {
     let data = arrays.iter().map(|(_, shape, count, value)| npy_bytes("|u1", false, shape, &vec![*value; *count]));
     let data: Vec<_> = data.collect();
@@ -35,7 +36,7 @@ fn alike(path: &Path, arrays: &[(&str, String, usize, u8)]) {
     write_zip(path, &entries, true);
 }
 
-/// A file of `head` and then `count` times `part`.
+/// Writes a file of `head` and then `count` times `part`.
 fn repeated(path: &Path, head: &[u8], part: &[u8], count: usize) {
     let mut file = BufWriter::new(File::create(path).expect("created"));
     file.write_all(head).expect("written");
@@ -49,7 +50,7 @@ fn f096_f104_no_motion_file_takes_more_than_512_mb() {
     let n = FRAMES_MAX;
     let rate = ("mocap_framerate", "()".to_owned(), 1, 60);
 
-    // A thousandth of the size in the archive, and one byte a number becomes eight.
+    // The archive has a thousandth of the size, and each byte becomes a number of eight bytes.
     alike(&path("poses.npz"), &[("poses", format!("({n}, 165)"), n * 165, 0), rate.clone()]);
     attempt(&path("poses.npz"), &format!("{n} frames"));
     let parts = [

@@ -1,4 +1,4 @@
-//! The built-in motion, loops and upsampling: human, smooth, and slow enough.
+//! Tests that the built-in motion, loops and upsampling are human, smooth and slow enough.
 
 use messages::{HingeCalibration, Layout, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Frame, Motion, builtin, calibrate, limbs, loop_blend, raw_frame, upsample};
@@ -26,7 +26,7 @@ fn accepted(motion: &Motion, frames: usize) -> u64 {
     state.accepted()
 }
 
-/// Largest angle between limbs of successive frames, rad/s, the seam included.
+/// Largest angular speed of a limb between successive frames, rad/s, including the seam.
 fn fastest(motion: &Motion) -> f64 {
     let limbs = limbs(motion, &calibrate(motion, CalibrationMode::Clip));
     let next = limbs.iter().cycle().skip(1);
@@ -38,7 +38,7 @@ fn fastest(motion: &Motion) -> f64 {
 fn it_is_a_person_in_human_and_robot_tempo() {
     let motion = builtin();
     assert!((20.0..=25.0).contains(&motion.duration_s()), "{} s", motion.duration_s());
-    // Twice through: the seam is as plausible as the rest.
+    // Played twice: the seam is as plausible as the rest.
     assert_eq!(accepted(&motion, 2 * motion.frames.len()), 2 * motion.frames.len() as u64);
     let fastest = fastest(&motion);
     assert!(fastest < 3.0, "a limb turns with {fastest:.2} rad/s");
@@ -52,12 +52,12 @@ fn calibrated_limbs_are_the_rotations_it_was_made_of() {
     for (frame, limbs) in motion.frames.iter().zip(&limbs) {
         for (limb, joint) in [(0, 16), (2, 17), (1, 20), (3, 21)] {
             let angle = rotation(frame.rotations[joint]).angle_to(&rotation(limbs[limb]));
-            // Pronation is counted from its mean, a few degrees off the T-pose's.
+            // Pronation counts from its mean, which is a few degrees off the T-pose's.
             let bound = if joint < 20 { 0.002 } else { 0.12 };
             assert!(angle < bound, "joint {joint}: {angle} rad");
         }
     }
-    // It begins and ends in the T-pose: identity.
+    // The motion begins and ends in the T-pose: identity.
     for limb in [0, 2] {
         assert!(rotation(limbs[0][limb]).angle() < 0.002);
     }
@@ -79,7 +79,7 @@ fn without_a_calibration_the_elbow_plane_gives_nearly_the_same_upper_arms() {
 #[test]
 fn a_loop_has_no_seam() {
     let mut motion = builtin();
-    // Cut in the middle of a movement, and walking away: the ends differ in pose, place and heading.
+    // Cut in the middle of a movement, with a person who walks away. The ends differ in pose, place and heading.
     motion.frames = motion.frames[100..700].to_vec();
     for (i, frame) in motion.frames.iter_mut().enumerate() {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), i as f64 * 0.003);
@@ -93,7 +93,7 @@ fn a_loop_has_no_seam() {
     assert!(fastest(&motion) > 30.0, "the cut is a jump before blending");
     let looped = loop_blend(&motion, 0.5);
     assert_eq!(looped.frames.len(), 570);
-    // Two poses are at most pi apart; a minimum-jerk blend peaks at 1.875 times the mean speed: 11.8 rad/s.
+    // Two poses are at most pi apart. A minimum-jerk blend peaks at 1.875 times the mean speed: 11.8 rad/s.
     assert!(fastest(&looped) < 11.8, "{:.2} rad/s at the seam", fastest(&looped));
     assert_eq!(accepted(&looped, 2 * 570), 2 * 570);
 }

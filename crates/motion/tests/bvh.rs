@@ -1,4 +1,4 @@
-//! The BVH reader: every rig, unit and axis that it claims, and every damage that it must name.
+//! Tests the BVH reader: every supported rig, unit and axis, and every kind of damage.
 
 use motion::{BvhError, MirrorError, Motion, MotionError, builtin, load, parse_bvh, save_bvh, write_bvh};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -32,7 +32,7 @@ fn assert_same(a: &Motion, b: &Motion) {
     assert!(position < 1e-5 && rotation < 1e-6, "positions differ by {position} m, rotations by {rotation}");
 }
 
-/// The names of the writer, in its file order, to be renamed.
+/// Joint names of the writer, in file order. The tests rename them.
 const NAMES: &str = "Hips LeftUpLeg LeftLeg LeftFoot LeftToe RightUpLeg RightLeg RightFoot RightToe Spine Spine1 Spine2 Neck \
     Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder RightArm RightForeArm RightHand";
 
@@ -91,7 +91,8 @@ fn names_of_every_exporter_map_to_the_same_joints() {
 
 #[test]
 fn where_names_do_not_decide_the_tree_does() {
-    // No clavicle and no toe by name: "LeftShoulder" is the shoulder, "LeftFoot" the ankle, and their neighbours stand in.
+    // No clavicle and no toe has its name. "LeftShoulder" is the shoulder, "LeftFoot" the ankle, and their
+    // neighbours replace the missing joints.
     let bare = "Hips LeftHip LeftKnee LeftFoot LeftTip RightHip RightKnee RightFoot RightTip Chest Chest2 Chest3 Neck \
         Head LeftMuscle LeftShoulder LeftElbow LeftWrist RightMuscle RightShoulder RightElbow RightWrist";
     let motion = short();
@@ -129,7 +130,7 @@ fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
         }
         let read = parse_bvh("unit", write_bvh(&scaled).as_bytes()).expect(unit);
         assert_eq!(read.guesses.unit, unit);
-        // The writer's six decimals of a metre's file are 1 um, of which a chain of bones sums a few.
+        // The writer's six decimals in a file in metres are 1 um. A chain of bones sums a few of them.
         assert!(largest_difference(&motion, &read).0 < 3e-5, "{unit}");
     }
     let mut dwarf = motion.clone();
@@ -141,7 +142,7 @@ fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
     assert_eq!(read.guesses.warnings.len(), 1);
 }
 
-/// The file under another root that turns it about X by `degrees`: 90 makes Z up.
+/// Puts the file under another root that turns it about X by `degrees`. With 90, Z is up.
 fn under_a_root(text: &str, degrees: f64) -> String {
     let (hierarchy, motion) = text.split_once("MOTION").expect("two parts");
     let hierarchy = hierarchy.replace("HIERARCHY\nROOT", "JOINT");
@@ -300,7 +301,7 @@ fn f104_files_are_dispatched_by_extension_and_bounded_before_reading() {
     assert!(matches!(load(std::env::temp_dir().as_path()), Err(MotionError::Folder { .. })));
     assert!(matches!(load(&folder.path().join("none.bvh")), Err(MotionError::Io { .. })));
     let huge = folder.path().join("huge.bvh");
-    // Sparse: 10 GB that take no room.
+    // A sparse file of 10 GB takes no disk space.
     std::fs::File::create(&huge).expect("created").set_len(10_000_000_000).expect("sparse");
     let error = load(&huge).expect_err("too large");
     assert!(error.to_string().contains("10000000000 bytes, at most 134217728"), "{error}");
@@ -322,7 +323,7 @@ fn global_rotations_are_those_of_the_bones() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// Bytes changed, cut out and repeated: an error or a finite motion, never a panic.
+    /// Bytes are changed, cut out and repeated. The result is an error or a finite motion, never a panic.
     #[test]
     fn mutated_files_never_panic(
         edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..12),

@@ -1,4 +1,4 @@
-//! The CMU clips beside the repository; every test skips with a reason where they are missing.
+//! Tests with the CMU clips beside the repository. Every test skips with a reason if they are missing.
 
 use messages::{CalibrationSource, HingeCalibration, Layout};
 use motion::{CalibrationMode, Motion, calibrate, limbs, load, raw_frame};
@@ -48,7 +48,7 @@ fn the_stage_accepts_all_but_the_one_glitch() {
             let now = raw.header.origin;
             skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw, stored: None });
         }
-        // 003_02 has a wrist that jumps by 0.7 m for one frame; the jump and four frames of settling are dropped.
+        // 003_02 has a wrist that jumps by 0.7 m for one frame. The jump and four frames of settling are dropped.
         let dropped = if motion.name == "003_02" { 5 } else { 0 };
         assert_eq!(state.accepted() as usize, motion.frames.len() - dropped, "{}", motion.name);
     }
@@ -71,8 +71,9 @@ fn hinges_of_ten_seconds_agree_with_those_of_the_clip() {
 
 #[test]
 fn an_elbow_only_flexes() {
-    // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper arm's frame,
-    // followed by a twist about the bone: its bone lies in the upper arm's x-y plane, on the positive side of x.
+    // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper
+    // arm's frame. A twist about the bone follows. The forearm's bone lies in the upper arm's x-y plane, on the
+    // positive side of x.
     let Some(paths) = clips() else { return };
     let (mut out_of_plane, mut count) = (0.0f64, 0.0f64);
     for path in paths.iter().skip(2).step_by(5) {
@@ -121,7 +122,7 @@ fn without_a_calibration_hinges_are_learnt_within_ten_seconds_of_motion() {
         let online = state.online();
         for limb in 0..4 {
             let dot: f32 = (0..3).map(|c| clip.hinge[limb][c] * online.hinge[limb][c]).sum();
-            // The forearm's middle is that of the pronations seen so far.
+            // The forearm's neutral position is the middle of the pronations seen so far.
             let allowed_deg = if limb % 2 == 0 { 2.6 } else { 45.0 };
             let off = f64::from(dot.min(1.0)).acos().to_degrees();
             assert!(off < allowed_deg, "{}: limb {limb} is {off:.1} deg off", motion.name);

@@ -1,23 +1,23 @@
-//! Recordings that unpack to more than a recording does. Bytes are counted, not seconds.
+//! Tests recordings that unpack to too much. The tests count bytes, not seconds.
 
 use motion::mcap::{Ending, Reader};
 use motion::{McapError, load};
 use std::io::Cursor;
 
-/// Zeros: each nine of them are a record that is none.
+/// Zeros in a decompression bomb. Each nine of them form an empty record.
 const BOMB_BYTES: u64 = 2 << 30;
 const CHUNK_MAX: u64 = 64 << 20;
-/// A chunk of whole records, a little smaller.
+/// A chunk of whole records, slightly smaller.
 const CHUNK: u64 = 56 * 9 * BLOCK;
 const RATIO_MAX: u64 = 128;
-/// A block of zstd is at most so long.
+/// Largest length of a zstd block.
 const BLOCK: u64 = 128 << 10;
 
 fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
     [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
 }
 
-/// So many zeros under zstd, as a byte that is repeated: four bytes for each block of 128 KiB.
+/// Encodes `bytes` zeros under zstd, as a repeated byte: four bytes for each block of 128 KiB.
 fn zeros(bytes: u64) -> Vec<u8> {
     let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0, 7 << 3];
     let blocks = bytes / BLOCK;
@@ -29,7 +29,7 @@ fn zeros(bytes: u64) -> Vec<u8> {
     frame
 }
 
-/// A chunk without a checksum that says that it has `declared` bytes, and has `bytes`.
+/// Makes a chunk without a checksum that declares `declared` bytes and holds `bytes`.
 fn chunk(declared: u64, bytes: u64) -> Vec<u8> {
     let packed = zeros(bytes);
     let mut body = vec![0; 16];
@@ -46,7 +46,7 @@ fn file(chunks: &[Vec<u8>]) -> Vec<u8> {
     [&b"\x89MCAP0\r\n"[..], &record(1, &[0; 8]), &chunks.concat()].concat()
 }
 
-/// What the reading ends with, and how many bytes were unpacked for it.
+/// Returns the end of reading, and the number of bytes unpacked for it.
 fn read(file: &[u8]) -> (Result<Ending, McapError>, u64) {
     let mut reader = Reader::new(Cursor::new(file));
     loop {
@@ -72,7 +72,7 @@ fn f096_a_recording_of_64_kb_that_holds_2_gb_is_refused_before_they_are_unpacked
     let bound = CHUNK_MAX + RATIO_MAX * many.len() as u64;
     assert!(unpacked >= CHUNK && unpacked <= bound, "{unpacked} bytes, at most {bound}");
 
-    // Chunks that say less than they hold give what they say.
+    // A chunk that declares less than it holds yields only the declared bytes.
     let (outcome, unpacked) = read(&file(&vec![chunk(900, CHUNK); 32]));
     assert!(outcome.is_ok() && unpacked < 100_000, "{outcome:?}, {unpacked} bytes");
 

@@ -1,14 +1,14 @@
-//! Rigs of many exporters, by their joints' names and tree: each maps without configuration, with rotations of the root's
-//! kind on every joint and with positions on every joint.
+//! Tests rigs of many exporters by their joints' names and tree. Each maps without configuration. Joints have
+//! either rotations or also positions.
 
 use messages::Smpl;
 use motion::{BvhError, builtin, parse_bvh};
 use nalgebra::Vector3;
 use std::fmt::Write;
 
-/// A rig: joints of the trunk from the pelvis to the head with `|` before the neck, of a leg and of an arm with `#` for the
-/// side, and both sides. Names between commas, because some hold spaces. `~` before a name is a joint without length that
-/// the mapping must pass over.
+/// A rig: the trunk's joints from the pelvis to the head, with `|` before the neck, and the joints of a leg and
+/// of an arm. `#` marks the side, and both sides are given. Commas separate the names, because some contain
+/// spaces. `~` before a name marks a joint without length that the mapping must skip.
 struct Rig {
     name: &'static str,
     trunk: &'static str,
@@ -90,7 +90,8 @@ const RIGS: [Rig; 27] = [
     rig("no clavicle, no neck", WORDS, "Hips,Chest|Head", "#Hip,#Knee,#Ankle", "#Shoulder,#Elbow,#Wrist"),
 ];
 
-/// A joint of a file: name, parent, place in the T-pose (m; x left, y up, z forward), and whether its elbow bends.
+/// A joint of a file: name, parent, place in the T-pose (m, x left, y up, z forward), and a flag for an elbow
+/// that bends.
 struct Joint {
     name: String,
     parent: Option<usize>,
@@ -103,7 +104,8 @@ fn place(smpl: usize) -> Vector3<f64> {
     Vector3::new(y, z, x)
 }
 
-/// Appends a chain; `smpl` are the places of the joints that have length, the last one is repeated with 5 cm between.
+/// Appends a chain. `smpl` are the places of the joints with length. The last one is repeated at intervals of 5
+/// cm.
 fn chain(joints: &mut Vec<Joint>, mut parent: Option<usize>, names: &str, smpl: &[Smpl]) {
     let mut next = smpl.iter();
     let mut beyond = 0.0;
@@ -153,7 +155,7 @@ fn joints(rig: &Rig) -> Vec<Joint> {
     joints
 }
 
-/// Which channels the joints below the root have.
+/// Channels of the joints below the root.
 #[derive(Clone, Copy, Debug)]
 enum Channels {
     Rotations,
@@ -161,7 +163,8 @@ enum Channels {
     ZeroTranslations,
 }
 
-/// A BVH of three frames in centimetres; in the last two the left elbow is flexed by 60 degrees about the vertical.
+/// A BVH of three frames in centimetres. In the last two the left elbow is flexed by 60 degrees about the
+/// vertical.
 fn bvh(joints: &[Joint], channels: Channels) -> String {
     let mut text = String::from("HIERARCHY\n");
     let mut lines = [String::new(), String::new(), String::new()];
@@ -200,7 +203,7 @@ fn write_joint(joints: &[Joint], i: usize, channels: Channels, text: &mut String
     text.push_str("}\n");
 }
 
-/// Where the joints of the left arm should be in a bent frame, and all others in every frame.
+/// Expected place of a joint. The left arm's joints are those of a bent frame, all others those of every frame.
 fn expected(smpl: usize) -> Vector3<f64> {
     let at = place(smpl);
     if smpl != Smpl::LeftWrist as usize {
@@ -225,7 +228,7 @@ fn every_rig_maps_without_configuration() {
             };
             let frame = &read.frames[1];
             for smpl in [0, 1, 2, 4, 5, 7, 8, 15, 16, 17, 18, 19, 20, 21] {
-                // Rigs with two joints of the neck end in the second, and some have more joints beyond the head.
+                // Rigs with two neck joints end in the second one. Some have more joints beyond the head.
                 let [x, y, z] = frame.positions[smpl].map(f64::from);
                 let off = (Vector3::new(y, z, x) - expected(smpl)).norm();
                 let allowed = if smpl == 15 { 0.12 } else { 1e-3 };

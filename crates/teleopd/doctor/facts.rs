@@ -1,4 +1,4 @@
-//! What is so on this machine; read, not judged.
+//! Facts about this machine. This module reads them and does not judge them.
 
 use super::places::{self, Folder, Segment};
 use crate::cli::InstanceArgs;
@@ -9,7 +9,7 @@ use rustix::fs::{Access, AtFlags, CWD, accessat};
 use rustix::time::{ClockId, clock_getres};
 use std::path::{Path, PathBuf};
 
-/// Everything that `judge` judges.
+/// All facts that `judge` judges.
 #[derive(Clone, Debug)]
 pub struct Facts {
     pub files: Files,
@@ -20,7 +20,8 @@ pub struct Facts {
     pub place: PlaceFacts,
 }
 
-/// The instance's files: what was read, or why it was refused. Nothing: not examined, because an earlier one is refused.
+/// Contents of the instance's files, or the error that refused them. `None` means not examined, because an
+/// earlier file is refused.
 #[derive(Clone, Debug)]
 pub struct Files {
     pub settings: Result<Settings, String>,
@@ -30,14 +31,14 @@ pub struct Files {
     pub stages: Option<Result<String, String>>,
 }
 
-/// What the user that asks may do.
+/// Rights of the user that runs the doctor.
 #[derive(Clone, Debug)]
 pub struct UserRights {
     pub uid: u32,
     pub limits: Limits,
-    /// The highest priority that the settings ask for, and whether it was granted to a thread that tried.
+    /// The highest priority in the settings. The result says if a trial thread got it.
     pub fifo: Option<(u32, Result<String, String>)>,
-    /// Nothing: there is no such device.
+    /// `None` if there is no such device.
     pub cpu_dma_latency: Option<bool>,
 }
 
@@ -58,7 +59,7 @@ pub struct Kernel {
 pub struct Cores {
     pub map: CoreMap,
     pub nohz_full: Vec<usize>,
-    /// Of the cores that have one.
+    /// Governors of the cores that have one.
     pub governors: Vec<(usize, String)>,
     pub processor: String,
     pub placement: Option<Placement>,
@@ -74,20 +75,20 @@ pub struct Memory {
 #[derive(Clone, Debug)]
 pub struct PlaceFacts {
     pub run_dir: PathBuf,
-    /// The run folder and the bus's folders in it.
+    /// The run folder, and the bus's folders in it.
     pub folders: Vec<(PathBuf, Folder)>,
-    /// Why the bus could not use such paths.
+    /// The reason the bus cannot use such paths.
     pub refused: Option<String>,
-    /// Of this instance, in /dev/shm.
+    /// Segments of this instance in /dev/shm.
     pub segments: Vec<Segment>,
-    /// Of other instances of this user that are dead.
+    /// Segments of this user's other instances that are dead.
     pub strangers: Vec<Segment>,
-    /// The process that holds the operator's socket.
+    /// Id of the process that holds the operator's socket.
     pub holder: Option<u32>,
 }
 
 impl Facts {
-    /// Of this machine, and of the instance at `place`.
+    /// Reads the facts of this machine and of the instance at `place`.
     pub fn read(place: &InstanceArgs) -> Self {
         let files = files(place);
         let settings = files.settings.as_ref().ok().map(|settings| &settings.realtime);
@@ -108,7 +109,7 @@ impl Facts {
     }
 }
 
-/// The device that keeps cores awake.
+/// Device that keeps cores awake.
 const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
 fn files(place: &InstanceArgs) -> Files {
@@ -141,7 +142,7 @@ fn files(place: &InstanceArgs) -> Files {
     files
 }
 
-/// The whole, as each process reads it.
+/// Loads the whole configuration as each process does.
 fn stages(place: &InstanceArgs) -> Result<String, String> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| error.to_string())?;
@@ -150,7 +151,7 @@ fn stages(place: &InstanceArgs) -> Result<String, String> {
     Ok(format!("accepted by every stage, hash {:016x}", loaded.hash))
 }
 
-/// A file of one line in /proc or /sys.
+/// Reads a file of one line in /proc or /sys.
 fn line(path: impl AsRef<Path>) -> Option<String> {
     std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }

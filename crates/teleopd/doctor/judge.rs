@@ -1,4 +1,4 @@
-//! What the facts mean for the daemon as it is configured.
+//! Judges what the facts mean for the daemon as configured.
 
 use super::facts::{Cores, Facts, Files, Kernel, Memory, UserRights};
 use super::judge_place;
@@ -6,16 +6,18 @@ use super::{Finding, Level};
 use crate::process::{NOFILE_LEAST, may_lack_realtime};
 use pipeline::{DriverKind, Settings};
 
-/// Longest resolution of timers, ns: without high-resolution timers it is that of the tick, 1 to 10 ms; a period is 667 us.
+/// Coarsest acceptable timer resolution, ns. A control period is 667 us. Without high-resolution timers the
+/// resolution is the kernel's tick, 1 to 10 ms.
 const RESOLUTION_MAX_NS: u64 = 1_000;
-/// What the units grant.
+/// Number of open files that the systemd units grant.
 const NOFILE_AMPLE: u64 = 1024;
-/// Share of time below which a limit of the kernel may hold up what is real-time: 30 % of spinning and 20 % of work.
+/// Share of time below which the kernel's limit may throttle the real-time processes: 30 % of spinning and 20 %
+/// of work.
 const THROTTLING_SHARE_LEAST: f64 = 0.5;
-/// Clocks that are read without a system call (vDSO).
+/// Clocks that are read without a system call, through the vDSO.
 const QUICK_CLOCKS: [&str; 4] = ["tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page"];
 
-/// Every finding, in the order in which one would look into it.
+/// Returns every finding, in the order in which a user should look into it.
 pub fn judge(facts: &Facts) -> Vec<Finding> {
     let settings = facts.files.settings.as_ref().ok();
     let mut all = files(&facts.files);
@@ -60,7 +62,7 @@ fn files(files: &Files) -> Vec<Finding> {
     all
 }
 
-/// Without real-time rights a robot does not engage, but for a simulated one where the settings let it.
+/// Without real-time rights a robot does not engage. The exception is a simulated robot whose settings allow it.
 fn without_realtime(settings: &Settings) -> (Level, &'static str) {
     let level = match settings.driver.kind {
         DriverKind::Sim => Level::Robot,

@@ -1,13 +1,13 @@
-//! The instance's own place: folders, shared memory, and another instance in it.
+//! Judges the instance's folders and shared memory, and detects another instance that uses them.
 
 use super::Finding;
 use super::facts::{Facts, PlaceFacts};
 use super::places::{Folder, Segment};
 use std::collections::BTreeSet;
 
-/// Domains of one instance: `core` and `input`.
+/// Number of domains of one instance: `core` and `input`.
 const DOMAINS: u64 = 2;
-/// Docker's default for /dev/shm, bytes; enough, but not for several instances.
+/// Docker's default size of /dev/shm, bytes. It is enough for one instance but not for several.
 const SMALL_BYTES: u64 = 64 << 20;
 
 pub fn place(facts: &Facts) -> Vec<Finding> {
@@ -19,7 +19,7 @@ pub fn place(facts: &Facts) -> Vec<Finding> {
             let is_run_dir = *path == place.run_dir;
             let name = if is_run_dir { "run folder" } else { "bus folder" };
             let finding = one_folder(name, &path.display().to_string(), folder, facts.rights.uid);
-            // The bus makes its folders itself, in the run folder.
+            // The bus creates its folders in the run folder itself.
             (is_run_dir || !matches!(folder, Folder::Missing { .. })).then_some(finding)
         })
         .collect();
@@ -37,7 +37,7 @@ pub fn place(facts: &Facts) -> Vec<Finding> {
 }
 
 fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) -> Finding {
-    // Users of other groups pass through the folder of the instance to its sockets; the bus is this user's alone.
+    // Users of other groups reach the sockets through the instance's folder. The bus belongs to this user only.
     let right = if check == "run folder" { "0751" } else { "0700" };
     match *folder {
         Folder::Missing { can_be_made: true } => Finding::ok(check, format!("{path}: will be made, mode {right}")),
@@ -127,7 +127,7 @@ fn segments(place: &PlaceFacts) -> Finding {
     Finding::note("shared memory", format!("/dev/shm/{}{others} ({kib} KiB) left by {whose}", first.name), advice)
 }
 
-/// What other instances left that nobody may ever start again: a start collects what is of its own run folder.
+/// Judges the leftovers of other instances that may never start again. A start cleans up only its own run folder.
 fn strangers(place: &PlaceFacts) -> Option<Finding> {
     let tags: BTreeSet<_> = place.strangers.iter().filter_map(|segment| segment.name.split('_').nth(2)).collect();
     let (count, kib) = (tags.len(), place.strangers.iter().map(|segment| segment.bytes).sum::<u64>() >> 10);
@@ -143,7 +143,7 @@ fn strangers(place: &PlaceFacts) -> Option<Finding> {
     })
 }
 
-/// Patterns for all names of the domains to which these segments belong.
+/// Returns patterns that match all names of the domains to which these segments belong.
 fn globs<'a>(segments: impl Iterator<Item = &'a Segment>) -> String {
     let pattern = |segment: &Segment| {
         // The prefix ends with the third underscore: teleop_core_<tag>_.

@@ -1,4 +1,4 @@
-//! Every bad machine, one at a time, against a good one.
+//! Tests every bad machine against a good one, with one difference each.
 
 use super::super::facts::PlaceFacts;
 use super::super::places::{Folder, Segment};
@@ -10,7 +10,7 @@ fn settings() -> Settings {
     Settings::parse("teleop.toml", include_str!("../../../config/teleop.toml")).expect("the shipped settings")
 }
 
-/// A real-time machine, well set up.
+/// Returns the facts of a well configured real-time machine.
 fn good() -> Facts {
     let ok = |text: &str| Some(Ok(String::from(text)));
     let limits =
@@ -60,7 +60,7 @@ fn good() -> Facts {
     }
 }
 
-/// What `spoil` makes of the good machine: all that is not ok.
+/// Applies `spoil` to the good machine. Returns all findings that are not ok.
 fn findings(spoil: impl FnOnce(&mut Facts)) -> Vec<Finding> {
     let mut facts = good();
     spoil(&mut facts);
@@ -71,7 +71,7 @@ fn findings(spoil: impl FnOnce(&mut Facts)) -> Vec<Finding> {
     all.into_iter().filter(|finding| finding.level != Level::Ok).collect()
 }
 
-/// Exactly one thing is wrong: `check`, at `level`, and the finding holds each of `words`.
+/// Checks that exactly one finding is wrong: `check`, at `level`, with each of `words` in it.
 #[track_caller]
 fn one(check: &str, level: Level, words: &[&str], spoil: impl FnOnce(&mut Facts)) {
     let found = findings(spoil);

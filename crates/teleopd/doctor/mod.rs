@@ -1,4 +1,4 @@
-//! Examines the machine and says what to do about it. Reads only: nothing on the machine is changed or created.
+//! Examines the machine and gives advice. Only reads: it neither changes nor creates anything on the machine.
 
 mod facts;
 mod judge;
@@ -12,16 +12,16 @@ use crate::exit::{Exit, Failure};
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// As it should be.
+    /// All is well.
     Ok,
-    /// It works, but not as well as it could.
+    /// It works, but could work better.
     Note,
-    /// A simulated robot may do without it, and a real one may not.
+    /// A simulated robot can do without it. A real robot cannot.
     Robot,
-    /// The daemon does not run as it is configured.
+    /// The daemon does not run as configured.
     Problem,
 }
 
@@ -36,16 +36,16 @@ impl Level {
     }
 }
 
-/// One thing that was examined.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What was examined.
+    /// Name of the check.
     pub check: &'static str,
-    /// How much it matters.
+    /// Severity.
     pub level: Level,
-    /// What was found.
+    /// Observation.
     pub found: String,
-    /// What to do, with a command; empty where all is well.
+    /// Advice with a command. Empty if all is well.
     pub advice: String,
 }
 
@@ -67,12 +67,12 @@ impl Finding {
     }
 }
 
-/// What the findings mean for the two robots that there are.
+/// Verdict of the findings for a simulated and a real robot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Verdict {
-    /// What keeps the daemon from running, whatever its robot is.
+    /// Checks that keep the daemon from running with any robot.
     problems: Vec<&'static str>,
-    /// What else a real robot needs.
+    /// Further checks that a real robot requires.
     lacks: Vec<&'static str>,
 }
 
@@ -98,7 +98,7 @@ impl Verdict {
         }
     }
 
-    /// A line for the simulator, and one for a robot.
+    /// Returns one line for the simulator and one for a robot.
     fn words(&self) -> String {
         let simulator = match self.problems.as_slice() {
             [] => String::from("fine for the simulator"),
@@ -113,7 +113,7 @@ impl Verdict {
     }
 }
 
-/// Prints every finding and what they mean; the exit code says it too.
+/// Prints every finding and the verdict. The exit code also tells the verdict.
 pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     let findings = judge::judge(&facts::Facts::read(&options.place));
     let verdict = Verdict::of(&findings);
@@ -123,7 +123,7 @@ pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     } else {
         words(&findings) + &verdict.words()
     };
-    // Nobody may be listening; the exit code says the rest.
+    // The reader may have closed the pipe. The exit code still tells the verdict.
     let _ = std::io::stdout().write_all(text.as_bytes());
     Ok(verdict.exit())
 }

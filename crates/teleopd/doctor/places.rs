@@ -1,4 +1,4 @@
-//! The instance's folder, its shared memory, and who holds it.
+//! The instance's folder, its shared memory, and the process that holds it.
 
 use super::facts::PlaceFacts;
 use crate::cli::InstanceArgs;
@@ -8,21 +8,22 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Ending of the one page that each domain of iceoryx2 has: made by its first node, kept by none, there for the next.
+/// Ending of the one page that each domain of iceoryx2 has. The first node makes it. No node holds it, and the
+/// next one reuses it.
 const BOOKKEEPING: &str = ".global_mgmt";
 
-/// What the names of all instances begin with.
+/// Common prefix of the names of all instances.
 const INSTANCES: &str = "teleop_";
 
-/// How long a look through all processes may take. Assumption: a thousand processes took 0.1 s.
+/// Longest time for a scan of all processes. Assumption: a thousand processes took 0.1 s.
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
-/// What is at a path.
+/// Kind of file at a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Folder {
-    /// Nothing; whether it can be made in the nearest folder that exists.
+    /// Nothing is there. `can_be_made` is true if the nearest existing folder permits its creation.
     Missing { can_be_made: bool },
-    /// Something else, or something that cannot be examined.
+    /// Another kind of file, or one that cannot be examined.
     Other(String),
     /// A folder.
     Is { uid: u32, mode: u32, usable: bool },
@@ -33,7 +34,7 @@ pub enum Folder {
 pub struct Segment {
     pub name: String,
     pub bytes: u64,
-    /// Whether a living process has it mapped, as far as this user may see.
+    /// True if a living process has it mapped, as far as this user can see.
     pub in_use: bool,
 }
 
@@ -71,14 +72,14 @@ fn folder(path: &Path) -> Folder {
     }
 }
 
-/// Segments of this instance, and those of other instances of this user of which no process has any mapped.
+/// Returns the segments of this instance, and those of this user's other instances that no process has mapped.
 fn segments(prefixes: &[&str]) -> (Vec<Segment>, Vec<Segment>) {
     let own_uid = rustix::process::geteuid().as_raw();
     let mapped = bus::Mapped::read(INSTANCES, Instant::now() + LOOK_WITHIN);
     let (mut own, mut dead) = (Vec::new(), Vec::new());
     for bus::Segment { name, bytes, uid } in bus::segments_beginning(INSTANCES) {
         let Some(prefix) = bus::prefix_of(&name).map(str::to_owned) else { continue };
-        // What another user has mapped is hidden from all but root.
+        // The mappings of another user's processes are visible to root only.
         let hidden = own_uid != 0 && uid != own_uid;
         if !prefixes.contains(&prefix.as_str()) {
             if uid == own_uid && mapped.as_ref().is_some_and(|mapped| !mapped.any_of(&prefix)) {
@@ -92,7 +93,8 @@ fn segments(prefixes: &[&str]) -> (Vec<Segment>, Vec<Segment>) {
     (own, dead)
 }
 
-/// The process that holds the lock file, from /proc/locks: taking the lock to try would disturb who starts now.
+/// Returns the process that holds the lock file, read from /proc/locks. Trying to take the lock would disturb a
+/// process that starts now.
 pub fn holder(lock: &Path) -> Option<u32> {
     let inode = std::fs::metadata(lock).ok()?.ino();
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
@@ -103,7 +105,8 @@ pub fn holder(lock: &Path) -> Option<u32> {
     })
 }
 
-/// Processes that hold a flock on a file with this inode, of whatever device; as `1: FLOCK ADVISORY WRITE 812 00:1a:77 0 EOF`.
+/// Returns the processes that hold a flock on a file with this inode, on any device. A line reads `1: FLOCK
+/// ADVISORY WRITE 812 00:1a:77 0 EOF`.
 fn holders(locks: &str, inode: u64) -> Vec<u32> {
     let holder = |line: &str| {
         let words: Vec<_> = line.split_whitespace().collect();

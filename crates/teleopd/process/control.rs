@@ -1,5 +1,5 @@
-//! Whole-body control and the safety gate, woken by the target of each tick or by its own deadline; owns the operator
-//! socket.
+//! Whole-body control and the safety gate. Owns the operator socket. The target of each tick or its own deadline
+//! wakes the process.
 
 use super::{Process, WARM_TICKS, bus_failure, door_group};
 use crate::cli::InstanceArgs;
@@ -17,12 +17,13 @@ use rt::SleepWatch;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
-/// The operator socket is served on every fourth tick, 375 times a second: an emergency stop waits at most 2.7 ms.
+/// The operator socket is served on every fourth tick, 375 times a second. An emergency stop waits at most 2.7
+/// ms.
 const SERVE_EVERY: u64 = 4;
-/// On SIGTERM the process ends at rest, or after this long: twice the longest stop (0.5 s) and the mode change.
+/// On SIGTERM the process ends at rest, or after this time: twice the longest stop (0.5 s) and the mode change.
 const END_WITHIN_NS: u64 = 2_000_000_000;
 
-/// Runs until shutdown, and then until the robot is at rest.
+/// Runs until shutdown, then until the robot is at rest.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
@@ -36,7 +37,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let in_use = matches!(error, OperatorError::Door(doors::DoorError::InUse { .. }));
         Failure::new(if in_use { Exit::TempFail } else { Exit::Unavailable }, error)
     })?;
-    // One threshold for a silent operator, wherever it is noticed.
+    // One threshold for a silent operator, used by every check.
     let server = server.with_lease_ns((process.loaded.settings.safety.operator_silent_ms * 1e6) as u64);
     let server = server.with_reset_rule(process.loaded.settings.control.emergency_stop_reset.rule());
     let core = Domain::open(process.instance.core_domain(), "control").map_err(bus_failure)?;
@@ -81,11 +82,11 @@ struct Control {
     commands: Writer<JointCommand>,
     statuses: Writer<Status>,
     grace_ns: u64,
-    /// Never woken: sleeps until the deadline and grace of each index.
+    /// If true, no message wakes the loop. It sleeps until the deadline and grace of each index.
     polled: bool,
-    /// The index after the last one that was ticked.
+    /// Index after the last tick.
     next_k: u64,
-    /// Arrived for an index that was done already, or not used yet.
+    /// Target that arrived for an index already done, or that is not used yet.
     target: Option<JointTarget>,
     status: Status,
     timeline: Timeline,
@@ -122,7 +123,7 @@ impl Control {
                 self.edges.withdraw();
                 let modes = [Mode::Engaging, Mode::Engaged, Mode::Recovering];
                 let authority = modes.iter().any(|&mode| self.status.mode == mode as u32);
-                // A driver that says nothing (any more) has no rest to wait for.
+                // A driver that publishes no state, or no longer does, cannot show rest. Do not wait for it.
                 let seen = self.status.state_stamp != Stamp::NONE && !Faults(self.status.faults).has(Fault::StateStale);
                 let rests = self.status.moving == 0 || !seen;
                 if (rests && !authority) || woke.since(since) > END_WITHIN_NS {
@@ -134,15 +135,15 @@ impl Control {
         }
     }
 
-    /// Waits for the target of the next index, or for that index's deadline and grace; answers the newest index due, and
-    /// when that was.
+    /// Waits for the target of the next index, or for that index's deadline and grace. Returns the newest index
+    /// due, and when it was due.
     fn wait(&mut self) -> (u64, Stamp) {
         loop {
             if let Some(target) = rt::allocating_aside(|| self.targets.latest()) {
                 self.target = Some(target);
                 if target.k >= self.next_k {
                     let now = rt::now();
-                    // A target from the future is a broken clock: it must not make the index jump ahead.
+                    // A target from the future comes from a broken clock. It must not make the index jump ahead.
                     return (target.k.min(tick_at(now)).max(self.next_k).max(self.due(now)), now);
                 }
             }
@@ -159,7 +160,7 @@ impl Control {
         }
     }
 
-    /// The newest index whose deadline and grace have passed.
+    /// Returns the newest index whose deadline and grace have passed.
     fn due(&self, now: Stamp) -> u64 {
         tick_at(Stamp(now.0.saturating_sub(self.grace_ns)))
     }
@@ -167,7 +168,7 @@ impl Control {
     fn tick(&mut self, k: u64, woke: Stamp) {
         let waited_for = std::mem::replace(&mut self.next_k, k + 1);
         let robot = rt::allocating_aside(|| self.states.latest());
-        // It is shown in a status, and only there.
+        // The ingest status is only copied into the status message.
         let shown = k.is_multiple_of(STATUS_EVERY);
         let ingest = if shown { rt::allocating_aside(|| self.ingests.latest()) } else { None };
         let target = self.target.take();
@@ -191,7 +192,8 @@ impl Control {
         self.after(k, &out, robot.as_ref());
     }
 
-    /// `waited_for` is the index after the last one: a wake-up that skips some is as late as the first of them.
+    /// `waited_for` is the index after the last one. A wake-up that skips indices is as late as the first skipped
+    /// one.
     fn measure(&mut self, waited_for: u64, woke: Stamp, done: Stamp, target: Option<&JointTarget>) {
         let probe = &mut self.process.probe;
         probe.record(Metric::WakeUp, deadline(waited_for), woke);
@@ -201,7 +203,7 @@ impl Control {
         }
     }
 
-    /// What can wait until the command is out.
+    /// Does the work that can wait until the command is sent.
     fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
         self.process.missed(out.status.missed_deadlines - self.status.missed_deadlines);
         let Status { payload_kg: kg, payloads_taken, payloads_refused, payload_refused_why, .. } = out.status;
@@ -240,7 +242,8 @@ impl Control {
         }
     }
 
-    /// While the machine slept, the person, the robot and who stands beside it went on: what followed then follows no more.
+    /// After the machine slept, the person, the robot and bystanders may have moved. A robot that followed before
+    /// must stop.
     fn look_for_sleep(&mut self, k: u64) {
         let slept_ns = self.sleep.slept_ns();
         if slept_ns > 0 {

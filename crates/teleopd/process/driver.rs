@@ -13,19 +13,20 @@ use serde_json::{Map, Value, json};
 use std::time::Duration;
 use telemetry::{Metric, Probe};
 
-/// A driver that starts measures twice. The second measurement has to confirm the speeds of the first. Time between them, ns.
+/// Time between the two measurements of a starting driver, ns. The second must confirm the speeds of the first.
 const CONFIRM_NS: u64 = 6_000_000;
 
-/// Time between two looks at the robot, ns: a port of 1 kHz measures once in it.
+/// Time between two reads of the robot, ns. A port of 1 kHz measures once in it.
 const LOOK_NS: u64 = 1_000_000;
 
-/// A driver that is told to end plays its plan to rest; the longest stop is 0.5 s, and this is twice that.
+/// After a request to end, the driver plays its plan to rest, but no longer than this. The longest stop is 0.5 s, and
+/// this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
-/// A driver that starts waits so long for a robot that does not answer, ns.
+/// Longest time that a starting driver waits for the robot to measure, ns.
 const ANSWERS_WITHIN_NS: u64 = 2_000_000_000;
 
-/// A driver that was suspended waits so long for what the robot measures now, ns: 20 cycles of the robot's port.
+/// Longest time that a suspended driver waits for a current measurement, ns: 20 cycles of a port of 1 kHz.
 const NEWS_WITHIN_NS: u64 = 20_000_000;
 
 /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand for a second
@@ -46,7 +47,7 @@ fn wait_until_it_stands(robot: &mut impl Driver) -> Result<(), Failure> {
     Err(Failure::new(Exit::Unavailable, text))
 }
 
-/// Two measurements, [`CONFIRM_NS`] apart.
+/// Takes two measurements, [`CONFIRM_NS`] apart.
 fn measure_twice(robot: &mut impl Driver) -> (Measured, Measured) {
     let earlier = robot.read(rt::now());
     rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
@@ -84,11 +85,11 @@ pub fn run<D: Driver>(
     warm_up(&config, seed);
     let grace_ns = (process.loaded.settings.driver.grace_us * 1e3) as u64;
     let due = |now: Stamp| tick_at(Stamp(now.0.saturating_sub(grace_ns)));
-    // A tick ran for its index if a command was executed for it; a plan tick is a deadline that control missed.
+    // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     let (mut sequence, mut oldest_command_ns) = (0, 0);
-    // A driver that starts holds where it stands.
+    // A starting driver holds the robot where it stands.
     let mut robot = open(&process, &core)?;
     wait_until_it_stands(&mut robot)?;
     let (earlier, measured) = measure_twice(&mut robot);
@@ -99,7 +100,7 @@ pub fn run<D: Driver>(
     loop {
         let now = rt::now();
         if process.shutdown.requested() {
-            // A driver that is told to end takes no command any more: it plays its plan, and ends at rest.
+            // After a request to end, the driver takes no more commands. It plays its plan and ends at rest.
             let since = *ending.get_or_insert(now);
             if state.at_rest() || now.since(since) > END_WITHIN_NS {
                 break;
@@ -143,7 +144,7 @@ pub fn run<D: Driver>(
     process.leave(report)
 }
 
-/// Ticks of a driver and a robot of their own.
+/// Runs warm-up ticks with a separate driver and robot.
 fn warm_up(config: &sim::Config, seed: u64) {
     let mut state = sim::State::new(config, 0, seed);
     for k in 1..=WARM_TICKS {
@@ -151,7 +152,7 @@ fn warm_up(config: &sim::Config, seed: u64) {
     }
 }
 
-/// How long the command that was executed at `now` took to come here.
+/// Records the latency of the command that was executed at `now`.
 fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
     let Some(accepted) = out.accepted else { return };
     probe.record(Metric::CommandToDriver, command.header.stamp, now);

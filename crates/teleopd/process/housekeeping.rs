@@ -1,5 +1,5 @@
-//! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights, off
-//! the loop's core where there is another, and the loop never waits for it.
+//! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights,
+//! and off the loop's core if there is another core. The loop never waits for it.
 
 use crate::exit::{Exit, Failure};
 use rt::ServiceManager;
@@ -8,27 +8,27 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use telemetry::{Collector, Counter, Exposition};
 
-/// How often the ring is emptied: it holds two seconds.
+/// Period at which the thread empties the ring. The ring holds two seconds.
 const EVERY: Duration = Duration::from_millis(50);
 
-/// Scrapers that are answered each time; one that says nothing costs 100 ms.
+/// Number of scrapers answered per round. A silent scraper costs 100 ms.
 const SCRAPERS: usize = 4;
 
 enum AuditRecord {
-    /// The loop begins: from now on the watchdog is fed while it goes round.
+    /// The loop begins. From now on the thread feeds the watchdog while the loop runs.
     Ready,
     Stop,
 }
 
-/// The running thread.
+/// Handle of the running thread.
 pub struct Housekeeping {
     orders: Sender<AuditRecord>,
     thread: JoinHandle<Collector>,
 }
 
 impl Housekeeping {
-    /// Starts the thread on `cores`; `port` 0 serves no metrics. To be called before the process asks for real-time rights,
-    /// so that the thread has none.
+    /// Starts the thread on `cores`. With `port` 0 it serves no metrics. Call it before the process asks for
+    /// real-time rights, so that the thread has none.
     pub fn start(collector: Collector, port: u16, cores: Option<Vec<usize>>) -> Result<Self, Failure> {
         let exposition = match port {
             0 => None,
@@ -50,7 +50,8 @@ impl Housekeeping {
             .name("housekeeping".into())
             .spawn(move || {
                 if let Some(cores) = cores {
-                    // Where that is refused it runs anywhere, and costs the loop some microseconds now and then.
+                    // If this fails, the thread runs on any core. It then costs the loop some microseconds now
+                    // and then.
                     let _ = rt::Realtime::keep_to(&cores);
                 }
                 keep_house(collector, exposition.as_ref(), &manager, &received)
@@ -59,12 +60,12 @@ impl Housekeeping {
         Ok(Self { orders, thread })
     }
 
-    /// The loop begins.
+    /// Announces that the loop begins.
     pub fn ready(&self) {
         let _ = self.orders.send(AuditRecord::Ready);
     }
 
-    /// Ends the thread and gives back what it collected.
+    /// Ends the thread and returns its collected data.
     pub fn stop(self) -> Option<Collector> {
         let _ = self.orders.send(AuditRecord::Stop);
         self.thread.join().ok()
@@ -96,7 +97,7 @@ fn keep_house(
     }
 }
 
-/// Feeds the service manager's watchdog at a quarter of its patience, but only while the loop goes round.
+/// Feeds the service manager's watchdog at a quarter of its timeout, but only while the loop runs.
 struct Watchdog {
     every: Duration,
     last: Instant,

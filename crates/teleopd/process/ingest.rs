@@ -1,5 +1,5 @@
-//! Takes skeletons from clients, one of which holds the lease, and publishes what validation leaves of them. Clients of the
-//! daemon's own user come in by shared memory, those of other users by a socket.
+//! Takes skeletons from clients and publishes those that pass validation. One client holds the lease. Clients of
+//! the daemon's own user connect by shared memory, other users' clients by a socket.
 
 use super::{Process, bus_failure, door_group};
 use crate::cli::InstanceArgs;
@@ -13,10 +13,10 @@ use skeleton::DropReason;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
-/// How long silent doors are waited at before the loop goes round: a tenth of the shortest authority timeout.
+/// Longest wait for input before the loop continues: a tenth of the shortest lease timeout.
 const WAIT: Duration = Duration::from_millis(10);
 
-/// Of the frames of clients without authority, the first and every so manieth is told in the log: ten seconds at 60 Hz.
+/// Logs the first frame of a client without the lease, then every 600th: once in ten seconds at 60 Hz.
 const TOLD_EVERY: u64 = 600;
 /// Time between two `InputStatus`: ten a second.
 const STATUS_EVERY_NS: u64 = 100_000_000;
@@ -32,7 +32,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
     let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let statuses = core.writer::<InputStatus>(Service::InputStatus).map_err(bus_failure)?;
-    // Last, because nobody else may write skeletons now: the socket belongs to this process.
+    // Opened last. The socket belongs to this process, because it is now the only writer of skeletons.
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
     let mut hall = IngestLoop {
@@ -57,7 +57,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     process.ready()?;
     while !process.shutdown.requested() {
         if polled {
-            // Between the deadlines of `retarget`: half a period is what an unsynchronised timer costs on average.
+            // Sleeps until the middle between two deadlines of `retarget`. Half a period is the average cost of
+            // an unsynchronised timer.
             let k = tick_at(rt::now().plus_ns(HALF_PERIOD_NS));
             process.shutdown.sleep_until(deadline(k).plus_ns(HALF_PERIOD_NS));
         } else {
@@ -82,7 +83,7 @@ fn door_failure(error: DoorError) -> Failure {
     Failure::new(exit, error)
 }
 
-/// Waits for either door, and at most until a connection that sent too much may be read again.
+/// Waits for input from shared memory or the socket. Ends early when a rate-limited connection may be read again.
 fn wait(clients: &mut WakingReader<RawSkeleton>, socket: &Server) {
     let now = rt::now();
     let (descriptors, count) = socket.descriptors(now);
@@ -90,7 +91,7 @@ fn wait(clients: &mut WakingReader<RawSkeleton>, socket: &Server) {
     rt::allocating_aside(|| clients.wait_also(wait, &descriptors[..count]));
 }
 
-/// The token buckets of the publishers on shared memory, as many as there are places.
+/// Token buckets of the publishers on shared memory. There are as many as possible writers.
 #[derive(Default)]
 struct Quotas {
     of: [(Option<PublisherId>, Bucket, Stamp); Service::RawSkeleton.row().writers_max],
@@ -98,7 +99,7 @@ struct Quotas {
 }
 
 impl Quotas {
-    /// Whether `publisher` has a token left; a new one takes the place of the one that was silent longest.
+    /// Returns true if `publisher` has a token left. A new publisher replaces the one that was silent longest.
     fn admits(&mut self, now: Stamp, publisher: PublisherId) -> bool {
         let known = self.of.iter().position(|(id, ..)| *id == Some(publisher));
         let oldest = (0..self.of.len()).min_by_key(|&i| self.of[i].2).unwrap_or_default();
@@ -113,10 +114,11 @@ impl Quotas {
     }
 }
 
-/// What a frame passes behind the doors: authority, validation, the core domain.
+/// Processing of a frame after its arrival: lease, validation, the core domain.
 struct IngestLoop {
     authority: Authority,
-    /// The session of the lease, drawn here, by which the core knows it: no client can continue another's.
+    /// Session of the lease, drawn at random here. The core knows the lease by it, so no client can continue
+    /// another's session.
     session_nonce: u64,
     quotas: Quotas,
     uid: u32,
@@ -135,8 +137,8 @@ const SECOND_NS: u64 = 1_000_000_000;
 
 const _: () = assert!(skeleton::DROP_REASONS <= messages::DROPS_MAX, "every reason has its place");
 
-/// What was dropped before the current second: whose frames are all bad must read why, and a second of it is one line for
-/// each reason.
+/// Drop counts before the current second. A client whose frames are all bad must see why. A second gives at most
+/// one log line per reason.
 struct Dropped {
     since: Stamp,
     before: [u64; skeleton::DROP_REASONS],
@@ -147,7 +149,7 @@ impl Dropped {
         Self { since: now, before: [0; skeleton::DROP_REASONS] }
     }
 
-    /// Once a second is over: tells each reason and how many frames it cost in it.
+    /// Once a second has passed, reports each reason with the number of frames it cost.
     fn turn(&mut self, now: Stamp, state: &skeleton::State, mut tell: impl FnMut(DropReason, u64)) {
         if now.since(self.since) < SECOND_NS {
             return;
@@ -156,7 +158,7 @@ impl Dropped {
         for (before, &reason) in self.before.iter_mut().zip(&DropReason::ALL) {
             let frames = state.dropped(reason) - *before;
             *before += frames;
-            // The first frame of a session, or of another person, is never used; that is no fault.
+            // The first frame of a session, or of another person, is never used. That is not an error.
             let expected = matches!(reason, DropReason::SessionChanged | DropReason::OperatorChanged);
             if frames > u64::from(expected) {
                 tell(reason, frames);
@@ -191,7 +193,7 @@ impl IngestLoop {
         if self.take(process, rt::now(), claim, frame) { LeaseState::Holder } else { LeaseState::NotHolder }
     }
 
-    /// Whether the frame's session holds the lease.
+    /// Returns true if the frame's session holds the lease.
     fn take(&mut self, process: &mut Process, now: Stamp, claim: ClientIdentity, raw: &RawSkeleton) -> bool {
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
         let grants = self.authority.grants();
@@ -223,8 +225,8 @@ impl IngestLoop {
         true
     }
 
-    /// A lease begins, and nobody's robot moves: what was measured of operators meanwhile holds from now on. A folder that
-    /// cannot be read changes nothing.
+    /// Reads the operators' files again. This happens when a lease begins, while no robot moves. New measurements
+    /// of operators take effect now. If the folder cannot be read, nothing changes.
     fn reread_operators(&mut self, process: &mut Process) {
         match rt::allocating_aside(|| Operators::read(&process.loaded.operators_dir)) {
             Ok(operators) => self.config.operators = operators,
@@ -232,7 +234,7 @@ impl IngestLoop {
         }
     }
 
-    /// Says ten times a second who is heard, and what became of the frames.
+    /// Publishes ten times a second who holds the lease and how many frames were used or dropped.
     fn say(&mut self, process: &mut Process) {
         let now = rt::now();
         if now.since(self.status.header.stamp) < STATUS_EVERY_NS {
@@ -249,7 +251,7 @@ impl IngestLoop {
         process.publish(&mut self.statuses, &self.status);
     }
 
-    /// Counters and log lines of this round.
+    /// Updates counters and writes log lines for this round.
     fn tell(&mut self, process: &mut Process, socket: &mut Server) {
         let counters = process.probe.counters();
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
@@ -287,7 +289,7 @@ impl IngestLoop {
     }
 }
 
-/// What happened at all, and how often.
+/// Returns the non-zero counts by name.
 fn counted(all: impl Iterator<Item = (&'static str, u64)>) -> serde_json::Map<String, serde_json::Value> {
     all.filter(|(_, count)| *count > 0).map(|(name, count)| (name.to_owned(), json!(count))).collect()
 }

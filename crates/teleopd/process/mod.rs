@@ -1,5 +1,6 @@
-//! The processes. Each is the same few steps: read the configuration, ask for real-time rights, open the bus, warm up,
-//! say READY, then wait, read the latest, tick, publish; and leave its figures behind.
+//! The processes. Each runs the same few steps. It reads the configuration, asks for real-time rights, opens the
+//! bus, warms up and reports READY. Then it waits, reads the latest message, ticks and publishes. At the end it
+//! writes its figures.
 
 pub mod control;
 pub mod driver;
@@ -23,18 +24,19 @@ use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
 use telemetry::{Collector, Counter, Event, Probe};
 
-/// Ticks on a copy of the state before READY: caches, branch predictors and lazily mapped pages are warm after far
-/// fewer (a start of the process shows no tick slower than its median after about 200).
+/// Ticks on a copy of the state before READY. Caches, branch predictors and lazily mapped pages are warm after
+/// far fewer. After about 200, a starting process shows no tick slower than its median.
 pub const WARM_TICKS: u64 = 1000;
 
-/// Open files of one process, at most: 27 for a writer, a reader and their events (measured, iceoryx2 0.10.0), four such
-/// pairs, and what each of 16 readers and 16 clients adds.
+/// Fewest open files that one process needs. A writer, a reader and their events need 27 (measured, iceoryx2
+/// 0.10.0). The sum has four such pairs, and the files that each of 16 readers and 16 clients adds.
 pub const NOFILE_LEAST: u64 = 256;
 
-/// Age at which a message is not sent any more: two ticks after its deadline the driver has played its plan for it.
+/// Age at which a message is no longer sent. Two ticks after its deadline the driver has already played its plan
+/// for it.
 const OLD_NS: u64 = 2 * 1_000_000_000 / messages::TICK_HZ;
 
-/// What every process has before it opens the bus, and what every loop does beside its tick.
+/// State that every process sets up before it opens the bus, and that every loop uses beside its tick.
 pub struct Process {
     pub name: &'static str,
     pub loaded: Loaded,
@@ -49,7 +51,7 @@ pub struct Process {
     at_ready: AtReady,
 }
 
-/// The process's own consumption when it said READY.
+/// Resource use of the process when it reported READY.
 #[derive(Clone, Copy, Default)]
 struct AtReady {
     after_ms: f64,
@@ -59,7 +61,8 @@ struct AtReady {
 }
 
 impl Process {
-    /// Reads the configuration and asks for real-time rights: `priority` of SCHED_FIFO, nothing for an expendable process.
+    /// Reads the configuration and asks for real-time rights. `priority` is that of SCHED_FIFO, `None` for an
+    /// expendable process.
     pub fn start(
         name: &'static str,
         place: &InstanceArgs,
@@ -108,8 +111,8 @@ impl Process {
         })
     }
 
-    /// Tells the service manager that the process is ready. From now on the loop's allocations are counted, and the
-    /// watchdog is fed while the loop goes round.
+    /// Reports to the service manager that the process is ready. From now on the loop's allocations are counted.
+    /// The watchdog is fed while the loop runs.
     pub fn ready(&mut self) -> Result<(), Failure> {
         self.manager
             .ready()
@@ -125,7 +128,7 @@ impl Process {
         Ok(())
     }
 
-    /// Notes that the loop went round.
+    /// Records one round of the loop.
     pub fn alive(&mut self) {
         let counters = self.probe.counters();
         counters.add(Counter::Ticks, 1);
@@ -134,13 +137,13 @@ impl Process {
         counters.set(Counter::TransportAllocations, transport.allocated);
     }
 
-    /// The header of this process's message number `sequence`.
+    /// Returns the header of this process's message number `sequence`.
     pub fn header(&self, sequence: u64, stamp: Stamp, origin: Stamp) -> Header {
         let (config_hash, incarnation) = (self.loaded.hash, self.incarnation);
         Header { sequence, stamp, origin, config_hash, incarnation, reserved: 0 }
     }
 
-    /// Publishes `message`; a failure is counted, logged, and costs this message.
+    /// Publishes `message`. A failure is counted and logged, and this message is lost.
     pub fn publish<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
         let published = rt::allocating_aside(|| writer.publish(message));
         self.note(published.is_err());
@@ -160,8 +163,8 @@ impl Process {
         }
     }
 
-    /// Whether what tick `k` made is too old to be sent at `now`: the process was suspended, or kept off its core, between
-    /// its clock and its message. Counted and logged.
+    /// Returns true if the output of tick `k` is too old to send at `now`. Then the process was suspended, or
+    /// kept off its core, between its clock reading and its message. The event is counted and logged.
     pub fn is_old(&mut self, k: u64, now: Stamp) -> bool {
         let ns = now.since(messages::deadline(k));
         if ns <= OLD_NS {
@@ -171,25 +174,26 @@ impl Process {
         true
     }
 
-    /// The process stood still, or the machine slept: counted and logged.
+    /// Counts and logs that the process was suspended or that the machine slept.
     pub fn stood_still(&mut self, k: u64, ns: u64) {
         self.probe.counters().add(Counter::Gaps, 1);
         self.probe.event(Event::Gap { k, ns });
     }
 
-    /// Notes that `count` indices of the grid were skipped.
+    /// Counts `count` skipped indices of the grid.
     pub fn missed(&mut self, count: u64) {
         if count > 0 {
             self.probe.missed(count);
         }
     }
 
-    /// Whether the kernel granted real-time scheduling, or the settings allow a simulated robot to do without.
+    /// Returns true if the kernel granted real-time scheduling, or if the settings let a simulated robot run
+    /// without it.
     pub fn realtime_ok(&self) -> bool {
         self.realtime.is_realtime() || may_lack_realtime(&self.loaded.settings)
     }
 
-    /// Leaves `figures`, and what was measured of the loop, in the instance's folder for whoever collects them.
+    /// Writes `figures` and the loop's measurements to the instance's folder, for the report.
     pub fn leave(self, mut figures: serde_json::Value) -> Result<(), Failure> {
         let _ = self.manager.stopping();
         let faults = PageFaults::of_process().since(self.at_ready.faults);
@@ -211,13 +215,13 @@ impl Process {
     }
 }
 
-/// Whether the settings let a robot engage without real-time scheduling: a simulated one alone.
+/// Returns true if the settings let a robot engage without real-time scheduling. Only a simulated robot may.
 pub fn may_lack_realtime(settings: &Settings) -> bool {
     settings.control.engage_without_realtime && settings.driver.kind == DriverKind::Sim
 }
 
-/// Whatever this process writes is for its user and group; its memory, which holds what a person did, goes into no core
-/// file.
+/// Makes this process's files accessible to its user and group only. Disables core files, because its memory
+/// holds the person's movements.
 fn keep_private() {
     rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o027));
     let none = rustix::process::Rlimit { current: Some(0), maximum: Some(0) };
@@ -225,13 +229,14 @@ fn keep_private() {
     let _ = rustix::process::setrlimit(rustix::process::Resource::Core, none);
 }
 
-/// The bus refuses: another instance has the place, or the place cannot be used.
+/// Returns the failure for a bus error: another instance uses the folder, or the folder is unusable.
 pub fn bus_failure(error: bus::BusError) -> Failure {
     let exit = if error.is_occupied() { Exit::TempFail } else { Exit::Unavailable };
     Failure::new(exit, error)
 }
 
-/// The group of a door by its name; the process's own for none. An unknown one is refused.
+/// Looks up the group of a socket by its name. An empty name means the process's own group. Returns an error for
+/// an unknown group.
 pub fn door_group(place: &InstanceArgs, key: &'static str, name: &str) -> Result<Option<u32>, Failure> {
     if name.is_empty() {
         return Ok(None);

@@ -1,10 +1,10 @@
-//! What a process asks of the kernel, from the settings and from the machine it finds.
+//! Requests that a process makes to the kernel, derived from the settings and the machine.
 
 use pipeline::{Cores, Policy, RealtimeSettings};
 use rt::{CoreMap, Placement, RealtimeConfig};
 
-/// The request of a process that has `priority`, or of an expendable one that has none, and the cores of its threads beside
-/// the loop.
+/// Returns the request of a process, and the cores of its threads beside the loop. An expendable process has no
+/// `priority`.
 pub fn request(settings: &RealtimeSettings, priority: Option<u32>) -> (RealtimeConfig, Option<Vec<usize>>) {
     let policy = match (settings.policy, priority) {
         (Policy::Fifo, Some(priority)) => rt::Policy::Fifo { priority: priority as u8 },
@@ -20,12 +20,14 @@ pub fn request(settings: &RealtimeSettings, priority: Option<u32>) -> (RealtimeC
     (config, placement.others)
 }
 
-/// Where the processes of the instance run on this machine, as one that asks for real-time rights finds it.
+/// Returns where the instance's processes run on this machine, as seen by a process that asks for real-time
+/// rights.
 pub fn placement(settings: &RealtimeSettings) -> Placement {
     placed(settings, Some(settings.priority_driver))
 }
 
-/// Keeps the calling thread, and whatever it starts, off the cores of the real-time processes: for what only looks on.
+/// Keeps the calling thread, and the threads and processes it starts, off the cores of the real-time processes.
+/// Observers use it.
 pub fn keep_off(settings: &RealtimeSettings) {
     if let Some(cores) = placement(settings).others {
         let _ = rt::Realtime::keep_to(&cores);
@@ -41,8 +43,9 @@ fn placed(settings: &RealtimeSettings, priority: Option<u32>) -> Placement {
             return Placement::listed(&CoreMap::of_machine(), &list);
         }
     }
-    // On one core without real-time rights, the stages would wait for whatever else runs there. A process that asks for none
-    // (ingest, whose unit grants none) cannot tell, and keeps off the core in any case.
+    // On one core without real-time rights, the stages would wait for other work on that core. A process that
+    // asks for no rights cannot tell if they are granted, and keeps off the core in any case. Such a process is
+    // ingest, whose unit grants none.
     let refused = priority.is_some_and(|priority| rt::Realtime::try_fifo(priority as u8).is_err());
     if settings.policy != Policy::Fifo || refused {
         return Placement::free("scheduling is not real-time");

@@ -1,4 +1,4 @@
-//! Turns skeletons into joint targets on the fixed deadlines of the tick grid.
+//! Turns skeletons into joint targets at the fixed deadlines of the tick grid.
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;

@@ -1,5 +1,5 @@
-//! The simulated robot's body, with a clock and a watchdog of its own: takes setpoints from the driver as a field bus would
-//! bring them, moves the joints, measures, and judges what the joints truly do.
+//! The simulated robot's body, with its own clock and watchdog. Takes setpoints from the driver as if from a
+//! field bus. Moves the joints, measures them, and judges their true motion.
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
@@ -10,19 +10,20 @@ use serde_json::{Map, Value, json};
 use sim::Body;
 use telemetry::Metric;
 
-/// The cycle of the port, ns: 1 ms, as of EtherCAT in many robots.
+/// Cycle of the port, ns: 1 ms, as with EtherCAT in many robots.
 const CYCLE_NS: u64 = 1_000_000;
 
-/// A robot that is told to end goes on until its joints stand, but no longer than this: twice the longest stop.
+/// After a request to end, the robot continues until its joints stand still, but no longer than this: twice the
+/// longest stop.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
 /// Time between two looks at the shutdown flag of a robot that simulates nothing, ns.
 const STAND_BY_NS: u64 = 50_000_000;
 
-/// A joint slower than this stands, rad/s or m/s: a hundredth of an arm's largest speed. Assumption.
+/// A joint slower than this stands still, rad/s or m/s: a hundredth of an arm's largest speed. Assumption.
 const STANDING: f64 = 0.01;
 
-/// Runs until shutdown, and then until the joints stand.
+/// Runs until shutdown, then until the joints stand still.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("robot", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
     if process.loaded.driver_program().is_some() {
@@ -49,11 +50,11 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let now = rt::now();
         process.probe.record(Metric::WakeUp, cycle, now);
         if now.since(cycle) > CYCLE_NS {
-            // Cycles that were missed are skipped; the body moves on through them.
+            // Missed cycles are skipped. The body moves on through them.
             cycle = now;
         }
-        // Each setpoint acts at the time at which it was sent, whenever this process was woken.
-        // One refusal among those of a cycle is the answer to all.
+        // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
+        // a cycle is refused, the answer to all of them is a refusal.
         let mut answer = None;
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {

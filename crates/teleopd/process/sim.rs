@@ -9,20 +9,20 @@ use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, T
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-/// Time between two looks at the robot, ns: it measures once a cycle of its port, 1 ms.
+/// Time between two reads of the robot, ns. It measures once per cycle of its port, 1 ms.
 const LOOK_NS: u64 = 1_000_000;
 
-/// A driver waits so long for a robot, ns.
+/// Longest time that a driver waits for a robot, ns.
 const ROBOT_WITHIN_NS: u64 = 2_000_000_000;
 
-/// The robot's process, behind the driver's port.
+/// Connection to the robot's process, behind the driver's port.
 struct RemoteRobot {
     setpoints: Writer<RobotSetpoint>,
     measurements: Reader<RobotMeasured>,
     newest: RobotMeasured,
-    /// Index of the last setpoint that was sent.
+    /// Index of the last setpoint sent.
     sent_k: u64,
-    /// Of the driver's messages; sequence and stamp are filled in.
+    /// Header of the driver's messages. The sender fills in sequence and stamp.
     header: Header,
 }
 
@@ -68,8 +68,9 @@ impl Driver for RemoteRobot {
         }
     }
 
-    /// The robot's answer is that to an earlier setpoint: it comes with the next measurement. A driver that was suspended since
-    /// `now` sends nothing: the robot is elsewhere, and the next tick sees the pause.
+    /// Sends a setpoint. Its answer comes with the next measurement, so the one read now belongs to an earlier
+    /// setpoint. If the driver was suspended since `now`, it sends nothing. The robot is elsewhere then, and the
+    /// next tick detects the pause.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         if rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ {
             return true;

@@ -1,5 +1,5 @@
-//! Five minutes with everything: a motion of one's own, the page, a Python client, a recording. Each step is a command that is
-//! shown, run and checked; it is the programs themselves that run.
+//! Five-minute tour: a motion file, the page, a Python client and a recording. Each step shows a command, runs it
+//! and checks the result. The tour runs the real programs.
 
 mod stage;
 mod steps;
@@ -13,10 +13,10 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// How often a signal is looked for while Enter is waited for, ns.
+/// Polling period for signals while the tour waits for Enter, ns.
 const LOOK_NS: i64 = 50_000_000;
 
-/// A step: its title, what it shows, and its work.
+/// A step: its title, what it shows, and the function that runs it.
 struct Step {
     title: &'static str,
     shows: &'static str,
@@ -55,13 +55,13 @@ Where to go next (README.md and docs say more):
   as an operator      teleopctl watch, and calibrate NAME
   a robot             teleopd doctor, then SAFETY.md";
 
-/// What a tour holds between its steps.
+/// State of the tour between its steps.
 pub struct Tour {
     config: PathBuf,
     stage: Stage,
-    /// Nobody is asked.
+    /// If true, the tour does not ask before each step.
     yes: bool,
-    /// `teleopd up`, from the step that needs it first to the end.
+    /// `teleopd up`, running from the first step that needs it to the end.
     instance: Option<Background>,
 }
 
@@ -86,7 +86,7 @@ pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
     judged(&outcomes, trouble)
 }
 
-/// What became of a step.
+/// Result of a step.
 enum Outcome {
     Done(String),
     Skipped(String),
@@ -104,7 +104,7 @@ impl Outcome {
 }
 
 impl Tour {
-    /// All steps, or those before the tour is ended.
+    /// Runs all steps, or those before the user ends the tour.
     fn walk(&mut self) -> Vec<(&'static str, Outcome)> {
         let mut outcomes = Vec::new();
         let begun = Instant::now();
@@ -132,7 +132,7 @@ impl Tour {
         outcomes
     }
 
-    /// Whether the tour goes on: asks for Enter, where anybody is asked.
+    /// Returns true if the tour goes on. Asks for Enter unless `yes` is set.
     fn goes_on(&self, question: &str) -> bool {
         if self.yes {
             return !self.stage.shutdown.requested();
@@ -153,7 +153,7 @@ impl Tour {
         }
     }
 
-    /// Ends the instance, if one runs; what was not as it must be.
+    /// Stops the instance if one runs. Returns the problem if it ended badly.
     fn close(&mut self) -> Option<String> {
         let ended = self.instance.take()?.end();
         let rested = ended.text.contains("released, at rest, and every process has ended");
@@ -177,7 +177,7 @@ fn judged(outcomes: &[(&'static str, Outcome)], trouble: Option<String>) -> Resu
     }
 }
 
-/// Where the tour writes: a temporary folder is removed at the end.
+/// Output folder of the tour. A temporary folder is removed at the end.
 struct Folder {
     path: PathBuf,
     temporary: bool,

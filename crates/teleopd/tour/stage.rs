@@ -1,4 +1,5 @@
-//! Runs the commands of the tour: each is shown as a person types it, has a limit, and ends with the tour.
+//! Runs the commands of the tour. It shows each command as a person types it. Each has a time limit and ends with
+//! the tour.
 
 use crate::programs::Program;
 use rt::{Shutdown, out};
@@ -9,38 +10,39 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// How often a command is looked after.
+/// Polling period of a command.
 const LOOK: Duration = Duration::from_millis(20);
-/// How long a command may take to end once it is asked to: `up` brings the robot to rest and ends five processes, one by one.
+/// Longest time for a command to end after a request. `up` brings the robot to rest and stops five processes, one
+/// by one.
 const END_WITHIN: Duration = Duration::from_secs(15);
-/// Lines of a command's words that are shown.
+/// Number of output lines shown for a command.
 const LINES_SHOWN: usize = 12;
 
-/// Why a step ends early.
+/// The reason a step ends early.
 #[derive(Debug)]
 pub enum Stop {
-    /// What it needs is not here.
+    /// A requirement of the step is missing.
     Skip(String),
-    /// Something was not as it must be.
+    /// A check failed.
     Fail(String),
-    /// Whoever takes the tour ends it.
+    /// The user ends the tour.
     Quit,
 }
 
-/// A command, as it runs and as it is shown.
+/// A command, both as it runs and as it is shown.
 pub struct Line {
     command: Command,
     shown: String,
 }
 
 impl Line {
-    /// A program of the project.
+    /// Creates a command for a program of the project.
     pub fn of(program: Program) -> Result<Self, Stop> {
         let path = program.path().map_err(|failure| Stop::Skip(failure.text))?;
         Ok(Self { command: Command::new(path), shown: program.typed() })
     }
 
-    /// Any other program, by its path or its name in PATH.
+    /// Creates a command for any other program, by its path or its name in PATH.
     pub fn other(program: impl AsRef<Path>) -> Self {
         let program = program.as_ref();
         Self { command: Command::new(program), shown: program.display().to_string() }
@@ -59,37 +61,37 @@ impl Line {
     }
 }
 
-/// How a command ended.
+/// Result of a command.
 pub struct Ended {
-    /// Its exit code; nothing if a signal ended it.
+    /// Exit code. `None` if a signal ended the command.
     pub code: Option<i32>,
-    /// What it printed, where that was kept.
+    /// Output, if it was kept.
     pub text: String,
 }
 
 impl Ended {
-    /// The last line that says something.
+    /// Returns the last non-empty line.
     pub fn last_line(&self) -> &str {
         self.text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing")
     }
 }
 
-/// Where commands run.
+/// Runs the commands.
 pub struct Stage {
-    /// What they print in the background goes here.
+    /// Folder for the output of background commands.
     pub folder: PathBuf,
     pub shutdown: Shutdown,
 }
 
 impl Stage {
-    /// Runs a command in the foreground; it draws in this terminal.
+    /// Runs a command in the foreground. It draws in this terminal.
     pub fn run(&self, mut line: Line, within: Duration) -> Result<Ended, Stop> {
         out!("$ {}", line.shown);
         line.command.stdin(Stdio::null());
         self.wait(&mut line, within)
     }
 
-    /// Runs a command, and keeps what it prints; some of it is shown.
+    /// Runs a command and keeps its output. Shows the first lines.
     pub fn ask(&self, mut line: Line, within: Duration) -> Result<Ended, Stop> {
         out!("$ {}", line.shown);
         let path = self.folder.join("command.log");
@@ -105,13 +107,14 @@ impl Stage {
         out!("$ {} &", line.shown);
         let log = self.folder.join(format!("{name}.log"));
         redirect(&mut line.command, &log)?;
-        // A process group of its own: Ctrl-C reaches the tour alone, which then ends one after the other.
+        // The command gets its own process group. Ctrl-C then reaches only the tour, which ends the commands one
+        // by one.
         let child = line.command.process_group(0).spawn();
         let child = child.map_err(|error| Stop::Skip(format!("{}: {error}", line.shown)))?;
         Ok(Background { name, child, log, shutdown: self.shutdown.clone(), ended: None })
     }
 
-    /// Waits; the tour's own end may come first.
+    /// Sleeps. Returns early if the tour ends.
     pub fn sleep(&self, time: Duration) -> Result<(), Stop> {
         if self.shutdown.sleep_until(rt::now().plus_ns(time.as_nanos() as u64)) { Ok(()) } else { Err(Stop::Quit) }
     }
@@ -122,7 +125,7 @@ impl Stage {
         let give_up = Instant::now() + within;
         loop {
             if let Ok(Some(status)) = child.try_wait() {
-                // Ctrl-C reaches both.
+                // Ctrl-C reaches both processes.
                 let quit = self.shutdown.requested();
                 return if quit { Err(Stop::Quit) } else { Ok(Ended { code: status.code(), text: String::new() }) };
             }
@@ -137,7 +140,7 @@ impl Stage {
     }
 }
 
-/// A command in the background; it ends with this.
+/// A command in the background. It ends when this value is dropped.
 pub struct Background {
     name: &'static str,
     child: Child,
@@ -147,11 +150,11 @@ pub struct Background {
 }
 
 impl Background {
-    /// Waits until it printed a line with `words`, which is returned.
+    /// Waits until the command prints a line that contains `words`. Returns that line.
     pub fn wait_for(&mut self, words: &str, within: Duration) -> Result<String, Stop> {
         let give_up = Instant::now() + within;
         loop {
-            // Its end is looked for first: what it printed is complete then.
+            // Check first if the command has ended. Its output is then complete.
             let over = self.has_ended();
             let text = self.text();
             if let Some(line) = text.lines().find(|line| line.contains(words)) {
@@ -176,7 +179,7 @@ impl Background {
         self.ended.is_some()
     }
 
-    /// Asks it to end; its exit code, and everything that it printed.
+    /// Stops the command. Returns its exit code and its whole output.
     pub fn end(mut self) -> Ended {
         self.finish();
         Ended { code: self.ended.flatten(), text: self.text() }
@@ -201,7 +204,7 @@ impl Drop for Background {
     }
 }
 
-/// SIGTERM, and SIGKILL for who does not end; the exit code.
+/// Sends SIGTERM, then SIGKILL if the process does not end. Returns the exit code.
 fn end(child: &mut Child) -> Option<i32> {
     rt::terminate(child.id());
     let give_up = Instant::now() + END_WITHIN;
@@ -222,7 +225,7 @@ fn redirect(command: &mut Command, path: &Path) -> Result<(), Stop> {
     Ok(())
 }
 
-/// The first lines of what a command printed.
+/// Shows the first lines of a command's output.
 fn show(text: &str) {
     for line in text.lines().take(LINES_SHOWN) {
         out!("  {line}");

@@ -11,25 +11,26 @@ use std::net::{Ipv4Addr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The motion of the first step, among those of the project.
+/// Motion of the first step, one of the project's motion files.
 const MOTION: &str = "wave-left.bvh";
 /// The client of the third step, in the source tree.
 const PYTHON_CLIENT: &str = "tools/clients/python";
-/// How often a run is tried on a machine that gives it no time.
+/// Number of attempts for a run on a machine that is too busy.
 const ATTEMPTS: usize = 3;
 
-/// How long each may take. A whole motion takes 25 s, a start 5 s, engaging 5 s; a busy machine takes its time.
+/// Time limit of each action. A whole motion takes 25 s, a start 5 s, and engaging 5 s. A busy machine takes
+/// longer.
 const RUN_WITHIN: Duration = Duration::from_secs(60);
 const START_WITHIN: Duration = Duration::from_secs(30);
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 const INSTALL_WITHIN: Duration = Duration::from_secs(90);
 const BUILD_WITHIN: Duration = Duration::from_secs(1800);
-/// For how long the robot follows the Python client.
+/// Time for which the robot follows the Python client.
 const FOLLOW: Duration = Duration::from_secs(4);
-/// A client that has left keeps its lease for a second.
+/// Time to wait for a lease. It outlasts its client's exit by a second.
 const LEASE: Duration = Duration::from_millis(1500);
 
-/// Builds what is not there, in a source tree.
+/// Builds missing programs in a source tree.
 pub fn programs(tour: &mut Tour) -> Result<(), Stop> {
     let all_there = |all: &[Program]| all.iter().all(|program| program.found().is_some());
     if all_there(&[TELEOPCTL, REPLAY, RECORD]) || pipeline::is_installed() || !Path::new("Cargo.toml").exists() {
@@ -44,12 +45,12 @@ pub fn programs(tour: &mut Tour) -> Result<(), Stop> {
     if ended.code == Some(0) { Ok(()) } else { Err(Stop::Fail("cargo build failed".into())) }
 }
 
-/// A demo with a motion file.
+/// Runs a demo with a motion file.
 pub fn own_motion(tour: &mut Tour) -> Result<String, Stop> {
     demo(tour, &motion()?)
 }
 
-/// The motion of the tour.
+/// Returns the path of the tour's motion file.
 fn motion() -> Result<PathBuf, Stop> {
     let motion = pipeline::default_motions().join(MOTION);
     if motion.exists() {
@@ -58,7 +59,7 @@ fn motion() -> Result<PathBuf, Stop> {
     Err(Stop::Skip(format!("{} is not there; run the tour from the repository's root", motion.display())))
 }
 
-/// Runs a demo, and once more where the machine was too busy for it.
+/// Runs a demo. Retries if the machine was too busy.
 fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     for _ in 1..ATTEMPTS {
         match demo_once(tour, motion) {
@@ -69,13 +70,13 @@ fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     demo_once(tour, motion)
 }
 
-/// Runs a demo and checks what it reports.
+/// Runs a demo and checks its report.
 fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     let report = tour.stage.folder.join("report.json");
     let _ = std::fs::remove_file(&report);
     let line = Line::of(TELEOPD)?.with(["demo", "--motion"]).with([motion]).with(config(tour));
     let ended = tour.stage.run(line.with([Path::new("--report"), &report]), RUN_WITHIN)?;
-    // 2: it held for most of the time, on a machine that is busy.
+    // Exit code 2 means that it held for most of the time, on a busy machine.
     if !matches!(ended.code, Some(0 | 2)) {
         return Err(Stop::Fail(format!("the demo ended with {}", code(ended.code))));
     }
@@ -90,7 +91,7 @@ fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     Ok(format!("the robot followed for {:.0} % of the motion and broke no limit{busy}", share * 100.0))
 }
 
-/// `up`, a person, and the page.
+/// Starts `up`, a replayed person and the page.
 pub fn page(tour: &mut Tour) -> Result<String, Stop> {
     let run_dir = instance(tour)?;
     let person = Line::of(REPLAY)?.with(["builtin", "--loop", "--run-dir"]).with([&run_dir]);
@@ -111,7 +112,7 @@ pub fn page(tour: &mut Tour) -> Result<String, Stop> {
     Ok(format!("the page answered at {}", address.split('#').next().unwrap_or_default()))
 }
 
-/// The folder of the instance of the tour, which is started if it does not run.
+/// Returns the folder of the tour's instance. Starts the instance if it does not run.
 fn instance(tour: &mut Tour) -> Result<PathBuf, Stop> {
     let run_dir = tour.stage.folder.join("run");
     if tour.instance.as_mut().is_none_or(Background::has_ended) {
@@ -123,7 +124,7 @@ fn instance(tour: &mut Tour) -> Result<PathBuf, Stop> {
     Ok(run_dir)
 }
 
-/// Asks for the page as a browser does.
+/// Requests the page as a browser does.
 fn answers(address: &str) -> Result<(), String> {
     let host = address.trim_start_matches("http://").split('/').next().unwrap_or_default();
     let port = host.rsplit(':').next().and_then(|port| port.parse().ok()).ok_or("the address has no port")?;
@@ -139,7 +140,7 @@ fn answers(address: &str) -> Result<(), String> {
     if head.contains(" 200 ") && text.contains("<html") { Ok(()) } else { Err(format!("the page answered \"{head}\"")) }
 }
 
-/// A client of its own, in a virtual environment of its own.
+/// Runs its own Python client in its own virtual environment.
 pub fn python(tour: &mut Tour) -> Result<String, Stop> {
     let client = Path::new(PYTHON_CLIENT);
     if !client.is_dir() {
@@ -164,7 +165,7 @@ pub fn python(tour: &mut Tour) -> Result<String, Stop> {
     let own = Line::other(venv.join("bin/python")).with([client.join("examples/own.py"), run_dir.clone()]);
     let mut own = tour.stage.start("own", own)?;
     own.wait_for("publishing", START_WITHIN)?;
-    // A person is to be seen for half a second before anybody engages.
+    // A person must be visible for half a second before the robot can engage.
     tour.stage.sleep(LEASE)?;
     let said = engaged(tour, &run_dir)?;
     if own.has_ended() {
@@ -173,7 +174,7 @@ pub fn python(tour: &mut Tour) -> Result<String, Stop> {
     Ok(format!("the robot followed own.py for {} s; {said}", FOLLOW.as_secs()))
 }
 
-/// Engages, follows for a while and lets go; what `teleopctl` said last.
+/// Engages, follows for a while and releases. Returns the last line of `teleopctl`.
 fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
     let give_up = Instant::now() + START_WITHIN;
     loop {
@@ -181,7 +182,7 @@ fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
         let mut engage = tour.stage.start("engage", line)?;
         match engage.wait_for("engaged: ", START_WITHIN) {
             Ok(_) => {}
-            // On a busy machine frames may be late.
+            // Frames may be late on a busy machine.
             Err(Stop::Fail(_)) if Instant::now() < give_up => {
                 tour.stage.sleep(Duration::from_secs(1))?;
                 continue;
@@ -196,7 +197,8 @@ fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
     }
 }
 
-/// A run in virtual time that is recorded, described, and played again live. Its recording is the same on every machine.
+/// Records a run in virtual time, describes it, and plays it again live. The recording is the same on every
+/// machine.
 pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
     let (commands, file) = (tour.stage.folder.join("tour.csv"), tour.stage.folder.join("tour.mcap"));
     RECORD.path().map_err(|failure| Stop::Skip(failure.text))?;
@@ -214,7 +216,7 @@ pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
     Ok(format!("the recording is complete; played again, {}", demo(tour, &file)?))
 }
 
-/// The option that names the settings, where they are not those that every program takes by itself.
+/// Returns the option that names the settings. Empty if they are the default of every program.
 fn config(tour: &Tour) -> Vec<OsString> {
     let default = tour.config == pipeline::default_config();
     if default { Vec::new() } else { vec!["--config".into(), tour.config.clone().into_os_string()] }

@@ -1,5 +1,5 @@
-// Draws the scene, in a thread of its own so that drawing delays no button: the person and the robot as measured, and ghosts of
-// target and command. Everything is in the robot's base frame: x forward, y left, z up, m.
+// Draws the scene in its own thread, so that drawing delays no button. It shows the person, the measured robot,
+// and ghosts of target and command. Everything is in the robot's base frame: x forward, y left, z up, m.
 // Constants without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
@@ -10,19 +10,19 @@ import { POSE, Robot, bodiesOf, capsulesOf, pieces, shapesOf } from "./robot.js"
 import { isHigh, Sharpness } from "./quality.js";
 import { coarse, solid } from "./solid.js";
 
-// The person stands beside the robot as it is looked at, m: to its left, or behind it where it is seen from its left. In a
+// Place of the person beside the robot, m: to the robot's left, or behind it in the view from the left. In a
 // narrow window they stand closer.
 const BESIDE = { wide: new THREE.Vector3(0, 1.6, 0), narrow: new THREE.Vector3(0, 1.35, 0), side: new THREE.Vector3(-1.25, 0, 0) };
 const GHOST = 0.42;
-// What lies on the robot itself is not drawn of a ghost: it is pushed back by about 5 mm.
+// Ghosts are pushed back by about 5 mm. A ghost that coincides with the robot is therefore hidden.
 const BEHIND = { polygonOffset: true, polygonOffsetFactor: 3, polygonOffsetUnits: 150 };
-// A ghost comes and goes within this time, s.
+// Fade time of a ghost, s.
 const FADE_S = 0.2;
-// Of two figures that are nearer than this the nearest points are joined by a line, mm.
+// If two figures are nearer than this, a line joins their nearest points, mm.
 const NEAR_MM = 150;
-// Frames further apart than this do not follow each other, s.
+// Frames further apart than this are not consecutive, s.
 const JUMP_S = 1;
-// So many capsules of a body cast a shadow.
+// Number of capsules per body that cast a shadow.
 const CASTING = 2;
 const LAYERS = ["measured", "target", "command"];
 
@@ -111,9 +111,9 @@ class Artist {
     if (this.told) this.buildRobots();
   }
 
-  // `shown` says which layers are; `frame` is one of the wire's.
+  // `shown` tells which layers are visible. `frame` is a frame of the wire.
   update(newest) {
-    // A recording was moved to another time: the figures jump, and the camera with them.
+    // A recording was moved to another time. The figures and the camera jump.
     if (Math.abs(newest.frame.at - (this.newest?.frame.at ?? 0)) > JUMP_S) {
       this.person?.forget();
       this.rig.isSettled = false;
@@ -172,7 +172,7 @@ class Artist {
     if (ghost.material.opacity !== to) this.isDirty = true;
   }
 
-  // The time between two pictures of a scene that moves, s, is the time that one takes.
+  // Records the time between two pictures of a moving scene, s. It equals the drawing time of a picture.
   took(dt) {
     if (this.sharpness.note(dt)) this.sharpen();
   }
@@ -196,7 +196,7 @@ class Artist {
     if (shown.measured || !shown.person) rig.see(0, robot, dt);
     if (shown.person) rig.see(1, this.person.box, dt);
     rig.follow(dt, this.placing === "world");
-    // The floor lies still under figures that stand still.
+    // The floor stays still under figures that stand still.
     if (this.placing === "world") this.floor.follow(rig.middle.x, rig.middle.y);
     else this.floor.follow(this.placing === "beside" ? this.root.x / 2 : 0, this.placing === "beside" ? this.root.y / 2 : 0);
     project(robot, rig.camera, boxes.robot);
@@ -205,7 +205,7 @@ class Artist {
     if (!rig.isStill) this.isDirty = true;
   }
 
-  // Shadows of what is seen: the robot's capsules stand for its shapes.
+  // Draws the shadows of the visible figures. The robot's capsules represent its shapes.
   shade(limbs) {
     const { shown } = this.newest;
     limbs.begin();
@@ -224,21 +224,21 @@ class Artist {
   }
 }
 
-// The capsules whose shadows are seen: the largest of each body. What stands on the floor has its disc.
+// Returns the capsules that cast shadows: the largest of each body. The base has its disc instead.
 function casting(capsules) {
   const size = ({ a, b, radius }) => radius * (Math.hypot(...a.map((x, axis) => x - b[axis])) + radius);
   const sorted = capsules.filter((one) => one.body !== 0).sort((one, other) => size(other) - size(one));
   return sorted.filter((one, n) => sorted.slice(0, n).filter((larger) => larger.body === one.body).length < CASTING);
 }
 
-// The disc on the floor that a base stands on.
+// Returns the disc on the floor under a base.
 function standing(capsules) {
   const ends = capsules.flatMap(({ a, b, radius }) => [[...a, radius], [...b, radius]]);
   const [x, y] = [0, 1].map((axis) => (Math.min(...ends.map((end) => end[axis])) + Math.max(...ends.map((end) => end[axis]))) / 2);
   return { x, y, radius: ends.length === 0 ? 0.01 : Math.max(...ends.map((end) => Math.hypot(end[0] - x, end[1] - y) + end[3])) };
 }
 
-// Where a box is in the view: left, bottom, right, top; -1 to 1 is inside.
+// Projects a box into the view: left, bottom, right, top. Values from -1 to 1 are inside.
 function project(box, camera, out) {
   [out[0], out[1], out[2], out[3]] = [Infinity, Infinity, -Infinity, -Infinity];
   for (let n = 0; n < 8; n += 1) {
@@ -256,7 +256,7 @@ let artist = null, before = 0, asked = null;
 function draw(now) {
   requestAnimationFrame(draw);
   const dt = Math.min(0.25, (now - before) / 1000);
-  // After a picture the browser asks for the next one when that is done.
+  // The browser requests the next picture once the last one is done.
   if (asked !== null) artist.took((now - asked) / 1000);
   asked = artist.isDirty ? now : null;
   if (!artist.isDirty) return;

@@ -1,21 +1,22 @@
-// The camera: it frames the figures at every shape of the window, and goes where the user turns, moves and zooms it.
-// Constants without a source were chosen by eye: assumptions.
+// The camera. It frames the figures in every window shape, and the user can turn, move and zoom it. Constants
+// without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 
-// Angles about the vertical and above the horizon, rad, of each named view. The robot looks along x.
+// Angles of each named view, rad: about the vertical, and above the horizon. The robot looks along x.
 const VIEWS = { reset: [0.42, 0.16], front: [0, 0.1], side: [Math.PI / 2, 0.1] };
 const PITCH = [-0.2, 1.5];
 const DISTANCE_M = [0.6, 20];
-// The camera backs off at once, and comes nearer slowly: an arm that is stretched out stays in the frame, and nothing pumps.
+// The camera backs off at once and comes nearer slowly. A stretched arm stays in the frame, and the view does not
+// pump.
 const BACK_S = 0.07, FOLLOW_S = 0.5, SHRINK_S = 8;
-// A box that is larger by no more than this stays as it is: the picture comes to rest.
+// A box that grows by no more than this stays the same, so that the picture comes to rest.
 const SLACK_M = 0.01;
-// Room beside the figures, as a share of the view.
+// Margin beside the figures, as a share of the view.
 const ROOM = 0.055;
 
-// Smallest distance along `back` at which all `points` are seen, and where the camera is then sideways and upwards. Each edge
-// of the view is a plane; `tan` are its slopes: left, right, bottom, top.
+// Finds the smallest distance along `back` at which all `points` are visible, and the camera's place sideways and
+// upwards. Each edge of the view is a plane. `tan` are their slopes: left, right, bottom, top.
 function fit(points, count, right, up, back, tan, out) {
   let [l, r, b, t] = [Infinity, -Infinity, Infinity, -Infinity];
   for (let n = 0; n < count; n += 1) {
@@ -26,7 +27,7 @@ function fit(points, count, right, up, back, tan, out) {
     b = Math.min(b, y - tan.bottom * z);
     t = Math.max(t, y + tan.top * z);
   }
-  // Right edge: x <= X + tan.right (Z - z), so r <= X + tan.right Z; and so on.
+  // Right edge: x <= X + tan.right (Z - z), so r <= X + tan.right Z. The other edges are similar.
   const wide = (r - l) / (tan.left + tan.right), high = (t - b) / (tan.bottom + tan.top);
   out.z = Math.max(wide, high);
   out.x = (r - tan.right * out.z + l + tan.left * out.z) / 2;
@@ -38,14 +39,14 @@ export class CameraRig {
     this.camera = new THREE.PerspectiveCamera(32, 1, 0.05, 60);
     this.camera.up.set(0, 0, 1);
     [this.yaw, this.pitch] = VIEWS.reset;
-    // While `auto` is on, the rig chooses place and distance; zooming and moving turn it off.
+    // While `auto` is on, the rig chooses place and distance. Zooming and moving turn it off.
     this.auto = true;
     this.kept = [new THREE.Box3(), new THREE.Box3()];
     this.corners = Array.from({ length: 16 }, () => new THREE.Vector3());
     [this.whole, this.middle, this.count] = [new THREE.Box3(), new THREE.Vector3(), 0];
     [this.right, this.up, this.back] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
     [this.wished, this.gone, this.centre] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
-    // The camera's place along right, up and back of its own view.
+    // Camera position along right, up and back of its own view.
     this.place = new THREE.Vector3();
     this.seen = new THREE.Vector3();
     this.before = new THREE.Vector3();
@@ -54,7 +55,7 @@ export class CameraRig {
     this.size = { width: 1, height: 1, inset: { left: 0, right: 0, bottom: 0, top: 0 } };
   }
 
-  // `inset` are the widths in pixels that controls cover at each edge.
+  // `inset` holds the widths in pixels that controls cover at each edge.
   resize(width, height, inset) {
     this.size = { width, height, inset };
     this.camera.aspect = width / Math.max(height, 1);
@@ -73,7 +74,7 @@ export class CameraRig {
     this.whole.makeEmpty();
   }
 
-  // A box that is to be seen, the `n`th: it grows at once, and shrinks over seconds.
+  // Sets the `n`th box that must be visible. It grows at once and shrinks over seconds.
   see(n, box, dt) {
     if (box.isEmpty()) return;
     const kept = this.kept[n], keep = Math.exp(-dt / SHRINK_S);
@@ -90,7 +91,7 @@ export class CameraRig {
     this.whole.union(kept);
   }
 
-  // After `dt` seconds, with what is to be seen. Where people walk about, a camera that was moved goes with them.
+  // Updates the camera after `dt` seconds. If people walk about, a camera that was moved follows them.
   follow(dt, isWalking) {
     if (this.count === 0) return;
     this.whole.getCenter(this.middle);
@@ -108,7 +109,7 @@ export class CameraRig {
       this.place.z += this.gone.dot(this.back) * share;
       this.centre.addScaledVector(this.gone, share);
     }
-    // Whether the next picture would look the same.
+    // True if the next picture would look the same.
     this.isStill = this.isSettled && this.before.distanceToSquared(this.place) < 1e-8;
     this.before.copy(this.place);
     this.isSettled = true;
@@ -129,12 +130,12 @@ export class CameraRig {
     this.camera.updateMatrixWorld();
   }
 
-  // How far in front of the camera the middle of the figures is, m.
+  // Returns the distance of the figures' middle in front of the camera, m.
   distance() {
     return Math.max(this.place.z - this.centre.dot(this.back), DISTANCE_M[0]);
   }
 
-  // Turns about the middle of what is seen, by pixels.
+  // Turns about the middle of the view, by pixels.
   turn(dx, dy) {
     this.basis();
     this.seen.set(this.place.x - this.centre.dot(this.right), this.place.y - this.centre.dot(this.up), this.place.z - this.centre.dot(this.back));
@@ -145,7 +146,7 @@ export class CameraRig {
     this.aim();
   }
 
-  // Moves what is seen with the pointer, by pixels.
+  // Moves the view with the pointer, by pixels.
   move(dx, dy) {
     this.auto = false;
     const step = 2 * Math.tan(THREE.MathUtils.degToRad(this.camera.fov) / 2) * this.distance() / Math.max(this.size.height, 1);
@@ -161,7 +162,7 @@ export class CameraRig {
     this.aim();
   }
 
-  // A named view: from there both figures are framed again.
+  // Switches to a named view, which frames both figures again.
   view(name) {
     [this.yaw, this.pitch] = VIEWS[name];
     this.auto = true;

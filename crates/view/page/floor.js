@@ -1,13 +1,13 @@
-// Floor and light: a grid that fades out, and the shadow that falls on it. Metres.
-// Constants without a source were chosen by eye: assumptions.
+// Floor and light: a grid that fades out, and the shadow on it. In metres. Constants without a source were chosen
+// by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 import { LimbShadow } from "./shadow.js";
 
 const CELL_M = 0.5, REACH_M = 5;
-// The side of the square that the shadow's light covers, and of its map in pixels.
+// Side of the square that the shadow's light covers, and size of its map in pixels.
 const LIT_M = 5, PIXELS = 1024;
-// Limbs of both figures that may cast a shadow.
+// Largest number of limbs of both figures that cast a shadow.
 const LIMBS_MAX = 160;
 
 function grid(colour) {
@@ -17,7 +17,7 @@ function grid(colour) {
     positions.push(x, y, 0);
     colours.push(shade.r, shade.g, shade.b, 0.45 * Math.max(0, 1 - Math.hypot(x, y) / REACH_M) ** 1.5);
   };
-  // Each line in four pieces, so that it fades.
+  // Each line has four pieces, so that it fades out.
   for (let line = -REACH_M; line <= REACH_M; line += CELL_M) {
     const half = Math.sqrt(REACH_M ** 2 - line ** 2), ends = [-half, -half / 2, 0, half / 2, half];
     for (let n = 0; n < 4 && half > 0; n += 1) {
@@ -71,7 +71,7 @@ export class Floor {
     this.scene.add(this.grid);
   }
 
-  // Light and floor go where the figures are.
+  // Moves light and floor to the figures.
   follow(x, y) {
     this.sun.position.set(x + 2.2, y + 1.2, 5);
     this.sun.target.position.set(x, y, 0.6);

@@ -1,15 +1,15 @@
-// Loads the user's own meshes. The loaders of three.js need the page's document, so this is done here; the artist gets plain
-// arrays. None of it is fetched where no folder of meshes was named.
+// Loads the user's own meshes. The loaders of three.js need the page's document, so the page loads them. The
+// artist gets plain arrays. Without a mesh folder nothing is loaded.
 
-// Each file may bring so many triangles; the robot is drawn 60 times a second.
+// Largest number of triangles per file. The robot is drawn 60 times a second.
 const TRIANGLES_MAX = 400_000;
-// What ColladaLoader paints a mesh without a material.
+// Colour that ColladaLoader gives to a mesh without a material.
 const UNPAINTED = 0xff00ff;
 
 const LOADERS = {
   async dae() {
     const { ColladaLoader } = await import("./three/loaders/ColladaLoader.js");
-    // A URDF means a mesh's axes as they stand in the file, whichever of them is said to be up.
+    // A URDF uses a mesh's axes as stored in the file, whatever up-axis the file names.
     return async (url, manager) => { const { scene } = await new ColladaLoader(manager).loadAsync(url); scene.rotation.set(0, 0, 0); return scene; };
   },
   async stl() {
@@ -27,7 +27,7 @@ const LOADERS = {
     const [{ OBJLoader }, { MTLLoader }] = [await import("./three/loaders/OBJLoader.js"), await import("./three/loaders/MTLLoader.js")];
     return async (url, manager) => {
       const loader = new OBJLoader(manager);
-      // The materials lie beside it under the same name, or it has none.
+      // The materials are beside the mesh under the same name. Otherwise it has none.
       const materials = await new MTLLoader(manager).loadAsync(url.replace(/obj$/i, "mtl")).catch(() => null);
       if (materials) loader.setMaterials(materials);
       return loader.loadAsync(url);
@@ -37,13 +37,14 @@ const LOADERS = {
 LOADERS.gltf = LOADERS.glb;
 
 export class MeshLoader {
-  // `token` is that of the page's address.
+  // `token` is the token of the page's address.
   constructor(token) {
     this.base = `./meshes/${token}/`;
     this.loaders = {};
   }
 
-  // The meshes of a scene with their arrays, and the names of those that cannot be read. `progress` is told of each file.
+  // Returns a scene's meshes with their arrays, and the names of those that cannot be read. Calls `progress` for
+  // each file.
   async load(meshes, progress) {
     const files = new Map(meshes.map((mesh) => [mesh.file, null])), failed = [];
     let done = 0;
@@ -73,7 +74,7 @@ export class MeshLoader {
   }
 }
 
-// Waits for the textures of an object: some loaders return before they are there.
+// Waits for the textures of an object. Some loaders return before these are loaded.
 async function images(object) {
   const waiting = [];
   object.traverse(({ material }) => {
@@ -85,7 +86,8 @@ async function images(object) {
   }
 }
 
-// The triangles of an object as arrays, one of them for each material: positions, normals, and colours where it has its own.
+// Returns the triangles of an object as arrays, one per material: positions, normals, and colours if it has its
+// own.
 function flat(object) {
   object.updateMatrixWorld(true);
   const all = [];
@@ -108,7 +110,7 @@ function flat(object) {
   return all;
 }
 
-// A colour for each vertex, or none where the file has no colours. Textures are read at the vertices.
+// Returns a colour for each vertex, or nothing if the file has no colours. Textures are sampled at the vertices.
 function painted(geometry, material, start, count) {
   const colour = material?.color, vertex = material?.vertexColors ? geometry.attributes.color : null;
   const isPlain = !colour || colour.getHex() === UNPAINTED || (colour.getHex() === 0xffffff && !material.name);
@@ -123,7 +125,7 @@ function painted(geometry, material, start, count) {
   return colours;
 }
 
-// Reads a texture at u and v, as linear colours.
+// Samples a texture at u and v, as linear colours.
 function pixels(map) {
   const { image } = map, canvas = new OffscreenCanvas(image.width, image.height), pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0);

@@ -1,13 +1,15 @@
-// The triangle of three key poses. The handle is what is asked for; the dot follows it: where the server's person is.
+// The triangle of three key poses. The handle is the requested mix. The dot shows the server's person and follows
+// the handle.
 
-// The corners in the drawing, whose width is 120 and height 100.
+// Corners in the drawing, which is 120 wide and 100 high.
 const CORNERS = [[14, 84], [106, 84], [60, 8]];
-// While it is on, this is said so often, ms; the server ends it after 500 of silence.
+// Period of the repeated request while it is on, ms. The server stops the person after 500 ms of silence.
 const KEEP = 100;
-// What an arrow key moves the handle by, in the drawing.
+// Distance that an arrow key moves the handle, in the drawing.
 const STEP = 2;
 
-// Shares of the corners at a point; outside of the triangle those of the point of it that is nearest.
+// Returns the shares of the corners at a point. A point outside the triangle uses the nearest point of the
+// triangle.
 export function sharesAt(at) {
   const [a, b, c] = CORNERS;
   const cross = ([ax, ay], [bx, by], [px, py]) => (bx - ax) * (py - ay) - (by - ay) * (px - ax);
@@ -30,7 +32,7 @@ export function pointOf(shares) {
 }
 
 export class Mix {
-  // `ask` says something to the server; `$` finds an element.
+  // `ask` sends a request to the server. `$` finds an element.
   constructor(ask, $) {
     Object.assign(this, { ask, $, on: false, names: [], keeping: null, held: null });
     this.shares = [1, 0, 0];
@@ -54,7 +56,7 @@ export class Mix {
     $("mix-on").addEventListener("click", () => this.lead(!this.on));
   }
 
-  // The names of the corners; without any there is nothing to lead through.
+  // Shows the corner names. Without names there are no key poses, so the triangle is hidden.
   build(names) {
     this.$("mix").hidden = !names;
     this.names = names ?? [];

@@ -1,4 +1,4 @@
-// What the page shows and asks. It can only ask: control decides.
+// Content and requests of the page. It can only send requests, and control decides.
 
 import { Stage } from "./stage.js";
 import { Panel } from "./panel.js";
@@ -6,16 +6,16 @@ import { Mix } from "./mix.js";
 import { PRESENT, Wire, isSame } from "./wire.js";
 
 const $ = (id) => document.getElementById(id);
-// While the enable is held, this is said so often, ms; the server lets go after 500.
+// Period of the repeated request while the enable is held, ms. The server releases it after 500 ms.
 const KEEP = 100;
-// The target's ghost appears above the limit, and goes again below this share of it.
+// The target's ghost appears above the limit. It disappears below this share of it.
 const GONE = 0.6;
 
 const panel = new Panel($);
 let stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, keeping = null, isBehind = false, isNew = false;
-// What the artist was told last.
+// State last sent to the artist.
 let drawnFrame = null, drawnLayers = "";
-// Of a recording: whether it plays, whether it is at its end, and whether the slider is being held.
+// State of a recording: whether it plays, whether it is at its end, and whether the user holds the slider.
 let playing = true, ended = false, sliding = false;
 
 const text = (id, value) => panel.text(id, value);
@@ -52,7 +52,7 @@ function engage() {
   ask("engage");
 }
 
-// What covers the scene while there is nothing to see; empty texts lift it.
+// Covers the scene while there is nothing to see. Empty texts uncover it.
 function curtain(title, more = "") {
   if (broken !== null) [title, more] = ["No picture", broken];
   $("curtain").hidden = title === "";
@@ -65,7 +65,7 @@ function setMode(name) {
   $("mode").dataset.mode = name;
 }
 
-// The user's own meshes, once for each set of them.
+// Loads the user's own meshes, once for each set.
 async function loadMeshes({ meshes, missing_meshes: missing }) {
   const key = JSON.stringify(meshes);
   if (!stage || key === meshesAre || (meshes.length === 0 && meshesAre === null)) return;
@@ -142,8 +142,8 @@ function showMode(heard) {
 
 function showTime() {
   if (!sliding) $("at").value = frame.at;
-  // It stands by itself when it comes to its end; frames from there may still come when it is played anew. The numbers
-  // of a frame are of single precision.
+  // The recording stops by itself at its end. If it is played again, frames from the end may still arrive. The
+  // numbers of a frame have single precision.
   const over = frame.at >= Math.fround(scene.about.duration_s);
   if (over && !ended) showPlaying(false);
   ended = over;
@@ -151,7 +151,7 @@ function showTime() {
   panel.later(frame.at);
 }
 
-// Which layers are drawn now. The target is, by itself, while the robot is behind it.
+// Returns the layers to draw. With "auto" the target is drawn while the robot is behind it.
 function layers(heard) {
   const has = (bit) => (frame.present & bit) !== 0, asked = $("show-target").value;
   const limit = scene.limits.behind_deg;
@@ -198,7 +198,7 @@ function listen() {
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => stage?.tell("look", { view: button.dataset.view }));
   for (const radio of document.querySelectorAll("[name=placing]")) radio.addEventListener("change", () => stage?.tell("place", { placing: radio.value }));
   document.addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); }, true);
-  // Before any button: Space on a focused button would press that instead.
+  // Handled before any button gets it. Otherwise Space would press a focused button.
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.code === "Space") {
@@ -212,19 +212,19 @@ function listen() {
       ask("release");
     }
   }, true);
-  // Nobody looks at a page behind another: it lets go.
+  // A hidden page releases the enable, because nobody watches it.
   document.addEventListener("visibilitychange", () => {
     if (document.hidden && held) ask("release");
     if (document.hidden && mix.on) mix.lead(false);
   });
-  // Light and dark have colours of their own.
+  // Light and dark themes have different colours.
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     if (scene) stage?.build(scene);
     panel.redraw();
   });
 }
 
-// Without a picture the numbers and the buttons go on.
+// If drawing fails, the numbers and the buttons still work.
 function fail(why) {
   broken = why;
   curtain("");
@@ -240,7 +240,7 @@ const mix = new Mix((what, more) => wire.ask(what, more), $);
 const wire = new Wire(location.hash.slice(1), told);
 listen();
 requestAnimationFrame(draw);
-// For tests: what is shown, as numbers.
+// For tests: the displayed state as numbers.
 window.teleopd = {
   frame: () => frame,
   drawn: () => stage?.drawn ?? 0,

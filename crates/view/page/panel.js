@@ -1,12 +1,12 @@
-// The panel of numbers: figures with their sparklines, joints against their limits, and what happened.
+// The panel of numbers: figures with their sparklines, joints against their limits, and events.
 
 import { Sparkline } from "./sparkline.js";
 import { PRESENT } from "./wire.js";
 
-// A joint this near to a limit is marked, as a share of its range.
+// A joint closer to a limit than this share of its range is marked.
 const NEAR = 0.03;
 const EVENTS_KEPT = 1000;
-// Numbers are for the eye: so many milliseconds between two.
+// Time between two updates of the numbers, ms. They are for the eye.
 const EVERY_MS = 100;
 
 export class Panel {
@@ -37,7 +37,7 @@ export class Panel {
     this.text("count", "");
   }
 
-  // What a frame tells: the time it takes from the person to the robot is what the settings ask for, and what the robot trails.
+  // Records a frame. The delay from the person to the robot is the delay by the settings plus the robot's lag.
   take(frame) {
     const heard = (frame.present & PRESENT.command) !== 0;
     if ((frame.present & PRESENT.lag) !== 0) this.lag = frame.lag;
@@ -67,14 +67,14 @@ export class Panel {
     if (this.$("joint-bars").open) this.rows.forEach((row, j) => showJoint(row, this.scene.joints[j], frame, j));
   }
 
-  // Nothing is heard: no number of before stays.
+  // Nothing arrives, so the old numbers disappear.
   silent() {
     for (const id of ["behind", "delay", "clearance", "age", "late", "limb-target", "speed"]) this.text(id, "–");
     this.text("pair", "");
     this.status(null);
   }
 
-  // In the colours of now.
+  // Redraws with the current colours.
   redraw() {
     for (const line of Object.values(this.lines)) line.draw();
   }
@@ -99,11 +99,11 @@ export class Panel {
     while (events.children.length > EVENTS_KEPT) events.lastChild.remove();
     this.events += 1;
     this.text("count", `${this.events}`);
-    // The list is folded: what is new is spoken from here.
+    // The list is folded, so screen readers read new events from here.
     this.text("news", sentence);
   }
 
-  // In a recording, sentences of what is yet to come are dim.
+  // In a recording, dims the events that are still to come.
   later(at) {
     for (const row of this.$("events").children) row.classList.toggle("later", Number(row.dataset.at) > at + 0.01);
   }

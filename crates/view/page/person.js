@@ -1,4 +1,4 @@
-// The person: a figure of round limbs about the 22 joints of SMPL. Nothing is allocated while it moves.
+// The person: a figure of round limbs around the 22 joints of SMPL. It allocates nothing while it moves.
 // Constants without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
@@ -8,31 +8,33 @@ import { Tube } from "./tube.js";
 const JOINTS = 22;
 const [PELVIS, SPINE3, NECK, HEAD] = [0, 9, 12, 15];
 const HIPS = [1, 2], KNEES = [4, 5], ANKLES = [7, 8], FEET = [10, 11], SHOULDERS = [16, 17], ELBOWS = [18, 19], WRISTS = [20, 21];
-// Trunk of the person whose measures stand below, m; others are scaled by theirs.
+// Trunk length of the person with the measures below, m. Other persons are scaled by theirs.
 const TRUNK_M = 0.5;
-// How high a joint is above what is below it, m: soles under feet and ankles.
+// Height of each joint above the surface below it, m: soles under feet and ankles.
 const ABOVE = new Float32Array(JOINTS).fill(0.05);
 for (const n of ANKLES) ABOVE[n] = 0.085;
 for (const n of FEET) ABOVE[n] = 0.025;
-// The direction of the hips is smoothed, and the floor sinks at once and rises slowly, s: a jump is seen as one.
+// Time constants, s. The hip direction is smoothed. The floor sinks at once and rises slowly, so a jump looks
+// like a jump.
 const HEADING_S = 0.25, FLOOR_S = 1.5;
-// Another person, or one who was put somewhere else, m between two frames.
+// A larger move between two frames means another person, or one who was put elsewhere, m.
 const JUMP_M = 1;
 
-// [s, half the width, half the depth] along each path, m. Where the colour changes, two rings are at one place.
+// [s, half the width, half the depth] along each path, m. Where the colour changes, two rings are at the same
+// place.
 const ARM = [[0.1, 0.03], [0.35, 0.05], [0.7, 0.057], [0.9, 0.06], [1.04, 0.06], [1.18, 0.054], [1.4, 0.048], [1.65, 0.044], [1.88, 0.041],
   [2.0, 0.04], [2.14, 0.043], [2.3, 0.043], [2.55, 0.037], [2.8, 0.031], [2.93, 0.029], [3.0, 0.026]];
 const LEG = [[-0.3, 0.02], [-0.26, 0.055], [-0.16, 0.078, 0.085], [-0.04, 0.09, 0.1], [0.12, 0.092, 0.1], [0.3, 0.085, 0.088], [0.55, 0.071], [0.8, 0.059], [0.93, 0.056],
   [1.0, 0.056], [1.1, 0.053], [1.28, 0.057], [1.5, 0.053], [1.75, 0.043], [1.95, 0.039], [2.06, 0.042]];
-// From the middle of the hips at 0 to the neck at 4, and to the skull at 5.
+// From the middle of the hips at 0 to the neck at 4 and the skull at 5.
 const TRUNK = [[-0.5, 0.02, 0.02], [-0.42, 0.06, 0.05], [-0.22, 0.12, 0.082], [0.1, 0.158, 0.1], [0.5, 0.16, 0.106], [0.85, 0.15, 0.102], [0.85, 0.155, 0.108],
   [1.25, 0.144, 0.1], [1.8, 0.146, 0.1], [2.4, 0.158, 0.109], [2.9, 0.169, 0.114], [3.3, 0.172, 0.112], [3.6, 0.155, 0.1], [3.82, 0.12, 0.085],
   [3.96, 0.078, 0.071], [4.0, 0.066, 0.066], [4.0, 0.056, 0.058], [4.3, 0.052, 0.055], [5.0, 0.05, 0.056], [5.5, 0.04, 0.045]];
 const TROUSERS_END = 6, COLLAR = 16;
-// Joints that are made of others: the trunk's curve, and the upper end of the neck.
+// Computed joints: the trunk's curve, and the upper end of the neck.
 const [HIP, WAIST, RIBS, CHEST, SKULL] = [22, 23, 24, 25, 26], MADE = 5;
 
-// What casts a shadow: from joint to joint, with a radius in m.
+// Limbs that cast a shadow: from joint to joint, with a radius in m.
 const SHADOWS = [...[0, 1].flatMap((side) => [[SHOULDERS[side], ELBOWS[side], 0.05], [ELBOWS[side], WRISTS[side], 0.045], [HIPS[side], KNEES[side], 0.085],
   [KNEES[side], ANKLES[side], 0.06], [ANKLES[side], FEET[side], 0.06]]), [PELVIS, NECK, 0.15], [HEAD, HEAD, 0.11]];
 
@@ -44,7 +46,7 @@ function shaded(colour, factor) {
 }
 
 export class Person {
-  // `colour` is that of the clothes; the rest of the figure is made of it.
+  // `colour` is the colour of the clothes. The other colours are derived from it.
   constructor(colour, isHigh) {
     this.group = new THREE.Group();
     this.material = isHigh ? new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.75 }) : new THREE.MeshLambertMaterial({ vertexColors: true });
@@ -77,8 +79,9 @@ export class Person {
     this.group.add(...meshes);
   }
 
-  // `positions` are the joints in the client's frame; `placing` says where they go: beside, overlaid or world. `root` is the place
-  // in the robot's frame for the pelvis, or for the middle of the shoulders of one who is laid over the robot.
+  // `positions` are the joints in the client's frame. `placing` tells where they go: beside, overlaid or world.
+  // `root` is a place in the robot's frame. It is for the pelvis, or for the middle of the shoulders of an
+  // overlaid person.
   update(positions, placing, root, dt) {
     if (Math.hypot(positions[0] - this.raw[0], positions[1] - this.raw[1]) > JUMP_M) this.start = null;
     this.raw.set(positions);
@@ -90,12 +93,12 @@ export class Person {
     this.bound();
   }
 
-  // The next pose is not one that follows on the last.
+  // Resets the smoothing, because the next pose does not follow the last one.
   forget() {
     [this.heading, this.floor, this.start] = [null, null, null];
   }
 
-  // Turned so that the hips face where the robot faces; in the world as they are.
+  // Turns the hips to face where the robot faces. In the world placing they keep their direction.
   turn(placing, dt) {
     A.subVectors(this.joints[HIPS[0]], this.joints[HIPS[1]]);
     const now = Math.atan2(-A.x, A.y);
@@ -105,7 +108,7 @@ export class Person {
     for (const joint of this.joints) joint.set(c * joint.x - s * joint.y, s * joint.x + c * joint.y, joint.z);
   }
 
-  // Set down on the floor at the place that is meant; or with the shoulders at the robot's.
+  // Places the person on the floor at `root`, or with the shoulders at the robot's.
   place(placing, root, dt) {
     let low = Infinity;
     for (let n = 0; n < JOINTS; n += 1) low = Math.min(low, this.joints[n].z - ABOVE[n] * this.size);
@@ -120,12 +123,13 @@ export class Person {
     for (const joint of this.joints) joint.add(A);
   }
 
-  // The trunk is a parabola from the hips through the spine to the neck: layouts place their spines differently.
+  // The trunk is a parabola from the hips through the spine to the neck, because layouts place their spines
+  // differently.
   make() {
     const { joints, size } = this;
     const low = joints[HIP].addVectors(joints[HIPS[0]], joints[HIPS[1]]).multiplyScalar(0.5), high = joints[NECK], middle = joints[SPINE3];
     const at = Math.min(0.8, Math.max(0.2, A.subVectors(middle, low).length() / Math.max(1e-3, B.subVectors(high, low).length())));
-    // The bend is where the spine leaves the straight line, and no more than a spine can.
+    // The bend is the spine's distance from the straight line, limited to a real spine's.
     C.lerpVectors(low, high, at);
     C.subVectors(middle, C).clampLength(0, 0.12 * size).divideScalar(4 * at * (1 - at));
     [WAIST, RIBS, CHEST].forEach((n, k) => joints[n].lerpVectors(low, high, (k + 1) / 4).addScaledVector(C, (k + 1) * (3 - k) / 4));
@@ -147,13 +151,13 @@ export class Person {
       this.placeHand(side);
       this.placeShoe(side);
     }
-    // Up from the neck, the face where the chest faces.
+    // The head points up from the neck. The face points where the chest points.
     A.subVectors(joints[SKULL], joints[NECK]).normalize();
     B.copy(front).addScaledVector(A, -front.dot(A)).normalize();
     this.rigid(this.head, joints[SKULL], B, C.crossVectors(A, B), A);
   }
 
-  // The thumb points forwards, or upwards where the arm itself points forwards.
+  // The thumb points forwards, or upwards if the arm itself points forwards.
   placeHand(side) {
     const { joints, front } = this;
     A.subVectors(joints[WRISTS[side]], joints[ELBOWS[side]]).normalize();
@@ -163,7 +167,7 @@ export class Person {
     this.rigid(this.hands[side], joints[WRISTS[side]], A, B, C.crossVectors(A, B));
   }
 
-  // The sole is level where the shin stands: what joins ankle and toes slopes down.
+  // The sole is level if the shin is upright, although the line from ankle to toes slopes down.
   placeShoe(side) {
     const { joints, lateral, size } = this;
     D.subVectors(joints[KNEES[side]], joints[ANKLES[side]]).normalize();
@@ -187,7 +191,7 @@ export class Person {
     box.makeEmpty();
     for (let n = 0; n < JOINTS; n += 1) box.expandByPoint(joints[n]);
     box.expandByScalar(0.07 * size);
-    // The crown, and the hands beyond the wrists.
+    // Includes the crown, and the hands beyond the wrists.
     box.expandByPoint(A.copy(joints[SKULL]).setZ(joints[SKULL].z + 0.2 * size));
     for (let side = 0; side < 2; side += 1) {
       A.subVectors(joints[WRISTS[side]], joints[ELBOWS[side]]).normalize();
@@ -196,14 +200,14 @@ export class Person {
     box.min.z = Math.max(0, box.min.z);
   }
 
-  // One who is laid over the robot is seen through, and what would be below the floor is cut off.
+  // An overlaid person is transparent, and the part below the floor is cut off.
   overlay(isOn) {
     const { material } = this;
     [material.transparent, material.opacity, material.clippingPlanes] = [isOn, isOn ? 0.6 : 1, isOn ? [FLOOR] : null];
     material.needsUpdate = true;
   }
 
-  // Shadows of limbs, trunk and head.
+  // Adds the shadows of limbs, trunk and head.
   shade(limbs) {
     const { joints, size } = this;
     for (const [from, to, radius] of SHADOWS) {
@@ -220,7 +224,8 @@ export class Person {
 
 const SCALE = new THREE.Vector3();
 
-// Along x from the wrist, the thumb towards y. `mirror` is -1 for the right hand, whose thumb is on the same side too.
+// Builds a hand along x from the wrist, with the thumb towards y. Both hands have the same shape: in their frames the
+// thumb is on the same side.
 function hand(colour) {
   const palm = ellipsoid([0.058, 0.04, 0.019]).translate(0.045, 0, 0);
   const fingers = capsule([0.075, 0, 0], [0.15, 0, 0], 0.024, 0.016).scale(1, 1.35, 0.62);
@@ -229,14 +234,14 @@ function hand(colour) {
   return [palm, fingers, thumb, wrist].map((geometry) => ({ geometry, colour }));
 }
 
-// From the heel to the toes along x, the sole at z = 0.
+// Builds a shoe along x from the heel to the toes, with the sole at z = 0.
 function shoe(colour) {
   const sole = capsule([-0.035, 0, 0.04], [0.135, 0, 0.034], 0.042, 0.035).scale(1, 1.08, 1);
   const ankle = capsule([-0.005, 0, 0.04], [0, 0, 0.1], 0.042, 0.034);
   return [sole, ankle].map((geometry) => ({ geometry, colour }));
 }
 
-// The face towards x, the crown towards z, from the upper end of the neck.
+// Builds a head from the upper end of the neck: the face towards x, the crown towards z.
 function head(skin, dark) {
   const egg = [[0, -0.05], [0.03, -0.048], [0.052, -0.03], [0.07, 0.005], [0.087, 0.05], [0.093, 0.09], [0.089, 0.125], [0.07, 0.158], [0.04, 0.178], [0, 0.185]];
   const skull = lathe(egg, { stretch: [1, 0.8] }).rotateY(0.06).translate(0.018, 0, 0);

@@ -1,9 +1,9 @@
-// How much is drawn: a graphics card smooths edges and casts real shadows, a processor that draws must do with less.
+// Level of detail. A graphics card smooths edges and casts real shadows. Software rendering draws less.
 
-// Names by which drivers say that the processor draws.
+// Driver names that indicate software rendering.
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
-// `asked` is high, low, or anything else for what this machine can do.
+// `asked` is high or low. Anything else selects the best that this machine can do.
 export function isHigh(asked) {
   if (asked === "high" || asked === "low") return asked === "high";
   const gl = new OffscreenCanvas(1, 1).getContext("webgl2");
@@ -13,15 +13,15 @@ export function isHigh(asked) {
   return !SOFTWARE.test(name);
 }
 
-// Pictures whose times are averaged before the number of pixels changes.
+// Number of pictures averaged before the pixel count changes.
 const AVERAGED = 15;
-// A picture that takes longer than this is slow, s: 30 a second are smooth, and a display's own rhythm trembles.
+// Slowest smooth picture, s. 30 a second are smooth, and the display's own rate varies slightly.
 const SLOW_S = 1 / 31;
-// Pixels along each side are never fewer than this share.
+// Smallest share of the pixels along each side.
 const LEAST = 0.5;
 const STEP = 0.85;
 
-// How sharp a processor draws: with fewer pixels where pictures are slow. A graphics card always draws all.
+// Pixel share of software rendering: fewer pixels if pictures are slow. A graphics card always draws all.
 export class Sharpness {
   constructor(isFixed) {
     [this.isFixed, this.share] = [isFixed, 1];
@@ -30,7 +30,7 @@ export class Sharpness {
 
   reset() { [this.sum, this.count] = [0, 0]; }
 
-  // Takes the time of a picture, s. Says whether the share changed.
+  // Records the time of a picture, s. Returns true if the share changed.
   note(time) {
     this.sum += time;
     this.count += 1;

@@ -1,17 +1,18 @@
-// The robot: its bodies, each one mesh of what its look, its capsules or the user's meshes give it.
-// Constants without a source were chosen by eye: assumptions.
+// The robot: its bodies. Each is one mesh from its look, its capsules or the user's meshes. Constants without a
+// source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 import { capsule, matrixOf, merged, solid } from "./solid.js";
 
 const BODIES = 18;
-// Numbers of a pose: position, then quaternion.
+// Numbers in a pose: position, then quaternion.
 export const POSE = 7;
-// Colours of capsules of which no look says anything, by body in turns.
+// Colours of capsules without a look, alternating by body.
 const PLAIN = ["#e8ebef", "#8d98a5"];
 const ROUGHNESS = 0.55;
 
-// What is drawn of each body: { body, roughness, geometry, matrix, colour }. Parts of a link whose meshes are there make way.
+// Returns the pieces of each body: { body, roughness, geometry, matrix, colour }. Meshes replace the parts of
+// their link.
 export function pieces(told, meshes) {
   if (told.parts.length > 0 || meshes.length > 0) {
     const drawn = new Set(meshes.map((mesh) => mesh.link));
@@ -22,14 +23,14 @@ export function pieces(told, meshes) {
   return capsulesOf(told);
 }
 
-// The capsules that are checked for collision.
+// Returns the capsules that are checked for collision.
 export function capsulesOf(told) {
   return told.capsules.map((one) => ({
     body: one.body, roughness: ROUGHNESS, geometry: capsule(one.a, one.b, one.radius, one.radius), colour: one.colour ?? PLAIN[one.body % PLAIN.length],
   }));
 }
 
-// The boxes, cylinders and spheres of the URDF.
+// Returns the boxes, cylinders and spheres of the URDF.
 export function shapesOf(told) {
   return told.shapes.map((shape) => {
     const [x, y, z, ...turn] = shape.pose;
@@ -38,7 +39,7 @@ export function shapesOf(told) {
   });
 }
 
-// A mesh of the user, as the page has loaded it: plain arrays.
+// Builds a user's mesh from the plain arrays that the page has loaded.
 function loaded(mesh) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(mesh.positions, 3));
@@ -47,7 +48,7 @@ function loaded(mesh) {
   return { body: mesh.body, roughness: 0.6, geometry: geometry.clone(), matrix: matrixOf(mesh.matrix), colour: mesh.colour ?? "#c9ced6" };
 }
 
-// One geometry for each body and roughness.
+// Merges the pieces into one geometry for each body and roughness.
 export function bodiesOf(all) {
   const sorted = new Map();
   for (const piece of all) {
@@ -59,7 +60,8 @@ export function bodiesOf(all) {
 }
 
 export class Robot {
-  // `material` gives the material for a roughness; a ghost's meshes are drawn twice, first for their depth alone.
+  // `material` returns the material for a roughness. A ghost's meshes are drawn twice, first only for their
+  // depth.
   constructor(bodies, material, depth = null) {
     this.group = new THREE.Group();
     this.bodies = Array.from({ length: BODIES }, () => {
@@ -84,7 +86,7 @@ export class Robot {
     this.box = new THREE.Box3();
   }
 
-  // `poses` are those of all bodies: position, then quaternion.
+  // `poses` are the poses of all bodies: position, then quaternion.
   pose(poses) {
     this.bodies.forEach((body, n) => {
       const at = n * POSE;
@@ -95,7 +97,7 @@ export class Robot {
     });
   }
 
-  // The box about all of it, from the boxes about its meshes.
+  // Computes the robot's box from the boxes of its meshes.
   bound() {
     this.box.makeEmpty();
     for (const mesh of this.meshes) {

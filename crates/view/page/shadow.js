@@ -1,18 +1,18 @@
-// A soft shadow without a shadow map: each limb darkens a strip of the floor, softer the higher it is. Where strips overlap
-// the darkest counts, so that nothing is darkened twice. Metres.
-// Constants without a source were chosen by eye: assumptions.
+// A soft shadow without a shadow map. Each limb darkens a strip of the floor, softer with its height. Where
+// strips overlap the darkest counts, so nothing is darkened twice. In metres. Constants without a source were
+// chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 
-// Where the light comes from: sideways by so much for each metre of height.
+// Direction of the light: sideways shift per metre of height.
 const LEAN = [0.32, 0.16];
-// The strip's border widens by this share of the height.
+// Widening of the strip's border, as a share of the height.
 const SOFTENS = 0.16;
 const PIXELS = 64;
-// Of each strip: two ends and a middle, eight corners.
+// Vertices of each strip: two ends and a middle, eight corners.
 const CORNERS = 8, TRIANGLES = [0, 1, 3, 0, 3, 2, 2, 3, 5, 2, 5, 4, 4, 5, 7, 4, 7, 6];
 
-// A disc that fades out towards its rim.
+// Returns the texture of a disc that fades out towards its rim.
 function disc() {
   const bytes = new Uint8Array(PIXELS * PIXELS * 4);
   for (let n = 0; n < PIXELS * PIXELS; n += 1) {
@@ -54,7 +54,7 @@ export class LimbShadow {
     this.count = 0;
   }
 
-  // The shadow of a limb from (ax, ay, az) to (bx, by, bz).
+  // Adds the shadow of a limb from (ax, ay, az) to (bx, by, bz).
   add(ax, ay, az, bx, by, bz, radius) {
     if (this.count >= this.most) return;
     const { position, colour, count } = this;

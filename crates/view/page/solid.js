@@ -1,12 +1,12 @@
-// Geometries of parts, about the origin of their frames; what is round stands along z. Lengths in m.
-// Constants without a source were chosen by eye: assumptions.
+// Geometries of parts around the origin of their frames. Round parts stand along z. Lengths in m. Constants
+// without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 
-// Corners of a circle and rings of a rounding. A processor that draws gets fewer of them.
+// Corners of a circle and rings of a rounding. Software rendering uses fewer.
 const DETAIL = { around: 32, rings: 4 };
 
-// Corners of a circle of this radius, m: small ones need fewer, large ones more.
+// Returns the number of corners of a circle with this radius, m. Small circles need fewer, large ones more.
 function sides(radius) {
   return Math.max(6, Math.round(DETAIL.around * Math.min(2, Math.sqrt(radius / 0.06))));
 }
@@ -15,10 +15,11 @@ export function coarse() {
   Object.assign(DETAIL, { around: 12, rings: 2 });
 }
 
-// A bend of a profile that is sharper than this stays an edge, rad.
+// A sharper bend of a profile stays an edge, rad.
 const SHARP = 0.6;
 
-// A profile of [radius, height], from the bottom up its outside, turned about z. The outline is a superellipse.
+// Turns a profile of [radius, height] about z, listed up its outside from the bottom. The outline is a
+// superellipse.
 export function lathe(profile, { stretch = [1, 1], squareness = 2 } = {}) {
   const around = squareness > 2 ? DETAIL.around : sides(Math.max(...profile.map(([radius]) => radius)));
   const positions = [], normals = [], index = [];
@@ -61,7 +62,7 @@ function arc(radius, x, z, from, to) {
   });
 }
 
-// From one radius at the bottom to another at the top, with rounded edges.
+// Builds a cone from one radius at the bottom to another at the top, with rounded edges.
 export function cone(radius, top, length, edge) {
   const round = Math.min(edge, radius, top, length / 2), half = length / 2, right = Math.PI / 2;
   if (round <= 0) return lathe([[0, -half], [radius, -half], [top, half], [0, half]]);
@@ -70,7 +71,7 @@ export function cone(radius, top, length, edge) {
     ...arc(round, top - round, half - round, tilt, right), [0, half]]);
 }
 
-// Two spheres about `a` and `b`, and the cone that touches both.
+// Builds two spheres around `a` and `b`, and the cone that touches both.
 export function capsule(a, b, radius, top) {
   const [from, to] = [new THREE.Vector3(...a), new THREE.Vector3(...b)];
   const along = to.clone().sub(from), length = along.length(), right = Math.PI / 2;
@@ -85,7 +86,7 @@ export function capsule(a, b, radius, top) {
   return geometry.applyQuaternion(turn).translate(...a);
 }
 
-// A box whose edges are rounded: of each side's grid, all but the middle square goes around the edges.
+// Builds a box with rounded edges. In each side's grid, only the middle square stays flat.
 export function roundedBox(size, edge) {
   const round = Math.min(edge, ...size.map((length) => length / 2));
   if (round <= 0) return new THREE.BoxGeometry(...size);
@@ -107,7 +108,7 @@ export function ellipsoid(radii) {
   return new THREE.SphereGeometry(1, around, Math.ceil(around * 0.6)).rotateX(Math.PI / 2).scale(...radii);
 }
 
-// The geometry of a part or of a URDF's shape, as the scene tells it.
+// Returns the geometry of a part or of a URDF shape from the scene message.
 export function solid(part) {
   switch (part.form) {
     case "box": return roundedBox(part.size, part.edge ?? 0);
@@ -121,12 +122,12 @@ export function solid(part) {
   }
 }
 
-// The three upper rows of a transform.
+// Builds a matrix from the three upper rows of a transform.
 export function matrixOf(rows) {
   return new THREE.Matrix4().set(...rows, 0, 0, 0, 1);
 }
 
-// One geometry of several, each { geometry, matrix, colour }, with a colour for each vertex.
+// Merges several { geometry, matrix, colour } into one geometry, with a colour for each vertex.
 export function merged(pieces) {
   const count = pieces.reduce((sum, { geometry }) => sum + geometry.attributes.position.count, 0);
   const [positions, normals, colours] = [0, 1, 2].map(() => new Float32Array(3 * count));

@@ -1,10 +1,10 @@
-// A small chart of the last seconds, with its scale, its limit and its time.
-// Constants without a source were chosen by eye: assumptions.
+// A small chart of the last seconds, with its scale, limit and time. Constants without a source were chosen by
+// eye: assumptions.
 
 const KEPT_S = 10, GAP_S = 0.5, ROOM = { top: 4, right: 30, bottom: 13 }, DOT_PX = 2.5;
 
 export class Sparkline {
-  // The scale starts at zero, grows with what is drawn, and never ends below `least`. `limit` is a line that matters.
+  // The scale starts at zero, grows with the values, and never ends below `least`. `limit` is drawn as a line.
   constructor(canvas, { least, digits = 0 }) {
     Object.assign(this, { canvas, least, digits, limit: null });
     [this.times, this.values] = [[], []];
@@ -16,14 +16,14 @@ export class Sparkline {
 
   add(at, value) {
     const { times, values } = this, last = times.at(-1);
-    // A recording that stands still says the same again.
+    // A paused recording repeats its last frame.
     if (at === last) {
       values[values.length - 1] = value;
       return;
     }
-    // A recording was moved: back, or to where nothing of this line is seen any more.
+    // A recording was moved back, or so far ahead that the old line is out of view.
     if (at < last || at - last > KEPT_S) this.clear();
-    // Over a gap no line is drawn.
+    // No line is drawn across a gap.
     else if (at - last > GAP_S) {
       times.push(at);
       values.push(null);
@@ -38,7 +38,7 @@ export class Sparkline {
     }
   }
 
-  // The upper end of the scale: one, two or five times a power of ten.
+  // Returns the upper end of the scale: one, two or five times a power of ten.
   most() {
     const highest = this.values.reduce((most, value) => Math.max(most, value ?? 0), Math.max(this.least, this.limit ?? 0));
     const power = 10 ** Math.floor(Math.log10(highest));
@@ -79,7 +79,7 @@ export class Sparkline {
     this.dot(pen, colour, right, y);
   }
 
-  // The newest value, also where there is no line to it yet.
+  // Draws the newest value, even if no line leads to it yet.
   dot(pen, colour, x, y) {
     const value = this.values.at(-1) ?? null;
     if (value === null) return;

@@ -1,12 +1,12 @@
-// The canvas, seen from the page: what the artist is told, and what pointers do. See `artist.js`.
+// The canvas on the page's side: messages to the artist, and pointer input. See `artist.js`.
 
 // Colours of the theme that the artist needs.
 const COLOURS = ["person", "target", "command", "bad", "grid", "shadow"];
-// Pixels of a step with an arrow key.
+// Pixels per step of an arrow key.
 const STEP = 24;
 
 export class Stage {
-  // `trouble` is told what keeps the artist from drawing, `tools` are the elements that cover the canvas.
+  // `trouble` is called if the artist cannot draw. `tools` are the elements that cover the canvas.
   constructor(canvas, tools, trouble) {
     Object.assign(this, { canvas, tools, drawn: 0, boxes: null, ghost: 0 });
     this.artist = new Worker("./artist.js", { type: "module" });
@@ -26,7 +26,7 @@ export class Stage {
     this.artist.postMessage({ do: what, ...more }, transfer);
   }
 
-  // What covers the canvas at its upper and lower edge stays free of figures.
+  // Keeps figures clear of the controls at the canvas' upper and lower edge.
   resize() {
     const scale = Math.min(window.devicePixelRatio || 1, 2), all = this.canvas.getBoundingClientRect();
     const inset = { left: 0, right: 0, top: 0, bottom: 0 };
@@ -48,7 +48,7 @@ export class Stage {
     this.tell("update", { frame, shown });
   }
 
-  // Drag or arrows turn; shift and drag, or two fingers, move; the wheel, a pinch, + and - come nearer.
+  // Drag or arrow keys turn. Shift and drag, or two fingers, move. The wheel, a pinch, + and - zoom.
   hold() {
     const held = new Map(), { canvas } = this;
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); held.set(event.pointerId, event); });

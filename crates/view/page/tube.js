@@ -1,21 +1,20 @@
-// A smooth tube along a path of joints that move: an arm, a leg, a trunk. Its vertices are computed anew for every picture,
-// in arrays that are made once.
-// Constants without a source were chosen by eye: assumptions.
+// A smooth tube along a path of moving joints: an arm, a leg, a trunk. Its vertices are computed again for every
+// picture, in arrays that are allocated once. Constants without a source were chosen by eye: assumptions.
 
 import * as THREE from "./three.module.min.js";
 
-// How far a bend reaches along the path, in segments: elbows and knees are round.
+// Reach of a bend along the path, in segments. Elbows and knees are round.
 const SOFT = 0.16;
 const [P, Q, T, U, V] = Array.from({ length: 5 }, () => new THREE.Vector3());
 
-// The point at `s` of a path: joint n is at s = n; beyond its ends the path goes straight on.
+// Returns the point at `s` of a path. Joint n is at s = n. Beyond its ends the path continues straight.
 function pointAt(joints, path, s, out) {
   const n = Math.min(path.length - 2, Math.max(0, Math.floor(s)));
   return out.lerpVectors(joints[path[n]], joints[path[n + 1]], s - n);
 }
 
 export class Tube {
-  // `path` are joints; `stations` are [s, half the width, half the depth, colour] along it, in the order of s.
+  // `path` lists joints. `stations` are [s, half the width, half the depth, colour] along it, in the order of s.
   constructor(path, stations, material, around) {
     this.path = path;
     this.stations = stations;
@@ -44,7 +43,7 @@ export class Tube {
     this.mesh.frustumCulled = false;
   }
 
-  // `width` gives the direction of the width at s, or is one for all; `size` scales every ring.
+  // `width` returns the direction of the width at s, or is one direction for all. `size` scales every ring.
   update(joints, width, size) {
     const { path, stations, around, position, normal, circle } = this;
     for (let ring = 0; ring < stations.length; ring += 1) {
@@ -56,7 +55,7 @@ export class Tube {
       width(s, U);
       U.addScaledVector(T, -U.dot(T)).normalize();
       V.crossVectors(T, U);
-      // How fast the tube narrows turns its normals along it.
+      // The rate at which the tube narrows tilts its normals along it.
       const before = stations[Math.max(0, ring - 1)], after = stations[Math.min(stations.length - 1, ring + 1)];
       const run = Math.max(1e-3, Q.distanceTo(P)) / SOFT * (after[0] - before[0]);
       const slope = Math.max(-4, Math.min(4, size * (before[1] - after[1]) / run));

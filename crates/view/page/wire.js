@@ -1,4 +1,5 @@
-// The connection: texts are JSON, frames are little-endian 32-bit floats in the order of the server's `frame` module.
+// The connection. Texts are JSON. Frames are little-endian 32-bit floats in the order of the server's `frame`
+// module.
 
 export const VERSION = 2;
 export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
@@ -6,9 +7,9 @@ export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clear
 export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32 };
 const PERSON = 22, BODIES = 18, POSE = 7, JOINTS = 17;
 const LENGTH = FIELDS.length + 6 + 3 * PERSON + 3 * BODIES * POSE + 4 * JOINTS;
-// Time to the next attempt, ms.
+// Time before the next attempt to connect, ms.
 const AGAIN = 500;
-// A page that only looks says so, ms; the server waits for ten seconds.
+// Period of the heartbeat of a passive page, ms. The server waits ten seconds for it.
 const HERE = 2000;
 
 export function decode(buffer) {
@@ -27,7 +28,7 @@ export function decode(buffer) {
   return frame;
 }
 
-// Whether two frames show the same, whatever their time.
+// Returns true if two frames show the same, whatever their time.
 export function isSame(a, b) {
   if (!a || !b) return false;
   for (let n = 2; n < LENGTH; n += 1) if (a.all[n] !== b.all[n]) return false;
@@ -35,7 +36,7 @@ export function isSame(a, b) {
 }
 
 export class Wire {
-  // `told` has a function for each kind of text, `frame`, `up` and `down`.
+  // `told` has a function for each kind of text, and for `frame`, `up` and `down`.
   constructor(token, told) {
     this.token = token;
     this.told = told;
@@ -63,7 +64,7 @@ export class Wire {
     this.socket = socket;
   }
 
-  // Whether it went out.
+  // Returns true if the request was sent.
   ask(what, more = {}) {
     if (this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify({ do: what, ...more }));

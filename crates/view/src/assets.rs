@@ -1,9 +1,9 @@
-//! The page, embedded: nothing is fetched from anywhere else.
+//! Files of the page, embedded in the program. The page loads nothing from elsewhere.
 
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct Asset {
-    /// Path of its address.
+    /// Path in the file's address.
     pub path: &'static str,
     /// MIME type.
     pub kind: &'static str,
@@ -15,7 +15,7 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// A script at its address, from its file below `page`.
+/// Builds the entry of a script from its file below `page`.
 macro_rules! script {
     ($name:literal) => {
         script!($name, $name)
@@ -25,7 +25,7 @@ macro_rules! script {
     };
 }
 
-/// All of them. three.js 0.185.0 (MIT) is as its authors publish it on npm, byte for byte.
+/// All files. three.js 0.185.0 (MIT) is byte for byte as its authors publish it on npm.
 pub const ASSETS: [Asset; 30] = [
     Asset { path: "/", kind: HTML, bytes: include_bytes!("../page/index.html") },
     Asset { path: "/page.css", kind: CSS, bytes: include_bytes!("../page/page.css") },
@@ -47,7 +47,7 @@ pub const ASSETS: [Asset; 30] = [
     script!("meshes.js"),
     script!("three.module.min.js", "three/three.module.min.js"),
     script!("three.core.min.js", "three/three.core.min.js"),
-    // For the user's own meshes alone.
+    // Used only for the user's own meshes.
     script!("three/loaders/ColladaLoader.js"),
     script!("three/loaders/collada/ColladaComposer.js"),
     script!("three/loaders/collada/ColladaParser.js"),

@@ -1,12 +1,12 @@
-//! Counts what is there while it is there.
+//! Counts objects while they live.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// One of them, for as long as it lives.
+/// One counted object. Dropping it decrements the count.
 pub struct Counted<'a>(&'a AtomicUsize);
 
 impl<'a> Counted<'a> {
-    /// One more in `count`.
+    /// Increments `count`.
     pub fn one_more(count: &'a AtomicUsize) -> Self {
         count.fetch_add(1, Ordering::Relaxed);
         Self(count)

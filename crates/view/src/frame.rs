@@ -1,53 +1,55 @@
-//! What a page is told 60 times a second: one binary message of little-endian 32-bit floats.
+//! The message that the server sends to a page 60 times a second: one binary frame of little-endian 32-bit
+//! floats.
 
 use messages::{JOINTS, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{Frames, Model, Solid, segment_distance};
 
-/// Speed of all joints together above which a lag is measured, rad/s: an encoder's noise of 0.05 mrad is 0.25 ms then.
+/// Least speed of all joints together at which a lag is measured, rad/s. At this speed the encoder noise of 0.05
+/// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
-/// Bodies of a robot: the base, and what each joint moves.
+/// Number of bodies of a robot: the base, and one per joint.
 pub const BODIES: usize = JOINTS + 1;
-/// Version of the order below; the page refuses another.
+/// Version of the order below. The page rejects other versions.
 pub const VERSION: f32 = 2.0;
 
 /// Bits of `Field::Present`.
 pub mod present {
     /// There is a person.
     pub const PERSON: u32 = 1;
-    /// The driver is heard.
+    /// The driver's messages arrive.
     pub const MEASURED: u32 = 2;
-    /// `retarget` is heard.
+    /// The messages of `retarget` arrive.
     pub const TARGET: u32 = 4;
-    /// `control` is heard: its commands, and its status.
+    /// The messages of `control` arrive: its commands and its status.
     pub const COMMAND: u32 = 8;
-    /// The two points of the nearest pair are there.
+    /// The two points of the nearest pair are valid.
     pub const PAIR: u32 = 16;
-    /// The robot moves, so that its lag can be measured.
+    /// The robot moves, so its lag can be measured.
     pub const LAG: u32 = 32;
 }
 
-/// The numbers before the lists, in order.
+/// Fields at the start of a frame, in order. The lists follow them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Field {
     /// [`VERSION`].
     Version,
-    /// Since the page's server was started, or in the recording, s.
+    /// Time since the server started, or position in the recording, s.
     AtS,
-    /// A `Mode`.
+    /// Number of the `Mode`.
     Mode,
     /// Bits of [`present`].
     Present,
     /// Age of the newest skeleton at control's last status, ms.
     InputAgeMs,
-    /// How much after its deadline control's newest command was published, us.
+    /// Time from its deadline to the publication of control's newest command, us.
     TickLateUs,
-    /// Least clearance, measured, mm.
+    /// Smallest measured clearance, mm.
     ClearanceMm,
-    /// Its pair, as in `Status::nearest_pair`.
+    /// First index of its pair, as in `Status::nearest_pair`.
     PairA,
-    /// See `PairA`.
+    /// Second index of the pair. See `PairA`.
     PairB,
     /// Mean limb error of the target, deg.
     LimbTargetDeg,
@@ -55,45 +57,45 @@ pub enum Field {
     LimbMeasuredDeg,
     /// Speed scale, 0 to 1.
     SpeedScale,
-    /// Bits of the joints that the target means.
+    /// Bit mask of the joints that the target sets.
     TargetMask,
     /// Time by which the measured joints trail the command, ms.
     LagMs,
 }
 
-/// How many numbers stand before the lists.
+/// Number of fields before the lists.
 pub const FIELDS: usize = Field::LagMs as usize + 1;
-/// Numbers of a body's pose: position in m, then the quaternion x, y, z, w.
+/// Number of floats in a body's pose: position in m, then the quaternion x, y, z, w.
 pub const POSE: usize = 7;
-/// Numbers of a frame: fields, the two points of the nearest pair (m, base), the person's joints (m, their own frame), the
-/// poses of all bodies in the base frame as measured, wanted and commanded, joint positions in the same order, and the
-/// measured velocities.
+/// Number of floats in a frame, in this order: the fields, the two points of the nearest pair (m, base frame),
+/// and the person's joints (m, their own frame). Then the poses of all bodies in the base frame: measured,
+/// target, commanded. Then the joint positions in the same order, and the measured velocities.
 pub const LENGTH: usize = FIELDS + 6 + 3 * SMPL_JOINTS + 3 * BODIES * POSE + 4 * JOINTS;
 
-/// The newest of every message; what was never heard, or not for too long, is not there.
+/// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LatestMessages {
     /// The person.
     pub skeleton: Option<Skeleton>,
-    /// Where the arms should be.
+    /// Target posture of the arms.
     pub target: Option<JointTarget>,
-    /// What is commanded.
+    /// Command of control.
     pub command: Option<JointCommand>,
-    /// What is measured.
+    /// Measured state.
     pub state: Option<RobotState>,
-    /// What control says.
+    /// Status of control.
     pub status: Option<Status>,
 }
 
 impl LatestMessages {
-    /// Whether anybody is heard.
+    /// Returns true if any message is present.
     pub fn is_anything(&self) -> bool {
         let Self { skeleton, target, command, state, status } = self;
         skeleton.is_some() || target.is_some() || command.is_some() || state.is_some() || status.is_some()
     }
 }
 
-/// Writes one frame at `at_s` into `out`, which is emptied first.
+/// Writes one frame at `at_s` into `out`. Clears `out` first.
 pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: f64, out: &mut Vec<u8>) {
     let mut numbers = Vec::with_capacity(LENGTH);
     numbers.resize(FIELDS, 0.0);
@@ -120,7 +122,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
         bits |= present::LAG;
         set(Field::LagMs, lag_s * 1e3);
     }
-    // A joint that no target means is drawn where it is.
+    // A joint without a target is drawn where it is.
     let measured = heard.state.map_or(model.home, |state| state.q_measured);
     let target = heard.target.map(|target| {
         bits |= present::TARGET;
@@ -144,12 +146,12 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     let velocities = heard.state.map_or([0.0; JOINTS], |state| state.dq_measured);
     numbers.extend(postures.iter().chain([&velocities]).flatten().map(|&value| value as f32));
     out.clear();
-    // What is no number is no place to draw anything.
+    // NaN and infinite values become 0, because nothing can be drawn there.
     out.extend(numbers.iter().flat_map(|&x| if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
 }
 
-/// The least-squares time by which the measured joints trail the command: sum of (q_c - q) v over the sum of v^2. None where
-/// the robot hardly moves, because noise would decide then.
+/// Returns the least-squares time by which the measured joints trail the command, s: the sum of (q_c - q) v over
+/// the sum of v^2. `None` if the robot hardly moves, because noise would dominate then.
 fn lag_s(command: &JointCommand, state: &RobotState) -> Option<f64> {
     let joints = || command.q.iter().zip(&state.q_measured).zip(&state.dq_measured);
     let speeds: f64 = joints().map(|(_, v)| v * v).sum();
@@ -165,8 +167,8 @@ fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS], numbers: &mut Ve
     }
 }
 
-/// The two points that are nearest to one another, on the surfaces, m in the base frame; none where the pair is unknown or is
-/// one with a box.
+/// Returns the two points that are nearest to each other, on the surfaces, m in the base frame. `None` if the
+/// pair is unknown or one of the two is a box.
 fn nearest(model: &Model, frames: &Frames, status: &Status) -> Option<[Vector3<f64>; 2]> {
     let [first, second] = status.nearest_pair_measured.map(|index| index as usize);
     let ends = |index: usize| {

@@ -1,4 +1,4 @@
-//! The few requests that a page makes: its files, the user's meshes, and the one that becomes a WebSocket.
+//! The few requests that a page makes: for its own files, for the user's meshes, and for the WebSocket.
 
 use crate::assets::ASSETS;
 use crate::meshes::MeshFolder;
@@ -10,20 +10,21 @@ use std::time::{Duration, Instant};
 use tungstenite::handshake::server::{Request, create_response, write_response};
 use tungstenite::http;
 
-/// Longest request, bytes, and headers in it: browsers send less than a tenth.
+/// Longest request, bytes, and most headers in it. Browsers send less than a tenth.
 const REQUEST_BYTES: usize = 16 << 10;
 const HEADERS_MAX: usize = 64;
-/// How long a request may take.
+/// Time limit of a request.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What a browser may do with the page: nothing from elsewhere, no frame around it. The hash is that of the page's import map,
-/// by which the loaders of three.js find three.js. Textures inside of a mesh are blobs of the page.
+/// Content policy for the browser: the page loads nothing from elsewhere, and no other page may frame it. The
+/// hash is that of the page's import map. The loaders of three.js find three.js by this map. Textures inside a
+/// mesh are blobs of the page.
 pub const POLICY: &str = "Content-Security-Policy: default-src 'none'; \
                       script-src 'self' 'sha256-nW+1Z6nHBWz1iz2Ot2Bj8RgL3F+cXOInaXkhyR7xus0='; style-src 'self'; \
                       connect-src 'self' blob:; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
                       X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n";
 
-/// Who may look and ask: whoever was given the address with its token.
+/// Access check. Everyone who has the address with its token may view the page and send requests.
 #[derive(Clone, Debug)]
 pub struct Key {
     token: String,
@@ -31,10 +32,10 @@ pub struct Key {
 }
 
 impl Key {
-    /// A new token of 128 bits, for a server at `port` of the loopback.
+    /// Creates a new token of 128 bits, for a server at `port` of the loopback interface.
     ///
     /// # Errors
-    /// The kernel gives no random numbers.
+    /// Returns the system's error if the kernel gives no random numbers.
     pub fn new(port: u16) -> std::io::Result<Self> {
         let mut bytes = [0_u8; 16];
         let length = getrandom(&mut bytes[..], GetRandomFlags::empty())?;
@@ -44,17 +45,18 @@ impl Key {
         Ok(Self { token: bytes.iter().map(|byte| format!("{byte:02x}")).collect(), port })
     }
 
-    /// The address to open. The token stands behind the #, which browsers send nowhere.
+    /// Returns the address to open. The token stands after the #. Browsers do not send that part.
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/#{}", self.port, self.token)
     }
 
-    /// The names of this server: another one in `Host` is that of a page which has its name resolved to us.
+    /// The valid host names of this server. Another name in `Host` belongs to a foreign page whose name resolves
+    /// to this server.
     fn hosts(&self) -> [String; 2] {
         ["127.0.0.1", "localhost"].map(|host| format!("{host}:{}", self.port))
     }
 
-    /// Whether a request for the WebSocket comes from our page with our token; else why not.
+    /// Accepts a WebSocket request that comes from our page with our token. Otherwise the error gives the reason.
     fn admits(&self, request: &Request) -> Result<(), &'static str> {
         let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
         let origins = self.hosts().map(|host| format!("http://{host}"));
@@ -68,26 +70,26 @@ impl Key {
         Ok(())
     }
 
-    /// Every byte is compared: how long it takes says nothing of the token.
+    /// Compares every byte, so that the duration reveals nothing about the token.
     fn is_token(&self, given: &str) -> bool {
         let same = given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0;
         given.len() == self.token.len() && same
     }
 }
 
-/// What a server serves beside its own files, and to whom.
+/// Content that a server serves besides its own files, and the access check.
 #[derive(Clone, Debug)]
 pub struct SiteConfig {
-    /// Who may ask.
+    /// Access check.
     pub key: Key,
     /// The user's meshes.
     pub meshes: Option<Arc<MeshFolder>>,
 }
 
-/// Answers one connection; the stream comes back if it is a page's WebSocket now.
+/// Answers one connection. Returns the stream if it is now a page's WebSocket.
 ///
 /// # Errors
-/// The other side is gone, too slow, or speaks something else.
+/// Returns an error if the peer is gone, is too slow, or does not speak HTTP.
 pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Option<TcpStream>> {
     stream.set_write_timeout(Some(PATIENCE))?;
     let (request, key) = (read(&mut stream)?, &site.key);
@@ -119,8 +121,8 @@ pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Optio
     }
 }
 
-/// A file of the user's meshes: `path` is the token, and the file's path below the folder. The token stands in the path
-/// because a mesh refers to its textures by paths that are relative to its own.
+/// Serves a mesh of the user. `path` is the token, then the file's path below the folder. The token stands in the
+/// path because a mesh refers to its textures by relative paths.
 fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result<Option<TcpStream>> {
     let Some((token, path)) = path.split_once('/') else { return refuse(stream, "404 Not Found", "no such mesh") };
     if !site.key.is_token(token) {
@@ -135,7 +137,7 @@ fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result
     match folder.read(&path) {
         Ok(found) => {
             stream.write_all(head("200 OK", found.kind, found.bytes).as_bytes())?;
-            // A file may grow while it is read: no byte more than was announced.
+            // A file may grow while it is read. Send no byte more than announced.
             std::io::copy(&mut found.file.take(found.bytes), &mut stream)?;
             Ok(None)
         }
@@ -143,7 +145,7 @@ fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result
     }
 }
 
-/// A path in which %20 and the like are what they stand for.
+/// Decodes percent codes such as %20 in a path.
 fn percent_decoded(path: &str) -> Option<String> {
     let (mut bytes, mut rest) = (Vec::with_capacity(path.len()), path.as_bytes());
     while let Some((&first, after)) = rest.split_first() {

@@ -1,4 +1,4 @@
-//! What all pages are shown: one thread reads, the pages copy.
+//! Shared output for all pages: one thread reads the messages, and the pages copy the result.
 
 use crate::frame::{self, LatestMessages};
 use crate::robot_view::RobotView;
@@ -11,10 +11,10 @@ use std::collections::VecDeque;
 use std::sync::atomic::AtomicUsize;
 use std::sync::{Mutex, PoisonError};
 
-/// Sentences that are kept for pages that come later.
+/// Number of event sentences kept for pages that open later.
 const EVENTS_KEPT: usize = 1000;
 
-/// The newest of everything.
+/// Newest output of each kind.
 #[derive(Default)]
 struct Shown {
     frame: Vec<u8>,
@@ -25,7 +25,7 @@ struct Shown {
     events_told: u64,
 }
 
-/// What has been shown to a page.
+/// Counters of the output that a page has already received.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
     frames: u64,
@@ -33,33 +33,33 @@ pub struct Seen {
     events: u64,
 }
 
-/// The newest of everything, for every page.
+/// Newest output of each kind, for every page.
 pub struct Hub {
     scene: String,
     shown: Mutex<Shown>,
-    /// Pages that are open.
+    /// Number of open pages.
     pages: AtomicUsize,
 }
 
 impl Hub {
-    /// A hub that has heard nothing; `about` is told besides the robot.
+    /// Creates a hub without output. `about` is added to the scene.
     pub fn new(view: &RobotView, about: &Value) -> Self {
         let mut told = scene(view);
         told["about"] = about.clone();
         Self { scene: told.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
     }
 
-    /// Pages that are open; each counts itself.
+    /// Returns the counter of open pages. Each page increments it itself.
     pub fn pages(&self) -> &AtomicUsize {
         &self.pages
     }
 
-    /// What a page is told first.
+    /// Returns the first message to a page.
     pub fn scene(&self) -> &str {
         &self.scene
     }
 
-    /// Shows a frame, and a status if there is one.
+    /// Publishes a frame, and a status if there is one.
     pub fn show(&self, frame: &[u8], status: Option<&str>) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         shown.frame.clear();
@@ -71,7 +71,7 @@ impl Hub {
         }
     }
 
-    /// Tells pages what happened, and those that come later.
+    /// Publishes events to open pages and to those that open later.
     pub fn happened(&self, events: Vec<String>) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         for event in events {
@@ -84,7 +84,7 @@ impl Hub {
         }
     }
 
-    /// What is new for a page that has seen `seen`: texts, and whether `frame` holds a new frame.
+    /// Returns the new texts for a page that has seen `seen`. The flag is true if `frame` now holds a new frame.
     pub fn news(&self, seen: &mut Seen, frame: &mut Vec<u8>) -> (Vec<String>, bool) {
         let shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         let mut texts: Vec<_> =
@@ -101,17 +101,17 @@ impl Hub {
     }
 }
 
-/// What a [`StatusWriter`] has to say of one moment.
+/// Output of a [`StatusWriter`] for one moment.
 pub struct StatusUpdate {
     /// The frame.
     pub frame: Vec<u8>,
-    /// A status, if it is time for one.
+    /// A status, if one is due.
     pub status: Option<String>,
-    /// What happened.
+    /// Event sentences.
     pub events: Vec<String>,
 }
 
-/// Puts into words what is heard.
+/// Turns messages into frames, status texts and event sentences.
 pub struct StatusWriter<'a> {
     model: &'a Model,
     frames: Frames,
@@ -120,17 +120,18 @@ pub struct StatusWriter<'a> {
     told_at_s: f64,
 }
 
-/// Time between two statuses, and between what happens all the time, s: nobody reads faster. A change of mode is told at once.
+/// Time between two statuses, and between two reports of frequent events, s: nobody reads faster. A change of
+/// mode is reported at once.
 const TELL_EVERY_S: f64 = 0.2;
 
 impl<'a> StatusWriter<'a> {
-    /// Nothing told yet.
+    /// Creates a writer without history.
     pub fn new(model: &'a Model) -> Self {
         let (names, frames) = (Names::of(model), Frames::default());
         Self { model, frames, names, before: None, told_at_s: f64::NEG_INFINITY }
     }
 
-    /// What is to be told of what is heard at `at_s`.
+    /// Returns the output for the messages at `at_s`.
     pub fn tell(&mut self, heard: &LatestMessages, at_s: f64) -> StatusUpdate {
         let mut frame = Vec::new();
         frame::encode(self.model, &mut self.frames, heard, at_s, &mut frame);

@@ -1,9 +1,10 @@
-//! Shows a running instance in a browser, and passes on what an operator asks for there.
+//! Shows a running instance in a browser, and forwards an operator's requests from there.
 //!
-//! One thread reads the instance's messages 60 times a second, without waking anyone; a thread for every open page sends
-//! what is new. A page can only ask: its requests go through the operator socket like those of `teleopctl`, and `control`
-//! decides. Where there are key poses, a page can also be a client, whose person is a mix of them, by the skeleton socket.
-//! The server listens on the loopback alone; who asks must come from its own page and know the token of the run.
+//! One thread reads the instance's messages 60 times a second without waking any other process. A thread for
+//! every open page sends the updates. A page can only send requests. They pass through the operator socket like
+//! those of `teleopctl`, and `control` decides. With key poses, a page can also be a client. Its person is a mix
+//! of them, sent over the skeleton socket. The server listens on the loopback interface only. A request must come
+//! from the server's own page and carry the token of the run.
 
 mod assets;
 mod counted;
@@ -37,18 +38,18 @@ pub use scene::scene;
 pub use server::{PORT, Server};
 pub use shares::Shares;
 
-/// Why nothing can be shown.
+/// Errors that prevent the view from starting.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
     /// The instance's shared memory cannot be opened.
     #[error(transparent)]
     Bus(#[from] bus::BusError),
-    /// The port cannot be had.
+    /// The port cannot be opened.
     #[error("port {port} of 127.0.0.1: {source}")]
     Listen {
-        /// As asked for.
+        /// The requested port.
         port: u16,
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
     },
 }

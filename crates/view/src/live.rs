@@ -1,24 +1,25 @@
-//! Reads a running instance, by polling alone: a reader that waits would cost the writers a system call.
+//! Reads a running instance by polling only. A waiting reader would cost the writers a system call.
 
 use crate::ViewError;
 use crate::frame::LatestMessages;
 use bus::{BusError, Domain, DomainConfig, Reader};
 use messages::{Header, JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
 
-/// A writer that is silent for longer is shown as gone, ns: five periods of the slowest, which clients are at 20 Hz.
+/// Silence after which a writer is shown as gone, ns. This is five periods of the slowest writers, clients at 20
+/// Hz.
 pub const GONE_AFTER_NS: u64 = 250_000_000;
 
 /// Readers of every service of the core domain.
 pub struct Readers {
-    /// Of the person.
+    /// Skeletons of the person.
     pub skeletons: Reader<Skeleton>,
-    /// Of `retarget`.
+    /// Targets of `retarget`.
     pub targets: Reader<JointTarget>,
-    /// Of `control`.
+    /// Commands of `control`.
     pub commands: Reader<JointCommand>,
-    /// Of the driver.
+    /// States of the driver.
     pub states: Reader<RobotState>,
-    /// Of what control says.
+    /// Statuses of `control`.
     pub statuses: Reader<Status>,
     _domain: Domain,
 }
@@ -27,7 +28,7 @@ impl Readers {
     /// Attaches to the core domain of an instance, as `name`.
     ///
     /// # Errors
-    /// The domain or a service cannot be opened.
+    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(domain: DomainConfig, name: &str) -> Result<Self, BusError> {
         let domain = Domain::open(domain, name)?;
         Ok(Self {
@@ -51,12 +52,12 @@ impl Live {
     /// Attaches to the core domain of an instance.
     ///
     /// # Errors
-    /// The domain or a service cannot be opened.
+    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(domain: DomainConfig) -> Result<Self, ViewError> {
         Ok(Self { readers: Readers::open(domain, "view")?, heard: LatestMessages::default() })
     }
 
-    /// The newest of everything at `now`.
+    /// Returns the newest messages at `now`.
     pub fn look(&mut self, now: Stamp) -> &LatestMessages {
         let Self { readers, heard } = self;
         newest(&mut heard.skeleton, readers.skeletons.latest(), now, |message| &message.header);

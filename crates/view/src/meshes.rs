@@ -1,12 +1,13 @@
-//! A folder of the user's own meshes: which file of it a robot's link means, and what of it a page may read.
+//! The folder of the user's own meshes. Finds the file for a robot's link, and limits the files that a page may
+//! read.
 
 use crate::look::LookError;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// Files that are drawn.
+/// Extensions of files that the page draws.
 const DRAWN: [&str; 5] = ["dae", "stl", "glb", "gltf", "obj"];
-/// Files that those refer to, with their MIME types.
+/// Extensions of files that meshes refer to, with their MIME types.
 const REFERRED: [(&str, &str); 8] = [
     ("mtl", "text/plain"),
     ("bin", "application/octet-stream"),
@@ -17,42 +18,43 @@ const REFERRED: [(&str, &str); 8] = [
     ("tga", "image/x-tga"),
     ("bmp", "image/bmp"),
 ];
-/// Largest file that is served, bytes: a robot's largest mesh has a third of it. Assumption.
+/// Largest file that is served, bytes. A robot's largest mesh has a third of it. Assumption.
 pub const MESH_BYTES_MAX: u64 = 64 << 20;
-/// Files and folders that are looked through, and how deep: a workspace of several robots has a tenth of it. Assumption.
+/// Largest number of files and folders in a scan, and its depth. A workspace of several robots has a tenth of it.
+/// Assumption.
 const ENTRIES_MAX: usize = 50_000;
 const DEPTH_MAX: usize = 16;
 
-/// The folder.
+/// The folder of meshes.
 #[derive(Debug)]
 pub struct MeshFolder {
     root: PathBuf,
-    /// Paths of the meshes below `root`, in their parts, sorted.
+    /// Paths of the meshes below `root`, split into their parts, sorted.
     files: Vec<Vec<String>>,
 }
 
-/// A file that may be read.
+/// A file that a page may read.
 pub struct MeshFile {
     /// Open for reading.
     pub file: File,
-    /// Its length, bytes.
+    /// Length, bytes.
     pub bytes: u64,
     /// MIME type.
     pub kind: &'static str,
 }
 
 impl MeshFolder {
-    /// Looks through a folder.
+    /// Scans a folder.
     ///
     /// # Errors
-    /// It cannot be read, or it holds too much to be a folder of meshes.
+    /// Returns an error if the folder cannot be read, or if it holds too many files to be a folder of meshes.
     pub fn open(folder: &Path) -> Result<Self, LookError> {
         let failed = |cause: String| LookError::Read { file: folder.display().to_string(), cause };
         let root = folder.canonicalize().map_err(|error| failed(format!("--meshes: {error}")))?;
         let (mut files, mut entries) = (Vec::new(), 0);
         let mut waiting = vec![(root.clone(), Vec::new())];
         while let Some((at, parts)) = waiting.pop() {
-            // A folder below that cannot be read holds nothing.
+            // A subfolder that cannot be read counts as empty.
             let read = match std::fs::read_dir(&at) {
                 Ok(read) => read,
                 Err(error) if parts.is_empty() => return Err(failed(format!("--meshes: {error}"))),
@@ -80,18 +82,18 @@ impl MeshFolder {
         Ok(Self { root, files })
     }
 
-    /// The folder as it was found.
+    /// Returns the folder's canonical path.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The file that a URDF's name means, as a path below the folder: the one that shares the most parts at its end. `None`
-    /// where no file has that name.
+    /// Returns the file for a name from a URDF, as a path below the folder. It is the file that shares the most
+    /// path parts at the end of the name. `None` if no file has that name.
     pub fn find(&self, name: &str) -> Option<String> {
         let wanted: Vec<&str> = name.rsplit(['/', '\\']).filter(|part| !part.is_empty()).collect();
         let shared = |parts: &[String]| parts.iter().rev().zip(&wanted).take_while(|(a, b)| a == *b).count();
         let found = self.files.iter().map(|parts| (shared(parts), parts)).filter(|(count, _)| *count > 0);
-        // Of several that share as much, the shortest path; of those, the first in the alphabet.
+        // If several files share as many parts, the shortest path wins, then the first in the alphabet.
         let best = found.min_by_key(|(count, parts)| (std::cmp::Reverse(*count), parts.len()))?;
         Some(best.1.join("/"))
     }
@@ -99,14 +101,15 @@ impl MeshFolder {
     /// Opens a file for a page, by its path below the folder.
     ///
     /// # Errors
-    /// It is not there, it leaves the folder, it is not a mesh or what one refers to, or it is too large.
+    /// Returns the reason if the file is missing, outside the folder, too large, or neither a mesh nor a file for
+    /// one.
     pub fn read(&self, path: &str) -> Result<MeshFile, &'static str> {
         let refused = |part: &str| part.is_empty() || part == "." || part == ".." || part.contains(['\\', '\0', ':']);
         if path.split('/').any(refused) {
             return Err("such a path is refused");
         }
         let full = self.root.join(path).canonicalize().map_err(|_| "no such mesh")?;
-        // A link may lead out of it.
+        // A symbolic link may lead out of the folder.
         if !full.starts_with(&self.root) {
             return Err("the path leads out of the folder of meshes");
         }

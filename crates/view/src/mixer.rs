@@ -1,5 +1,5 @@
-//! A page as a client: the person that is the mix of three key poses, published through the skeleton socket like any
-//! client's. A page asks for shares alone; the lease, validation, the enable and the gate are those of every client.
+//! A page as a client. Its person is the mix of three key poses, sent through the skeleton socket like any
+//! client's. A page only sets shares. The lease, validation, the enable and the gate treat it like every client.
 
 use crate::operator_worker::HOLD_FOR;
 use crate::shares::Shares;
@@ -11,25 +11,26 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-/// Time between two frames of the person: 60 Hz, as the key poses' motions have.
+/// Time between two frames of the person: 60 Hz, like the key poses' motions.
 const PERIOD: Duration = Duration::from_nanos(16_666_667);
-/// From one key pose to another at the fastest, s. Between ours the arms need 3.7 s at the speed limits of their joints
-/// (`tests/key_poses.rs`): so much slower, they are where the mix is, and not somewhere on the way to it.
+/// Shortest time from one key pose to another, s. Between the default key poses the arms need 3.7 s at the speed
+/// limits of their joints (`tests/key_poses.rs`). At this slower speed the arms keep up with the mix, and do not
+/// lag on the way.
 pub const EDGE_S: f64 = 4.0;
-/// Largest change of a share from frame to frame. It is counted in frames and not in time: after a pause there is no leap.
+/// Largest change of a share per frame. It counts frames and not time, so there is no jump after a pause.
 const STEP: f64 = 1.0 / (60.0 * EDGE_S);
-/// A page is told where its person is after so many frames: ten times a second.
+/// The page receives its person's shares after this many frames: ten times a second.
 const TELL_EVERY: u64 = 6;
 
-/// The person of these shares (none negative, sum 1), so many s after it began to stand there. Header, session and
-/// operator of the frame are filled in later.
+/// Returns the person for shares (none negative, sum 1) at a time in s since the mix began. The mixer fills in
+/// header, session and operator of the frame later.
 pub type PersonOf = dyn Fn(&[f64; 3], f64) -> RawSkeleton + Send + Sync;
 
-/// Three key poses, and the person of every mix of them.
+/// Three key poses, and the person for every mix of them.
 pub struct KeyPoses {
-    /// What their corners are called.
+    /// Names of the corners.
     pub names: [String; 3],
-    /// The person of every mix.
+    /// Returns the person for a mix.
     pub person: Box<PersonOf>,
 }
 
@@ -39,25 +40,25 @@ impl std::fmt::Debug for KeyPoses {
     }
 }
 
-/// What a page asks for.
+/// Request of a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MixRequest {
-    /// Be the client whose person the robot follows.
+    /// Become the client whose person the robot follows.
     Join,
-    /// Go there; also that the page is still there. Nothing unless it has joined.
+    /// Move toward these shares. Also shows that the page is still open. Does nothing before a join.
     Mix(Shares),
-    /// Be it no longer.
+    /// Stop being the client.
     Leave,
 }
 
-/// What became of it.
+/// Outcome of a request.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mixed {
-    /// Whether the person is published.
+    /// True if the person is published.
     pub on: bool,
-    /// Where it is.
+    /// Current shares.
     pub shares: Shares,
-    /// What there is to say.
+    /// Text for the user, if any.
     pub text: Option<String>,
 }
 
@@ -65,10 +66,10 @@ pub struct Mixed {
 pub type Mixer = Worker<MixRequest, Mixed>;
 
 impl Mixer {
-    /// A mixer that connects when it is first asked to join.
+    /// Creates a mixer that connects at the first join.
     ///
     /// # Errors
-    /// No thread can be started.
+    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance, key_poses: &Arc<KeyPoses>) -> std::io::Result<Self> {
         let (instance, key_poses) = (instance.clone(), key_poses.clone());
         Self::start("mixer", |asked, answer| {
@@ -89,19 +90,19 @@ impl Mixer {
     }
 }
 
-/// A person that is published.
+/// State while the person is published.
 #[derive(Clone, Copy)]
 struct On {
-    /// Until when the page may be silent.
+    /// Time at which the page's silence ends the person.
     until: Instant,
-    /// When the next frame is due.
+    /// Time at which the next frame is due.
     due: Instant,
 }
 
 struct Person {
     instance: Instance,
     key_poses: Arc<KeyPoses>,
-    /// The session; it outlives a pause, as that of any client that returns to its lease.
+    /// The session. It survives a pause, like that of any client that returns to its lease.
     client: Option<Client>,
     on: Option<On>,
     at: Shares,
@@ -124,7 +125,7 @@ impl Person {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            // Whatever is asked meanwhile, and however much of it.
+            // Runs after every request, whatever it is and however many arrive.
             self.advance();
         }
     }
@@ -135,7 +136,7 @@ impl Person {
             MixRequest::Join => match self.join() {
                 Ok(()) => {
                     let now = Instant::now();
-                    // It goes on from where it was: there is no leap for whoever still follows.
+                    // Continues from the last shares, so that a robot that still follows sees no jump.
                     (self.on, self.asked) = (Some(On { until: now + HOLD_FOR, due: now }), self.at);
                     self.tell(None);
                 }
@@ -151,7 +152,8 @@ impl Person {
         }
     }
 
-    /// A session that may move the robot, or why there is none. One that lost its lease to another never gets it back.
+    /// Makes sure that there is a session that may move the robot. The error says why there is none. A session
+    /// that lost its lease to another client never gets it back.
     fn join(&mut self) -> Result<(), String> {
         let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
         self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
@@ -165,7 +167,7 @@ impl Person {
         Ok(())
     }
 
-    /// Publishes what is due.
+    /// Publishes a frame if one is due.
     fn advance(&mut self) {
         let now = Instant::now();
         let Some(on) = &mut self.on else { return };
@@ -184,7 +186,7 @@ impl Person {
                 self.client = None;
                 self.end(Some(HELD.to_owned()));
             }
-            // A frame that `ingest` did not read in time is lost; whether there were too many, it judges.
+            // A frame that `ingest` did not read in time is lost. `ingest` judges if there were too many.
             Ok(_) | Err(DoorError::Timeout { .. }) => {
                 let arrives = self.at == self.asked && before != self.at;
                 let moves = before != self.at && self.sequence.is_multiple_of(TELL_EVERY);
@@ -199,7 +201,7 @@ impl Person {
         }
     }
 
-    /// What `ingest` has said by then.
+    /// Publishes a frame. Returns the newest reply of `ingest`.
     fn publish(&mut self, now: Instant) -> Result<Reply, DoorError> {
         let Some(client) = &mut self.client else { return Ok(Reply::NotHolder) };
         let at_s = now.saturating_duration_since(self.begun).as_secs_f64();
@@ -223,7 +225,7 @@ impl Person {
     }
 }
 
-/// What a page is told whose person goes nowhere.
+/// Message to a page whose person cannot move the robot.
 const HELD: &str = "Another client moves the robot, or did a moment ago: switch on again after it has left.";
 
 #[cfg(test)]
@@ -236,10 +238,11 @@ mod tests {
     use std::sync::{Mutex, MutexGuard};
     use std::thread::JoinHandle;
 
-    /// Longest time for anything that must happen; only a hang comes near.
+    /// Longest time for any expected event. Only a hang comes near it.
     const SOON: Duration = Duration::from_secs(20);
 
-    /// What stands for `ingest`: gives the lease to whom it is told, and keeps what the holder sends.
+    /// A substitute for `ingest`. It grants or refuses the lease as the test sets, and records the holder's
+    /// frames.
     struct Ingest {
         frames: Arc<Mutex<Vec<(u64, RawSkeleton)>>>,
         refuses: Arc<AtomicBool>,
@@ -269,7 +272,7 @@ mod tests {
             self.frames.lock().unwrap()
         }
 
-        /// Waits for more frames of a page that asks for a corner meanwhile.
+        /// Waits for more frames, while the page keeps requesting corner `n`.
         fn wait(&self, more: usize, mixer: &Mixer, n: usize) {
             let (before, give_up) = (self.frames().len(), Instant::now() + SOON);
             while self.frames().len() < before + more {
@@ -287,7 +290,7 @@ mod tests {
         }
     }
 
-    /// A mixer whose person carries its shares in the place of the first joint.
+    /// Creates a mixer whose person carries its shares at the position of the first joint.
     fn mixer() -> (tempfile::TempDir, PathBuf, Mixer) {
         let folder = tempfile::tempdir().expect("a folder");
         let instance = Instance::new(folder.path()).expect("an instance");
@@ -305,7 +308,7 @@ mod tests {
         MixRequest::Mix(Shares::nearest(std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 })).expect("numbers"))
     }
 
-    /// The next answer of this kind to a page that is silent.
+    /// Returns the next matching answer to a page that is silent.
     fn told(mixer: &Mixer, what: impl Fn(&Mixed) -> bool) -> Mixed {
         told_meanwhile(mixer, what, || {})
     }
@@ -322,7 +325,7 @@ mod tests {
         }
     }
 
-    /// From each frame to the next the shares change by a step at most, for each frame between.
+    /// Checks that the shares change by at most one step per frame number.
     fn assert_no_leap(frames: &[(u64, RawSkeleton)]) {
         for pair in frames.windows(2) {
             let [(_, a), (_, b)] = pair else { continue };
@@ -338,7 +341,7 @@ mod tests {
     fn whatever_a_page_asks_no_share_leaps_and_silence_ends_the_person() {
         let (_folder, path, mixer) = mixer();
         let ingest = Ingest::at(path, false);
-        // To go somewhere without being there is nothing.
+        // A mix request before a join does nothing.
         mixer.ask(corner(2));
         mixer.ask(MixRequest::Join);
         assert_eq!(told(&mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
@@ -351,7 +354,7 @@ mod tests {
         assert!(silent.text.is_some_and(|text| text.contains("silent")));
         mixer.ask(corner(0));
         std::thread::sleep(Duration::from_millis(200));
-        // It goes on where it was, in the same session.
+        // The person continues where it was, in the same session.
         mixer.ask(MixRequest::Join);
         ingest.wait(30, &mixer, 2);
         mixer.ask(MixRequest::Leave);

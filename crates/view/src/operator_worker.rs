@@ -1,4 +1,4 @@
-//! A page's hand on the robot: its own connection to the operator socket. A page can only ask; `control` decides.
+//! A page's own connection to the operator socket. A page can only send requests, and `control` decides.
 
 use crate::worker::Worker;
 use messages::{Mode, Status};
@@ -9,43 +9,44 @@ use std::time::{Duration, Instant};
 
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
-/// A page that holds the enable says so ten times a second; after five of its periods without a word the enable is let go.
+/// Timeout of a held enable. The page repeats it ten times a second. After five missed periods the enable is
+/// released.
 pub const HOLD_FOR: Duration = Duration::from_millis(500);
-/// How long an enable may stay without effect before it counts as refused: a poll of the socket and a tick, many times.
+/// Time after which an enable without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
-/// What a page asks for.
+/// Request of a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorCommand {
     /// Press the enable.
     Engage,
-    /// It is still held; nothing by itself.
+    /// The enable is still held. Does nothing by itself.
     Keep,
-    /// Let it go.
+    /// Release the enable.
     Release,
-    /// Clear what is latched.
+    /// Reset the latched faults.
     Reset,
     /// Stop now.
     Stop,
 }
 
-/// What became of it.
+/// Outcome of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandOutcome {
-    /// Whether this page holds the enable now.
+    /// True if this page holds the enable now.
     pub held: bool,
-    /// What there is to say.
+    /// Text for the user, if any.
     pub text: Option<String>,
 }
 
-/// The hand. Dropping it lets go of what it holds.
+/// The page's connection. Dropping it releases a held enable.
 pub type OperatorWorker = Worker<OperatorCommand, CommandOutcome>;
 
 impl OperatorWorker {
-    /// A hand that connects when it is first asked for something.
+    /// Creates a connection that opens at the first request.
     ///
     /// # Errors
-    /// No thread can be started.
+    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         let instance = instance.clone();
         Self::start("hand", |asked, answer| {
@@ -59,7 +60,7 @@ impl OperatorWorker {
 struct Held {
     since: Instant,
     until: Instant,
-    /// Transitions of control before it; none until its first answer.
+    /// Control's transition count before the enable. `None` until its first answer.
     transitions: Option<u32>,
 }
 
@@ -67,7 +68,7 @@ struct Grip {
     instance: Instance,
     client: Option<Client>,
     held: Option<Held>,
-    /// Answers of control since a reset was pressed, until it is known whether it was refused.
+    /// Answers of control since a reset was pressed. `None` once its outcome is known.
     reset: Option<u32>,
     answer: Sender<CommandOutcome>,
 }
@@ -126,7 +127,7 @@ impl Grip {
         }
     }
 
-    /// Also withdraws the enable of another connection, as every release does.
+    /// Releases the enable. Like every release, it also withdraws the enable of another connection.
     fn let_go(&mut self, text: String) {
         self.held = None;
         if let Some(client) = &mut self.client {
@@ -142,7 +143,7 @@ impl Grip {
                 self.tell_refusal(&status);
                 self.watch(&status);
             }
-            // One late reply is no end: the socket keeps the connection, and control judges the silence.
+            // One late reply does not end the connection. The socket stays open, and control judges the silence.
             Err(OperatorError::Timeout { .. }) => {}
             Err(error) => {
                 (self.client, self.held) = (None, None);
@@ -151,7 +152,7 @@ impl Grip {
         }
     }
 
-    /// Says why a reset was refused. The answer to the press was made before it was read: the one after it tells.
+    /// Reports why a reset was refused. Control answered the press before it read it, so the next answer tells.
     fn tell_refusal(&mut self, status: &Status) {
         match self.reset.take() {
             None => {}
@@ -164,7 +165,7 @@ impl Grip {
         }
     }
 
-    /// An enable that control has refused or withdrawn is held no longer: nothing engages anew by itself.
+    /// Releases an enable that control has refused or withdrawn. Nothing engages again by itself.
     fn watch(&mut self, status: &Status) {
         let Some(held) = &mut self.held else { return };
         let before = *held.transitions.get_or_insert(status.transition_count);
@@ -173,7 +174,7 @@ impl Grip {
         if follows || !changed && held.since.elapsed() < REFUSED_AFTER {
             return;
         }
-        // The page shows the cause in one place, under the mode.
+        // The page shows the cause in one place, below the mode.
         let what = if changed { "The robot follows no longer." } else { "The enable was refused." };
         self.let_go(format!("{what} The cause stands under the mode."));
     }

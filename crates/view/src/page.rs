@@ -1,4 +1,4 @@
-//! One open page: frames out, requests in.
+//! One open page: sends frames and receives requests.
 
 use crate::counted::Counted;
 use crate::hub::{Hub, Seen};
@@ -17,38 +17,41 @@ use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Bytes, Error, Message, WebSocket};
 
-/// How often a page's requests are looked for: a stop waits no longer for this thread.
+/// Polling period for a page's requests. A stop waits no longer than this for the thread.
 const LOOK: Duration = Duration::from_millis(2);
 /// Largest request, bytes.
 const REQUEST_BYTES: usize = 1 << 10;
-/// What may wait for a page that does not read, bytes: seconds of frames. Then it has gone.
+/// Largest backlog of a page that does not read, bytes: some seconds of frames. Beyond it the page counts as
+/// gone.
 const WAITING_BYTES: usize = 1 << 20;
-/// Requests of a page that are taken in a second, after which it counts as no page of ours. Browsers tell of a pointer or a
-/// slider once a picture, and the fastest screens show 240 a second; assumption: twice that, and some.
+/// Largest number of requests of a page per second. A client that sends more is not our page. Browsers report a
+/// pointer or a slider once per picture, and the fastest screens show 240 a second. Assumption: a little more
+/// than twice that.
 const REQUESTS_PER_S_MAX: u32 = 500;
-/// A page says something every two seconds; after so long a silence it has gone.
+/// Longest silence of a page. A page sends something every two seconds. After this time it counts as gone.
 const SILENT_MAX: Duration = Duration::from_secs(10);
 
-/// What a page may ask. The braces are meant: serde refuses unknown keys of variants with fields alone, even of none.
+/// Requests of a page. The empty braces are intended. Only in variants with braces, even empty ones, does serde
+/// reject unknown keys.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 enum Request {
-    /// Nothing: it is there.
+    /// Does nothing. It shows that the page is open.
     Here {},
-    /// See [`OperatorCommand`]; of an instance alone.
+    /// See [`OperatorCommand`]. Only for an instance.
     Engage {},
     Keep {},
     Release {},
     Reset {},
     Stop {},
-    /// See [`MixRequest`]; of an instance with key poses alone. What is no number ends the page, what lies outside the triangle is
-    /// taken for the nearest point of it.
+    /// See [`MixRequest`]. Only for an instance with key poses. A NaN or infinite share ends the page. Shares
+    /// outside the triangle become its nearest point.
     Join {},
     Mix {
         shares: [f64; 3],
     },
     Leave {},
-    /// See [`Position`]; of a recording alone.
+    /// See [`Position`]. Only for a recording.
     Play {},
     Pause {},
     Seek {
@@ -56,16 +59,16 @@ enum Request {
     },
 }
 
-/// What is behind a page.
+/// Data source of a page.
 #[derive(Clone, Debug)]
 pub enum PageSource {
-    /// A running instance, and what pages may lead it through.
+    /// A running instance, with the key poses if the pages may use them.
     Instance(Instance, Option<Arc<KeyPoses>>),
-    /// A recording, and where it is being looked at.
+    /// A recording, with the position being shown.
     Recording(Arc<Position>),
 }
 
-/// What a page can move.
+/// Control that a page has over its source.
 enum PageControl {
     OperatorWorker(OperatorWorker, Option<Mixer>),
     Position(Arc<Position>),
@@ -82,7 +85,7 @@ impl PageControl {
         })
     }
 
-    /// Whether such a thing can be asked here.
+    /// Carries out a request. Returns false if this source does not support it.
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here {}) => {}
@@ -106,7 +109,7 @@ impl PageControl {
     }
 }
 
-/// Serves a page until it goes, or until `ended`.
+/// Serves a page until it closes, or until `ended`.
 pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
@@ -146,13 +149,13 @@ struct Page {
     socket: WebSocket<TcpStream>,
     lever: PageControl,
     spoke: Instant,
-    /// The second that runs, and the requests in it.
+    /// Start of the current second, and the requests in it.
     second: Instant,
     asked: u32,
 }
 
 impl Page {
-    /// Tells what became of what was asked.
+    /// Sends the outcome of earlier requests.
     fn tell(&mut self) -> Result<(), Error> {
         while let PageControl::OperatorWorker(hand, _) = &self.lever
             && let Some(CommandOutcome { held, text }) = hand.answer()
@@ -168,7 +171,7 @@ impl Page {
         Ok(())
     }
 
-    /// Whether the page speaks no more often than a page can.
+    /// Returns true if the request rate is within the limit of a page.
     fn keeps_measure(&mut self) -> bool {
         if self.second.elapsed() > Duration::from_secs(1) {
             (self.second, self.asked) = (Instant::now(), 0);
@@ -177,13 +180,13 @@ impl Page {
         self.asked <= REQUESTS_PER_S_MAX
     }
 
-    /// Takes what the page asks for.
+    /// Reads and carries out the page's requests.
     fn listen(&mut self) -> Result<(), Error> {
         loop {
             match self.socket.read() {
                 Ok(Message::Text(text)) => {
                     self.spoke = Instant::now();
-                    // Whoever speaks something else is no page of ours.
+                    // A client that sends anything else is not our page.
                     if !self.keeps_measure()
                         || !serde_json::from_str(&text).is_ok_and(|request| self.lever.pull(request))
                     {

@@ -1,20 +1,20 @@
-//! A recording to be looked at: everything that pages are told, made once, and a position in it that pages move.
+//! A recording for pages: all page messages, made once in advance, and a position that the pages move.
 
 use crate::frame::LatestMessages;
 use crate::hub::{Hub, StatusWriter};
 use robot::Model;
 use std::sync::{Mutex, PoisonError};
 
-/// Frames kept at most, 150 MB: 20 minutes at 60 a second. When there are more, every second one is dropped.
+/// Most frames kept, 150 MB: 20 minutes at 60 a second. If there are more, every second frame is dropped.
 const FRAMES_MAX: usize = 72_000;
-/// Time between two frames at first, s.
+/// Initial time between two frames, s.
 const PERIOD_S: f64 = 1.0 / 60.0;
 
-/// What a page is told at one time.
+/// Page messages of one moment.
 struct Told {
     at_s: f64,
     frame: Vec<u8>,
-    /// Index of the status that holds.
+    /// Index of the status that applies.
     status: Option<usize>,
 }
 
@@ -26,7 +26,7 @@ pub struct RecordingView {
     period_s: f64,
 }
 
-/// Makes a view of messages in the order of their times.
+/// Makes a view from messages in the order of their times.
 pub struct RecordingViewBuilder<'a> {
     teller: StatusWriter<'a>,
     view: RecordingView,
@@ -34,13 +34,13 @@ pub struct RecordingViewBuilder<'a> {
 }
 
 impl<'a> RecordingViewBuilder<'a> {
-    /// An empty view.
+    /// Creates an empty view.
     pub fn new(model: &'a Model) -> Self {
         let view = RecordingView { told: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
         Self { teller: StatusWriter::new(model), view, next_s: 0.0 }
     }
 
-    /// What was the newest of everything at `at_s`, s from the beginning.
+    /// Adds the newest messages at `at_s`, s from the beginning.
     pub fn add(&mut self, heard: &LatestMessages, at_s: f64) {
         if at_s < self.next_s {
             return;
@@ -62,24 +62,24 @@ impl<'a> RecordingViewBuilder<'a> {
         }
     }
 
-    /// The whole view.
+    /// Returns the complete view.
     pub fn build(self) -> RecordingView {
         self.view
     }
 }
 
 impl RecordingView {
-    /// From the first frame to the last, s.
+    /// Time from the first frame to the last, s.
     pub fn duration_s(&self) -> f64 {
         self.told.last().map_or(0.0, |told| told.at_s)
     }
 
-    /// Every sentence, as pages are told them.
+    /// Returns every event sentence, as sent to pages.
     pub fn events(&self) -> &[String] {
         &self.events
     }
 
-    /// Shows what was at `at_s`.
+    /// Shows the state at `at_s`.
     pub fn show(&self, hub: &Hub, at_s: f64) {
         let after = self.told.partition_point(|told| told.at_s <= at_s);
         let Some(told) = self.told.get(after.saturating_sub(1)) else { return };
@@ -88,7 +88,7 @@ impl RecordingView {
     }
 }
 
-/// Where a recording is being looked at. All pages look at the same place.
+/// Position in a recording. All pages share it.
 #[derive(Debug)]
 pub struct Position {
     at: Mutex<(f64, bool)>,
@@ -96,19 +96,19 @@ pub struct Position {
 }
 
 impl Position {
-    /// At the beginning, playing.
+    /// Creates a position at the beginning, playing.
     pub fn new(duration_s: f64) -> Self {
         Self { at: Mutex::new((0.0, true)), duration_s }
     }
 
-    /// Goes to `at_s`, within the recording; what is no number goes nowhere.
+    /// Moves to `at_s`, clamped to the recording. Ignores NaN and infinite times.
     pub fn seek(&self, at_s: f64) {
         if at_s.is_finite() {
             self.change(|at| at.0 = at_s.clamp(0.0, self.duration_s));
         }
     }
 
-    /// Plays on, or from the beginning if it is at its end; or stands still.
+    /// Plays or pauses. Playing at the end starts from the beginning.
     pub fn play(&self, plays: bool) {
         self.change(|at| {
             let over = at.0 >= self.duration_s;
@@ -116,7 +116,7 @@ impl Position {
         });
     }
 
-    /// `by_s` later, if it plays; where it is then.
+    /// Advances by `by_s` if it plays. Returns the position.
     pub fn advance(&self, by_s: f64) -> f64 {
         self.change(|at| {
             if at.1 {

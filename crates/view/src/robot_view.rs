@@ -7,7 +7,7 @@ use robot::{MeshVisual, Model, Pose};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Names of missing files in one error.
+/// Number of missing files that one error names.
 const NAMED_MAX: usize = 3;
 
 /// A mesh file of the user that is drawn for a link.
@@ -17,36 +17,37 @@ pub struct Mesh {
     pub link: String,
     /// The body it moves with.
     pub body: usize,
-    /// Mesh's frame to body's frame, with the mesh's scale: rows of a 3 x 4 matrix.
+    /// Transform from the mesh's frame to the body's frame, with the mesh's scale: rows of a 3 x 4 matrix.
     pub body_from_mesh: [[f64; 4]; 3],
     /// Path below the folder of meshes.
     pub file: String,
-    /// Its colour, if it has none of its own.
+    /// Colour, if the mesh has none of its own.
     pub colour: Option<Colour>,
 }
 
-/// What a page shows of a robot.
+/// Robot data that a page shows.
 #[derive(Clone, Debug)]
 pub struct RobotView {
-    /// The robot among its obstacles.
+    /// Model of the robot with its obstacles.
     pub model: Model,
-    /// Its shapes and colours.
+    /// Shapes and colours.
     pub look: Look,
-    /// The user's meshes; none without a folder.
+    /// The user's meshes. Empty without a folder.
     pub meshes: Vec<Mesh>,
-    /// Where they are read.
+    /// Folder of the meshes.
     pub folder: Option<Arc<MeshFolder>>,
     /// Names of mesh files that are not in the folder.
     pub missing: Vec<String>,
-    /// How far the command follows behind the person by the settings, ms.
+    /// Delay of the command behind the person that follows from the settings, ms.
     pub following_delay_ms: f64,
 }
 
 impl RobotView {
-    /// The robot of `loaded`, with the look beside its robot file and the meshes below `folder`.
+    /// Creates the view of `loaded`'s robot, with the look beside its robot file and the meshes below `folder`.
     ///
     /// # Errors
-    /// The look is not one of this robot, the folder cannot be read, or it holds none of the robot's meshes.
+    /// Returns an error if the look is not one of this robot, if the folder cannot be read, or if it holds none
+    /// of the robot's meshes.
     pub fn of(loaded: &Loaded, folder: Option<&Path>) -> Result<Self, LookError> {
         let look = Look::read(loaded.robot_file(), &loaded.model)?;
         let mut view = Self {
@@ -69,7 +70,7 @@ impl RobotView {
         let named: Vec<MeshVisual> = self.model.meshes().collect();
         let links: Vec<String> = self.model.links().map(|(name, ..)| name.to_owned()).collect();
         for link in &links {
-            // What the look names goes before the URDF: its author saw both.
+            // The look's meshes take precedence over the URDF's, because the author of the look knew the URDF.
             let looks = self.look.meshes.iter().filter(|mesh| mesh.link == *link);
             let looks: Vec<_> =
                 looks.map(|mesh| (mesh.clone(), mesh.files.iter().find_map(|f| folder.find(f)))).collect();
@@ -88,7 +89,7 @@ impl RobotView {
             let found = |is_collision| {
                 of_link(is_collision).filter_map(|mesh| Some((mesh, folder.find(&mesh.file)?))).collect::<Vec<_>>()
             };
-            // A file for collision checks is better than none.
+            // A mesh for collision checks is better than none.
             let files = Some(found(false)).filter(|files| !files.is_empty()).unwrap_or_else(|| found(true));
             if files.is_empty() {
                 self.missing
@@ -120,7 +121,7 @@ impl RobotView {
         }
     }
 
-    /// The bodies that begin at the left and the right shoulder: where a person is laid over the robot.
+    /// Returns the bodies that begin at the left and right shoulder. An overlaid person is aligned with them.
     pub fn shoulder_bodies(&self) -> [usize; 2] {
         self.model.arms.each_ref().map(|arm| arm.joints[1] + 1)
     }

@@ -1,4 +1,4 @@
-//! What a page is told once: the robot's shapes, joints and obstacles, and the person's bones, as JSON.
+//! The first message to a page, as JSON: the robot's shapes, joints and obstacles, and the person's bones.
 
 use crate::look::{Part, Shape};
 use crate::robot_view::{Mesh, RobotView};
@@ -7,8 +7,9 @@ use nalgebra::{Rotation3, UnitQuaternion};
 use robot::{Form, Model, Pose, Solid};
 use serde_json::{Value, json};
 
-/// The robot and its surroundings. Lengths in m, angles in rad, quaternions x, y, z, w; poses of shapes are in their bodies'
-/// frames, obstacles in the base's. A `matrix` holds the three upper rows of a transform into the body's frame.
+/// Returns the robot and its surroundings. Lengths are in m, angles in rad, quaternions as x, y, z, w. Poses of
+/// shapes are in their bodies' frames, obstacles in the base frame. A `matrix` holds the three upper rows of a
+/// transform into the body's frame.
 pub fn scene(view: &RobotView) -> Value {
     let model = &view.model;
     let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| solid(&obstacle.name, &obstacle.solid)).collect();
@@ -44,7 +45,7 @@ fn joints(model: &Model) -> Vec<Value> {
     (0..model.joint_names.len()).map(joint).collect()
 }
 
-/// With the colours of the look.
+/// Returns the capsules with the colours of the look.
 fn capsules(view: &RobotView) -> Vec<Value> {
     let capsules = view.model.capsules.iter().enumerate().map(|(n, capsule)| {
         let [a, b]: [[f64; 3]; 2] = [capsule.a.into(), capsule.b.into()];

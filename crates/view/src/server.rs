@@ -1,4 +1,4 @@
-//! The listener, the thread that reads the instance, and a thread for every page.
+//! The listener, the thread that reads the instance, and one thread per page.
 
 use crate::ViewError;
 use crate::http::{self, SiteConfig};
@@ -21,20 +21,20 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Port of the page, unless another is given: one that IANA lists for nobody.
+/// Default port of the page. IANA assigns it to no service.
 pub const PORT: u16 = 8484;
 /// Time between two frames: 60 a second.
 const FRAME: Duration = Duration::from_nanos(16_666_667);
-/// After so long a silence the services are opened anew.
+/// Silence after which the server opens the services again.
 const REATTACH: Duration = Duration::from_secs(1);
-/// How often connections are looked for.
+/// Polling period for new connections.
 const ACCEPT: Duration = Duration::from_millis(10);
-/// How long pages have to end when the server does; who goes on talking is cut off.
+/// Time for pages to end when the server ends. Then their connections are closed.
 const END_WITHIN: Duration = Duration::from_secs(1);
-/// Connections at a time: a page needs eight files at once and one socket, and there may be several pages.
+/// Most connections at a time. A page needs eight files at once and one socket, and there may be several pages.
 const CONNECTIONS_MAX: usize = 32;
 
-/// A running server; dropping it ends it.
+/// A running server. Dropping it stops it.
 pub struct Server {
     address: String,
     hub: Arc<Hub>,
@@ -43,11 +43,11 @@ pub struct Server {
 }
 
 impl Server {
-    /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback; 0 is any free one. With `key_poses` a page may be
-    /// the person whom the robot follows, by their mixes.
+    /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback interface. Port 0 picks any
+    /// free one. With `key_poses` a page may be the person that the robot follows, by mixing them.
     ///
     /// # Errors
-    /// The port is taken, or the instance's shared memory cannot be opened.
+    /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
     pub fn live(
         instance: &Instance,
         view: &RobotView,
@@ -66,10 +66,10 @@ impl Server {
         Ok(server)
     }
 
-    /// Shows a recording of this name, of the robot of `view`, as [`Server::live`] shows an instance.
+    /// Shows a recording with this name, of the robot of `view`, like [`Server::live`] shows an instance.
     ///
     /// # Errors
-    /// The port is taken.
+    /// Returns an error if the port is taken.
     pub fn recording(recording: RecordingView, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
         let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
         let position = Arc::new(Position::new(recording.duration_s()));
@@ -99,17 +99,17 @@ impl Server {
         Ok(())
     }
 
-    /// The address to open in a browser, with its token.
+    /// Returns the address to open in a browser, with its token.
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// How many pages are open.
+    /// Number of open pages.
     pub fn pages(&self) -> usize {
         self.hub.pages().load(Ordering::Relaxed)
     }
 
-    /// Whether it has ended by itself, which it does not.
+    /// Returns true if a server thread has ended by itself. This does not normally happen.
     pub fn has_ended(&self) -> bool {
         self.threads.iter().any(JoinHandle::is_finished)
     }
@@ -124,7 +124,8 @@ impl Drop for Server {
     }
 }
 
-/// Readers belong to the thread that opened them. `opened` is told how the first opening went.
+/// Reads the instance and publishes to the hub. Readers must stay in the thread that opened them. `opened`
+/// receives the result of the first opening.
 fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<(), ViewError>>, ended: &AtomicBool) {
     let mut live = match Live::open(domain.clone()) {
         Ok(live) => live,
@@ -146,7 +147,7 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         hub.show(&news.frame, news.status.as_deref());
         hub.happened(news.events);
         if heard_at.elapsed() > REATTACH {
-            // An instance that was started anew has services of its own.
+            // A restarted instance has new services.
             heard_at = Instant::now();
             live = Live::open(domain.clone()).unwrap_or(live);
         }
@@ -159,7 +160,7 @@ fn play(hub: &Hub, recording: &RecordingView, position: &Position, ended: &Atomi
     let (mut next, mut before) = (Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = Instant::now();
-        // Nobody misses its beginning.
+        // The recording plays only while a page is open, so nobody misses the beginning.
         let seen = hub.pages().load(Ordering::Relaxed) > 0;
         let at_s = position.advance(if seen { (now - before).as_secs_f64() } else { 0.0 });
         before = now;
@@ -168,19 +169,19 @@ fn play(hub: &Hub, recording: &RecordingView, position: &Position, ended: &Atomi
     }
 }
 
-/// Until the next frame; a server that stood still does not catch up.
+/// Sleeps until the next frame. A server that stood still does not catch up.
 fn wait(next: &mut Instant) {
     *next = (*next + FRAME).max(Instant::now());
     std::thread::sleep(next.saturating_duration_since(Instant::now()));
 }
 
-/// A connection, shared with its thread for as long as that runs.
+/// A connection, shared with its thread while that runs.
 struct Connection {
     stream: TcpStream,
     is_page: AtomicBool,
 }
 
-/// Pages end before this does.
+/// Accepts connections. Returns after all pages have ended.
 fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &PageSource, ended: &Arc<AtomicBool>) {
     let mut open: Vec<Arc<Connection>> = Vec::new();
     while !ended.load(Ordering::Relaxed) {
@@ -190,7 +191,8 @@ fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &Pa
         };
         open.retain(|one| !has_ended(one));
         if open.len() >= CONNECTIONS_MAX {
-            // Who has not proved to be a page makes place for who comes: nobody is kept out by those who say nothing.
+            // The oldest connection that is not yet a page is closed to make room. Silent connections therefore
+            // keep nobody out.
             let Some(oldest) = open.iter().position(|one| !one.is_page.load(Ordering::Relaxed)) else { continue };
             let _ = open.remove(oldest).stream.shutdown(Shutdown::Both);
         }
@@ -200,7 +202,7 @@ fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &Pa
         let own = connection.clone();
         let work = move || {
             answer(stream, &site, &hub, &behind, &own.is_page, &ended);
-            // The other end is told now, and not when the next one comes.
+            // Closes the connection now, not when the next one arrives.
             let _ = own.stream.shutdown(Shutdown::Both);
         };
         // Without a thread the connection is closed.
@@ -229,7 +231,7 @@ fn answer(
     is_page: &AtomicBool,
     ended: &AtomicBool,
 ) {
-    // Who breaks off has harmed nobody but himself.
+    // A connection that breaks off needs no handling.
     if let Ok(Some(stream)) = http::answer(stream, site) {
         is_page.store(true, Ordering::Relaxed);
         let _ = page::serve(stream, hub, behind, ended);

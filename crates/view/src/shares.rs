@@ -1,19 +1,20 @@
-//! Shares of three key poses: a point of the triangle whose corners they are, and how fast it may move.
+//! Shares of three key poses: a point in the triangle of the key poses, and its largest speed.
 
 /// Shares of the three key poses: none is negative, their sum is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shares([f64; 3]);
 
-/// What is asked for further out than this is asked for here: the nearest point of the triangle is the same up to rounding
-/// for everything that a hand could mean.
+/// Requests are clamped to this distance. For every reasonable request the nearest point of the triangle stays
+/// the same up to rounding.
 const FAR: f64 = 1e3;
 
 impl Shares {
-    /// The first key pose alone.
+    /// The first key pose only.
     pub const FIRST: Self = Self([1.0, 0.0, 0.0]);
 
-    /// The point of the triangle that is nearest to `asked`; none if a number is not finite. The projection onto the simplex
-    /// is w_i = max(x_i - theta, 0), with the one theta that makes their sum 1 (Held, Wolfe and Crowder 1974).
+    /// Returns the point of the triangle nearest to `asked`. `None` if a number is not finite. The projection
+    /// onto the simplex is w_i = max(x_i - theta, 0), with the one theta that makes their sum 1 (Held, Wolfe and
+    /// Crowder 1974).
     pub fn nearest(asked: [f64; 3]) -> Option<Self> {
         if !asked.iter().all(|x| x.is_finite()) {
             return None;
@@ -32,14 +33,14 @@ impl Shares {
         Some(Self(asked.map(|x| (x - theta).max(0.0))))
     }
 
-    /// On the straight line from here to `to`, so far that no share changes by more than `step`.
+    /// Moves from here toward `to` on the straight line. No share changes by more than `step`.
     pub fn toward(self, to: Self, step: f64) -> Self {
         let change: [f64; 3] = std::array::from_fn(|i| to.0[i] - self.0[i]);
         let most = change.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         if most <= step { to } else { Self(std::array::from_fn(|i| self.0[i] + change[i] * (step / most))) }
     }
 
-    /// The shares, in the order of the key poses.
+    /// Returns the shares in the order of the key poses.
     pub const fn get(self) -> [f64; 3] {
         self.0
     }
@@ -49,7 +50,7 @@ impl Shares {
 mod tests {
     use super::*;
 
-    /// A linear congruential generator (Knuth, MMIX), from -2 to 2.
+    /// A linear congruential generator (Knuth, MMIX) with values from -2 to 2.
     fn draw(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*seed >> 11) as f64 / (1_u64 << 53) as f64 * 4.0 - 2.0
@@ -84,7 +85,7 @@ mod tests {
             let asked = [draw(&mut seed), draw(&mut seed), draw(&mut seed)];
             let found = Shares::nearest(asked).expect("numbers");
             assert!(is_in_triangle(found), "{asked:?}: {found:?}");
-            // Nearest: no step from there into the triangle comes nearer.
+            // This point is nearest: no step from it into the triangle comes nearer.
             let away = |point: [f64; 3]| -> f64 { point.iter().zip(asked).map(|(a, b)| (a - b).powi(2)).sum() };
             for corner in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
                 let beside = std::array::from_fn(|i| found.get()[i] + 1e-3 * (corner[i] - found.get()[i]));

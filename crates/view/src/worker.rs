@@ -1,9 +1,9 @@
-//! A thread that does what a page asks, so that the page never waits.
+//! A thread that carries out a page's requests, so that the page never waits.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
-/// The page's side of the thread. Dropping it ends the thread, after its last word.
+/// The page's side of the thread. Dropping it ends the thread once the current work is done.
 pub struct Worker<Ask, Answer> {
     asks: Sender<Ask>,
     answers: Receiver<Answer>,
@@ -11,10 +11,10 @@ pub struct Worker<Ask, Answer> {
 }
 
 impl<Ask: Send + 'static, Answer: Send + 'static> Worker<Ask, Answer> {
-    /// Starts `work` in a thread of that name; it returns once nobody can ask any more.
+    /// Starts `work` in a thread of that name. It returns once nobody can send requests any more.
     ///
     /// # Errors
-    /// No thread can be started.
+    /// Returns an error if no thread can be started.
     pub fn start(
         name: &str,
         work: impl FnOnce(&Receiver<Ask>, Sender<Answer>) + Send + 'static,
@@ -27,12 +27,12 @@ impl<Ask: Send + 'static, Answer: Send + 'static> Worker<Ask, Answer> {
 }
 
 impl<Ask, Answer> Worker<Ask, Answer> {
-    /// Passes on what is asked.
+    /// Sends a request to the thread.
     pub fn ask(&self, ask: Ask) {
         let _ = self.asks.send(ask);
     }
 
-    /// What became of it since.
+    /// Returns the next outcome, if any.
     pub fn answer(&self) -> Option<Answer> {
         self.answers.try_recv().ok()
     }

@@ -1,4 +1,4 @@
-//! One program of all tests, so that it is linked once.
+//! One program for all tests, so that it is linked once.
 
 mod frames;
 mod look;

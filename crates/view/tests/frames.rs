@@ -1,4 +1,4 @@
-//! What a page is told is what the messages say.
+//! Tests that a page receives the values of the messages.
 
 use messages::{
     JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline,
@@ -17,7 +17,7 @@ pub fn model() -> Model {
     loaded().model
 }
 
-/// The shipped robot as a page shows it.
+/// Returns the shipped robot as a page shows it.
 pub fn shown() -> RobotView {
     RobotView::of(&loaded(), None).expect("a look")
 }
@@ -30,7 +30,7 @@ fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
     numbers
 }
 
-/// Where the lists begin: the pair, the person, three robots, four lists of joints.
+/// Start of the lists: the pair, the person, three robots, four lists of joints.
 const PERSON: usize = FIELDS + 6;
 const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
 const LISTS: usize = ROBOTS + 3 * BODIES * POSE;
@@ -87,7 +87,7 @@ fn postures_of_measured_target_and_command_are_told_apart() {
         (Mode::Engaged as u32 as f32, 12.5, 123.0)
     );
     assert_eq!(numbers[PERSON + 3 * 4..][..3], [4.0, -1.0, 0.5]);
-    // A joint that the target does not mean is where it is measured.
+    // A joint without a target is drawn where it is measured.
     let target: [f64; JOINTS] =
         core::array::from_fn(|j| if (3..6).contains(&j) { shifted(0.1)[j] } else { shifted(0.2)[j] });
     for (n, (q, what)) in
@@ -98,7 +98,7 @@ fn postures_of_measured_target_and_command_are_told_apart() {
         assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
     }
     assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
-    // The pair's points are as far apart as the pair is.
+    // The distance of the pair's points equals the pair's clearance.
     let mut frames = Frames::default();
     model.forward(&shifted(0.2), &mut frames);
     let ends = |index: usize| {
@@ -154,7 +154,7 @@ fn lag_is_the_time_by_which_the_joints_trail_the_command() {
     };
     let (is_there, lag_ms) = told(state, command);
     assert!(is_there && (lag_ms - 21.0).abs() < 0.01, "{lag_ms}");
-    // Of a robot that stands there is none.
+    // A robot that stands still has no lag.
     state.dq_measured = [1e-3; JOINTS];
     assert_eq!(told(state, command), (false, 0.0));
 }

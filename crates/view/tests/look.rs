@@ -1,4 +1,4 @@
-//! What a look file may say, and what is said of one that is wrong.
+//! Tests the allowed values of a look file and the errors for wrong ones.
 
 use crate::frames::{loaded, model};
 use view::{Look, MeshFolder, RobotView, Shape};
@@ -20,7 +20,7 @@ fn shipped_looks_name_parts_for_every_body_and_leave_the_hash_alone() {
         let (model, _) = pipeline::load_model(&file).expect("the shipped robot");
         let look = Look::read(&file, &model).expect("the shipped look");
         let bodies: std::collections::BTreeSet<usize> = look.parts.iter().map(|part| part.body).collect();
-        // The head's first joint turns a link of its own, and so does every other: none is left without a shape.
+        // Every joint moves at least one shape, also the head's first joint, which turns a link of its own.
         assert_eq!(bodies.len(), view::BODIES, "{name}: {bodies:?}");
         assert!(look.capsules.iter().all(Option::is_some), "{name}: a capsule without a colour");
         assert!(look.meshes.len() > 20, "{name}: {} meshes", look.meshes.len());
@@ -94,7 +94,7 @@ fn mirror_draws_a_part_once_more_on_the_other_link() {
     assert_eq!((left.link.as_str(), right.link.as_str()), ("arm_left_4_link", "arm_right_4_link"));
     assert_eq!((left.colour.text(), right.body), ("#f0f1f2".to_owned(), model.arms[1].joints[3] + 1));
     let (a, b) = (left.body_from_shape, right.body_from_shape);
-    // Both links are their bodies' frames: the mirror changes the signs of the rows x and z.
+    // Both links coincide with their bodies' frames, so the mirror changes the signs of the rows x and z.
     for row in 0..3 {
         let sign = if row == 1 { 1.0 } else { -1.0 };
         for column in 0..4 {
@@ -111,7 +111,7 @@ fn meshes_of_the_look_are_found_below_the_folder_and_others_are_named() {
     assert!(error.contains("none of the robot's mesh files is below it"), "{error}");
     let arm = folder.path().join("description/meshes/arm");
     std::fs::create_dir_all(&arm).unwrap();
-    // The maker's file for drawing is not there, the one for collisions is.
+    // The maker's file for drawing is missing. Its file for collisions exists.
     std::fs::write(arm.join("arm_1_collision.dae"), "<COLLADA/>").unwrap();
     let view = RobotView::of(&loaded, Some(folder.path())).expect("one mesh");
     let drawn: Vec<_> = view.meshes.iter().map(|mesh| (mesh.link.as_str(), mesh.file.as_str())).collect();

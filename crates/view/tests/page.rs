@@ -1,4 +1,4 @@
-//! The page's files.
+//! Tests the page's files.
 
 use sha2::{Digest, Sha256};
 use view::{ASSETS, BODIES, FIELDS, LENGTH, POSE, VERSION};
@@ -24,7 +24,7 @@ fn everything_that_the_page_names_is_served_and_nothing_comes_from_elsewhere() {
     assert!(text("/").contains("page.js") && text("/page.js").contains("./wire.js"));
 }
 
-/// Hashes of the files below build and examples/jsm of the package three 0.185.0 on npm.
+/// Hashes of the files below build and examples/jsm in the package three 0.185.0 on npm.
 #[test]
 fn three_is_as_published() {
     let published = [
@@ -68,7 +68,7 @@ fn the_page_reads_frames_as_they_are_written() {
     assert!(text("/robot.js").contains(&format!("const BODIES = {BODIES};")));
 }
 
-/// The browser runs the import map because its hash stands in the policy.
+/// The browser runs the import map only if the policy contains its hash.
 #[test]
 fn import_map_is_the_one_that_the_policy_allows() {
     let page = text("/");
@@ -85,7 +85,7 @@ fn import_map_is_the_one_that_the_policy_allows() {
     assert!(view::POLICY.contains(&format!("'sha256-{hash}='")), "{hash}= is not in the policy");
 }
 
-/// As for our Rust.
+/// The same limit as for the Rust files.
 #[test]
 fn no_script_of_ours_is_longer_than_500_lines() {
     for asset in ASSETS.iter().filter(|asset| !asset.path.contains("three")) {

@@ -1,4 +1,4 @@
-//! A recording in a page: what is shown is what was recorded then.
+//! Tests that a page shows a recording as it was recorded.
 
 use crate::frames::{model, shown};
 use messages::{JointCommand, Layout, Mode, RobotState, Stamp, Status, Transition};
@@ -38,7 +38,7 @@ fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
     }
 }
 
-/// Ten seconds at 120 Hz: the head turns by 0.1 rad a second; Engaged from 4 s to 6 s.
+/// Ten seconds at 120 Hz. The head turns by 0.1 rad a second. The mode is Engaged from 4 s to 6 s.
 fn recorded(model: &robot::Model) -> view::RecordingView {
     let mut builder = RecordingViewBuilder::new(model);
     let (mut state, mut status) = (RobotState::ZERO, Status::ZERO);
@@ -71,7 +71,7 @@ fn a_page_plays_pauses_and_seeks() {
     let model = model();
     let recording = recorded(&model);
     assert_eq!(recording.duration_s(), 10.0);
-    // The state where it stands, and every change: three sentences.
+    // The initial state and every change: three sentences.
     assert_eq!(recording.events().len(), 3, "{:?}", recording.events());
     let server = Server::recording(recording, "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);
@@ -81,13 +81,13 @@ fn a_page_plays_pauses_and_seeks() {
         let frame = until(&mut socket, to_s, 0.02);
         assert_eq!(frame[Field::Mode as usize], mode as u32 as f32, "at {to_s} s");
     }
-    // It stands while it is paused, and goes on when it plays.
+    // The recording stands still while paused, and continues when it plays.
     let frame = until(&mut socket, 4.5, 0.02);
     std::thread::sleep(Duration::from_millis(200));
     assert_eq!(until(&mut socket, 4.5, 0.02)[Field::AtS as usize], frame[Field::AtS as usize]);
     ask(&mut socket, json!({ "do": "play" }));
     until(&mut socket, 5.0, 0.1);
-    // Beyond the end is the end; from there playing begins anew.
+    // A position beyond the end becomes the end. Playing from there starts at the beginning.
     ask(&mut socket, json!({ "do": "seek", "to_s": 1e300 }));
     until(&mut socket, 10.0, 0.0);
     std::thread::sleep(Duration::from_millis(50));
@@ -112,7 +112,8 @@ fn requests_that_a_recording_does_not_know_end_the_page() {
     ] {
         let mut socket = page(&server);
         ask(&mut socket, bad.clone());
-        // It says that it is there: its silence does not end it. Of 60 frames a second it gets none any more.
+        // The page sends `here`, so its silence does not end it. It receives none of the 60 frames a second any
+        // more.
         let mut goes_on = |_| socket.send(Message::text(r#"{"do":"here"}"#)).is_ok() && socket.read().is_ok();
         assert!(!(0..200).all(&mut goes_on), "{bad} is taken");
     }
@@ -126,7 +127,7 @@ fn a_page_that_never_ends_its_message_does_not_keep_the_server() {
     let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("no TLS on the loopback") };
     let mut stream = stream.try_clone().expect("a twin");
     stream.set_write_timeout(Some(Duration::from_secs(1))).expect("a limit");
-    // A text frame that is not the last of its message, and empty ones of the same message without end.
+    // Sends a text frame that is not the last of its message, then empty frames of the same message without end.
     stream.write_all(&[0x01, 0x81, 0, 0, 0, 0, b'a']).expect("taken");
     let more = [0x00, 0x80, 0, 0, 0, 0].repeat(1000);
     let talker = std::thread::spawn(move || while stream.write_all(&more).is_ok() {});

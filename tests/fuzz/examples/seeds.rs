@@ -1,4 +1,4 @@
-//! Writes the good inputs to begin with: `cargo run --release -p fuzz-targets --example seeds -- FOLDER`.
+//! Writes the initial good inputs: `cargo run --release -p fuzz-targets --example seeds -- FOLDER`.
 
 use fuzz_targets::{TARGETS, seeds};
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! One source for all fuzzers: the target is the program's own name.
+//! One source for all fuzzers. The name of the program selects the target.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|input: &[u8]| fuzz_targets::run(env!("CARGO_BIN_NAME"), input));

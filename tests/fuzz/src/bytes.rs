@@ -1,8 +1,8 @@
-//! Numbers out of a fuzzer's bytes; at the end there are only zeros.
+//! Reads numbers from a fuzzer's bytes. After the end it returns zeros.
 
 use messages::JOINTS;
 
-/// What is left of an input.
+/// The rest of an input.
 pub(crate) struct Bytes<'a> {
     rest: &'a [u8],
 }
@@ -16,7 +16,7 @@ impl<'a> Bytes<'a> {
         self.rest.is_empty()
     }
 
-    /// At most `count` bytes.
+    /// Takes at most `count` bytes.
     pub(crate) fn take(&mut self, count: usize) -> &'a [u8] {
         let (head, rest) = self.rest.split_at(count.min(self.rest.len()));
         self.rest = rest;
@@ -46,12 +46,12 @@ impl<'a> Bytes<'a> {
         u64::from_le_bytes(self.array())
     }
 
-    /// Any bits.
+    /// Returns any bits as a number.
     pub(crate) fn f64(&mut self) -> f64 {
         f64::from_bits(self.u64())
     }
 
-    /// Any bits for every joint.
+    /// Returns any bits for every joint.
     pub(crate) fn joints(&mut self) -> [f64; JOINTS] {
         std::array::from_fn(|_| self.f64())
     }

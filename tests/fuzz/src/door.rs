@@ -1,8 +1,8 @@
-//! The door for skeletons of other users: what a client says, and what it is told.
+//! The skeleton socket for other users: packets of a client, and replies.
 
 use doors::{ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, ReplyPacket, decode_frame, encode_frame};
 
-/// The bytes as a packet of each kind, and the frame that they become if they are made as long as one.
+/// Decodes the bytes as a packet of each kind. Also pads or cuts them to the length of a frame.
 pub(crate) fn run(input: &[u8]) {
     let ours = Hello::OURS.encode();
     assert_eq!(Hello::refusal(input).is_none(), input == ours, "only our own hello is admitted");
@@ -24,7 +24,7 @@ pub(crate) fn run(input: &[u8]) {
     assert!(same(&encode_frame(&frame), &bytes), "a byte of a frame was lost");
 }
 
-/// Bit for bit, but for a signalling NaN, which a processor may make quiet.
+/// Compares bit for bit. A processor may make a signalling NaN quiet, so NaNs may differ.
 fn same(a: &[u8], b: &[u8]) -> bool {
     a.chunks(4).zip(b.chunks(4)).all(|(a, b)| {
         let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);

@@ -1,13 +1,13 @@
-//! The state machine that gives and withdraws authority, under any input at any time.
+//! The state machine that engages and disengages the robot, under any input at any time.
 
 use crate::bytes::Bytes;
 use messages::{Fault, Mode, Response, Stamp, Transition};
 use safety::engage::{Config, Input, OperatorView, Output, Permit, RobotView, Settings, State, TargetView, tick};
 
-/// Ticks of one input.
+/// Number of ticks of one input.
 const TICKS_MAX: usize = 512;
 
-/// The shipped figures, but an enable that has to be seen released for the shortest time allowed.
+/// Returns the shipped settings, but with the shortest allowed time for a released enable.
 fn config() -> Config {
     let settings = Settings {
         target_stale_ms: 10.0,
@@ -33,8 +33,8 @@ fn config() -> Config {
     Config::new(&settings).expect("the shipped figures")
 }
 
-/// Each step is a byte that says how many ticks go by before it and how many fields are set, and the fields: which, and 64
-/// bits. Stamps stay fresh unless they are set.
+/// Runs the input. Each step starts with a byte: the number of ticks before it, and the number of fields to set.
+/// Then each field has its index and 64 bits. Stamps stay fresh unless they are set.
 pub(crate) fn run(input: &[u8]) {
     let config = config();
     let mut bytes = Bytes::new(input);
@@ -45,7 +45,7 @@ pub(crate) fn run(input: &[u8]) {
     let mut ticks = 0;
     while !bytes.is_empty() && ticks < TICKS_MAX {
         let step = bytes.u8();
-        // Time at rest and well, as much as a release, a blend or a hold takes.
+        // Time at rest without faults, long enough for a release, a blend or a hold.
         let idle = [0, 1, 32, 160][usize::from(step >> 6)];
         for _ in 0..idle {
             one(&config, &mut state, &mut view, &mut mode, fresh);
@@ -64,7 +64,7 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// A world that is well.
+/// Returns an input without faults.
 fn well() -> Input {
     let mut view = Input { k: 1_000_000, own_gap_ns: 666_667, realtime_ok: true, ..Input::default() };
     view.target = TargetView { config_matches: true, input_fresh: true, incarnation: 7, ..view.target };
@@ -146,13 +146,13 @@ fn set(view: &mut Input, field: u8, bits: u64) {
         45 => robot.velocity_error = flag,
         46 => robot.standstill_lost = flag,
         47 => robot.sample_ns = bits,
-        // The press of an enable, which takes two fields.
+        // Pressing an enable takes two fields.
         36..=38 => (operator.enable_level, operator.enable_edge) = (true, true),
         _ => (operator.recover_level, operator.recover_edge) = (true, true),
     }
 }
 
-/// What holds at every tick.
+/// Invariants of every tick.
 fn check(view: &Input, before: Mode, out: &Output) {
     match (out.mode, out.permit) {
         (Mode::Engaging | Mode::Engaged, Permit::Follow { speed_scale }) => {
@@ -163,11 +163,11 @@ fn check(view: &Input, before: Mode, out: &Output) {
         (Mode::Disengaged | Mode::Holding | Mode::Faulted, Permit::Stop) => {}
         other => panic!("{other:?}: a permit that does not belong to the mode"),
     }
-    // No change without a reason, and no reason without a change.
+    // Every change has a reason, and every reason belongs to a change.
     let changed = |t: Transition| (t.k, t.from, t.to) == (view.k, before as u32, out.mode as u32);
     assert_eq!(before != out.mode, out.transition.is_some(), "{before:?} to {:?}", out.mode);
     assert!(out.transition.is_none_or(changed), "{:?}", out.transition);
-    // Authority comes from an edge, and from nothing else.
+    // Only an edge engages or recovers.
     let operator = &view.operator;
     let rests = view.motion.at_rest && view.robot.at_rest;
     let engages = before == Mode::Disengaged && matches!(out.mode, Mode::Engaging | Mode::Engaged);
@@ -178,7 +178,7 @@ fn check(view: &Input, before: Mode, out: &Output) {
     assert_eq!(out.at_rest, rests);
     let recovers = before != Mode::Recovering && out.mode == Mode::Recovering;
     assert!(!recovers || operator.recover_edge && operator.recover_level, "recovers without an edge");
-    // Levels withdraw it, and a stop beats everything.
+    // Levels end it, and a stop overrides everything.
     let moves = matches!(out.mode, Mode::Engaging | Mode::Engaged);
     assert!(!moves || operator.enable_level && !operator.release_edge, "moves though it was let go");
     let resets = before == Mode::Faulted && out.mode != Mode::Faulted;

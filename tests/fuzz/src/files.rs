@@ -1,17 +1,17 @@
-//! Motion files: BVH, .npy, .npz and .mcap, as whole files through the door that every tool uses.
+//! Motion files: BVH, .npy, .npz and .mcap, as whole files through the function that every tool uses.
 
 use crate::bytes::Bytes;
 use motion::{ArrayError, Motion, npy};
 use std::io::{Cursor, Write};
 use std::sync::LazyLock;
 
-/// Keys that the reader of AMASS looks for.
+/// Keys that the AMASS reader uses.
 const KEYS: [&str; 6] = ["poses", "root_orient", "pose_body", "trans", "mocap_framerate", "mocap_frame_rate"];
 
-/// Where inputs stand as files.
+/// Folder for the inputs as files.
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a folder"));
 
-/// A BVH, as text and as a file.
+/// Tests a BVH, as text and as a file.
 pub(crate) fn bvh(input: &[u8]) {
     if let Ok(motion) = motion::parse_bvh("input", input) {
         check(&motion, input.len());
@@ -20,7 +20,7 @@ pub(crate) fn bvh(input: &[u8]) {
     }
 }
 
-/// A .npy: the array alone, and as HumanML3D's positions or features.
+/// Tests a .npy, as an array alone, and as HumanML3D's positions or features.
 pub(crate) fn npy(input: &[u8]) {
     match npy::read_npy(input) {
         Ok(array) => assert_eq!(array.shape.iter().product::<usize>(), array.values.len()),
@@ -30,8 +30,8 @@ pub(crate) fn npy(input: &[u8]) {
     load("npy", input);
 }
 
-/// A .npz. An input that begins with an `A` is a sequence of (key, length, bytes) that are put into an archive first,
-/// because the archive's checksums would keep a change of its bytes from every reader behind them.
+/// Tests a .npz. An input that begins with an `A` is a sequence of (key, length, bytes). The test packs them into
+/// an archive first. Otherwise the archive's checksums would stop every change before it reaches the readers.
 pub(crate) fn npz(input: &[u8]) {
     match input.split_first() {
         Some((b'A', parts)) => load("npz", &archive(parts)),
@@ -39,8 +39,8 @@ pub(crate) fn npz(input: &[u8]) {
     }
 }
 
-/// A .mcap. An input that begins with an `A` is bytes that are written over skeletons of a good recording first, because a
-/// chunk's checksum would keep a change of its bytes from every reader behind it.
+/// Tests a .mcap. An input that begins with an `A` holds bytes that overwrite skeletons of a good recording.
+/// Otherwise a chunk's checksum would stop every change before it reaches the readers.
 pub(crate) fn mcap(input: &[u8]) {
     match input.split_first() {
         Some((b'A', changes)) => load("mcap", &crate::seeds::recording(changes)),
@@ -62,9 +62,9 @@ fn archive(parts: &[u8]) -> Vec<u8> {
     writer.finish().expect("an archive").into_inner()
 }
 
-/// The bytes as a file of this extension, through [`motion::load`].
+/// Loads the bytes as a file with this extension, through [`motion::load`].
 fn load(extension: &str, bytes: &[u8]) {
-    // A name of its own for each thread.
+    // Each thread uses its own file name.
     let path = FOLDER.path().join(format!("{:?}.{extension}", std::thread::current().id()));
     std::fs::write(&path, bytes).expect("a file in a folder of its own");
     match motion::load(&path) {
@@ -73,7 +73,7 @@ fn load(extension: &str, bytes: &[u8]) {
     }
 }
 
-/// What holds of every motion that is read.
+/// Invariants of every motion that is read.
 fn check(motion: &Motion, bytes: usize) {
     let [low, high] = motion::FRAME_RATE_HZ;
     assert!((low..=high).contains(&motion.frame_rate_hz), "{} Hz", motion.frame_rate_hz);

@@ -1,4 +1,4 @@
-//! Layouts: any text of one from a file, and any bits of a frame of each.
+//! Layouts: any layout file, and any bits of a frame of each layout.
 
 use crate::bytes::Bytes;
 use crate::skeletons::{WORDS, set};
@@ -15,7 +15,7 @@ const FILES: [&str; 3] = [
     include_str!("../../../config/skeletons/smpl_y_up.toml"),
 ];
 
-/// All layouts that are shipped.
+/// All shipped layouts.
 static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
     let mut layouts = Layouts::default();
     for text in FILES {
@@ -24,14 +24,15 @@ static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
     with(layouts)
 });
 
-/// The shipped settings with these layouts.
+/// Returns the shipped settings with these layouts.
 fn with(layouts: Layouts) -> InputConfig {
     let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
     InputConfig::new(&settings.ingest, layouts, pipeline::Operators::default())
 }
 
-/// The first byte says what the others are. 0: a file. 1: changes of a shipped one (length, place, how much is taken out, what
-/// is put in). Else a frame: its layout, its flags, and words that are overwritten (place, bits).
+/// Runs the input. The first byte selects the meaning of the others. 0: a file. 1: changes of a shipped file
+/// (length, place, number of bytes removed, bytes inserted). Else a frame: its layout, its flags, and overwritten
+/// words (place, bits).
 pub(crate) fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     match kind {
@@ -54,7 +55,7 @@ fn changed(rest: &[u8]) -> String {
     String::from_utf8_lossy(&text).into_owned()
 }
 
-/// Refused by the file's name, or a layout whose frames are refused or good.
+/// Checks that the file is rejected by name, or that it is a layout whose frames are rejected or good.
 fn file(text: &str) {
     let map = match Map::parse("layout.toml", text) {
         Ok(map) => map,
@@ -105,7 +106,7 @@ fn frame(config: &InputConfig, rest: &[u8]) {
     }
 }
 
-/// Every shipped file, a change of one, and a T-pose of local rotations with one word that is changed.
+/// Returns every shipped file, a change of one, and a T-pose of local rotations with one changed word.
 pub(crate) fn seeds() -> Vec<Vec<u8>> {
     let local = (raw_flag::ROTATIONS | raw_flag::LOCAL) as u8;
     let mut seeds: Vec<Vec<u8>> = FILES.iter().map(|text| [&[0], text.as_bytes()].concat()).collect();

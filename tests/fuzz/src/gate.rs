@@ -1,4 +1,4 @@
-//! The last check of every command, under any proposal and any seed.
+//! The final check of every command, under any proposal and any seed.
 
 use crate::bytes::Bytes;
 use messages::{JOINTS, Stamp, StopPlan, TICK_S};
@@ -7,9 +7,9 @@ use safety::engage::Permit;
 use safety::gate::{Config, Decision, Proposed, State, Verdict, tick};
 use std::sync::LazyLock;
 
-/// Ticks of one input.
+/// Number of ticks of one input.
 const TICKS_MAX: usize = 64;
-/// What may be lost to the rounding of units (2^-40) and of doubles.
+/// Tolerance for the rounding of units (2^-40) and of doubles.
 const SLACK: f64 = 1e-9;
 
 static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
@@ -21,13 +21,14 @@ static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
 
 const EMPTY: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
 
-/// Each tick is a byte that says what is proposed (an honest step, whose jerks follow, or the last state again), how many
-/// of its numbers are overwritten by any 64 bits, and what is permitted.
+/// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the
+/// permit. A proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a
+/// number.
 pub(crate) fn run(input: &[u8]) {
     let (model, config) = &*ROBOT;
     let mut bytes = Bytes::new(input);
     let mut state = State::at_rest(model.home);
-    // No seed has moved it: all that is sent comes from what was judged.
+    // No reseed has moved the state, so everything sent was judged before.
     let mut judged = true;
     let mut k = 1000;
     for _ in 0..TICKS_MAX {
@@ -65,7 +66,8 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// One tick of these jerks from the last state, and a stop from there; or the last state again.
+/// Returns one tick with these jerks from the last state, and a stop from there. Or it returns the last state
+/// again.
 fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
     let (mut q, mut v, mut a) = (state.q(), state.v(), state.a());
     let mut plan = if head & 3 == 0 { state.plan() } else { EMPTY };
@@ -73,13 +75,14 @@ fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8)
         if head & 3 == 0 {
             break;
         }
-        // Of a joint's jerk limit, -1 to 1.
+        // Share of a joint's jerk limit, -1 to 1.
         let share = if head & 3 == 3 || j % 4 == 0 { f64::from(bytes.u8() as i8) / 128.0 } else { 0.0 };
         let (jerk, t) = (share * model.limits[j].j_max, TICK_S);
         q[j] += v[j] * t + a[j] * t * t / 2.0 + jerk * t * t * t / 6.0;
         v[j] += a[j] * t + jerk * t * t / 2.0;
         a[j] += jerk * t;
-        // Loses the acceleration, then the speed; short of the acceleration's limit at small speeds, which is enough here.
+        // The stop removes the acceleration, then the speed. At small speeds it stays below the acceleration
+        // limit. This is enough here.
         let most = 0.99 * model.limits[j].j_max;
         let speed = v[j] + a[j] * a[j].abs() / (2.0 * most);
         let half = (speed.abs() / most).sqrt();
@@ -105,7 +108,7 @@ fn finite(out: &Decision) {
     assert!(out.q.iter().chain(&out.v).chain(&out.a).chain(plan).all(|x| x.is_finite()), "{out:?}");
 }
 
-/// A robot that began at rest within its limits stays within them, whatever is proposed.
+/// Checks that a robot that began at rest within its limits stays within them, whatever the proposal.
 fn within(model: &Model, before: &([f64; JOINTS], [f64; JOINTS], [f64; JOINTS], u64), out: &Decision) {
     for j in 0..JOINTS {
         let (limits, t) = (&model.limits[j], TICK_S);

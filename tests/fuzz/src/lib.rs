@@ -1,6 +1,6 @@
-//! Fuzz targets: each takes any bytes, feeds them to one door of the product or to one of its deciders, and panics if
-//! what comes out breaks a promise. libFuzzer runs them (`libfuzzer`), and so does a plain test over the stored inputs
-//! and over seeded changes of them (`tests/corpora.rs`).
+//! Fuzz targets. Each takes any bytes and feeds them to one input of the product, or to one part that decides. It
+//! panics if the result breaks a guarantee. libFuzzer runs them (`libfuzzer`). A plain test also runs them over
+//! the stored inputs and over seeded changes of them (`tests/corpora.rs`).
 
 mod bytes;
 mod door;
@@ -16,7 +16,7 @@ mod skeletons;
 mod udp;
 mod weights;
 
-/// A target: its name, which is also that of its folder of stored inputs, and what it runs.
+/// A target: its name and its function. The name is also that of its folder of stored inputs.
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target.
@@ -41,7 +41,7 @@ pub const TARGETS: [Target; 15] = [
 /// Runs the target of this name.
 ///
 /// # Panics
-/// If a promise is broken, or there is no such target.
+/// Panics if a guarantee is broken, or if there is no such target.
 pub fn run(target: &str, input: &[u8]) {
     let (_, run) = TARGETS.iter().find(|(name, _)| *name == target).expect("a target of this name");
     run(input);

@@ -1,4 +1,4 @@
-//! The operator socket: connections that come and go, and whatever they say, against a server that is polled.
+//! The operator socket. Connections come and go and send any bytes to a server that is polled.
 
 use crate::bytes::Bytes;
 use messages::{HOLDS_ENABLE, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
@@ -7,9 +7,9 @@ use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketFlags, SocketT
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
-/// Connections that the input may open at once: more than there are places.
+/// Connections that the input may open at once: more than the server accepts.
 const SOCKETS: usize = CLIENTS_MAX + 2;
-/// Steps of one input.
+/// Number of steps of one input.
 const STEPS_MAX: usize = 128;
 
 struct Peer {
@@ -25,13 +25,13 @@ impl Peer {
         Some(Self { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } })
     }
 
-    /// A peer that the server put out, or that it does not read fast enough, is no matter.
+    /// The server may have closed this peer, or may not read fast enough. Both are fine.
     fn send(&self, bytes: &[u8]) {
         let _ = rustix::net::send(&self.socket, bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
     }
 }
 
-/// Each step is what is done and by whom, and what that asks for.
+/// Runs the input. Each step is an action, a peer, and the data that the action needs.
 pub(crate) fn run(input: &[u8]) {
     codec(input);
     let folder = tempfile::tempdir().expect("a folder");
@@ -73,7 +73,7 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// Decoding is the inverse of encoding, for whatever bytes.
+/// Checks that decoding is the inverse of encoding, for any bytes.
 fn codec(input: &[u8]) {
     if let Some(request) = operator::decode_request(input) {
         assert_eq!(operator::encode_request(&request), input);
@@ -103,7 +103,7 @@ fn change(request: &mut OperatorRequest, bytes: &mut Bytes<'_>) {
     }
 }
 
-/// What holds after every poll.
+/// Invariants after every poll.
 fn check(now: Stamp, last: &OperatorView, view: &OperatorView) {
     assert!(view.connections as usize <= CLIENTS_MAX);
     assert!(!(view.enable_level && view.recover_level), "both are held");

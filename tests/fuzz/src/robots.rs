@@ -10,8 +10,8 @@ pub(crate) const TOML: &str = include_str!("../../../config/robots/tiago_dual.to
 /// The shipped URDF.
 pub(crate) const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 
-/// The first byte says what the others are: the text of a URDF, of a robot file, or changes of the shipped pair, each
-/// of which is (file and length, place, how much is taken out, what is put in).
+/// Runs the input. The first byte selects the meaning of the others: the text of a URDF, of a robot file, or
+/// changes of the shipped pair. Each change is (file and length, place, number of bytes removed, bytes inserted).
 pub(crate) fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     let text = || String::from_utf8_lossy(rest);
@@ -32,7 +32,7 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// The shipped texts with parts replaced; places wrap round.
+/// Returns the shipped texts with parts replaced. Places wrap around.
 fn changed(input: &[u8]) -> (String, String) {
     let mut texts = [TOML.as_bytes().to_vec(), URDF.as_bytes().to_vec()];
     let mut bytes = Bytes::new(input);
@@ -51,7 +51,7 @@ fn changed(input: &[u8]) -> (String, String) {
     (toml, urdf)
 }
 
-/// What holds of every robot that is accepted. The ceilings stand here again, in other words.
+/// Invariants of every accepted robot. The ceilings are repeated here, written in another way.
 fn check(model: &Model) {
     for j in 0..JOINTS {
         let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
@@ -69,7 +69,7 @@ fn check(model: &Model) {
     for name in &model.joint_names {
         assert!(!name.is_empty());
     }
-    // What the deciders make of an accepted robot is never a surprise.
+    // Every accepted robot also gives a valid configuration of the deciding parts.
     let gate = safety::gate::Config::new(model);
     assert!(gate.is_ok(), "{:?}", gate.err());
 }

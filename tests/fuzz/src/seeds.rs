@@ -1,10 +1,10 @@
-//! Good inputs to begin with: what a fuzzer would take long to find. The stored ones grew out of these.
+//! Initial good inputs. A fuzzer would take long to find them. The stored inputs grew from these.
 
 use crate::{frames, robots, settings, udp, weights};
 use messages::{Layout, Message, Skeleton, Stamp};
 use motion::{Frame, Motion, npy};
 
-/// Good inputs of this target.
+/// Returns good inputs of this target.
 pub fn of(target: &str) -> Vec<Vec<u8>> {
     match target {
         "skeleton" => skeletons(),
@@ -34,14 +34,14 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
     }
 }
 
-/// Four frames of the built-in motion, a second apart.
+/// Returns four frames of the built-in motion, a second apart.
 fn short() -> Motion {
     let mut motion = motion::builtin();
     motion.frames = motion.frames.into_iter().step_by(60).take(4).collect();
     motion
 }
 
-/// A recording of a few skeletons. `changes` are written over them: a place (u16) and four bytes, again and again.
+/// Returns a recording of a few skeletons. `changes` overwrite them: a place (u16) and four bytes each.
 pub(crate) fn recording(changes: &[u8]) -> Vec<u8> {
     let motion = short();
     let limbs = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::Rig));
@@ -76,13 +76,13 @@ fn skeletons() -> Vec<Vec<u8>> {
     let with = |frame: &[u8]| [good.as_slice(), frame, &good[..30]].concat();
     vec![
         good.clone(),
-        // A word of a position is NaN; another session; a repetition; a pause of a second.
+        // A NaN word in a position. Another session. A repetition. A pause of a second.
         with(&[0, 1, 60, 0, 0, 0, 0xc0, 0x7f, 0]),
         with(&[0, 1, 10, 0, 9, 0, 0, 0, 0]),
         with(&[1, 0, 0]),
         with(&[0, 0, 220]),
         with(&[2, 0, 0]),
-        // Another session and back, and then an old frame of the first one.
+        // Another session and back, then an old frame of the first one.
         with(&there_and_back()),
     ]
 }
@@ -93,7 +93,7 @@ fn there_and_back() -> Vec<u8> {
     [[0, 1, 10, 0, 9, 0, 0, 0, 0].as_slice(), &[0, 0, 0], &[0, 1, 4, 0], &origin, &[0]].concat()
 }
 
-/// An array of f4.
+/// Returns an array of f4.
 fn array(shape: &[usize], values: impl Iterator<Item = f32>) -> Vec<u8> {
     let mut out = Vec::new();
     npy::write_npy_header(&mut out, "<f4", shape).expect("into memory");
@@ -101,7 +101,7 @@ fn array(shape: &[usize], values: impl Iterator<Item = f32>) -> Vec<u8> {
     out
 }
 
-/// HumanML3D's positions: x left, y up, z forward.
+/// Returns HumanML3D's positions: x left, y up, z forward.
 fn positions() -> Vec<u8> {
     let turned = |frame: Frame| frame.positions.map(|[x, y, z]| [y, z, x]);
     let frames = short().frames;
@@ -148,15 +148,16 @@ fn robots() -> Vec<Vec<u8>> {
 }
 
 fn operators() -> Vec<Vec<u8>> {
-    // 4: press, or connect first; 2: change a field; 6: poll; 5: poll after so many nanoseconds; 0: leave; 1: raw bytes.
+    // 4: press, or connect first. 2: change a field. 6: poll. 5: poll after this many nanoseconds. 0: leave. 1:
+    // raw bytes.
     let stories: [&[&[u8]]; 4] = [
-        // One connects and presses; it holds, lets go, and stops the robot.
+        // One operator connects, presses, holds, releases, and stops the robot.
         &[&[4, 0, 4, 0, 6, 0], &[2, 0, 0, 1, 6, 0], &[2, 0, 0, 0, 6, 0], &[2, 0, 4, 1, 6, 0]],
-        // Two fight, and the first goes away.
+        // Two operators compete, and the first leaves.
         &[&[4, 0, 4, 1, 4, 0, 4, 1, 6, 0], &[0, 0, 6, 0], &[4, 1, 6, 0]],
         // Silence beyond the lease.
         &[&[4, 0, 4, 0, 6, 0], &[5, 0, 0, 0, 0, 16, 0, 0, 0, 0]],
-        // A packet of no length that is known.
+        // A packet of unknown length.
         &[&[1, 0, 1, 0, 3, 1, 2, 3, 6, 0]],
     ];
     let crowd = (0..18).flat_map(|peer| [4, peer, 4, peer]).chain([6, 0]).collect();
@@ -171,9 +172,9 @@ fn engage() -> Vec<Vec<u8>> {
     let aligned = [vec![1], set(33, 1)].concat();
     vec![
         with(&[&aligned, &[0xc0]]),
-        // An emergency stop, a reset, and again.
+        // An emergency stop, a reset, and an enable again.
         with(&[&[1], &set(11, 1), &[2], &set(5, 0), &set(32, 1), &[1], &set(10, 1), &press]),
-        // No heartbeat; no target; the driver silent.
+        // No heartbeat. No target. A silent driver.
         with(&[&[1, 255, 7], &[0xc0, 0xc0]]),
         with(&[&[1, 255, 14], &[0xc0]]),
         with(&[&[1, 255, 11], &[0xc0]]),

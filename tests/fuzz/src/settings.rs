@@ -13,8 +13,8 @@ static MODEL: LazyLock<Model> = LazyLock::new(|| {
     Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot")
 });
 
-/// The first byte says whether the others are the text or changes of the shipped one, each of which is (length, place,
-/// how much is taken out, what is put in).
+/// Runs the input. The first byte selects the meaning of the others: the text, or changes of the shipped text.
+/// Each change is (length, place, number of bytes removed, bytes inserted).
 pub(crate) fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     let text = if kind == 0 { String::from_utf8_lossy(rest).into_owned() } else { changed(rest) };
@@ -40,7 +40,7 @@ pub(crate) fn run(input: &[u8]) {
         hash: 1,
         files: Vec::new(),
     };
-    // Refused or accepted, but never a surprise.
+    // The parts may reject or accept the settings, but must not panic.
     let _ = pipeline::retarget_config(&loaded);
     let _ = pipeline::sim_config(&loaded, true);
     if ControlConfig::new(&loaded, true).is_ok() {
@@ -48,7 +48,7 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// What holds of all settings that are read.
+/// Invariants of all settings that are read.
 fn bounded(settings: &Settings) {
     let (ingest, control, driver) = (&settings.ingest, &settings.control, &settings.driver);
     assert!((100.0..=60_000.0).contains(&ingest.authority_timeout_ms), "{ingest:?}");
@@ -57,7 +57,7 @@ fn bounded(settings: &Settings) {
     assert!(driver.silence_latch_ms > 0.0 && driver.silence_latch_ms <= 10.0, "{driver:?}");
 }
 
-/// The ceilings of the monitors, written down a second time: no settings with which control starts are looser.
+/// The ceilings of the monitors, repeated here. Control never starts with looser settings.
 fn ceilings(safety: &SafetySettings) {
     let most = [
         (safety.target_stale_ms, 50.0),

@@ -5,15 +5,15 @@ use messages::{HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, Sta
 use skeleton::{Config, DropReason, Input, State, tick};
 use std::sync::LazyLock;
 
-/// Most frames of one input: enough for every rule that counts frames.
+/// Most frames of one input. They are enough for every rule that counts frames.
 const FRAMES_MAX: usize = 64;
-/// One frame of a camera at 60 Hz, ns.
+/// Frame period of a camera at 60 Hz, ns.
 const PERIOD_NS: u64 = 16_666_667;
-/// A client's clock is followed if it drifts by a thousandth, over at most so long without a frame (ns).
+/// The clock of a client may drift by a thousandth. It is followed over at most `UNSEEN_MAX_NS` without a frame.
 const DRIFT_SHARE: u64 = 1000;
-/// See `DRIFT_SHARE`.
+/// Longest time without a frame in which drift counts, ns. See `DRIFT_SHARE`.
 const UNSEEN_MAX_NS: u64 = 10_000_000_000;
-/// Words of 4 bytes in a frame.
+/// Number of 4-byte words in a frame.
 pub(crate) const WORDS: usize = size_of::<RawSkeleton>() / 4;
 
 /// Good frames of a moving person, at 60 Hz.
@@ -23,8 +23,8 @@ static PERSON: LazyLock<Vec<RawSkeleton>> = LazyLock::new(|| {
     (0..motion.frames.len()).map(|i| motion::raw_frame(&motion, i, &calibration)).collect()
 });
 
-/// Each frame is three bytes (what it begins as, how many words are overwritten, how much time goes by) and what they ask
-/// for.
+/// Runs the input. Each frame has three bytes: its initial content, the number of overwritten words, and the
+/// elapsed time. The data that they need follow.
 pub(crate) fn run(input: &[u8]) {
     let mut bytes = Bytes::new(input);
     let config = Config::default();
@@ -41,10 +41,10 @@ pub(crate) fn run(input: &[u8]) {
         at += usize::from(kind >> 4);
         sequence += 1;
         match kind & 3 {
-            // The frame before as it was published: a repetition.
+            // The previous frame as it was published: a repetition.
             1 => {}
             2 => fill(&mut next, &mut bytes),
-            // The person's next moment, or one further on by the upper bits.
+            // The person's next moment, or a later one by the upper bits.
             _ => {
                 next = PERSON[at % PERSON.len()];
                 at += 1;
@@ -64,7 +64,7 @@ pub(crate) fn run(input: &[u8]) {
             _ => Stamp(bytes.u64()),
         };
         passed_ns += now.since(before).min(UNSEEN_MAX_NS);
-        // The frame arrives at once, so that its origin may be now.
+        // The frame arrives at once, so its origin may be now.
         if kind & 4 != 0 {
             next.header.origin = now;
         }
@@ -79,10 +79,10 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// What holds of every person that leaves.
+/// Invariants of every published person.
 fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, person: &messages::Skeleton) {
     assert_eq!(person.received, now);
-    // The client's stamp, but for what its clock can have drifted since the first frame.
+    // The client's stamp, except for the possible drift of its clock since the first frame.
     let shifted_ns = person.header.origin.0.abs_diff(raw.header.origin.0);
     assert!(shifted_ns <= drift_max_ns, "shifted by {shifted_ns} ns, {drift_max_ns} ns can be drift");
     assert!(now.since(person.header.origin) <= config.age_max_ns, "too old");
@@ -96,7 +96,7 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
     }
 }
 
-/// A frame of whatever bits; what is missing is zero.
+/// Fills a frame with any bits. Missing words are zero.
 fn fill(raw: &mut RawSkeleton, bytes: &mut Bytes<'_>) {
     *raw = RawSkeleton::ZERO;
     for (index, chunk) in bytes.take(4 * WORDS).chunks(4).enumerate() {

@@ -1,4 +1,4 @@
-//! What a motion capture program, or anybody else, sends over UDP.
+//! UDP packets from a motion capture program, or from any other sender.
 
 use bridge::{Mvn, Protocol, Vmc};
 use messages::RawSkeleton;
@@ -12,7 +12,7 @@ pub(crate) fn vmc(input: &[u8]) {
     listen(&mut Vmc::new(), input, 55);
 }
 
-/// The input is packets, each with its length (u16) before it; what is left is the last.
+/// Runs the input. It consists of packets, each with its length (u16) before it. The rest is the last packet.
 fn listen(protocol: &mut dyn Protocol, input: &[u8], joints: usize) {
     let mut rest = input;
     let mut publish = |frame: &RawSkeleton| {
@@ -33,7 +33,7 @@ fn packets(all: &[Vec<u8>]) -> Vec<u8> {
     all.iter().flat_map(|packet| [&(packet.len() as u16).to_le_bytes()[..], packet].concat()).collect()
 }
 
-/// A person in one packet, in two, and a stream that begins anew.
+/// A person in one packet, in two packets, and a stream that restarts.
 pub(crate) fn mvn_seeds() -> Vec<Vec<u8>> {
     let part = |sample: u32, ids: std::ops::Range<u32>| {
         let mut bytes =

@@ -1,4 +1,4 @@
-//! Trained weights: a manifest and the tensors it describes.
+//! Trained weights: a manifest and its tensors.
 
 use crate::bytes::Bytes;
 use retarget::{ArmIdentity, Dense, LATENT, Layers, Manifest, Weights, WeightsError, read_layers, sha256_hex};
@@ -29,8 +29,9 @@ pub(crate) static GOOD: LazyLock<Good> = LazyLock::new(|| {
     Good { identity, manifest, tensors }
 });
 
-/// The first byte says what the others are: the text of a manifest, the tensors, or changes of the good tensors (place,
-/// byte). A second bit writes the tensors' own hash into the manifest, or no reader behind it would see a change.
+/// Runs the input. The first byte selects the meaning of the others: the text of a manifest, the tensors, or
+/// changes of the good tensors (place, byte). A second bit writes the tensors' own hash into the manifest.
+/// Otherwise the hash check would stop every change before it reaches the readers.
 pub(crate) fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     let good = &*GOOD;
@@ -56,7 +57,7 @@ pub(crate) fn run(input: &[u8]) {
             assert!(layer.weight.iter().chain(&layer.bias).all(|x| x.is_finite()), "a weight that is no number");
             assert_eq!((layer.weight.len(), layer.bias.len()), (layer.inputs * layer.outputs, layer.outputs));
         }
-        // Any finite weights: whatever comes out, it is no panic.
+        // Any finite weights must not cause a panic, whatever their output.
         let latents = weights.network.encode_human(&[[0.5; 12]]);
         let _ = weights.network.decode(&latents);
     }
@@ -72,7 +73,7 @@ fn change(tensors: &mut Vec<u8>, input: &[u8]) {
         match bytes.u8() {
             0 => tensors.truncate(at),
             1 => tensors.extend(bytes.take(at % 256)),
-            // The header's length.
+            // The length of the header.
             2 => {
                 let end = tensors.len().min(at % 8 + 1);
                 tensors[..end].fill(bytes.u8());

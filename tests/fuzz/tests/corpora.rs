@@ -1,5 +1,5 @@
-//! Every target over its stored inputs, over good ones, and over seeded changes of both: the same executions each time, and
-//! more of them where somebody has the time.
+//! Runs every target over its stored inputs, over good ones, and over seeded changes of both. The executions are
+//! the same each time. Environment variables can request more of them.
 
 use fuzz_targets::{TARGETS, run, seeds};
 use rand::{RngExt, SeedableRng};
@@ -7,11 +7,11 @@ use rand_pcg::Pcg64;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Changed inputs that each target is given; `FUZZ_EXECUTIONS` takes more, and `FUZZ_SECONDS` goes on for so long.
+/// Number of changed inputs per target. `FUZZ_EXECUTIONS` sets more. `FUZZ_SECONDS` sets a duration.
 const EXECUTIONS: usize = 1500;
-/// Longest input that is made by changes.
+/// Longest input that changes can make.
 const LENGTH_MAX: usize = 4096;
-/// Most memory that any input may cost, kB.
+/// Largest memory that any input may use, kB.
 const MEMORY_MAX_KB: u64 = 512 << 10;
 
 fn stored(target: &str) -> Vec<Vec<u8>> {
@@ -22,7 +22,7 @@ fn stored(target: &str) -> Vec<Vec<u8>> {
     files.iter().map(|file| std::fs::read(file).expect("a stored input")).collect()
 }
 
-/// An input with one to eight changes of the kinds that libFuzzer makes.
+/// Returns an input with one to eight changes of the kinds that libFuzzer makes.
 fn changed(inputs: &[Vec<u8>], rng: &mut Pcg64) -> Vec<u8> {
     let mut input = inputs[rng.random_range(0..inputs.len())].clone();
     for _ in 0..rng.random_range(1..=8) {
@@ -53,7 +53,7 @@ fn changed(inputs: &[Vec<u8>], rng: &mut Pcg64) -> Vec<u8> {
     input
 }
 
-/// The most memory that this process ever had, kB; none where /proc is not that of Linux.
+/// Returns the peak memory of this process, kB. `None` if there is no Linux /proc.
 fn peak_kb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse().ok()

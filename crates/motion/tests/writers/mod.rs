@@ -1,4 +1,4 @@
-//! Writes a motion in the formats of others, for tests; not every test writes every format.
+//! Writes a motion in foreign formats, for tests. Not every test uses every format.
 #![allow(dead_code)]
 
 use motion::Motion;
@@ -6,7 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::io::Write;
 use std::path::Path;
 
-/// How numbers are stored.
+/// Storage type of numbers.
 #[derive(Clone, Copy)]
 pub enum Kind {
     F32,
@@ -15,20 +15,20 @@ pub enum Kind {
     FortranF64,
 }
 
-/// The bytes of a .npy with this header.
+/// Returns the bytes of a .npy with this header.
 pub fn npy_bytes(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
     let order = if fortran { "True" } else { "False" };
     let header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n");
     [npy_raw(header.as_bytes()).as_slice(), data].concat()
 }
 
-/// The prefix of version 1 with whatever header.
+/// Returns the prefix of version 1 with any header.
 pub fn npy_raw(header: &[u8]) -> Vec<u8> {
     let length = u16::try_from(header.len()).expect("a short header").to_le_bytes();
     [b"\x93NUMPY\x01\x00".as_slice(), &length, header].concat()
 }
 
-/// Row-major values as a .npy.
+/// Writes row-major values as a .npy.
 pub fn write_npy(path: &Path, shape: &[usize], values: &[f64], kind: Kind) {
     assert_eq!(shape.iter().product::<usize>(), values.len());
     let text = format!("({},)", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", "));
@@ -64,19 +64,19 @@ fn column_major(shape: &[usize], values: &[f64]) -> Vec<f64> {
     out
 }
 
-/// A motion without its rotations.
+/// Returns the motion without its rotations.
 pub fn positions_only(mut motion: Motion) -> Motion {
     motion.has_rotations = false;
     motion
 }
 
-/// (N, 22, 3) with x left, y up, z forward.
+/// Returns (N, 22, 3) positions with x left, y up, z forward.
 pub fn positions_y_up(motion: &Motion) -> Vec<f64> {
     motion.frames.iter().flat_map(|f| f.positions).flat_map(|[x, y, z]| [y, z, x]).map(f64::from).collect()
 }
 
-/// (N, 263) of a person that faces z all the time and whose heading is turned by 0.01 rad a frame, so that the way back
-/// matters. The first heading is zero, and the root begins where x and z are zero.
+/// Returns (N, 263) features of a person that always faces z. Its heading turns by 0.01 rad a frame, so the
+/// inverse transform matters. The first heading is zero, and the root begins where x and z are zero.
 pub fn features(motion: &Motion) -> Vec<f64> {
     let frames: Vec<[Vector3<f64>; 22]> = motion
         .frames
@@ -102,7 +102,8 @@ pub fn features(motion: &Motion) -> Vec<f64> {
     out
 }
 
-/// Mean and standard deviation of each feature; constant ones have a standard deviation that hides them well.
+/// Returns mean and standard deviation of each feature. Constant features get a standard deviation that hides
+/// them well.
 pub fn statistics(raw: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let n = (raw.len() / 263) as f64;
     let mean: Vec<f64> = (0..263).map(|c| raw.iter().skip(c).step_by(263).sum::<f64>() / n).collect();
@@ -111,7 +112,7 @@ pub fn statistics(raw: &[f64]) -> (Vec<f64>, Vec<f64>) {
         variance.sqrt().max(0.01)
     });
     let std = std.collect();
-    // Not all contacts at the mean: the data set's own is 0.85.
+    // Contacts do not use the mean, because the data set's own is 0.85.
     (mean.iter().enumerate().map(|(c, m)| if c > 258 { 0.85 } else { *m }).collect(), std)
 }
 
@@ -123,7 +124,7 @@ pub enum Amass {
     Deflated,
 }
 
-/// The motion's rotations, which are differences from the T-pose, as local axis-angle vectors of SMPL.
+/// Writes the motion's rotations, which are differences from the T-pose, as local axis-angle vectors of SMPL.
 pub fn write_amass(path: &Path, motion: &Motion, layout: Amass) {
     const PARENT: [usize; 22] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
     // From the body's axes (x left, y up, z forward) into a world with z up, facing -y.
@@ -177,7 +178,7 @@ pub fn write_amass(path: &Path, motion: &Motion, layout: Amass) {
     write_zip(path, &entries, layout == Amass::Deflated);
 }
 
-/// A zip archive of .npy files.
+/// Writes a zip archive of .npy files.
 pub fn write_zip(path: &Path, entries: &[(&str, &[u8])], deflate: bool) {
     let mut zip = zip::ZipWriter::new(std::fs::File::create(path).expect("created"));
     let method = if deflate { zip::CompressionMethod::Deflated } else { zip::CompressionMethod::Stored };
@@ -199,12 +200,12 @@ pub fn angle_deg(a: [f32; 4], b: [f32; 4]) -> f64 {
     quaternion(a).angle_to(&quaternion(b)).to_degrees()
 }
 
-/// The bone of a limb rotation; `side` is 1 on the left, -1 on the right.
+/// Returns the bone direction of a limb rotation. `side` is 1 on the left, -1 on the right.
 pub fn bone(limb: [f32; 4], side: f64) -> Vector3<f64> {
     quaternion(limb) * Vector3::y() * side
 }
 
-/// The hinge of a limb rotation.
+/// Returns the hinge of a limb rotation.
 pub fn hinge(limb: [f32; 4], side: f64) -> Vector3<f64> {
     quaternion(limb) * Vector3::z() * -side
 }

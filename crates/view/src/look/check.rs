@@ -1,4 +1,4 @@
-//! From a look file's text to a look, with every value checked.
+//! Reads a look from a look file's text and checks every value.
 
 use super::file::{FORMAT, LookFile, MeshEntry, MirrorEntry, PartEntry, ShapeName};
 use super::{Colour, Look, LookError, NamedMesh, Part, Shape, rows};
@@ -6,22 +6,22 @@ use robot::{Model, Pose};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-/// Sizes, m: from a tenth of a millimetre to more than a robot with two arms measures.
+/// Range of sizes, m: from a tenth of a millimetre to more than the size of a robot with two arms.
 const SIZE_M: RangeInclusive<f64> = 1e-4..=5.0;
-/// Places in a link's frame, m.
+/// Range of positions in a link's frame, m.
 const PLACE_M: RangeInclusive<f64> = -10.0..=10.0;
-/// Angles, rad: one turn each way.
+/// Range of angles, rad: one turn each way.
 const TURN_RAD: RangeInclusive<f64> = -6.3..=6.3;
-/// Scales of meshes: from micrometres to kilometres as the file's unit.
+/// Range of mesh scales: the file's unit may be from micrometres to kilometres.
 const SCALE: RangeInclusive<f64> = 1e-6..=1e3;
-/// Exponents of an outline: 2 is round.
+/// Range of the exponents of an outline. 2 is round.
 const SQUARENESS: RangeInclusive<f64> = 2.0..=16.0;
-/// Most parts, most meshes, and most points of a profile: a browser draws them all 60 times a second.
+/// Largest number of parts, meshes and profile points. A browser draws them all 60 times a second.
 const PARTS_MAX: usize = 512;
 const PROFILE_MAX: usize = 64;
-/// Most names of one mesh: those for drawing and for collisions, of several versions.
+/// Largest number of names of one mesh: files for drawing and for collisions, of several versions.
 const NAMES_MAX: usize = 8;
-/// Roughness of what says nothing: painted plastic. Assumption.
+/// Default roughness: painted plastic. Assumption.
 const ROUGHNESS: f64 = 0.55;
 
 /// Checks one file against one robot.
@@ -36,7 +36,7 @@ impl<'a> Checker<'a> {
         Self { file, model, colours: BTreeMap::new() }
     }
 
-    /// The look that a text describes.
+    /// Reads the look from the file's text.
     pub fn look(mut self, text: &str) -> Result<Look, LookError> {
         let read: LookFile = toml::from_str(text)
             .map_err(|error| LookError::Syntax { file: self.file.into(), cause: error.to_string() })?;
@@ -74,7 +74,7 @@ impl<'a> Checker<'a> {
         Ok(look)
     }
 
-    /// The colour of each capsule's link. Which link that is stands in the robot file alone.
+    /// Returns the colour of each capsule's link. Only the robot file says which link that is.
     fn link_colours(&self, look: &Look) -> Vec<Option<Colour>> {
         let robot: Option<toml::Table> = self.model.texts.toml.parse().ok();
         let entries = robot.as_ref().and_then(|robot| robot.get("collision")?.get("capsules")?.as_array());
@@ -85,7 +85,7 @@ impl<'a> Checker<'a> {
         self.model.capsules.iter().map(|capsule| colour(&capsule.name)).collect()
     }
 
-    /// Adds a part, and its mirror image.
+    /// Adds a part and its mirror image, if it has one.
     fn part(&self, key: &str, entry: &PartEntry, parts: &mut Vec<Part>) -> Result<(), LookError> {
         let (body, body_from_link) = self.link(&format!("{key}.link"), &entry.link)?;
         let key = format!("{key} ({})", entry.link);
@@ -166,7 +166,7 @@ impl<'a> Checker<'a> {
         Ok(Shape::Lathe { profile_m, stretch, squareness })
     }
 
-    /// A size that the shape does not have would be ignored in silence.
+    /// Rejects sizes that the shape does not have. They would be ignored silently.
     fn only_what_belongs(&self, key: &str, entry: &PartEntry) -> Result<(), LookError> {
         let belongs: &[&str] = match entry.shape {
             ShapeName::Box => &["size_m", "edge_m"],
@@ -225,7 +225,7 @@ impl<'a> Checker<'a> {
         Ok((body, *pose))
     }
 
-    /// A name of `[colours]`, or `#rrggbb`.
+    /// Reads a colour: a name of `[colours]`, or `#rrggbb`.
     fn colour(&self, key: &str, text: &str) -> Result<Colour, LookError> {
         if let Some(colour) = self.colours.get(text) {
             return Ok(*colour);

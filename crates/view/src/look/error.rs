@@ -1,6 +1,6 @@
-//! What can be wrong with a look file or a folder of meshes.
+//! Errors in a look file or a mesh folder.
 
-/// Why a robot's look was refused. Every text names the file, the key, the value and the bound.
+/// Reason why a robot's look was rejected. Every text names the file, the key, the value and the bound.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LookError {
     /// A file or folder cannot be read.
@@ -8,39 +8,39 @@ pub enum LookError {
     Read {
         /// The file or folder.
         file: String,
-        /// What the system says.
+        /// The system's error text.
         cause: String,
     },
-    /// The text is not TOML, or a key is unknown, missing or mistyped; the cause names line and key.
+    /// The text is not TOML, or a key is unknown, missing or has the wrong type. The cause names line and key.
     #[error("{file}: {cause}")]
     Syntax {
         /// File.
         file: String,
-        /// The parser's words.
+        /// The parser's error text.
         cause: String,
     },
-    /// A name that refers to nothing.
+    /// A name refers to nothing.
     #[error("{file}: {key} = `{name}`, must be {expected}")]
     Unknown {
         /// File.
         file: String,
-        /// Where the name stands.
+        /// Key at which the name stands.
         key: String,
         /// The name.
         name: String,
-        /// What it should have been.
+        /// Allowed names.
         expected: String,
     },
-    /// A value out of its bounds.
+    /// A value is outside its bounds.
     #[error("{file}: {key} = {value}, must be {bound}")]
     Value {
         /// File.
         file: String,
-        /// Which key.
+        /// The key.
         key: String,
         /// Its value.
         value: String,
-        /// What is accepted.
+        /// Allowed values.
         bound: String,
     },
 }

@@ -1,9 +1,9 @@
-//! The look file as it is written. What its values may be is checked in [`super::check`].
+//! The look file as written. [`super::check`] checks its values.
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// The only format that is read.
+/// The only supported format.
 pub const FORMAT: u32 = 1;
 
 /// The whole file.
@@ -11,10 +11,10 @@ pub const FORMAT: u32 = 1;
 #[serde(deny_unknown_fields)]
 pub struct LookFile {
     pub format: u32,
-    /// Names for colours, `#rrggbb` each.
+    /// Names for colours, each as `#rrggbb`.
     #[serde(default)]
     pub colours: BTreeMap<String, String>,
-    /// Colour of a link: of its meshes, and of its capsules where no part is named.
+    /// Colour of a link: of its meshes, and of its capsules without a colour of their own.
     #[serde(default)]
     pub links: BTreeMap<String, String>,
     /// Colour of a single capsule.
@@ -47,7 +47,7 @@ pub enum ShapeName {
     Lathe,
 }
 
-/// One part. Which sizes it must have depends on its shape.
+/// One part. Its shape decides which sizes it must have.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartEntry {
@@ -57,7 +57,7 @@ pub struct PartEntry {
     pub roughness: Option<f64>,
     pub xyz_m: Option<[f64; 3]>,
     pub rpy_rad: Option<[f64; 3]>,
-    /// The same part once more on another link, as in a mirror.
+    /// Mirror image of the part on another link.
     pub mirror: Option<MirrorEntry>,
     pub size_m: Option<[f64; 3]>,
     pub edge_m: Option<f64>,
@@ -72,12 +72,12 @@ pub struct PartEntry {
     pub squareness: Option<f64>,
 }
 
-/// Where a part is once more.
+/// Link and axes of a mirror image.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MirrorEntry {
     pub link: String,
-    /// The axes of the link's frame that change their sign, such as "xz"; "" for none.
+    /// Axes of the link's frame that change their sign, such as "xz". Use "" for none.
     pub axes: String,
 }
 
@@ -86,7 +86,7 @@ pub struct MirrorEntry {
 #[serde(deny_unknown_fields)]
 pub struct MeshEntry {
     pub link: String,
-    /// The first file that is found is drawn.
+    /// File names. The page draws the first file found.
     pub names: Vec<String>,
     pub xyz_m: Option<[f64; 3]>,
     pub rpy_rad: Option<[f64; 3]>,

@@ -1,5 +1,5 @@
-//! What a robot looks like: shapes and colours by link, from a file beside the robot file. The page alone draws them. Nothing
-//! is checked for collision with them, and they are no part of the robot's hash.
+//! Appearance of a robot: shapes and colours by link, from a file beside the robot file. Only the page draws
+//! them. They are not checked for collisions, and they are no part of the robot's hash.
 
 mod check;
 mod error;
@@ -15,40 +15,40 @@ use std::path::{Path, PathBuf};
 pub struct Colour(pub [u8; 3]);
 
 impl Colour {
-    /// As `#rrggbb`.
+    /// Returns the colour as `#rrggbb`.
     pub fn text(self) -> String {
         let [r, g, b] = self.0;
         format!("#{r:02x}{g:02x}{b:02x}")
     }
 }
 
-/// A shape about the origin of its frame, in metres. Round shapes stand along z.
+/// A shape around the origin of its frame, in metres. Round shapes stand along z.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// Edge lengths along x, y and z, and the radius of the rounded edges.
+    /// A box with rounded edges, aligned with x, y and z.
     Box {
         /// Lengths of the edges.
         size_m: [f64; 3],
-        /// Radius of the rounding.
+        /// Radius of the rounded edges.
         edge_m: f64,
     },
-    /// From `radius_m` at the bottom to `top_radius_m` at the top, with rounded edges.
+    /// A cone with rounded edges, from `radius_m` at the bottom to `top_radius_m` at the top.
     Cone {
-        /// At the bottom.
+        /// Radius at the bottom.
         radius_m: f64,
-        /// At the top.
+        /// Radius at the top.
         top_radius_m: f64,
         /// Height.
         length_m: f64,
-        /// Radius of the rounding.
+        /// Radius of the rounded edges.
         edge_m: f64,
     },
-    /// Half its extent along x, y and z.
+    /// An ellipsoid, aligned with x, y and z.
     Ellipsoid {
-        /// The three radii.
+        /// Half the extent along x, y and z.
         radii_m: [f64; 3],
     },
-    /// Two spheres and what lies between them.
+    /// Two spheres and the cone that joins them.
     Capsule {
         /// Centre of the first sphere.
         a_m: [f64; 3],
@@ -61,11 +61,11 @@ pub enum Shape {
     },
     /// A profile of radius and height that is turned about z.
     Lathe {
-        /// Radius and height, from one end to the other.
+        /// Radius and height of each point, from one end to the other.
         profile_m: Vec<[f64; 2]>,
-        /// Factors along x and y: what is round becomes oval.
+        /// Factors along x and y. They make a round shape oval.
         stretch: [f64; 2],
-        /// Exponent of the superellipse that is its outline: 2 is round, 8 nearly a rectangle.
+        /// Exponent of the superellipse that is its outline. 2 is round, 8 is nearly a rectangle.
         squareness: f64,
     },
 }
@@ -77,13 +77,13 @@ pub struct Part {
     pub link: String,
     /// The body it moves with.
     pub body: usize,
-    /// Shape's frame to body's frame: rows of a 3 x 4 matrix. It may mirror.
+    /// Transform from the shape's frame to the body's frame: rows of a 3 x 4 matrix. It may mirror.
     pub body_from_shape: [[f64; 4]; 3],
     /// The shape.
     pub shape: Shape,
     /// The colour.
     pub colour: Colour,
-    /// From 0, which shines, to 1, which is dull.
+    /// Roughness, from 0 (glossy) to 1 (matt).
     pub roughness: f64,
 }
 
@@ -94,29 +94,30 @@ pub struct NamedMesh {
     pub link: String,
     /// The body it moves with.
     pub body: usize,
-    /// Mesh's frame to body's frame, with the mesh's scale.
+    /// Transform from the mesh's frame to the body's frame, with the mesh's scale.
     pub body_from_mesh: [[f64; 4]; 3],
-    /// Names of the files; the first one that is found is drawn.
+    /// Names of the files. The page draws the first file found.
     pub files: Vec<String>,
-    /// Its colour, if it has none of its own.
+    /// Colour, if the mesh has none of its own.
     pub colour: Option<Colour>,
 }
 
-/// What a robot looks like.
+/// Appearance of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Look {
     /// Parts, in the file's order.
     pub parts: Vec<Part>,
     /// Colours of links.
     pub links: Vec<(String, Colour)>,
-    /// Colour of each of the model's capsules: its own, or its link's; none where the page chooses one. Empty without a file.
+    /// Colour of each capsule of the model: its own, or its link's. `None` if the page chooses one. Empty without
+    /// a look file.
     pub capsules: Vec<Option<Colour>>,
     /// Mesh files of links.
     pub meshes: Vec<NamedMesh>,
 }
 
 impl Look {
-    /// The look file that belongs to a robot file: `robot.toml` has `robot.look.toml` beside it.
+    /// Returns the path of the look file of a robot file: `robot.look.toml` beside `robot.toml`.
     pub fn file_of(robot_file: &Path) -> PathBuf {
         robot_file.with_extension("look.toml")
     }
@@ -124,7 +125,7 @@ impl Look {
     /// Reads the look file beside a robot file. Without one, the look is empty and the page draws capsules.
     ///
     /// # Errors
-    /// The file cannot be read, or it is not a look of this robot.
+    /// Returns an error if the file cannot be read, or if it is not a look of this robot.
     pub fn read(robot_file: &Path, model: &Model) -> Result<Self, LookError> {
         let path = Self::file_of(robot_file);
         if !path.exists() {
@@ -138,21 +139,21 @@ impl Look {
         Self::parse(&name, &text, model)
     }
 
-    /// Reads the text of a look file; `name` is for error messages.
+    /// Reads the text of a look file. `name` appears in error messages.
     ///
     /// # Errors
-    /// It is not a look of this robot.
+    /// Returns an error if the text is not a look of this robot.
     pub fn parse(name: &str, text: &str, model: &Model) -> Result<Self, LookError> {
         check::Checker::new(name, model).look(text)
     }
 
-    /// The colour of a link.
+    /// Returns the colour of a link.
     pub fn colour_of(&self, link: &str) -> Option<Colour> {
         self.links.iter().find(|(name, _)| name == link).map(|(_, colour)| *colour)
     }
 }
 
-/// Rows of the 3 x 4 matrix of `outer * scale * inner`.
+/// Returns the rows of the 3 x 4 matrix of `outer * scale * inner`.
 pub(crate) fn rows(outer: &Pose, scale: [f64; 3], inner: &Pose) -> [[f64; 4]; 3] {
     let turn = outer.r * nalgebra::Matrix3::from_diagonal(&scale.into());
     let (r, t) = (turn * inner.r, turn * inner.t + outer.t);
