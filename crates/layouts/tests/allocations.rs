@@ -37,7 +37,7 @@ fn f076_no_conversion_and_no_filter_allocates() {
             assert_eq!(state.rejected(), 22);
         }
     }
-    // SMPL-22 judges nothing but local rotations: 4 + 2; SMPL-24 has 6; two of positions and global rotations for the three
-    // that have both, mirrored or not; MediaPipe positions alone; Unity local rotations alone.
+    // Of SMPL-22 only local rotations are converted: 4 + 2. SMPL-24 has 6. The three layouts with positions and
+    // global rotations have both, mirrored or not. MediaPipe has positions only, Unity local rotations only.
     assert_eq!(converted, 6 + 6 + 4 * 3 + 2 + 2);
 }
