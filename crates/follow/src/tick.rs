@@ -191,7 +191,8 @@ impl Default for State {
     }
 }
 
-/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
+/// panics.
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {

@@ -37,7 +37,8 @@ fn f076_no_conversion_and_no_filter_allocates() {
             assert_eq!(state.rejected(), 22);
         }
     }
-    // Of SMPL-22 only local rotations are converted: 4 + 2. SMPL-24 has 6. The three layouts with positions and
-    // global rotations have both, mirrored or not. MediaPipe has positions only, Unity local rotations only.
+    // A frame of SMPL-22 is passed on without a check unless it has local rotations: 4 + 2. SMPL-24 accepts 6
+    // combinations of flags. Three layouts accept positions or global rotations, mirrored or not: 4 each.
+    // MediaPipe accepts positions only, Unity local rotations only: 2 each.
     assert_eq!(converted, 6 + 6 + 4 * 3 + 2 + 2);
 }

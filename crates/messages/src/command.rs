@@ -54,8 +54,8 @@ message! {
         pub valid_mask: u32,
         /// Bits of `target_flag`.
         pub flags: u32,
-        /// Session of that skeleton, mixed with the incarnation of the `ingest` that published it. A changed value
-        /// means another session or another `ingest`.
+        /// Session of that skeleton, mixed with the incarnation of the `ingest` that published it, the person and
+        /// the arms in use. If it changes, the robot is released and needs a new enable edge.
         pub session_nonce: u64,
         /// The person's limb rotations at the ticks (way_first + i) * `WAY_NODE_TICKS`, x y z w. Zero for a limb
         /// without a person.

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Mode {
-    /// No operator enables the robot. It holds its posture.
+    /// The robot is not enabled. It holds its posture.
     Disengaged = 0,
     /// Blending from the robot's posture to the target's.
     Engaging = 1,

@@ -3,7 +3,7 @@
 /// Shared-memory domain of a service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Domain {
-    /// Clients publish here; only `ingest` reads.
+    /// Clients publish here, and only `ingest` reads.
     Input,
     /// Only teleopd's own processes open it.
     Core,

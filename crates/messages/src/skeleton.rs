@@ -87,21 +87,23 @@ pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum SkeletonLayout {
-    /// SMPL-22 in metres, x forward, y left, z up; quaternions x y z w. Sends positions, global rotations or local
-    /// rotations.
+    /// SMPL-22 in metres, x forward, y left, z up. Quaternions are x y z w. Sends positions, global rotations or
+    /// local rotations.
     Smpl22 = 1,
     /// SMPL-24: SMPL-22 and both hands, in the same frame.
     Smpl24 = 2,
-    /// The 24 joints of OpenXR's XR_BD_body_tracking: metres, x right, y up, z back; quaternions x y z w.
+    /// The 24 joints of OpenXR's XR_BD_body_tracking: metres, x right, y up, z back. Quaternions are x y z w.
     XrBd24 = 3,
     /// The 33 world landmarks of MediaPipe Pose: metres, x to the right of the image, y down, z away from the camera.
     MediaPipe33 = 4,
-    /// The 32 joints of Azure Kinect body tracking: millimetres, x right, y down, z away from the camera; quaternions w x y z.
+    /// The 32 joints of Azure Kinect body tracking: millimetres, x right, y down, z away from the camera.
+    /// Quaternions are w x y z.
     AzureKinect32 = 5,
-    /// The 23 segments of Xsens MVN, the first one at index 0: metres, x forward, y left, z up; quaternions w x y z.
+    /// The 23 segments of Xsens MVN, the first one at index 0: metres, x forward, y left, z up. Quaternions are w
+    /// x y z.
     XsensMvn23 = 6,
-    /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward; local rotations
-    /// x y z w, identity in the T-pose.
+    /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward. Local
+    /// rotations are x y z w, identity in the T-pose.
     UnityHumanoid = 7,
 }
 
@@ -174,7 +176,7 @@ message! {
         pub rotations: [[f32; 4]; RAW_JOINTS_MAX],
         /// Confidence, from 0 to the layout's highest value (SMPL-22: 1).
         pub confidence: [f32; RAW_JOINTS_MAX],
-        /// Zero; reserved for per-joint validity bits.
+        /// Zero. Reserved for per-joint validity bits.
         pub joint_flags: [u32; RAW_JOINTS_MAX],
         /// Hinge axes, if the client has them: in the frames of its joints and along the axes of its layout.
         pub calibration: HingeCalibration,

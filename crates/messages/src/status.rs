@@ -203,8 +203,7 @@ pub enum FollowingLimit {
 }
 
 impl FollowingLimit {
-    /// Returns the limit with this number of `Status::limited_why`. Returns `None` of this type for an unknown
-    /// number.
+    /// Returns the limit with this number of `Status::limited_why`. Returns `Self::None` for an unknown number.
     pub const fn from_u32(value: u32) -> Self {
         match value {
             1 => Self::Speed,

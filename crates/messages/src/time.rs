@@ -7,7 +7,7 @@ pub const TICK_HZ: u64 = 1500;
 /// Length of a tick, s. Used in formulas only: deadlines are integers.
 pub const TICK_S: f64 = 1.0 / TICK_HZ as f64;
 
-/// Nanoseconds of CLOCK_MONOTONIC; zero means "never".
+/// Nanoseconds of CLOCK_MONOTONIC. Zero means "never".
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Stamp(pub u64);
@@ -44,8 +44,8 @@ pub const fn deadline(k: u64) -> Stamp {
     Stamp(((k as u128 * 2_000_000).div_ceil(3)) as u64)
 }
 
-/// Returns the last tick whose deadline is not after `now`: `deadline(tick_at(t)) <= t < deadline(tick_at(t) +
-/// 1)`.
+/// Returns the last tick whose deadline is not after `now`:
+/// `deadline(tick_at(t)) <= t < deadline(tick_at(t) + 1)`.
 pub const fn tick_at(now: Stamp) -> u64 {
     ((now.0 as u128 * 3) / 2_000_000) as u64
 }

@@ -9,7 +9,7 @@ const CORE_MAX: f64 = 1023.0;
 /// `"auto"`, `"free"` or a list of cores.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cores {
-    /// Chosen by the machine's isolated cores and their number.
+    /// The daemon chooses: the first isolated core, or the last of 2 to 4, or none.
     Auto,
     /// The kernel chooses.
     Free,

@@ -151,7 +151,7 @@ fn twins(base: &Path) -> [PathBuf; 2] {
     ["toml", "safetensors"].map(|extension| with_extension(base, extension))
 }
 
-/// Adds the settings key to the error if either file could not be read; see [`named`].
+/// Adds the settings key to the error if either file could not be read. See [`named`].
 fn named_twin(error: ConfigError, files: &[PathBuf; 2], config: &Path, key: &str) -> ConfigError {
     files.iter().fold(error, |error, file| named(error, file, config, key))
 }

@@ -20,7 +20,7 @@ const NUMBER_MAX: f64 = u32::MAX as f64;
 /// An operator's calibration for one layout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Operator {
-    /// The operator's name, which is the file's name.
+    /// The operator's name. Their file is written under it.
     pub name: String,
     /// Number of the person, as the client counts them.
     pub operator_id: u32,

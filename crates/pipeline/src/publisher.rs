@@ -145,8 +145,8 @@ impl Publisher {
         (self.shared.published(), self.frames)
     }
 
-    /// The daemon's last reply to this client, or the reason for which the last frame was not taken. `None` in
-    /// shared memory.
+    /// The daemon's last reply to this client, or the reason for which the last frame was not taken. In shared
+    /// memory there are no replies.
     pub fn told(&self) -> Option<String> {
         self.told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()
     }

@@ -304,7 +304,7 @@ pub struct RealtimeSettings {
     pub cpu_dma_latency: bool,
 }
 
-/// Reaction of the simulated robot by itself when setpoints end. Real robots differ.
+/// How the simulated robot reacts by itself when setpoints end. Real robots differ.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotReaction {

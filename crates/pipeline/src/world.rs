@@ -230,8 +230,8 @@ impl World {
     }
 
     /// Restarts the driver after at least [`driver::START_AFTER_TICKS`] without it. The robot keeps its posture,
-    /// or stands at `q` if it was moved meanwhile. Returns false and changes nothing
-    /// if the robot measures no valid posture or `q` is none.
+    /// or has the posture `q` if it was moved meanwhile. Returns false and changes nothing if the robot measures
+    /// no valid posture or `q` is none.
     pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
         let started = match q {

@@ -1,4 +1,5 @@
-//! Faults of the robot itself, injected into the simulated one: the joint reaction of control and the driver.
+//! Faults of the robot itself, injected into the simulated one. The tests check how control and the driver react
+//! together.
 
 use crate::support;
 

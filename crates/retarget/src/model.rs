@@ -50,14 +50,14 @@ impl RobotArms {
 }
 
 impl Weights {
-    /// Reads a weights file (manifest text and safetensors bytes) for `model`; see `Weights::read`.
+    /// Reads a weights file (manifest text and safetensors bytes) for `model`. See `Weights::read`.
     pub fn from_bytes(manifest_text: &str, bytes: &[u8], model: &Model) -> Result<Self, WeightsError> {
         Self::read(manifest_text, bytes, &ArmIdentity::of(model))
     }
 }
 
 impl Config {
-    /// Checks the options; see `Config::for_arms`.
+    /// Checks the options. See `Config::for_arms`.
     pub fn new(model: &Model, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
         Self::for_arms(&RobotArms::of(model), weights, options)
     }

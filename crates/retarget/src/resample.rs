@@ -144,7 +144,7 @@ impl SourceClock {
         let by_origin = (next.origin - last.origin) as f64;
         let arrived = (next.received - last.source) as f64;
         let fits = |step: f64| (arrived - step).abs() <= STALE_NS as f64;
-        // The stamps of a client whose clock runs at another speed than ours soon stop to fit.
+        // If the client's clock runs at another speed than ours, its stamps soon no longer fit.
         let stamped = last.origin > 0 && by_origin > 0.0 && by_origin <= STALE_NS as f64 && fits(by_origin);
         let step = if stamped { by_origin } else { by_mean }.max(STEP_MIN_NS as f64);
         let correction = ((arrived - step) * TIMING_GAIN).max(-TIMING_STEP_MAX * step);

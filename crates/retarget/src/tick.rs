@@ -223,7 +223,8 @@ pub struct Output {
     pub counters: Counters,
 }
 
-/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
+/// panics.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let before = state.counters;
     if let Some(skeleton) = input.skeleton {

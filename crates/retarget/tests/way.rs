@@ -256,7 +256,7 @@ fn after_a_restart_the_way_fades_like_what_is_shown() {
     let mut faded = 0;
     for (n, (_, target)) in outputs.iter().enumerate().skip(restart - 30).take(500) {
         for i in 0..WAY_NODES {
-            // The node equals what the target shows at the node's time, if no newer skeleton changes it.
+            // The node equals the limbs that the target shows at the node's time, if no newer skeleton changes it.
             let then = ((target.way_first + i as u64) * WAY_NODE_TICKS - target.k) as usize;
             let Some((_, shown)) = outputs.get(n + then).filter(|_| n >= restart) else { continue };
             for (arm, limbs) in node(target, i).into_iter().enumerate() {

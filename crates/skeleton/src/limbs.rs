@@ -26,8 +26,8 @@ pub struct Hold {
 /// Limb frames of one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LimbFrames {
-    /// Rotations relative to the torso frame, as differences from the T-pose, x y z w with w >= 0; indexed by `Limb`.
-    /// Identity where the limb is not valid.
+    /// Rotations relative to the torso frame, as differences from the T-pose, x y z w with w >= 0, indexed by
+    /// `Limb`. Identity if the limb is not valid.
     pub rotations: [[f32; 4]; LIMBS],
     /// Bits of `skeleton_flag`: the valid limbs, and whether all valid ones rest on a calibration.
     pub flags: u32,

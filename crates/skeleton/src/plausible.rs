@@ -7,7 +7,8 @@ use messages::{SMPL_JOINTS, Smpl};
 /// Evidence of the body about left and right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chirality {
-    /// Cosine of the angle between the lines of shoulders and hips (right to left); negative if one pair is swapped.
+    /// Cosine of the angle between the lines of shoulders and hips (right to left). Negative if one pair is
+    /// swapped.
     pub sides: f64,
     /// Sum of how far the feet point and the knees bend forward. Positive for a person, negative for a mirror
     /// image.

@@ -156,7 +156,7 @@ fn a_hand_that_is_raised_quickly_is_a_persons_at_every_rate() {
             let wrists: Vec<_> = raise(s, rate_hz).map(|frame| nalgebra::Vector3::from(frame.positions[20])).collect();
             wrists.windows(2).map(|pair| f64::from((pair[1] - pair[0]).norm()) * rate_hz).fold(0.0, f64::max)
         };
-        // A quarter of a second is a quick wave. Nobody moves in a tenth.
+        // A quarter of a second is a quick wave. A tenth is faster than any person.
         for (s, refused) in [(0.25, false), (0.08, true)] {
             let mut state = State::new();
             let counted = raise(s, rate_hz).filter(|frame| feed(&mut state, frame).is_some()).count();

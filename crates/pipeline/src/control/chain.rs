@@ -4,7 +4,7 @@
 use driver::{Chain, ChainView, Motion, Seed};
 use messages::RobotState;
 
-/// The sender's record of its command stream. The sender is `control` or its stand-in in a test.
+/// The sender's record of its command stream. The sender is `control`, or a test program in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
     chain: Chain,
@@ -26,7 +26,7 @@ pub enum Continue {
     Nothing,
 }
 
-/// Largest velocity and acceleration of a driver at rest: below what a certified plan leaves as rounding.
+/// Largest velocity and acceleration at which a driver counts as at rest and may be taken over.
 const REST: f64 = driver::REST_TOLERANCE;
 
 impl Stream {

@@ -1,4 +1,5 @@
-//! The control tick: engagement decides what is allowed, whole-body control proposes, the gate disposes.
+//! The control tick. Engagement decides which motion is allowed, whole-body control proposes a command, and the
+//! gate accepts or denies it.
 
 mod chain;
 mod commander;
