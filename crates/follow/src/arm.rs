@@ -1,4 +1,4 @@
-//! One arm as two limb rotations: kinematics, and the rotation that is missing between robot and person.
+//! One arm with two limb rotations: kinematics, and the rotation from the person's limbs to the robot's.
 
 use crate::LIMB_JOINTS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -7,11 +7,11 @@ use robot::Model;
 /// Positions, velocities or accelerations of joints 1 to 5 of one arm.
 pub type ArmVector = nalgebra::SVector<f64, LIMB_JOINTS>;
 
-/// Rows of an error: three of the upper arm, three of the forearm.
+/// Rows of an error: three for the upper arm, three for the forearm.
 pub const ROWS: usize = 6;
 
-/// Rotations of one arm's limbs in the torso frame, as differences from the T-pose, of a left arm or of a right arm
-/// mirrored to the left.
+/// Rotations of one arm's limbs in the torso frame, as differences from the T-pose. A right arm is mirrored to a
+/// left one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limbs {
     /// Shoulder to elbow.
@@ -27,7 +27,7 @@ impl Limbs {
     }
 }
 
-/// Five revolute joints that turn two limbs: joints 1 to 3 the upper arm, 4 and 5 the forearm.
+/// Five revolute joints that turn two limbs. Joints 1 to 3 turn the upper arm, 4 and 5 the forearm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     /// Unit axis of each joint in the torso frame while the arm is at `reference`.
@@ -36,7 +36,7 @@ pub struct Arm {
     reference: [f64; LIMB_JOINTS],
 }
 
-/// What the robot's limbs miss, and how the joints change it.
+/// Error of the robot's limbs, and its derivative by the joints.
 #[derive(Clone, Copy, Debug)]
 pub struct Error {
     /// log(R_robot R_person^-1) of both limbs, torso frame, rad.
@@ -46,12 +46,12 @@ pub struct Error {
 }
 
 impl Arm {
-    /// An arm from unit axes in the torso frame at the reference posture (rad).
+    /// Creates an arm from unit axes in the torso frame at the reference posture (rad).
     pub fn new(axes: [Vector3<f64>; LIMB_JOINTS], reference: [f64; LIMB_JOINTS]) -> Self {
         Self { axes: axes.map(|axis| axis.normalize()), reference }
     }
 
-    /// The left arm of `model`; the right arm is its mirror, which the model has checked.
+    /// Takes the left arm of `model`. The right arm is its mirror, which the model has checked.
     pub fn of(model: &Model) -> Self {
         Self::new(model.arms[0].axes, model.arms[0].reference)
     }
@@ -73,8 +73,9 @@ impl Arm {
         })
     }
 
-    /// The rotations that are missing. With w_j the axis of joint j in the torso frame, d log(R P^-1) / d q_j =
-    /// J_l^-1(log) w_j, J_l the left Jacobian of SO(3) (Sola, Deray, Atchuthan 2018, equation 146).
+    /// Errors of both limbs with their Jacobian. Let w_j be the axis of joint j in the torso frame. Then d log(R
+    /// P^-1) / d q_j = J_l^-1(log) w_j, with J_l the left Jacobian of SO(3) (Sola, Deray, Atchuthan 2018, equation
+    /// 146).
     pub fn error(&self, q: &ArmVector, person: &Limbs) -> Error {
         let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
         let mut so_far = Quaternion::identity();
@@ -93,7 +94,7 @@ impl Arm {
             let (w, v) = between(&UnitQuaternion::new_unchecked(robot), &person);
             let sine = v.norm();
             let half = sine.atan2(w);
-            // Below 1e-6 the logarithm is twice the vector, and its Jacobian the identity, to 1e-12.
+            // Below 1e-6 the logarithm is twice the vector, and its Jacobian is the identity, to 1e-12.
             let (rotation, direction, c) = if sine < 1e-6 {
                 (v * 2.0, Vector3::zeros(), 1.0)
             } else {
@@ -123,7 +124,7 @@ fn between(robot: &UnitQuaternion<f64>, person: &UnitQuaternion<f64>) -> (f64, V
     if e.w < 0.0 { (-e.w, -v) } else { (e.w, v) }
 }
 
-/// v rotated by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
+/// Rotates v by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
 fn rotate(q: &Quaternion<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     let u = Vector3::new(q.i, q.j, q.k);
     let t = u.cross(v) * 2.0;

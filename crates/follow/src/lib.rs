@@ -1,19 +1,20 @@
-//! Predictive following: the motion of the arms that keeps the robot's limbs on the way of a person's, looking ahead.
+//! Predictive following: the motion of the arms that keeps the robot's limbs on the person's way, with look-ahead.
 //! Never performs IO, never reads a clock, and a tick never allocates, locks, blocks or panics.
 //!
-//! A joint-space law runs after every joint of a target posture. Near the shoulder's gimbal that posture spins while the
-//! limb stands, and the robot is late and wrong. Here the limbs are followed: over a horizon of [`NODES`] nodes, 20 ms
-//! apart, the accelerations are chosen that keep both limbs of an arm nearest to the person's, within speeds,
-//! accelerations and ranges ([`solver`]). The person's way is known up to the newest skeleton and predicted beyond it.
+//! A joint-space law follows every joint of a target posture. Near the shoulder's gimbal that posture spins while
+//! the limb stands still, and the robot is late and wrong. This crate follows the limbs. Its horizon has [`NODES`]
+//! nodes, 20 ms apart. It chooses the accelerations that keep both limbs of an arm nearest to the person's, within
+//! speeds, accelerations and ranges ([`solver`]). The person's way is known up to the newest skeleton and
+//! predicted beyond it.
 //!
-//! The wrist's joints turn no limb. Along the motion of the limbs they keep the hands away from the robot.
+//! The wrist's joints turn no limb. During the limbs' motion they keep the hands away from the robot.
 //!
-//! Work is the same in every tick: an iteration of one arm is spread over [`ITERATION_TICKS`] ticks, the arms take turns,
-//! and each begins from its last solution. What results is a wish. Whole-body control clips it, slides it along what is
-//! near, and proves it, as it does with any other.
+//! The work is the same in every tick. An iteration of one arm is spread over [`ITERATION_TICKS`] ticks. The arms
+//! take turns, and each starts from its last solution. The result is a wish. Whole-body control treats it like any
+//! other: it clips it, slides it along nearby obstacles, and certifies it.
 //!
-//! Frames: limb rotations in the torso frame (x forward, y left, z up), as differences from the T-pose; a right arm is
-//! mirrored to a left one. Units: rad, s.
+//! Frames: limb rotations in the torso frame (x forward, y left, z up), as differences from the T-pose. A right
+//! arm is mirrored to a left one. Units: rad, s.
 
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
@@ -29,5 +30,5 @@ pub use tick::{Aim, Config, Input, Output, State, Weights, tick};
 pub const LIMB_JOINTS: usize = 5;
 /// Nodes of the horizon.
 pub const NODES: usize = messages::WAY_NODES;
-/// Ticks in which one arm's iteration is done.
+/// Ticks that one arm's iteration takes.
 pub const ITERATION_TICKS: u64 = 5;

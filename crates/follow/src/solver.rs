@@ -1,7 +1,7 @@
-//! The best motion of one arm over the horizon: differential dynamic programming with bounded accelerations.
+//! The best motion of one arm over the horizon, by differential dynamic programming with bounded accelerations.
 //!
-//! States are positions q and velocities v of the joints that turn limbs, inputs their accelerations u, constant over an
-//! interval of d seconds:
+//! States are positions q and velocities v of the joints that turn limbs. Inputs are their accelerations u,
+//! constant over an interval of d seconds:
 //!
 //! ```text
 //! q' = q + d v + d^2 u / 2,   v' = v + d u,   |u| <= A,   |v'| <= V
@@ -13,14 +13,14 @@
 //! rho(x) = 2 c^2 (sqrt(1 + (x / c)^2) - 1)
 //! ```
 //!
-//! The angle is that of the rotation which is missing between robot and person. rho is its square below c and grows in
-//! proportion beyond: where the robot cannot keep up, it pulls no harder the further it falls behind. (With the square
-//! alone the same weights that smooth a dance leave a raised arm degrees away.)
+//! The angle is that of the rotation from the person's limb to the robot's. rho is its square below c and grows in
+//! proportion beyond. So a limb that cannot keep up pulls no harder when it falls further behind. With the square
+//! alone, weights that smooth a dance would leave a raised arm wrong by degrees.
 //!
-//! One iteration is a Gauss-Newton sweep backward over the nodes (Riccati recursion; inputs at their bounds are held
-//! there, as in control-limited DDP: Tassa, Mansard, Todorov 2014) and a rollout forward with a few step lengths, of which
-//! the best is taken, or none. The blocks of the dynamics are multiples of the identity, so nothing but scaled sums of
-//! 5 x 5 blocks is needed to propagate.
+//! One iteration is a Gauss-Newton sweep backward over the nodes by a Riccati recursion. Inputs at their bounds
+//! are held there, as in control-limited DDP (Tassa, Mansard, Todorov 2014). A rollout forward follows with a few
+//! step lengths. The best one is taken, or none. The blocks of the dynamics are multiples of the identity, so
+//! propagation needs only scaled sums of 5 x 5 blocks.
 
 use crate::arm::{Arm, ArmVector, Limbs, ROWS};
 use crate::{LIMB_JOINTS, NODES};
@@ -31,22 +31,22 @@ type Block = SMatrix<f64, LIMB_JOINTS, LIMB_JOINTS>;
 /// Step lengths that are tried.
 const STEPS: [f64; 3] = [1.0, 0.5, 0.15];
 
-/// Weights of the cost. Chosen by the mean error over the clips; see the table in the crate's documentation.
+/// Weights of the cost. The mean error over the clips decided them. See the table in the crate's documentation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// Accelerations, as a share of the bound.
+    /// Weight of accelerations, as a share of the bound.
     pub acceleration: f64,
-    /// Angle from which an error counts in proportion and not by its square, rad.
+    /// Angle above which an error counts in proportion and not by its square, rad.
     pub knee: f64,
-    /// Velocities, per (rad/s)^2.
+    /// Weight of velocities, per (rad/s)^2.
     pub velocity: f64,
-    /// Distance from the posture that retargeting proposes, per rad^2.
+    /// Weight of the distance from the posture that retargeting proposes, per rad^2.
     pub prior: f64,
-    /// The same at the last node, and per rad that its limbs are off: see [`Problem::pull`].
+    /// Weight of that distance at the last node, per rad^2 and per rad of the limbs' error; see [`Problem::pull`].
     pub pull: f64,
-    /// By how much `pull` grows, as a share of it, in each second in which the limbs come no nearer, 1/s.
+    /// Growth of `pull`, as a share of it, per second in which the limbs come no nearer, 1/s.
     pub patience: f64,
-    /// Position beyond its range, per rad^2.
+    /// Weight of a position beyond its range, per rad^2.
     pub range: f64,
 }
 
@@ -79,12 +79,12 @@ pub struct State {
 }
 
 impl Bounds {
-    /// The accelerations that a joint may take for `d` seconds at velocity `v`: those of the limit that do not lead beyond the
-    /// speed. A joint that is too fast brakes.
+    /// Returns the accelerations that a joint may have for `d` seconds at velocity `v`. They are within the limit
+    /// and do not lead beyond the speed. A joint that is too fast brakes.
     #[inline]
     fn inputs(&self, j: usize, v: f64, d: f64) -> [f64; 2] {
         let (a, fastest) = (self.a_max[j], self.v_max[j]);
-        // Unlike `clamp`, this bears a velocity that is no number.
+        // Unlike `clamp`, this accepts a velocity that is NaN.
         [(-(fastest + v) / d).max(-a).min(a), ((fastest - v) / d).max(-a).min(a)]
     }
 
@@ -104,22 +104,22 @@ impl State {
     }
 }
 
-/// What is to be followed, and from where.
+/// Person to follow, and the start.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem {
-    /// The state at the beginning.
+    /// State at the start.
     pub start: State,
-    /// Length of each interval, s; node i is at its end.
+    /// Length of each interval, s. Node i is at its end.
     pub interval_s: [f64; NODES],
     /// The person at each node.
     pub person: [Limbs; NODES],
     /// Weight of each node's error.
     pub weight: [f64; NODES],
-    /// What retargeting proposes, rad.
+    /// Posture that retargeting proposes, rad.
     pub prior: ArmVector,
-    /// Weight of the distance from it at the last node. Where the plan ends far from the person, limbs alone may lead nowhere
-    /// (an arm that hangs has its shoulder's axes in line, and must turn about itself before it can rise on the other side);
-    /// the posture that retargeting knows to be right does lead there.
+    /// Weight of the distance from `prior` at the last node. If the plan ends far from the person, limbs alone may
+    /// give no way there. A hanging arm has its shoulder axes in line, and must turn about itself before it can
+    /// rise on the other side. The posture that retargeting proposes does give a way.
     pub pull: f64,
     /// Bounds.
     pub bounds: Bounds,
@@ -137,7 +137,7 @@ pub struct Sweep {
     cost: f64,
 }
 
-/// Quadratic model of what lies ahead of a node.
+/// Quadratic model of the cost after a node.
 #[derive(Clone, Copy, Debug)]
 struct Value {
     q: ArmVector,
@@ -174,7 +174,7 @@ impl Default for Sweep {
 }
 
 impl Sweep {
-    /// Begins an iteration from the accelerations in `input`.
+    /// Starts an iteration from the accelerations in `input`.
     pub fn begin(&mut self, arm: &Arm, weights: &Weights, problem: &Problem) {
         let mut state = problem.start;
         self.cost = 0.0;
@@ -187,17 +187,17 @@ impl Sweep {
         self.value = Value::zero();
     }
 
-    /// The cost of `input`, after `begin` or `finish`.
+    /// Cost of `input`, after `begin` or `finish`.
     pub fn cost(&self) -> f64 {
         self.cost
     }
 
-    /// The states at the nodes.
+    /// States at the nodes.
     pub fn nodes(&self) -> &[State; NODES] {
         &self.nodes
     }
 
-    /// Node `i` of the sweep; all nodes are due once, the last one first.
+    /// Sweeps node `i`. Each node must be swept once, the last one first.
     pub fn backward(&mut self, arm: &Arm, weights: &Weights, problem: &Problem, i: usize) {
         let d = problem.interval_s[i];
         let value = {
@@ -222,7 +222,7 @@ impl Sweep {
         let change: [[f64; 2]; LIMB_JOINTS] =
             std::array::from_fn(|j| bounds.inputs(j, v[j], d).map(|bound| bound - self.input[i][j]));
         let (open, [gain_q, gain_v]) = bounded_step(&quu, &qu, &to_q, &to_v, &change);
-        // V = A' V A, less what the inputs save.
+        // V = A' V A, minus what the inputs save.
         let a_qv = value.qq * d + value.qv;
         let a_vv = value.qq * (d * d) + (value.qv + vq) * d + value.vv;
         self.value = Value {
@@ -235,7 +235,7 @@ impl Sweep {
         (self.open[i], self.feedback[i]) = (open, [gain_q, gain_v]);
     }
 
-    /// Rolls out and takes the best step, if any is better than none.
+    /// Rolls out and takes the best step, if one is better than none.
     pub fn finish(&mut self, arm: &Arm, weights: &Weights, problem: &Problem) {
         let mut best = self.cost;
         let (mut inputs, mut nodes) = (self.input, self.nodes);
@@ -253,7 +253,7 @@ impl Sweep {
                 states[i] = state;
                 cost_here += cost(arm, weights, problem, i, &state, &input[i]);
             }
-            // A cost that is no number is not less.
+            // A NaN cost is not less.
             if cost_here < best {
                 (best, inputs, nodes) = (cost_here, input, states);
             }
@@ -262,7 +262,7 @@ impl Sweep {
     }
 }
 
-/// A squared angle below the knee, a straight line beyond: what is far off pulls no harder (pseudo-Huber).
+/// Pseudo-Huber loss: a squared angle below the knee, a straight line beyond. A large error pulls no harder.
 fn loss(squared: f64, knee: f64) -> f64 {
     2.0 * knee * knee * ((1.0 + squared / (knee * knee)).sqrt() - 1.0)
 }
@@ -327,8 +327,8 @@ fn add_node(value: &mut Value, arm: &Arm, weights: &Weights, problem: &Problem, 
     }
 }
 
-/// The best change of the inputs within their bounds, and how it follows the state: inputs that end at a bound are held
-/// there, at most one round for each.
+/// Returns the best change of the inputs within their bounds, and its feedback gains. Inputs that end at a bound
+/// are held there, in at most one round for each.
 fn bounded_step(
     quu: &Block,
     qu: &ArmVector,
@@ -378,7 +378,7 @@ fn bounded_step(
     (open, [Block::zeros(); 2])
 }
 
-/// The matrix without the rows and columns of what is held.
+/// Replaces the rows and columns of held inputs by the identity.
 fn reduced(quu: &Block, held: &[bool; LIMB_JOINTS]) -> Block {
     let mut m = *quu;
     for j in (0..LIMB_JOINTS).filter(|&j| held[j]) {

@@ -13,31 +13,31 @@ pub use crate::solver::Weights;
 
 /// Both arms: left, right.
 const ARMS: usize = 2;
-/// The first joint of each arm.
+/// First joint of each arm.
 const FIRST: [usize; ARMS] = [LEFT_ARM.start, RIGHT_ARM.start];
 
-/// A wish that is farther than this from what is commanded (rad, and rad/s) has not come true: the next iteration begins
-/// from the command. Twice what the tracking law leaves where nothing is in the way.
+/// If the command is farther from the wish than this (rad, and rad/s), the wish was not reached. The next
+/// iteration then starts from the command. The bound is twice what the tracking law leaves without an obstacle.
 const OFF_RAD: f64 = 0.02;
 const OFF_RAD_PER_S: f64 = 0.3;
 
-/// The limbs of a stalled arm come nearer to the person by less than this, both together, rad/s. Chosen with the three below by
-/// the test of random arms that hang.
+/// An arm is stalled if both its limbs together come nearer to the person by less than this, rad/s. The test of
+/// random hanging arms chose it and the three constants below.
 const STALLED_RAD_PER_S: f64 = 0.5;
-/// The proposed posture of a stalled arm would be nearer by more than this, rad.
+/// An arm is stalled only if the proposed posture would be nearer by more than this, rad.
 const STALLED_RAD: f64 = 0.2;
-/// Share of the stalled time that an arm keeps in each iteration once it is not stalled.
+/// Share of the stalled time that an arm keeps in each iteration after it is no longer stalled.
 const STALLED_KEPT: f64 = 0.95;
 /// Longest stalled time that counts, s.
 const STALLED_MAX_S: f64 = 1.0;
 
-/// Time from one iteration of an arm to its next, s: both take turns.
+/// Time from one iteration of an arm to its next, s. Both arms take turns.
 const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 
-/// Distance kept from position limits, rad: what whole-body control keeps as well.
+/// Margin to the position limits, rad. Whole-body control keeps the same.
 const INSET_RAD: f64 = 1e-3;
 
-/// What one joint should do in the next tick.
+/// Setpoint of one joint for the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
     /// Position, rad.
@@ -48,7 +48,7 @@ pub struct Aim {
     pub a: f64,
 }
 
-/// Everything that does not change.
+/// Constant configuration.
 #[derive(Clone, Debug)]
 pub struct Config {
     arm: Arm,
@@ -59,7 +59,8 @@ pub struct Config {
 }
 
 impl Config {
-    /// Following with the robot's arms within their limits and `v_max`, the speeds that may be planned with, rad/s.
+    /// Creates a configuration for the robot's arms within their limits. `v_max`: speeds that the plan may use,
+    /// rad/s.
     pub fn new(model: &Model, v_max: &[f64; JOINTS], weights: Weights) -> Self {
         let bounds = FIRST.map(|first| {
             let of = |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
@@ -75,33 +76,34 @@ impl Config {
     }
 }
 
-/// What a tick is given.
+/// Input of a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// Index of the tick whose command is decided.
     pub k: u64,
-    /// The person's limbs at nodes, as the message has them.
+    /// The person's limbs at nodes, as in the message.
     pub way: &'a [[[f32; 4]; LIMBS]; NODES],
-    /// The tick of the first node over its spacing.
+    /// Tick of the first node over its spacing.
     pub way_first: u64,
-    /// Bit j: joint j is meant.
+    /// Bit j: joint j is valid.
     pub valid_mask: u32,
     /// The posture that retargeting proposes, rad.
     pub prior: &'a [f64; JOINTS],
-    /// What is commanded, at tick k - 1: positions and velocities.
+    /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS],
-    /// Velocities.
+    /// Commanded velocities at tick k - 1.
     pub v: &'a [f64; JOINTS],
     /// Share of the speeds that may be used, (0, 1].
     pub speed_scale: f64,
 }
 
-/// What a tick results in.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// What each joint that turns a limb should do; none for a joint that is not followed here.
+    /// Setpoint of each joint that turns a limb. `None` for a joint that is not followed here.
     pub aims: [Option<Aim>; JOINTS],
-    /// Where joints 6 and 7 of each arm should go, rad; none for an arm that is not followed, or whose wrist a target leads.
+    /// Positions for joints 6 and 7 of each arm, rad. `None` for an arm that is not followed, or whose wrist
+    /// follows a target.
     pub wrists: [Option<[f64; WRIST_JOINTS]>; ARMS],
 }
 
@@ -110,32 +112,32 @@ pub struct Output {
 struct Iteration {
     problem: Problem,
     sweep: Sweep,
-    /// The tick at which its result holds.
+    /// Tick at which its result is valid.
     begin: u64,
 }
 
-/// Everything remembered. Fixed size.
+/// State of the following. Fixed size.
 #[derive(Clone, Debug)]
 pub struct State {
     plans: [Plan; ARMS],
     meant: [bool; ARMS],
     iteration: Box<Iteration>,
-    /// Step of the iteration that is next, and whose it is.
+    /// Next step of the iteration, and its arm.
     step: u64,
     arm: usize,
-    /// How far the limbs are off where the last iteration ends, sum of both, rad.
+    /// Error of the limbs at the end of the last iteration's horizon, sum of both, rad.
     off_at_end_rad: [f64; ARMS],
-    /// How long each arm has been stalled, s.
+    /// Time for which each arm has been stalled, s.
     stalled_s: [f64; ARMS],
     wrists: [wrist::Wish; ARMS],
-    /// The node of a wrist that is looked at next, and whose it is.
+    /// Next node of a wrist to evaluate, and its arm.
     wrist_step: u64,
     wrist_arm: usize,
     frames: Box<Frames>,
 }
 
 impl State {
-    /// At rest. Allocates its working memory, once.
+    /// Creates a state at rest. Allocates its working memory, once.
     pub fn new() -> Self {
         let nothing = solver::State { q: ArmVector::zeros(), v: ArmVector::zeros() };
         let unbounded = ArmVector::repeat(1.0);
@@ -164,7 +166,7 @@ impl State {
         }
     }
 
-    /// Notes how far the arm's limbs are off where its iteration ends, and whether they come no nearer.
+    /// Notes the error of the arm's limbs at the end of its horizon, and whether they come nearer.
     fn judge_progress(&mut self, config: &Config, arm: usize) {
         let work = &*self.iteration;
         let off = |q: &ArmVector| config.arm.angles(q, &work.problem.person[NODES - 1]).iter().sum::<f64>();
@@ -176,7 +178,7 @@ impl State {
         self.stalled_s[arm] = time_s.min(STALLED_MAX_S);
     }
 
-    /// Forgets the plans: the robot does not follow. The next tick begins from what is commanded then.
+    /// Drops the plans, because the robot does not follow. The next followed tick starts from its command.
     pub fn forget(&mut self) {
         (self.meant, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
         (self.wrist_step, self.wrist_arm) = (0, 0);
@@ -189,7 +191,8 @@ impl Default for State {
     }
 }
 
-/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
+/// panics.
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {
@@ -198,7 +201,7 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
             let start = solver::State { q: part(input.q, arm), v: part(input.v, arm) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
             state.wrists[arm] = config.wrists[arm].begin(input.q);
-            // An iteration from before it was meant begins elsewhere.
+            // An iteration that started before the arm was valid has another start.
             state.step = if state.arm == arm { 0 } else { state.step };
         }
         state.meant[arm] = meant;
@@ -224,7 +227,7 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     output
 }
 
-/// Looks at the next node of a wrist, in the posture that both arms' plans have there.
+/// Evaluates the next node of a wrist, in the posture of both arms' plans there.
 fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
     let arm = state.wrist_arm;
     if state.meant[arm] {
@@ -249,7 +252,8 @@ fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
     }
 }
 
-/// A step of the iteration in progress: the first one prepares it, the last one ends it, those between sweep backward.
+/// Runs a step of the current iteration: the first one prepares it, the last one ends it, those between sweep
+/// backward.
 fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     let arm = state.arm;
     let work = &mut *state.iteration;
@@ -270,7 +274,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
         let mut plan = Plan::new(work.begin, work.problem.start, work.sweep.input);
         plan.advance(before);
         if before > work.begin {
-            // Ticks were missed, in which the plan before went on.
+            // Ticks were missed, and the previous plan went on in them.
             plan = Plan::new(before, state.plans[arm].state, plan.inputs_from(before));
         }
         if state.meant[arm] && is_finite(&plan.state) {
@@ -284,8 +288,8 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     }
 }
 
-/// The problem as it will be when the iteration ends: the state then, on the plan or, where the wish did not come true,
-/// continued from the command.
+/// Prepares the problem for the end of the iteration. It starts from the state then: on the plan or, if the wish
+/// was not reached, continued from the command.
 fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
     work.begin = before + ITERATION_TICKS - 1;
@@ -302,7 +306,8 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>
     let mut known = config.arm.limbs(&problem.start.q);
     for i in 0..NODES {
         let node = ((first + i as u64).saturating_sub(input.way_first) as usize).min(NODES - 1);
-        // In place of what is no rotation stands the node before, and before the first one the arm as it is.
+        // Limbs that are no rotation are replaced by those of the previous node, and at the first node by the
+        // arm's own.
         known = limbs(&input.way[node], arm).unwrap_or(known);
         problem.person[i] = known;
     }
@@ -314,7 +319,7 @@ fn part(all: &[f64; JOINTS], arm: usize) -> ArmVector {
     ArmVector::from_fn(|j, _| all[FIRST[arm] + j])
 }
 
-/// The limbs of an arm as those of a left arm.
+/// Returns the limbs of an arm as those of a left arm.
 fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
     let rotation = |limb: [f32; 4]| {
         let [x, y, z, w] = limb.map(f64::from);

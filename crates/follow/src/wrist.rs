@@ -1,15 +1,15 @@
-//! Keeps the hands clear of the robot. A wrist's two joints turn no limb of a person, so they are free to turn the hand away
-//! along the way of its arm. Then the arm need not stop where a turn of the hand is enough.
+//! Keeps the hands clear of the robot. A wrist's two joints turn no limb of the person, so they are free to turn
+//! the hand away during its arm's motion. Then the arm need not stop if a turn of the hand is enough.
 //!
-//! With w the positions of joints 6 and 7 and d_p(k, w) the distance of pair p, of which one capsule hangs on the wrist, in the
-//! posture that both arms' plans have at node k,
+//! Let w be the positions of joints 6 and 7, and d_p(k, w) the distance of pair p. One capsule of each pair is on
+//! the wrist. The posture is that of both arms' plans at node k:
 //!
 //! ```text
 //! minimise  sum_k sum_p max(0, (R - d_p(k, w)) / R)^2 + r_h |w - home|^2,   |w'| <= V,  w in its range
 //! ```
 //!
-//! A tick looks at one node of one arm. A Gauss-Newton step follows after the last node. Obstacles that are no part of the
-//! robot are left to whole-body control.
+//! A tick evaluates one node of one arm. A Gauss-Newton step follows after the last node. Whole-body control
+//! handles obstacles that are not part of the robot.
 
 use crate::NODES;
 use messages::{JOINTS, TICK_S};
@@ -21,20 +21,22 @@ pub(crate) const WRIST_JOINTS: usize = 2;
 /// The first of them within an arm.
 pub(crate) const WRIST_FIRST: usize = 5;
 
-/// Nodes that are looked at: half a second ahead, a tenth apart.
+/// Nodes that are evaluated: half a second ahead, a tenth apart.
 const WATCHED: [usize; 5] = [0, 5, 11, 17, NODES - 1];
 
-/// Distance from which a pair counts, R, m. Whole-body control slows an arm whose stop comes nearer than some 30 mm.
+/// Distance below which a pair counts, R, m. Whole-body control slows an arm whose stop comes nearer than about 30
+/// mm.
 const RANGE_M: f64 = 0.06;
-/// Weight of the home posture, r_h, per rad^2: a pair that is 1 mm inside the range at one node bends the wrist by 0.1 rad.
+/// Weight of the home posture, r_h, per rad^2. A pair that is 1 mm inside the range at one node bends the wrist by
+/// 0.1 rad.
 const HOME: f64 = 0.003;
 /// Added to the diagonal of a step's matrix, per rad^2.
 const DAMPING: f64 = 0.5;
 
-/// Distance kept from position limits, rad. Whole-body control keeps 2 mrad.
+/// Margin to the position limits, rad. Whole-body control keeps 2 mrad.
 const INSET_RAD: f64 = 3e-3;
 
-/// Capsule `hand` hangs on the wrist of the arm, `other` does not.
+/// Capsule `hand` is on the arm's wrist, `other` is not.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     hand: usize,
@@ -42,7 +44,7 @@ struct Pair {
     radii_m: f64,
 }
 
-/// What does not change, of one arm.
+/// Constant data of one wrist.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {
     /// Index of joint 6.
@@ -56,26 +58,27 @@ pub(crate) struct Wrist {
     v_max: Vector2<f64>,
 }
 
-/// One wrist's wish, and its sum over the nodes so far.
+/// Wish of one wrist, and its sums over the nodes so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Wish {
-    /// The positions that are wished for, rad.
+    /// Wished positions, rad.
     pub(crate) q: [f64; WRIST_JOINTS],
     /// Half of the cost's gradient and Hessian so far.
     gradient: Vector2<f64>,
     hessian: Matrix2<f64>,
 }
 
-/// Ticks from one step of a wrist to the next, while its nodes are looked at in turn.
+/// Ticks from one step of a wrist to the next, while its nodes are evaluated in turn.
 pub(crate) const STEP_TICKS: u64 = WATCHED.len() as u64;
 
-/// The node that is looked at in tick `step` of [`STEP_TICKS`].
+/// Returns the node that tick `step` of [`STEP_TICKS`] evaluates.
 pub(crate) fn watched(step: u64) -> usize {
     WATCHED[(step % STEP_TICKS) as usize]
 }
 
 impl Wrist {
-    /// The wrist of the arm that begins with joint `arm_first`; `v_max` are the speeds of all joints that may be used, rad/s.
+    /// Creates the wrist of the arm that begins with joint `arm_first`. `v_max`: allowed speeds of all joints,
+    /// rad/s.
     pub(crate) fn new(model: &Model, arm_first: usize, v_max: &[f64; JOINTS]) -> Self {
         let first = arm_first + WRIST_FIRST;
         let is_hand = |capsule: usize| (first + 1..=first + WRIST_JOINTS).contains(&model.capsules[capsule].body);
@@ -100,12 +103,13 @@ impl Wrist {
         }
     }
 
-    /// Begins where the wrist is commanded.
+    /// Starts at the wrist's commanded position.
     pub(crate) fn begin(&self, q: &[f64; JOINTS]) -> Wish {
         Wish { q: [q[self.first], q[self.first + 1]], ..Wish::default() }
     }
 
-    /// Adds the pairs of a posture of the whole robot, whose bodies are at `frames`. What is no number adds nothing.
+    /// Adds the pairs of the robot's posture with the bodies at `frames`. A pair whose distance is not finite adds
+    /// nothing.
     pub(crate) fn look(&self, model: &Model, frames: &Frames, wish: &mut Wish) {
         let end = |capsule: usize| {
             let capsule = &model.capsules[capsule];
@@ -130,7 +134,7 @@ impl Wrist {
             let joints = model.capsules[pair.hand].body - self.first;
             let slope = Vector2::from_fn(|i, _| {
                 let pose = &frames.base_from_body[self.first + i + 1];
-                // Joint 7 does not move what hangs on joint 6.
+                // Joint 7 does not move a capsule on joint 6.
                 if i < joints { away.dot(&(pose.r * self.axes[i]).cross(&(point - pose.t))) / RANGE_M } else { 0.0 }
             });
             wish.gradient -= slope * inside;
@@ -138,7 +142,8 @@ impl Wrist {
         }
     }
 
-    /// The step that follows the last node; no faster than `speed_scale` of the speeds, and `period_s` after the last step.
+    /// Takes the step after the last node, `period_s` after the previous step. It is at most `speed_scale` of the
+    /// speeds.
     pub(crate) fn step(&self, wish: &mut Wish, speed_scale: f64, period_s: f64) {
         let q = Vector2::from(wish.q);
         let gradient = wish.gradient + (q - self.home) * HOME;
@@ -146,7 +151,7 @@ impl Wrist {
         let step = hessian.cholesky().map_or(Vector2::zeros(), |factor| -factor.solve(&gradient));
         let most = self.v_max * (speed_scale * period_s);
         for i in 0..WRIST_JOINTS {
-            // Unlike `clamp`, this bears what is no number.
+            // Unlike `clamp`, this accepts NaN.
             let step = step[i].max(-most[i]).min(most[i]);
             wish.q[i] = (wish.q[i] + step).max(self.q_min[i]).min(self.q_max[i]);
         }
@@ -154,7 +159,7 @@ impl Wrist {
     }
 }
 
-/// Time from one step of a wrist to the next, s, where `arms` take turns.
+/// Time between two steps of a wrist, s, if `arms` take turns.
 pub(crate) fn period_s(arms: usize) -> f64 {
     (arms as u64 * STEP_TICKS) as f64 * TICK_S
 }

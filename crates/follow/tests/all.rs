@@ -1,4 +1,5 @@
-//! All integration tests of `follow` but the one that counts allocations: one program, so that it is linked once.
+//! All integration tests of `follow` except the one that counts allocations. They are one program, so they are
+//! linked once.
 
 mod arm;
 mod following;

@@ -1,4 +1,4 @@
-//! No tick allocates, whatever it is asked.
+//! No tick allocates, whatever its input.
 
 mod support;
 
@@ -11,7 +11,7 @@ use support::{FREE, LIMB_MASK, Robot, arm, random_q, way};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// New blocks of this thread since the count began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

@@ -1,4 +1,5 @@
-//! The kinematics of the limbs, and the Jacobian of what is missing, against the robot's kinematics and differences.
+//! The kinematics of the limbs and the Jacobian of their error, compared with the robot's kinematics and finite
+//! differences.
 
 use crate::support::{arm, model, random_q, random_rotation, turned};
 use follow::LIMB_JOINTS;
@@ -21,7 +22,7 @@ fn limbs_are_those_of_the_robots_own_kinematics() {
     }
 }
 
-/// Largest entry by which the Jacobian differs from central differences, over steps of 1e-6 rad.
+/// Largest difference between the Jacobian's entries and central differences, over steps of 1e-6 rad.
 fn jacobian_off(arm: &Arm, q: &ArmVector, person: &Limbs) -> f64 {
     const STEP: f64 = 1e-6;
     let error = arm.error(q, person);
@@ -57,7 +58,7 @@ fn the_jacobian_is_that_of_central_differences() {
     for case in 0..3000 {
         let q = posture(&mut rng, case);
         let person = Limbs { upper: random_rotation(&mut rng), fore: random_rotation(&mut rng) };
-        // Where half a turn is missing the shorter way is another one, a step farther on.
+        // If half a turn is missing, the shorter way changes its direction one step farther on.
         if arm.angles(&q, &person).iter().any(|angle| *angle > 3.1) {
             continue;
         }
@@ -69,7 +70,7 @@ fn the_jacobian_is_that_of_central_differences() {
 #[test]
 fn the_jacobian_holds_where_nothing_and_where_half_a_turn_is_missing() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
-    // 1e-6 is where the logarithm changes its formula: steps lie on both sides of it.
+    // At 1e-6 the logarithm changes its formula: steps lie on both sides of it.
     for angle in [0.0, 1e-9, 9.9e-7, 1e-6, 2e-6, 2.1e-6, 1e-4, PI - 1e-2, PI - 1e-3, PI - 1e-4] {
         for case in 0..300 {
             let q = posture(&mut rng, case);
@@ -80,7 +81,7 @@ fn the_jacobian_holds_where_nothing_and_where_half_a_turn_is_missing() {
                 assert!((missing - angle).abs() < 1e-7, "{missing} rad instead of {angle}");
             }
             let off = jacobian_off(&arm, &q, &person);
-            // The Jacobian's own curvature is of order one; of numbers of order pi, differences keep 1e-9.
+            // The Jacobian's own curvature is of order one. For numbers of order pi, differences keep 1e-9.
             assert!(off < 2e-8, "{angle} rad, case {case}: {off}");
         }
     }
@@ -99,7 +100,7 @@ fn nothing_is_missing_where_the_robot_is_the_person_and_signs_do_not_count() {
         let negated = |limb: UnitQuaternion<f64>| UnitQuaternion::new_unchecked(-limb.into_inner());
         let same = Limbs { upper: negated(person.upper), fore: negated(person.fore) };
         assert_eq!(arm.error(&q, &person).rotation, arm.error(&q, &same).rotation);
-        // The angles are the lengths of what is missing, and that turns the person into the robot.
+        // The angles are the lengths of the error's rotations, and these turn the person into the robot.
         let error = arm.error(&q, &person).rotation;
         for (limb, angle) in arm.angles(&q, &person).into_iter().enumerate() {
             let missing = Vector3::from_column_slice(&error[3 * limb..3 * limb + 3]);

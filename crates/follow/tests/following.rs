@@ -1,4 +1,4 @@
-//! The stage with a robot whose command is what was aimed at: it reaches, keeps up, rises, and does not spin.
+//! The stage with a robot whose command equals the aim: it reaches, keeps up, rises, and does not spin.
 
 use crate::support::{A_MAX, FREE, Robot, V_MAX, arm, node_s, random_q, turned};
 use follow::LIMB_JOINTS;
@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// The larger of an arm's two limb errors now, degrees.
+/// The larger of an arm's two limb errors, degrees.
 fn off_deg(robot: &Robot, side: usize, person: &Limbs) -> f64 {
     let [upper, fore] = arm().angles(&robot.arm(side), person);
     upper.max(fore).to_degrees()
@@ -29,7 +29,7 @@ fn a_person_who_stands_is_reached_and_then_the_robot_stands() {
             if off < 1.0 {
                 reached = reached.or(Some(tick));
             }
-            // Once it is there it does not leave again.
+            // Once it has arrived, it does not leave again.
             assert!(reached.is_none() || off < 1.5, "goal {n}: {off} degrees off again");
         }
         let off = off_deg(&robot, 0, &person).max(off_deg(&robot, 1, &person));
@@ -58,7 +58,7 @@ fn the_proposed_posture_decides_nothing_that_limbs_decide() {
 
 #[test]
 fn a_person_who_is_slow_enough_is_followed_without_delay() {
-    // At most 0.3 x 0.41 Hz x 2 pi = 0.8 rad/s and 2 rad/s^2, with 2 rad/s and 10 rad/s^2 to use.
+    // At most 0.3 x 0.41 Hz x 2 pi = 0.8 rad/s and 2 rad/s^2. Allowed are 2 rad/s and 10 rad/s^2.
     let at =
         |t_s: f64| ArmVector::from_fn(|j, _| FREE[j] + 0.3 * (TAU * t_s * (0.24 + 0.042 * j as f64) + j as f64).sin());
     let mut robot = Robot::at(&FREE, Weights::default());
@@ -76,7 +76,7 @@ fn a_person_who_is_slow_enough_is_followed_without_delay() {
     assert!(worst < 1.0 && sum / count < 0.5, "{} degrees in the mean, {worst} at most", sum / count);
 }
 
-/// How far the limbs are off in the end, degrees, of an arm that hangs and has to rise.
+/// Final error of the limbs of a hanging arm that must rise, degrees.
 fn rises(hangs: &[f64; LIMB_JOINTS], raised: &[f64; LIMB_JOINTS], weights: Weights) -> f64 {
     let mut robot = Robot::at(hangs, weights);
     robot.propose(raised);
@@ -89,8 +89,8 @@ fn rises(hangs: &[f64; LIMB_JOINTS], raised: &[f64; LIMB_JOINTS], weights: Weigh
 
 #[test]
 fn an_arm_that_hangs_rises_on_the_other_side() {
-    // Joint 2 at its limit, where joints 1 and 3 turn about one line, and those two on the wrong side: the arm has to turn
-    // about itself before it can rise.
+    // Joint 2 is at its limit, where joints 1 and 3 turn about one line. Those two are on the wrong side. So the
+    // arm must turn about itself before it can rise.
     let ways = [
         ([0.18, 1.55, 0.07, 0.41, -0.23], [0.69, -0.10, 3.64, 0.02, -0.13]),
         ([-0.16, 1.55, 3.58, 0.47, -0.21], [1.28, -0.46, 0.94, 0.82, 0.37]),
@@ -122,7 +122,7 @@ fn an_arm_reaches_a_raised_posture_from_wherever_it_hangs() {
     assert!(impatient_off >= 4, "patience is for nothing: {impatient_off} of 80 do not arrive without");
 }
 
-/// RMS of the joints' and of the limbs' departures from their means, degrees, of a person who stands with noise.
+/// RMS of the joints' and of the limbs' deviations from their means, degrees, for a person who stands with noise.
 fn noisy(stands: [f64; LIMB_JOINTS], noise_deg: f64) -> [f64; 2] {
     let person = arm().limbs(&ArmVector::from(stands));
     let mut rng = Pcg64::seed_from_u64(21);
@@ -137,7 +137,7 @@ fn noisy(stands: [f64; LIMB_JOINTS], noise_deg: f64) -> [f64; 2] {
         .collect();
     let mut joints = Vec::new();
     for tick in 0..10 * TICK_HZ {
-        // Retargeting proposes what that noise makes of the joints there: 1.9 degrees RMS (the tests of `retarget`).
+        // Retargeting turns that noise into 1.9 degrees RMS of the joints there (see the tests of `retarget`).
         robot.propose(&stands.map(|q| q + 3.3_f64.to_radians() * rng.random_range(-1.0..1.0)));
         robot.step(|node| [seen[(node - first) as usize]; 2]);
         if tick >= TICK_HZ {
@@ -154,7 +154,7 @@ fn noisy(stands: [f64; LIMB_JOINTS], noise_deg: f64) -> [f64; 2] {
 #[test]
 fn at_the_gimbal_joints_do_not_spin_for_noise() {
     const NOISE_DEG: f64 = 0.5;
-    // The upper arm hangs, where joints 1 and 3 turn about one line; and an elbow that is straight beside it.
+    // The upper arm hangs, where joints 1 and 3 turn about one line. One elbow is straight in addition.
     for elbow in [0.0, 0.3, 1.2] {
         for below in [0.0, 0.02, 0.1] {
             let hangs = [0.2, FRAC_PI_2 - 2e-3 - below, FRAC_PI_2, elbow, 0.1];
@@ -167,7 +167,7 @@ fn at_the_gimbal_joints_do_not_spin_for_noise() {
 
 #[test]
 fn aims_are_one_continuous_motion() {
-    // Steps in the person, of both arms, at any tick: positions and velocities have none.
+    // The person jumps with both arms at any tick. The aims' positions and velocities do not jump.
     let mut robot = Robot::at(&FREE, Weights::default());
     let postures = [[0.9, -0.4, 2.2, 1.6, -0.7], [-0.5, 0.9, 0.9, 0.4, 0.9], [1.3, 1.2, 3.0, 0.1, 1.9]];
     for tick in 0..6 * TICK_HZ {
@@ -188,7 +188,7 @@ fn aims_are_one_continuous_motion() {
 
 #[test]
 fn a_wish_that_did_not_come_true_begins_anew_at_the_command() {
-    // Something is in the way: the command stands, whatever was aimed at.
+    // Something is in the way: the command stands still, whatever the aim is.
     let mut robot = Robot::at(&FREE, Weights::default());
     let goal = [0.9, -0.4, 2.2, 1.6, -0.7];
     let person = arm().limbs(&ArmVector::from(goal));
@@ -202,8 +202,8 @@ fn a_wish_that_did_not_come_true_begins_anew_at_the_command() {
             farthest = farthest.max(aim.map_or(0.0, |aim| (aim.q - q).abs()));
         }
     }
-    // An arm's turn comes every ten ticks, and holds four later: what is aimed at lies ahead by no more than it moves until
-    // the plan after that.
+    // An arm's turn comes every ten ticks, and its result is valid four ticks later. So the aim is ahead by no
+    // more than its motion until the next plan.
     assert!(farthest < 0.1, "aims ran {farthest} rad away");
     assert!(farthest > 1e-3, "and they do aim at something");
 }

@@ -1,4 +1,4 @@
-//! Whatever a target holds and whichever ticks are missed: numbers, bounded and continuous, and the same ones again.
+//! For any target and any missed ticks, the output is finite, bounded, continuous and reproducible.
 
 use crate::support::{A_MAX, FIRST, FREE, Robot, V_MAX, Way, arm, random_q, way};
 use follow::arm::{ArmVector, Limbs};
@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 const LEFT: u32 = 0b1_1111 << FIRST[0];
 const RIGHT: u32 = 0b1_1111 << FIRST[1];
 
-/// Finite, for all joints of the arms that are meant and for no others, within the limits.
+/// Checks that aims are finite and within the limits. Exactly the joints of valid arms have one.
 fn assert_sane(output: &Output, valid_mask: u32, context: &str) {
     for (j, aim) in output.aims.iter().enumerate() {
         let arm = FIRST.iter().find(|&&first| (first..first + LIMB_JOINTS).contains(&j));
@@ -22,7 +22,7 @@ fn assert_sane(output: &Output, valid_mask: u32, context: &str) {
     }
 }
 
-/// Goes on from the command within the motion of so many ticks.
+/// Checks that the aim continues from the command within the motion of `ticks` ticks.
 fn assert_goes_on(output: &Output, before: &Robot, ticks: u64, context: &str) {
     let dt = ticks as f64 * TICK_S;
     for (j, aim) in output.aims.iter().enumerate() {
@@ -38,7 +38,7 @@ fn standing(q: &ArmVector) -> [Limbs; 2] {
     [arm().limbs(q); 2]
 }
 
-/// A robot in full motion towards somewhere.
+/// A robot in full motion towards a random goal.
 fn moving(seed: u64) -> (Robot, [Limbs; 2]) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut robot = Robot::at(&FREE, Weights::default());
@@ -80,7 +80,7 @@ fn missed_ticks_continue_the_same_motion() {
             let first = (robot.k + missed) / messages::WAY_NODE_TICKS + 1;
             let output = robot.step_after(missed, &way(first, |_| person), first);
             let context = format!("seed {seed}, step {n}, {missed} ticks");
-            // Accelerations that were chosen for another state may lead a little beyond the speed.
+            // Accelerations that were chosen for another state may lead a little beyond the speed limit.
             let fastest = output.aims.iter().flatten().fold(0.0, |most: f64, aim| most.max(aim.v.abs()));
             assert!(fastest <= 1.05 * V_MAX, "{context}: {fastest} rad/s");
             assert_goes_on(&output, &before, missed, &context);
@@ -99,7 +99,7 @@ fn a_tick_that_is_repeated_or_runs_back_moves_nothing_on() {
         robot.k -= back;
         assert_sane(&robot.step_after(0, &way(first, |_| person), first), ALL_JOINTS, &format!("{back} ticks back"));
         robot.k += back;
-        // A plan that is taken meanwhile may lie as far ahead as its iteration was to last; a wrist's step as far as both arms' turns.
+        // A new plan may be ahead by the length of its iteration, and a wrist's step by both arms' turns.
         let most = V_MAX * 2.0 * follow::ITERATION_TICKS as f64 * TICK_S;
         assert!((0..there.len()).all(|j| (robot.q[j] - there[j]).abs() <= most), "{back} ticks back");
     }
@@ -107,7 +107,8 @@ fn a_tick_that_is_repeated_or_runs_back_moves_nothing_on() {
 
 #[test]
 fn a_way_that_begins_earlier_or_later_is_read_where_it_lies() {
-    // A person who stands before node 20 of the run and elsewhere after it: the target's beginning says nothing else.
+    // A person who stands before node 20 of the run and elsewhere after it. A shifted start of the target changes
+    // nothing.
     let mut rng = Pcg64::seed_from_u64(41);
     let (from, to) = (ArmVector::from(FREE), ArmVector::from(FREE) + ArmVector::repeat(0.3));
     let run = |shift: i64| {
@@ -124,7 +125,7 @@ fn a_way_that_begins_earlier_or_later_is_read_where_it_lies() {
     for shift in [-3, -1, 1, 2] {
         assert!((run(shift) - straight).amax() < 1e-3, "shifted by {shift} nodes");
     }
-    // One that lies far behind or far ahead is its last or first node.
+    // For a way far in the past or future, the last or the first node is used.
     for shift in [-1000, 1000, -250_000] {
         let (mut robot, person) = moving(4);
         for n in 0..TICK_HZ {
@@ -144,7 +145,7 @@ fn a_way_that_begins_earlier_or_later_is_read_where_it_lies() {
     }
 }
 
-/// Numbers that hurt, in any limb of any node.
+/// Puts hostile numbers into limbs of random nodes.
 fn hurt(rng: &mut Pcg64, way: &mut Way) {
     const BAD: [f32; 7] = [0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e-30, -3.0];
     for _ in 0..rng.random_range(1..60) {
@@ -178,7 +179,7 @@ fn a_way_that_is_none_moves_no_joint_beyond_its_bounds() {
             assert_sane(&output, ALL_JOINTS, &context);
             assert_goes_on(&output, &before, 1, &context);
         }
-        // What was wrong is over, and is forgotten.
+        // When the errors are over, they have no lasting effect.
         for _ in 0..2 * TICK_HZ {
             robot.step(|_| person);
         }
@@ -217,7 +218,7 @@ fn arms_that_come_and_go_begin_at_the_command() {
             let context = format!("seed {seed}, tick {n}, mask {:b}", robot.valid_mask);
             assert_sane(&output, robot.valid_mask, &context);
             assert_goes_on(&output, &before, 1, &context);
-            // An arm that is not meant goes elsewhere, slowly.
+            // An arm that is not valid moves elsewhere, slowly.
             for (j, _) in output.aims.iter().enumerate().filter(|(_, aim)| aim.is_none()) {
                 (robot.v[j], robot.q[j]) = (0.3, robot.q[j] + 0.3 * TICK_S);
             }
@@ -235,7 +236,7 @@ fn speeds_follow_the_scale() {
         let output = robot.step(|_| far);
         assert_sane(&output, ALL_JOINTS, &format!("tick {n}"));
         assert_goes_on(&output, &before, 1, &format!("tick {n}"));
-        // 2 rad/s are braked away in 0.2 s; each arm's turn comes every ten ticks.
+        // 2 rad/s are braked in 0.2 s. Each arm's turn comes every ten ticks.
         if n > 320 {
             assert!(robot.speed() <= 0.05 * V_MAX + 1e-9, "tick {n}: {} rad/s", robot.speed());
         }

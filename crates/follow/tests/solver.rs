@@ -1,4 +1,4 @@
-//! The sweep: bounds are kept, costs fall.
+//! The sweep keeps bounds and lowers costs.
 
 use crate::support::{arm, bounds, problem, random_q, random_rotation};
 use follow::arm::{ArmVector, Limbs};
@@ -7,7 +7,7 @@ use follow::{LIMB_JOINTS, NODES};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// What rounding adds.
+/// Tolerance for rounding.
 const ROUNDING: f64 = 1e-9;
 
 fn iterate(sweep: &mut Sweep, weights: &Weights, problem: &Problem) -> [f64; 2] {
@@ -21,7 +21,7 @@ fn iterate(sweep: &mut Sweep, weights: &Weights, problem: &Problem) -> [f64; 2] 
     [before, sweep.cost()]
 }
 
-/// Any person, from any state: a quarter of them faster than is allowed.
+/// Any person, from any state. A quarter of the states are faster than allowed.
 fn random_problem(rng: &mut Pcg64) -> Problem {
     let mut problem = problem(random_q(rng), Limbs::identity());
     let fastest = if rng.random_bool(0.25) { 2.0 } else { 1.0 };
@@ -43,7 +43,7 @@ fn random_problem(rng: &mut Pcg64) -> Problem {
     problem
 }
 
-/// Accelerations are within bounds, and so are speeds; a joint that was too fast brakes as hard as it may.
+/// Checks that accelerations and speeds are within bounds. A joint that was too fast brakes as hard as it may.
 fn assert_within(problem: &Problem, sweep: &Sweep, context: &str) {
     let bounds = &problem.bounds;
     let mut state = problem.start;
@@ -92,7 +92,7 @@ fn no_iteration_raises_the_cost() {
         for iteration in 0..12 {
             let [before, after] = iterate(&mut sweep, &Weights::default(), &problem);
             assert!(after <= before, "case {case}, iteration {iteration}: {before} rose to {after}");
-            // An iteration begins where the one before ended, so that clamping changed nothing.
+            // An iteration starts where the previous one ended, so clamping changed nothing.
             assert!((before - last).abs() <= 1e-9 * before || iteration == 0, "case {case}: {last} became {before}");
             (first, last) = (if iteration == 0 { before } else { first }, after);
         }
@@ -104,7 +104,7 @@ fn no_iteration_raises_the_cost() {
 
 #[test]
 fn iterations_find_the_minimum() {
-    // No single change of an input that stays within bounds is worth more than a hundredth.
+    // No single change of an input within its bounds gains more than a hundredth.
     let mut rng = Pcg64::seed_from_u64(13);
     let (arm, weights) = (arm(), Weights::default());
     let mut worst = 0.0_f64;
@@ -133,7 +133,7 @@ fn iterations_find_the_minimum() {
 
 #[test]
 fn ranges_are_kept_but_for_what_weights_let_through() {
-    // A person whom the robot can only reach beyond its range, at every joint's either end.
+    // A person whom the robot can only reach beyond its range, at each end of every joint.
     let (arm, bounds) = (arm(), bounds());
     for j in 0..LIMB_JOINTS {
         for (end, sign) in [(bounds.q_max[j], 1.0), (bounds.q_min[j], -1.0)] {

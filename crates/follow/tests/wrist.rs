@@ -7,10 +7,10 @@ use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S};
 use robot::{Frames, Model, segment_distance};
 use std::f64::consts::FRAC_PI_2;
 
-/// Arms that hang, elbows a little bent.
+/// Hanging arms with slightly bent elbows.
 const HANGING: [f64; LIMB_JOINTS] = [0.0, 1.5, FRAC_PI_2, 0.1, 0.0];
 
-/// The least distance between a hand and what is no part of its wrist, m.
+/// Smallest distance between a hand and any part outside its wrist, m.
 fn hands_clear_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);

@@ -1,14 +1,15 @@
-//! What a conversion costs, beside the check of the same frame: `cargo run --release -p layouts --example cost`.
+//! Measures the cost of a conversion, beside the check of the same frame: `cargo run --release -p layouts
+//! --example cost`.
 
 use layouts::{Layouts, Map};
 use messages::{Layout, RawSkeleton, Stamp, raw_flag};
 use std::hint::black_box;
 
-/// Rounds, each of so many conversions.
+/// Rounds, and conversions per round.
 const ROUNDS: usize = 201;
 const CONVERSIONS: u32 = 200;
 
-/// Median of the rounds, us for one call.
+/// Median of the rounds, us per call.
 fn median_us(mut call: impl FnMut()) -> f64 {
     let mut times: Vec<f64> = (0..ROUNDS)
         .map(|_| {

@@ -1,5 +1,5 @@
-//! What the filter does to a person whom a camera sees: the built-in motion at 30 Hz as MediaPipe's world landmarks, with
-//! noise. `cargo run --release -p layouts --example noise`.
+//! Effect of the filter on camera data: the built-in motion at 30 Hz as MediaPipe's world landmarks, with noise.
+//! `cargo run --release -p layouts --example noise`.
 
 use layouts::{Layouts, Noise, NoiseState};
 use messages::{LIMBS, Layout, RawSkeleton, SkeletonLayout, Stamp};
@@ -26,7 +26,7 @@ const JOINTS: [(usize, usize); 14] = [
 const NOISE: Noise =
     Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
 
-/// Noise of this standard deviation, m: the sum of twelve even numbers is nearly normal.
+/// Noise with this standard deviation, m. The sum of twelve uniform numbers is nearly normal.
 struct Tremble(u64, f32);
 
 impl Tremble {
@@ -43,7 +43,7 @@ impl Tremble {
 
 type Limbs = Option<[[f32; 4]; LIMBS]>;
 
-/// The limbs of each frame that is accepted.
+/// Limbs of each accepted frame.
 fn play(layouts: &Layouts, bounds: &Config, filter: bool, noise_m: f32) -> Vec<Limbs> {
     let motion = motion::upsample(&motion::builtin());
     let every = (motion.frame_rate_hz / 30.0).round().max(1.0) as usize;
@@ -73,7 +73,7 @@ fn angle_deg(a: [f32; 4], b: [f32; 4]) -> f64 {
     (2.0 * cos.abs().min(1.0).acos()).to_degrees()
 }
 
-/// RMS over the upper arms of the angle that `of` gives for the frames at which both have one, degrees.
+/// RMS of the angle between the limbs of `a` and `b`, over the frames that have both, degrees.
 fn rms(a: &[Limbs], b: &[Limbs]) -> f64 {
     let pairs = a.iter().zip(b).filter_map(|(a, b)| Some((((*a)?), (*b)?)));
     let squares: Vec<f64> =
@@ -87,7 +87,7 @@ fn main() {
     let camera = Config { length_change_max: 0.3, length_step_max: 0.15, ..capture };
     let clean = play(&layouts, &camera, false, 0.0);
     let still = play(&layouts, &camera, true, 0.0);
-    // The filter's delay: the shift of the clean motion that it comes nearest to, in frames and linearly between them.
+    // The filter's delay is the shift of the clean motion that comes nearest, in frames and linearly between them.
     let lag = (0..6).map(|shift| rms(&clean[..clean.len() - shift], &still[shift..]));
     println!(
         "filtered motion against the clean one shifted by 0 to 5 frames of 33 ms, deg: {:.2?}",

@@ -1,6 +1,6 @@
-//! What the rejection of outliers does to persons whom a camera sees: motions with noise, and with single joints that are 3 to
-//! 12 cm off for one frame. `cargo run --release -p layouts --example outliers [-- FOLDER]`; without a folder of .bvh files the
-//! built-in motion alone.
+//! Effect of outlier rejection on camera data: motions with noise, and with single joints that are 3 to 12 cm off
+//! for one frame. `cargo run --release -p layouts --example outliers [-- FOLDER]`. Without a folder of .bvh files
+//! it uses the built-in motion alone.
 
 #[path = "../tests/salt.rs"]
 mod salt;
@@ -9,13 +9,13 @@ use messages::SMPL_JOINTS;
 use salt::{BONES, Errors, OFF, ON, Places, angle_deg, distance_m, filter, motions, spoil};
 use std::path::PathBuf;
 
-/// One line: all motions, spoilt in one way.
+/// Prints one line: all motions with one kind of noise.
 fn line(motions: &[Vec<Places>], rate_hz: f64, noise_m: f32, p: f32) {
     for (name, noise) in [("off", &OFF), ("on", &ON)] {
         let (mut places, mut limbs) = (Errors::default(), Errors::default());
         let (mut held, mut accepted, mut frames) = (0, 0, 0);
         for clean in motions {
-            // Of the same filter without rejection, so that its delay is no error here.
+            // Compared with the same filter without rejection, so that its delay is no error here.
             let expected = filter(&OFF, clean, rate_hz);
             let got = filter(noise, &spoil(clean, noise_m, p), rate_hz);
             for (a, b) in expected.frames.iter().zip(&got.frames) {

@@ -1,8 +1,8 @@
-//! Which way the axes of a layout point.
+//! Directions of a layout's axes.
 
 use serde::Deserialize;
 
-/// A direction as seen by the person, or by whoever looks into the world of a client.
+/// A direction as the person sees it, or as an observer of the client's world sees it.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 #[allow(missing_docs)]
@@ -16,10 +16,10 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// All of them.
+    /// All directions.
     pub const ALL: [Self; 6] = [Self::Forward, Self::Back, Self::Left, Self::Right, Self::Up, Self::Down];
 
-    /// Index of our axis (x forward, y left, z up), and the sign along it.
+    /// Returns the index of our axis (x forward, y left, z up), and the sign along it.
     const fn of_ours(self) -> (usize, f64) {
         match self {
             Self::Forward => (0, 1.0),
@@ -32,17 +32,17 @@ impl Direction {
     }
 }
 
-/// The axes x, y, z of a layout: a signed permutation C of ours, so that ours = C theirs.
+/// The axes x, y, z of a layout. They are a signed permutation C of ours: ours = C theirs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axes {
     ours: [(usize, f64); 3],
 }
 
 impl Axes {
-    /// Our own.
+    /// Our own axes.
     pub const OURS: Self = Self::of([Direction::Forward, Direction::Left, Direction::Up]);
 
-    /// The axes that point in these directions; `None` if two of them lie on one line.
+    /// Creates the axes with these directions. `None` if two of them lie on one line.
     pub fn new(directions: [Direction; 3]) -> Option<Self> {
         let axes = Self::of(directions);
         (axes.determinant() != 0.0).then_some(axes)
@@ -52,7 +52,7 @@ impl Axes {
         Self { ours: [x.of_ours(), y.of_ours(), z.of_ours()] }
     }
 
-    /// 1 for right-handed axes, -1 for left-handed ones, 0 for what is no system of axes.
+    /// Returns 1 for right-handed axes, -1 for left-handed ones, and 0 if the axes are not independent.
     pub fn determinant(&self) -> f64 {
         let [(x, sx), (y, sy), (z, sz)] = self.ours;
         let parity = match [x, y, z] {
@@ -63,7 +63,7 @@ impl Axes {
         parity * sx * sy * sz
     }
 
-    /// v' = C v, for positions.
+    /// Converts a position: v' = C v.
     pub fn polar(&self, v: [f64; 3]) -> [f64; 3] {
         let mut out = [0.0; 3];
         for (value, (axis, sign)) in v.into_iter().zip(self.ours) {
@@ -72,7 +72,7 @@ impl Axes {
         out
     }
 
-    /// v' = det(C) C v, for axes of rotation and for the vector part of a quaternion: R' = C R C^T.
+    /// Converts an axis of rotation or the vector part of a quaternion: v' = det(C) C v, so that R' = C R C^T.
     pub fn axial(&self, v: [f64; 3]) -> [f64; 3] {
         let determinant = self.determinant();
         self.polar(v).map(|value| determinant * value)

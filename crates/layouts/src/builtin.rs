@@ -7,20 +7,23 @@ use messages::{RAW_JOINTS_MAX, SMPL_JOINTS, SkeletonLayout};
 
 const X: u8 = NONE;
 
-/// Pelvis, hips, spine 1; knees, spine 2; ankles, spine 3; feet, neck; collars, head; shoulders; elbows; wrists. Left first.
+/// Order of the joints: pelvis, hips, spine 1; knees, spine 2; ankles, spine 3; feet, neck; collars, head;
+/// shoulders; elbows; wrists. Left first.
 type From = [u8; SMPL_JOINTS];
 
 const SMPL: From = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21];
-/// BlazePose: 11 to 16 are the arms, 23 to 28 the legs, 31 and 32 the tips of the feet; the head is between the ears, 7 and 8.
+/// BlazePose: 11 to 16 are the arms, 23 to 28 the legs, 31 and 32 the tips of the feet. The head is between the
+/// ears, 7 and 8.
 const MEDIA_PIPE: From = [X, 23, 24, X, 25, 26, X, 27, 28, X, 31, 32, X, X, X, 7, 11, 12, 13, 14, 15, 16];
-/// k4abt_joint_id_t: 0 to 3 the spine, 4 to 10 the left arm, 11 to 17 the right one, 18 to 21 and 22 to 25 the legs, 26 the
-/// head.
+/// k4abt_joint_id_t: 0 to 3 are the spine, 4 to 10 the left arm, 11 to 17 the right one, 18 to 21 and 22 to 25 the
+/// legs, 26 the head.
 const KINECT: From = [0, 18, 22, 1, 19, 23, X, 20, 24, 2, 21, 25, 3, 4, 11, 26, 5, 12, 6, 13, 7, 14];
-/// MVN, segment id less one: 0 pelvis, 2 L3, 3 T12, 4 T8, 5 neck, 6 head, 7 to 10 the right arm, 11 to 14 the left one, 15 to
-/// 18 the right leg, 19 to 22 the left one. A segment's origin is the joint nearer to the pelvis.
+/// MVN, segment id less one. 0 is the pelvis, 2 L3, 3 T12, 4 T8, 5 the neck, 6 the head. 7 to 10 are the right
+/// arm, 11 to 14 the left one, 15 to 18 the right leg, 19 to 22 the left one. A segment's origin is the joint
+/// nearer to the pelvis.
 const XSENS: From = [0, 19, 15, 2, 20, 16, 3, 21, 17, 4, 22, 18, 5, 11, 7, 6, 12, 8, 13, 9, 14, 10];
-/// HumanBodyBones: 0 hips, 1 to 6 the legs, 7 spine, 8 chest, 9 neck, 10 head, 11 to 18 the arms, 19 and 20 the toes, 54 upper
-/// chest.
+/// HumanBodyBones: 0 is the hips, 1 to 6 the legs, 7 the spine, 8 the chest, 9 the neck, 10 the head, 11 to 18 the
+/// arms, 19 and 20 the toes, 54 the upper chest.
 const UNITY: From = [0, 1, 2, 7, 3, 4, 8, 5, 6, 54, 19, 20, 9, 11, 12, 10, 13, 14, 15, 16, 17, 18];
 
 fn map(layout: SkeletonLayout, name: &str, joints: usize, axes: [Direction; 3], from: From) -> Map {
@@ -40,14 +43,14 @@ fn map(layout: SkeletonLayout, name: &str, joints: usize, axes: [Direction; 3], 
         ordered: 0,
     };
     map.hang_like_smpl();
-    // The tree of SMPL-22 has no circle.
+    // The tree of SMPL-22 has no cycle.
     let _ = map.arrange();
     map
 }
 
 pub(crate) fn all() -> Vec<Map> {
     let ours = [Forward, Left, Up];
-    // A camera that the person faces: its right is the person's left.
+    // The person faces the camera: its right is the person's left.
     let facing = [Left, Down, Back];
     let smpl22 = map(SkeletonLayout::Smpl22, "smpl-22", 22, ours, SMPL);
     let smpl24 = map(SkeletonLayout::Smpl24, "smpl-24", 24, ours, SMPL);

@@ -1,4 +1,4 @@
-//! One frame of any layout as SMPL-22.
+//! Converts one frame of any layout to SMPL-22.
 
 use crate::map::{Layouts, Map, NONE, Sends};
 use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, UP_THE_TRUNK};
@@ -7,23 +7,23 @@ use messages::{
 };
 use nalgebra::{Quaternion, Vector3};
 
-/// Why a frame cannot be converted. Whether its numbers are a person's is not judged here.
+/// Reason for which a frame cannot be converted. This crate does not judge whether its numbers are plausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// No layout has this number.
     Layout,
-    /// The count of joints is not the layout's, or the flags are not such as it has.
+    /// The number of joints is not the layout's, or the layout does not allow the flags.
     Count,
 }
 
-/// Largest error of the norm of a local rotation, as `skeleton` allows it of global ones. A larger one becomes zero, and so
-/// does every rotation that hangs on it: `skeleton` refuses both as no unit.
+/// Largest error of a local rotation's norm, as `skeleton` allows it for global ones. A larger one becomes zero,
+/// and so does every rotation below it in the tree. `skeleton` refuses both because they have no unit norm.
 const NORM_ERROR_MAX: f64 = 1e-3;
 
-/// The joint of the other side.
+/// The joint of the other side, for each joint.
 const OTHER_SIDE: [usize; SMPL_JOINTS] = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20];
 
-/// The person while it is made: in our axes, m; x y z w in the quaternions' own fields.
+/// The person during the conversion: in our axes, m. Quaternions are x y z w in their own fields.
 struct Body {
     position: [Vector3<f64>; SMPL_JOINTS],
     rotation: [Quaternion<f64>; SMPL_JOINTS],
@@ -31,11 +31,11 @@ struct Body {
 }
 
 impl Layouts {
-    /// The frame as SMPL-22 in our frame; header, session, person and whatever else is not the layout's stay as they are. A
-    /// frame of SMPL-22 with positions or global rotations is passed on as it is. Numbers that are none stay none.
+    /// Converts the frame to SMPL-22 in our axes. Header, session, person and all data outside the layout stay
+    /// unchanged. A frame of SMPL-22 with positions or global rotations is returned unchanged. NaN stays NaN.
     ///
     /// # Errors
-    /// [`Refusal`]: the frame is of no layout, or not such as its layout says.
+    /// Returns [`Refusal`] if the layout is unknown, or if the frame does not match its layout.
     pub fn convert(&self, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
         if raw.layout == SkeletonLayout::Smpl22 as u32 && raw.flags & raw_flag::LOCAL == 0 {
             return Ok(*raw);
@@ -44,7 +44,7 @@ impl Layouts {
     }
 }
 
-/// See [`Layouts::convert`]; `map` must be that of the frame.
+/// See [`Layouts::convert`]. `map` must be that of the frame's layout.
 fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
     let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL;
     if raw.joint_count as usize != map.joints || raw.flags & !known != 0 {
@@ -65,7 +65,7 @@ fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
         return Err(Refusal::Count);
     }
     let mirrored = raw.flags & raw_flag::MIRRORED != 0;
-    // Whoever cannot be mirrored back stays mirrored, and is refused for it.
+    // A frame that cannot be mirrored back stays mirrored, and is refused for it.
     let turned_back = mirrored && map.camera && sent == Sends::Positions;
     let body = match sent {
         Sends::LocalRotations => from_local(map, raw),
@@ -89,7 +89,7 @@ fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
     Ok(out)
 }
 
-/// The smaller one, and no number if either is none.
+/// Returns the smaller one, and NaN if either is NaN.
 fn lower(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) }
 }
@@ -110,7 +110,7 @@ fn confidence(map: &Map, raw: &RawSkeleton, joint: u8) -> f64 {
     f64::from(raw.confidence[usize::from(joint)]) / map.confidence_max
 }
 
-/// Hinges are axes of rotation.
+/// Converts the hinges, which are axes of rotation.
 fn calibration(map: &Map, theirs: &HingeCalibration) -> HingeCalibration {
     let hinge = theirs.hinge.map(|axis| map.axes.axial(axis.map(f64::from)).map(|value| value as f32));
     HingeCalibration { hinge, ..*theirs }
@@ -132,7 +132,7 @@ impl Body {
         (self.position[joint], self.confidence[joint]) = (position, confidence);
     }
 
-    /// The joints of the trunk that nobody sends.
+    /// Derives the joints of the trunk that the layout does not send.
     fn derive(&mut self, map: &Map) {
         let (shoulders, seen) = self.middle(Smpl::LeftShoulder, Smpl::RightShoulder);
         for (hip, shoulder) in [(Smpl::LeftHip, Smpl::LeftShoulder), (Smpl::RightHip, Smpl::RightShoulder)] {
@@ -157,14 +157,14 @@ impl Body {
     }
 }
 
-/// From positions, and from global rotations if there are any. A mirror image is turned back: y changes its sign, and the
-/// sides their names.
+/// Builds the body from positions, and from global rotations if there are any. A mirror image is turned back: y
+/// changes its sign, and the sides change their names.
 fn from_global(map: &Map, raw: &RawSkeleton, has_rotations: bool, mirrored: bool) -> Body {
     let mut body = Body::NOBODY;
     for joint in 0..SMPL_JOINTS {
         let [a, b] = map.from[if mirrored { OTHER_SIDE[joint] } else { joint }];
         if has_rotations {
-            // Without one of its own a joint has that of the joint that it hangs on.
+            // A joint without a rotation takes its parent's.
             body.rotation[joint] = if a == NONE { body.rotation[SMPL_PARENT[joint]] } else { rotation(map, raw, a) };
         }
         if a == NONE {
@@ -181,21 +181,21 @@ fn from_global(map: &Map, raw: &RawSkeleton, has_rotations: bool, mirrored: bool
     body
 }
 
-/// The rotation with norm 1; zero if it is none, and no number if it has none.
+/// Normalises the rotation. Returns zero if its norm is off by more than the bound, and NaN if the norm is NaN.
 fn unit(q: Quaternion<f64>) -> Quaternion<f64> {
     let norm = q.norm();
     if (norm - 1.0).abs() > NORM_ERROR_MAX { q * 0.0 } else { q / norm }
 }
 
-/// q v q*, of a unit q.
+/// q v q*, for a unit q.
 fn rotate(q: Quaternion<f64>, v: Vector3<f64>) -> Vector3<f64> {
     let axis = q.vector();
     let twice = axis.cross(&v) * 2.0;
     v + twice * q.w + axis.cross(&twice)
 }
 
-/// From local rotations: along the client's tree to global ones, and over the neutral skeleton to positions. A joint is seen
-/// as well as the worst of those that it hangs on.
+/// Builds the body from local rotations: along the client's tree to global ones, and over the neutral skeleton to
+/// positions. A joint has the lowest confidence of itself and its ancestors.
 fn from_local(map: &Map, raw: &RawSkeleton) -> Body {
     let mut global = [(Quaternion::new(1.0, 0.0, 0.0, 0.0), 1.0); RAW_JOINTS_MAX];
     for &joint in &map.order[..map.ordered] {

@@ -1,9 +1,9 @@
-//! Why a layout from a file is refused.
+//! Errors of a layout file.
 
-/// What is wrong with a file that describes a layout.
+/// Error in a file that describes a layout.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LayoutError {
-    /// Not TOML, or an unknown, missing or mistyped key.
+    /// The file is not TOML, or has an unknown, missing or mistyped key.
     #[error("{file}: {cause}")]
     Syntax {
         /// The file.
@@ -11,16 +11,16 @@ pub enum LayoutError {
         /// Line, key and cause.
         cause: String,
     },
-    /// A value that is not allowed.
+    /// A value is not allowed.
     #[error("{file}: {key} = {value} must be {bound}")]
     Value {
         /// The file.
         file: String,
         /// The key.
         key: String,
-        /// What stands there.
+        /// The value in the file.
         value: String,
-        /// What may stand there.
+        /// Allowed values.
         bound: String,
     },
 }

@@ -1,4 +1,4 @@
-//! A layout from a file.
+//! Reads a layout from a file.
 
 use crate::axes::{Axes, Direction};
 use crate::error::LayoutError;
@@ -6,11 +6,11 @@ use crate::map::{Map, NONE, Sends};
 use messages::{CUSTOM_LAYOUTS, RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_NAMES};
 use serde::Deserialize;
 
-/// The only format that is read.
+/// The only supported format.
 const FORMAT: u32 = 1;
-/// The longest name, bytes.
+/// Longest name, bytes.
 const NAME_MAX: usize = 64;
-/// The largest confidence that a tracker may count up to: assumption, per cent and per mille are below it.
+/// Largest value for full confidence. Assumption: per cent and per mille are below it.
 const CONFIDENCE_MAX: f64 = 1e6;
 
 #[derive(Deserialize)]
@@ -56,7 +56,7 @@ enum Order {
     Wxyz,
 }
 
-/// A joint of the client's.
+/// A joint of the client.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Joint {
@@ -64,17 +64,17 @@ struct Joint {
     index: u32,
     /// The joint of SMPL-22 that it is.
     is: Option<String>,
-    /// The joint of SMPL-22 in whose middle it stands, with one other.
+    /// The joint of SMPL-22 that lies in the middle between this joint and another one.
     half_of: Option<String>,
-    /// The name of the joint that it hangs on.
+    /// Name of its parent joint.
     parent: Option<String>,
 }
 
 impl Map {
-    /// Reads the text of a layout's file; `file` is named in errors.
+    /// Reads the text of a layout file. Errors name `file`.
     ///
     /// # Errors
-    /// [`LayoutError`], naming file, key, value and bound.
+    /// Returns a [`LayoutError`] with file, key, value and bound.
     pub fn parse(file: &str, text: &str) -> Result<Self, LayoutError> {
         let read: File = toml::from_str(text)
             .map_err(|error| LayoutError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
@@ -186,7 +186,7 @@ fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
     Ok(())
 }
 
-/// Which joint of SMPL-22 the client's is, or half of.
+/// Notes the joint of SMPL-22 that the client's joint is, or is half of.
 fn place(map: &mut Map, joint: &Joint, say: Say<'_>) -> Result<(), LayoutError> {
     let (field, name) = match (&joint.is, &joint.half_of) {
         (None, None) => return Ok(()),

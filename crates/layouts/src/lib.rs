@@ -1,14 +1,15 @@
-//! Turns every client's layout of a person into SMPL-22 in metres, x forward, y left, z up, quaternions x y z w. Never does
-//! IO, never reads a clock, never allocates or panics in [`Layouts::convert`], and judges no person: that is left to
-//! `skeleton`, which sees the converted frame.
+//! Converts every client's layout of a person to SMPL-22 in metres, x forward, y left, z up, quaternions x y z w.
+//! Never does IO, never reads a clock, never allocates or panics in [`Layouts::convert`], and judges no person.
+//! `skeleton` judges the converted frame.
 //!
-//! A map says where each joint of SMPL-22 comes from, which way the axes point, and what is sent:
-//! - positions alone, of which joints that nobody sends are derived where that is possible;
+//! A map gives the source of each joint of SMPL-22, the directions of the axes, and the kind of data that is sent:
+//! - positions alone: joints that the layout does not send are derived where possible;
 //! - positions and global rotations;
-//! - local rotations: forward kinematics along the layout's own tree, and then over a neutral skeleton of nominal lengths.
-//!   The directions of the limbs are right, the lengths are those of nobody.
+//! - local rotations: forward kinematics along the layout's own tree, and then over a neutral skeleton of nominal
+//!   lengths. The directions of the limbs are right, but the lengths are not the person's.
 //!
-//! What cameras see trembles, and sometimes one joint is far off for one frame: [`Noise`] filters both before it is judged.
+//! Camera data is noisy, and sometimes a single joint is far off for one frame. [`Noise`] filters both before the
+//! frame is judged.
 mod axes;
 mod builtin;
 mod convert;

@@ -1,69 +1,69 @@
-//! Where each joint of SMPL-22 comes from, and the set of all layouts that are understood.
+//! Source of each joint of SMPL-22, and the set of all known layouts.
 
 use crate::axes::Axes;
 use crate::error::LayoutError;
 use messages::{RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_PARENT, Smpl};
 use serde::Deserialize;
 
-/// What a layout sends beside confidences.
+/// Data that a layout sends, besides confidences.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sends {
     /// Positions.
     Positions,
-    /// Positions, with global rotations or without.
+    /// Positions, with or without global rotations.
     GlobalRotations,
     /// Local rotations, and the position of the root.
     LocalRotations,
-    /// Any of the three, as the flags of the frame say.
+    /// Any of the three. The flags of the frame decide.
     #[serde(skip)]
     Any,
 }
 
-/// No joint of the client's.
+/// No joint of the client.
 pub(crate) const NONE: u8 = u8::MAX;
 
-/// How one layout becomes SMPL-22.
+/// Conversion of one layout to SMPL-22.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     pub(crate) number: u32,
     pub(crate) name: String,
-    /// Joints of a frame.
+    /// Number of joints in a frame.
     pub(crate) joints: usize,
     pub(crate) axes: Axes,
     pub(crate) unit_m: f64,
-    /// Quaternions are w x y z.
+    /// True if quaternions are w x y z.
     pub(crate) w_first: bool,
     pub(crate) sends: Sends,
-    /// Seen by a camera: the image may be mirrored.
+    /// True if a camera sees the person. Then the image may be mirrored.
     pub(crate) camera: bool,
-    /// The confidence that counts as 1.
+    /// Confidence that counts as 1.
     pub(crate) confidence_max: f64,
-    /// For each joint of SMPL-22 the client's joint, or two of them whose middle it is, or `NONE`.
+    /// For each joint of SMPL-22: the client's joint, or two whose middle it is, or `NONE`.
     pub(crate) from: [[u8; 2]; SMPL_JOINTS],
-    /// For each of the client's joints its parent; the root and what nobody needs has none.
+    /// Parent of each of the client's joints. `NONE` for the root and for unused joints.
     pub(crate) parent: [u8; RAW_JOINTS_MAX],
     /// The client's joints whose local rotations are needed, parents before children.
     pub(crate) order: [u8; RAW_JOINTS_MAX],
     pub(crate) ordered: usize,
 }
 
-/// Joints that no layout can do without: the arms are what is retargeted.
+/// Joints that every layout must have, because the arms are retargeted.
 const ARMS: [Smpl; 6] =
     [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftElbow, Smpl::RightElbow, Smpl::LeftWrist, Smpl::RightWrist];
 
 impl Map {
-    /// The number by which a frame names it.
+    /// Number by which a frame names the layout.
     pub fn number(&self) -> u32 {
         self.number
     }
 
-    /// Its name in reports.
+    /// Name in reports.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Whether a camera sees the person: such layouts tremble.
+    /// Returns true if a camera sees the person. Such layouts are noisy.
     pub fn camera(&self) -> bool {
         self.camera
     }
@@ -72,7 +72,7 @@ impl Map {
         self.from[joint][0] != NONE
     }
 
-    /// The joint of SMPL-22 that is missing though nothing can stand for it.
+    /// Returns a joint of SMPL-22 that is missing and cannot be derived.
     pub(crate) fn missing(&self) -> Option<usize> {
         let arm = ARMS.into_iter().map(|joint| joint as usize).find(|&joint| !self.has(joint));
         let pelvis = self.has(Smpl::Pelvis as usize);
@@ -84,13 +84,13 @@ impl Map {
         arm.or(trunk)
     }
 
-    /// Puts the joints whose rotations are needed in order, from the parents that are set. The joint at which they run in a
-    /// circle, if they do.
+    /// Orders the joints whose rotations are needed by their parents. Returns the joint at which the parents form
+    /// a cycle as an error.
     pub(crate) fn arrange(&mut self) -> Result<(), usize> {
         let mut placed = [false; RAW_JOINTS_MAX];
         self.ordered = 0;
         for [joint, _] in self.from.into_iter().filter(|&[joint, _]| joint != NONE) {
-            // From the joint to the first ancestor that has its place, and back.
+            // From the joint to the first ordered ancestor, and back.
             let mut path = [NONE; RAW_JOINTS_MAX];
             let (mut length, mut at) = (0, joint);
             while at != NONE && !placed[usize::from(at)] {
@@ -110,7 +110,7 @@ impl Map {
         Ok(())
     }
 
-    /// Parents as those of SMPL-22, where each joint comes from one of the client's.
+    /// Takes the parents of SMPL-22. Each joint must come from one of the client's.
     pub(crate) fn hang_like_smpl(&mut self) {
         for (joint, parent) in SMPL_PARENT.into_iter().enumerate().skip(1) {
             let (own, above) = (self.from[joint][0], self.from[parent][0]);
@@ -121,7 +121,7 @@ impl Map {
     }
 }
 
-/// Every layout that is understood.
+/// All known layouts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layouts {
     pub(crate) maps: Vec<Map>,
@@ -134,10 +134,10 @@ impl Default for Layouts {
 }
 
 impl Layouts {
-    /// The built-in layouts and `map`; its number must be its own.
+    /// Adds `map` to the layouts. Its number must be unused.
     ///
     /// # Errors
-    /// [`LayoutError::Value`], naming `file`.
+    /// Returns [`LayoutError::Value`] with `file` if the number is used.
     pub fn add(&mut self, file: &str, map: Map) -> Result<(), LayoutError> {
         if let Some(other) = self.find(map.number) {
             let bound = format!("a number of its own: {} has it", other.name);
@@ -148,12 +148,12 @@ impl Layouts {
         Ok(())
     }
 
-    /// The layout of this number.
+    /// Returns the layout with this number.
     pub fn find(&self, number: u32) -> Option<&Map> {
         self.maps.iter().find(|map| map.number == number)
     }
 
-    /// All of them.
+    /// Iterates over all layouts.
     pub fn iter(&self) -> impl Iterator<Item = &Map> {
         self.maps.iter()
     }

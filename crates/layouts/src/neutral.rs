@@ -1,14 +1,15 @@
-//! The skeleton that local rotations are hung on: a T-pose whose lengths are those of nobody.
+//! Neutral skeleton for local rotations: a T-pose whose lengths are nominal.
 
 use messages::SMPL_JOINTS;
 
-/// How far the shoulders stand behind the hips in a T-pose, m: the trunk of 0.504 m leans back by 0.1 rad, which is what
-/// the chest frame of `skeleton` counts as upright (`skeleton::TORSO_LEAN_RAD`).
+/// Distance of the shoulders behind the hips in a T-pose, m. The trunk of 0.504 m leans back by 0.1 rad, which the
+/// chest frame of `skeleton` counts as upright (`skeleton::TORSO_LEAN_RAD`).
 const BEHIND_M: f64 = 0.050_568_674_731;
 
-/// From the parent to each joint in the T-pose, m. Trunk 0.288, upper arm 0.186, forearm 0.146, thigh 0.245, shank 0.246
-/// and height of the ankle 0.039 of a stature of 1.75 m (Winter, Biomechanics, 4th ed., fig. 4.1); the division of the
-/// spine, the breadths of 0.18 m (hips) and 0.36 m (shoulders) and the feet are assumptions.
+/// Vector from the parent to each joint in the T-pose, m. Trunk 0.288, upper arm 0.186, forearm 0.146, thigh
+/// 0.245, shank 0.246 and height of the ankle 0.039 of a stature of 1.75 m (Winter, Biomechanics, 4th ed., fig.
+/// 4.1). Assumptions: the division of the spine, the breadths of 0.18 m (hips) and 0.36 m (shoulders), and the
+/// feet.
 pub(crate) const OFFSET_M: [[f64; 3]; SMPL_JOINTS] = [
     [0.0, 0.0, 0.0],
     [0.0, 0.09, -0.04],
@@ -34,13 +35,15 @@ pub(crate) const OFFSET_M: [[f64; 3]; SMPL_JOINTS] = [
     [0.0, -0.2555, 0.0],
 ];
 
-/// Where joints lie that nobody sends, as a share of the way from the middle of the hips to that of the shoulders: pelvis,
-/// three of the spine, neck. Those of the neutral skeleton; nothing that moves a robot rests on them.
+/// Positions of joints that a layout does not send, as a share of the way from the middle of the hips to that of
+/// the shoulders: pelvis, three of the spine, neck. They are those of the neutral skeleton. No motion of a robot
+/// depends on them.
 pub(crate) const UP_THE_TRUNK: [(usize, f64); 5] = [(0, 0.08), (3, 0.28), (6, 0.52), (9, 0.75), (12, 1.07)];
 
-/// Where a collar lies, as a share of the way from the middle of the shoulders to the shoulder: that of the neutral skeleton.
+/// Position of a collar, as a share of the way from the middle of the shoulders to the shoulder. It is that of the
+/// neutral skeleton.
 pub(crate) const COLLAR: f64 = 0.28;
 
-/// Breadth of the hips over that of the shoulders, where a layout has no hips: 0.191 over 0.259 of the stature (Winter,
-/// fig. 4.1). They then lie beside the pelvis, along the line of the shoulders.
+/// Breadth of the hips over that of the shoulders, for a layout without hips: 0.191 over 0.259 of the stature
+/// (Winter, fig. 4.1). The hips then lie beside the pelvis, along the line of the shoulders.
 pub(crate) const HIPS_PER_SHOULDERS: f64 = 0.74;

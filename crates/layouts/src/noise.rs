@@ -1,55 +1,59 @@
-//! Takes wild places and the tremble out of what a camera sees, before the frame is judged.
+//! Filters outliers and noise out of camera data before the frame is judged.
 //!
-//! First a single place of a joint that is nowhere near where the joint could have gone is replaced by where it could have gone,
-//! for one frame (`outlier`). Then the One-Euro filter (Casiez, Roussel, Vogel, CHI 2012) for each coordinate of each joint: a
-//! low-pass of first order whose cutoff rises with the joint's speed,
-//!   f_c = f_rest + g |v|,  a = 1 / (1 + 1 / (2 pi f_c T)),  y += a (x - y),
-//! with the time T between two frames and a speed v that is low-passed at 1 Hz. It delays what moves slowly by
-//! 1 / (2 pi f_rest), and what moves at speed v by 1 / (2 pi (f_rest + g v)).
+//! First, an outlier of a single joint is replaced by a predicted position, for one frame (`outlier`). Then the
+//! One-Euro filter (Casiez, Roussel, Vogel, CHI 2012) smooths each coordinate of each joint. It is a low-pass of
+//! first order whose cutoff rises with the joint's speed:
 //!
-//! It hides nothing from those who judge the frame: a frame that repeats stays a repetition, a joint that jumps begins anew
-//! where it jumped to, and what is no number stays none.
+//! ```text
+//! f_c = f_rest + g |v|,  a = 1 / (1 + 1 / (2 pi f_c T)),  y += a (x - y)
+//! ```
+//!
+//! T is the time between two frames, and v is a speed that is low-passed at 1 Hz. The filter delays slow motion by
+//! 1 / (2 pi f_rest), and motion at speed v by 1 / (2 pi (f_rest + g v)).
+//!
+//! It hides no error from the validation. A repeated frame stays a repetition. For a joint that jumps the filter
+//! restarts at the new position. NaN stays NaN.
 
 use crate::outlier::{Past, distance};
 use messages::{RawSkeleton, SMPL_JOINTS, Stamp};
 use std::f64::consts::TAU;
 
-/// Cutoff of the speed, Hz (Casiez et al., who leave it at 1).
+/// Cutoff of the speed, Hz. Casiez et al. keep it at 1.
 const SPEED_CUTOFF_HZ: f64 = 1.0;
-/// After so long without a frame everything begins anew, ns: as long as several frames of the slowest camera.
+/// Time without a frame after which the filter restarts, ns: several frames of the slowest camera.
 const GAP_NS: u64 = 250_000_000;
 
-/// How much is filtered.
+/// Settings of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Cutoff of what rests, f_rest, Hz.
+    /// Cutoff at rest, f_rest, Hz.
     pub rest_cutoff_hz: f64,
-    /// Hz more for each m/s, g.
+    /// Growth of the cutoff with the speed, g, Hz per m/s.
     pub cutoff_per_m: f64,
-    /// Deviations from where a joint could have gone beyond which its place is an outlier, k; 0 finds none.
+    /// Threshold k for outliers, in deviations from the predicted position. 0 finds none.
     pub outliers_mad: f64,
-    /// A joint that goes further in a 30th of a second has jumped, m.
+    /// Largest motion of a joint in a 30th of a second, m. A longer one is a jump.
     pub step_max_m: f64,
-    /// Below this confidence a joint is not seen: that of `skeleton`.
+    /// Smallest confidence of a visible joint, as in `skeleton`.
     pub confidence_min: f32,
 }
 
-/// One coordinate: what came out last, and its speed per second.
+/// One coordinate: the last output, and its speed per second.
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
     value: f64,
     speed: f64,
 }
 
-/// What is remembered of one person.
+/// State for one person.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseState {
     session: (u64, u32, u32),
     origin: Stamp,
-    /// The positions that came last, and what they became.
+    /// The last input positions, and their filtered values.
     came: [[f32; 3]; SMPL_JOINTS],
     left: [[f32; 3]; SMPL_JOINTS],
-    /// The positions that came last, less the outliers, m.
+    /// The last input positions, with outliers replaced, m.
     kept: [[f64; 3]; SMPL_JOINTS],
     pasts: [Past; SMPL_JOINTS],
     axes: [[Axis; 3]; SMPL_JOINTS],
@@ -59,7 +63,7 @@ pub struct NoiseState {
 }
 
 impl NoiseState {
-    /// Outliers so far, each one joint of one frame.
+    /// Number of outliers so far. Each one is one joint of one frame.
     pub const fn rejected(&self) -> u64 {
         self.rejected
     }
@@ -81,14 +85,14 @@ impl Default for NoiseState {
     }
 }
 
-/// Share of the new value that is taken, for a cutoff and a period.
+/// Weight of the new value, for a cutoff and a period.
 fn share(cutoff_hz: f64, period_s: f64) -> f64 {
     1.0 / (1.0 + 1.0 / (TAU * cutoff_hz * period_s))
 }
 
 impl Noise {
-    /// Filters the positions of a frame of SMPL-22; `layout` is the one that the client sent. Never allocates or panics,
-    /// whatever the bits.
+    /// Filters the positions of a frame of SMPL-22. `layout` is the one that the client sent. Never allocates or
+    /// panics, whatever the bits.
     pub fn filter(&self, state: &mut NoiseState, layout: u32, frame: &mut RawSkeleton) {
         let (origin, session) = (frame.header.origin, (frame.session_nonce, frame.operator_id, layout));
         let mut came = [[0.0; 3]; SMPL_JOINTS];
@@ -97,7 +101,7 @@ impl Noise {
         if session != state.session || origin < state.origin || period_ns > GAP_NS {
             *state = NoiseState { session, rejected: state.rejected, ..NoiseState::default() };
         } else if origin == state.origin || came.as_flattened().iter().eq(state.came.as_flattened()) {
-            // Not news, and to be seen as such.
+            // A repeated frame stays visible as a repetition.
             frame.positions[..SMPL_JOINTS].copy_from_slice(&state.left);
             state.origin = origin;
             return;
@@ -115,10 +119,11 @@ impl Noise {
         frame.positions[..SMPL_JOINTS].copy_from_slice(&state.left);
     }
 
-    /// Filters the place of one joint, which is seen.
+    /// Filters the position of one visible joint.
     fn see(&self, state: &mut NoiseState, joint: usize, origin: Stamp, period_s: f64, place: [f64; 3]) {
         let kept = state.kept[joint];
-        // A joint that was held did not jump if it is near to where it was seen, or to where it was held.
+        // A held joint did not jump if it is near its last input position, or near the position at which it was
+        // held.
         let step = distance(place, state.came[joint].map(f64::from)).min(distance(place, kept));
         let known = state.known & (1 << joint) != 0 && step <= self.step_max_m * (period_s * 30.0).max(1.0);
         state.known |= 1 << joint;

@@ -1,42 +1,49 @@
-//! Finds the single place of a joint that is nowhere near where the joint could have gone, and says where it could have gone.
+//! Detects a single position that is far from where the joint could have moved, and predicts a better one.
 //!
-//! The Hampel identifier (Hampel, The Influence Curve and its Role in Robust Estimation, 1974; Pearson, Outliers in Process
-//! Modeling and Identification, IEEE Transactions on Control Systems Technology 10(1), 2002) calls a value an outlier if it is
-//! further than k 1.4826 MAD from the median of its window, where MAD is the window's median absolute deviation. Here it is
-//! causal, and what it judges are residuals: r is the distance (m) from the place that came to the nearest of a few places
-//! that go on from those before at constant velocity. A residual deviates from 0, so that MAD is the median of the last N,
-//!   outlier: r > max(k 1.4826 median(r_1 .. r_N), u T),
-//! and u T is how far the strongest motion leaves constant velocity within the time T. An outlier is held at that nearest place
-//! for one frame; whatever follows it is accepted.
+//! The Hampel identifier calls a value an outlier if it is further than k 1.4826 MAD from the median of its
+//! window. MAD is the window's median absolute deviation. Sources: Hampel, The Influence Curve and its Role in
+//! Robust Estimation, 1974, and Pearson, Outliers in Process Modeling and Identification, IEEE Transactions on
+//! Control Systems Technology 10(1), 2002. Here it is causal, and it judges residuals. r is the distance (m) from
+//! the new position to the nearest of a few predictions. Each prediction continues earlier positions at constant
+//! velocity. A residual deviates from 0, so MAD is the median of the last N:
+//!
+//! ```text
+//! outlier: r > max(k 1.4826 median(r_1 .. r_N), u T)
+//! ```
+//!
+//! u T is the largest deviation of strong motion from constant velocity within the time T. An outlier is held at the
+//! nearest prediction for one frame. The next position is accepted in any case.
 
 use messages::Stamp;
 
-/// Residuals that are remembered of a joint, N: assumption, a quarter of a second of a camera, of which three may be outliers.
+/// Number of residuals per joint, N. Assumption: a quarter of a second of a camera, of which three may be
+/// outliers.
 const WINDOW: usize = 7;
-/// Standard deviation of normal noise per median absolute deviation: 1 / Phi^-1(3 / 4) (Hampel). A distance in space is larger
-/// than its coordinates, so that k is more than k standard deviations of one of them: 2.3 times as many.
+/// Standard deviation of normal noise per median absolute deviation: 1 / Phi^-1(3 / 4) (Hampel). A distance in
+/// space is larger than its coordinates. So k is more than k standard deviations of one coordinate: 2.3 times as
+/// many.
 const SIGMA_PER_MAD: f64 = 1.4826;
-/// Change of velocity within a frame that is motion whatever came before, u, m/s. Of the joints of 61 recorded clips of CMU
-/// fewer than 1 in 1000 leave it at 30 and at 60 Hz (`examples/outliers.rs`).
+/// Change of velocity within a frame that always counts as motion, u, m/s. Of the joints of 61 recorded clips of
+/// CMU fewer than 1 in 1000 exceed it at 30 and at 60 Hz (`examples/outliers.rs`).
 const VELOCITY_CHANGE_M_PER_S: f64 = 1.8;
-/// Places that a prediction goes on from.
+/// Number of positions that a prediction uses.
 const PLACES: usize = 4;
-/// Over more than so many of the periods between them nothing is predicted: one frame may be lost.
+/// Largest time for a prediction, in periods between those positions: one frame may be lost.
 const PERIODS_MAX: f64 = 2.5;
 
-/// Where a joint was, m, and when.
+/// A position of a joint, m, and its time.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     at: Stamp,
     m: [f64; 3],
 }
 
-/// Distance of two places, m.
+/// Distance between two positions, m.
 pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Where the line of least squares through places is after the newest of them, m, at a time that comes after all of them.
+/// Extrapolates the least-squares line through positions to the time `at`, m. `at` must be later than all of them.
 fn ahead(places: &[Place], at: Stamp) -> [f64; 3] {
     let ago_s = |place: &Place| at.since(place.at) as f64 * 1e-9;
     let count = places.len() as f64;
@@ -49,21 +56,21 @@ fn ahead(places: &[Place], at: Stamp) -> [f64; 3] {
     })
 }
 
-/// What is remembered of one joint.
+/// State for one joint.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Past {
-    /// The last places, as they were passed on, the newest first.
+    /// The last positions, with outliers replaced, the newest first.
     places: [Place; PLACES],
     known: usize,
-    /// The last residuals, m, in a ring, and how many there ever were.
+    /// The last residuals, m, in a ring, and the number of all residuals so far.
     residuals: [f64; WINDOW],
     judged: usize,
-    /// The frame before was held.
+    /// True if the previous frame was held.
     held: bool,
 }
 
 impl Past {
-    /// Nothing seen yet.
+    /// State before the first frame.
     pub(crate) const NONE: Self = Self {
         places: [Place { at: Stamp::NONE, m: [0.0; 3] }; PLACES],
         known: 0,
@@ -72,8 +79,9 @@ impl Past {
         held: false,
     };
 
-    /// Where the joint is held because the place that came at this time is an outlier; none if that is accepted. `k` is the bound
-    /// in deviations. Never holds twice in a row, nor before there is a window of residuals.
+    /// Returns the position at which the joint is held if the new one is an outlier. `None` if the new one is
+    /// accepted. `k` is the bound in deviations. It never holds twice in a row, nor before the window of residuals
+    /// is full.
     pub(crate) fn hold(&mut self, k: f64, at: Stamp, came: [f64; 3]) -> Option<[f64; 3]> {
         let outlier = self.judge(k, at, came).filter(|_| !self.held);
         self.held = outlier.is_some();
@@ -83,7 +91,7 @@ impl Past {
         outlier
     }
 
-    /// The nearest place where it could have gone, if the one that came is an outlier. Remembers the residual.
+    /// Returns the nearest prediction if the new position is an outlier. Stores the residual.
     fn judge(&mut self, k: f64, at: Stamp, came: [f64; 3]) -> Option<[f64; 3]> {
         let [newest, .., oldest] = self.places;
         let (passed_ns, period_ns) =
@@ -91,8 +99,8 @@ impl Past {
         if self.known < PLACES || passed_ns > PERIODS_MAX * period_ns {
             return None;
         }
-        // Alone, the last two know of the newest turn, and the two before them of no outlier that was accepted last; the line
-        // through all trembles least; and a joint may stop.
+        // The last two positions alone show the newest turn. The two before them are free of an outlier that was
+        // accepted last. The line through all has the least noise. And a joint may stop.
         let ways = [ahead(&self.places[..2], at), ahead(&self.places[1..3], at), ahead(&self.places, at), newest.m];
         let nearer = |a: [f64; 3], b: [f64; 3]| if distance(b, came) < distance(a, came) { b } else { a };
         let nearest = ways.into_iter().fold(newest.m, nearer);
@@ -103,7 +111,7 @@ impl Past {
         bound_m.filter(|bound_m| residual > *bound_m).map(|_| nearest)
     }
 
-    /// The largest residual that is none of an outlier, m, after this time.
+    /// Returns the largest residual of a normal position, m, after this time.
     fn bound_m(&self, k: f64, period_s: f64) -> Option<f64> {
         let mut sorted = self.residuals;
         sorted.sort_unstable_by(f64::total_cmp);

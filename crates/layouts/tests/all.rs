@@ -1,4 +1,5 @@
-//! All integration tests of `layouts` but the one that counts allocations: one program, so that it is linked once.
+//! All integration tests of `layouts` except the one that counts allocations. They are one program, so they are
+//! linked once.
 
 mod client;
 mod custom;

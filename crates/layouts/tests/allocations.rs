@@ -37,7 +37,8 @@ fn f076_no_conversion_and_no_filter_allocates() {
             assert_eq!(state.rejected(), 22);
         }
     }
-    // SMPL-22 judges nothing but local rotations: 4 + 2; SMPL-24 has 6; two of positions and global rotations for the three
-    // that have both, mirrored or not; MediaPipe positions alone; Unity local rotations alone.
+    // A frame of SMPL-22 is passed on without a check unless it has local rotations: 4 + 2. SMPL-24 accepts 6
+    // combinations of flags. Three layouts accept positions or global rotations, mirrored or not: 4 each.
+    // MediaPipe accepts positions only, Unity local rotations only: 2 each.
     assert_eq!(converted, 6 + 6 + 4 * 3 + 2 + 2);
 }

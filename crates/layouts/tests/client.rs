@@ -1,5 +1,5 @@
-//! A standing person, and how clients of every layout would send that person. Written with matrices and by the names of the
-//! joints, where the crate has signs, permutations and indices.
+//! A standing person, and how clients of every layout would send that person. It uses matrices and joint names,
+//! while the crate uses signs, permutations and indices.
 
 use layouts::{Direction, Layouts, Refusal};
 use messages::{
@@ -49,9 +49,9 @@ pub(crate) fn about(axis: [f64; 3], angle: f64) -> Turn {
     Rotation3::from_axis_angle(&nalgebra::Unit::new_normalize(Vector3::from(axis)), angle).into_inner()
 }
 
-/// Arms stretched sideways, turned by these: left upper arm, left forearm, right upper arm, right forearm.
+/// Arms stretched sideways, with these turns: left upper arm, left forearm, right upper arm, right forearm.
 pub(crate) fn person([left, left_fore, right, right_fore]: [Turn; 4]) -> Person {
-    // The trunk leans as `skeleton` counts as upright.
+    // The trunk has the lean that `skeleton` counts as upright.
     let back = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
     let mut places = [
         [0.0, 0.0, 0.96],
@@ -91,14 +91,14 @@ pub(crate) fn t_pose() -> Person {
     person([Turn::identity(); 4])
 }
 
-/// The left arm half raised with the elbow bent to the front, the right one hanging with the elbow bent a little: no side
-/// can be taken for the other.
+/// The left arm is half raised with the elbow bent to the front. The right one hangs with the elbow bent a little.
+/// So the sides cannot be confused.
 pub(crate) fn bent() -> Person {
     let (left, right) = (about([1.0, 0.2, 0.0], 0.5), about([1.0, -0.1, 0.3], 1.1));
     person([left, left * about([0.0, 0.3, -1.0], 1.0), right, right * about([0.0, 0.2, 1.0], 0.4)])
 }
 
-/// Where the axes x, y, z of a client point, as rows in our frame.
+/// Directions of a client's axes x, y, z, as rows in our frame.
 pub(crate) fn axes(directions: [Direction; 3]) -> Turn {
     let row = |direction| match direction {
         Direction::Forward => [1.0, 0.0, 0.0],
@@ -111,7 +111,7 @@ pub(crate) fn axes(directions: [Direction; 3]) -> Turn {
     Matrix3::from_rows(&directions.map(|direction| Vector3::from(row(direction)).transpose()))
 }
 
-/// A client: its layout's number and joints in order, and for each joint of SMPL-22 that it has the name that it gives it.
+/// A client: its layout's number and joints in order, and its names for the joints of SMPL-22.
 pub(crate) struct Client {
     pub(crate) number: u32,
     pub(crate) joints: Vec<String>,
@@ -135,7 +135,7 @@ impl Client {
         raw.rotations[index] = numbers.map(|x| x as f32);
     }
 
-    /// A frame whose every number is no number.
+    /// A frame in which every number is NaN.
     pub(crate) fn frame(&self) -> RawSkeleton {
         let mut raw = RawSkeleton::ZERO;
         raw.header = Header { sequence: 1, origin: Stamp(1_000_000_000), ..Header::ZERO };
@@ -148,7 +148,7 @@ impl Client {
         raw
     }
 
-    /// The person as this client sends them: joints that SMPL-22 does not know are no numbers. `rest` turns the frame of
+    /// The person as this client sends them. Joints that SMPL-22 does not have are NaN. `rest` turns the frame of
     /// every joint, as if the T-pose were not the identity.
     pub(crate) fn send(&self, person: &Person, rest: Turn) -> RawSkeleton {
         let mut raw = self.frame();
@@ -160,7 +160,7 @@ impl Client {
                 self.turn(&mut raw, index, self.axes * person.turns[smpl] * self.axes.transpose() * rest);
             }
         }
-        // Where the head is, the ears are.
+        // The ears are at the position of the head.
         for ear in (0..self.joints.len()).filter(|&joint| self.joints[joint].ends_with("_ear")) {
             let place = self.axes * person.places[15] * self.units_per_m;
             raw.positions[ear] = [place.x as f32, place.y as f32, place.z as f32];
@@ -173,7 +173,7 @@ impl Client {
     }
 }
 
-/// The hinges of a T-pose in our frame are (0, 0, -1) left and (0, 0, 1) right; here in another one.
+/// Hinges of a T-pose. In our frame they are (0, 0, -1) left and (0, 0, 1) right. Here they are in another frame.
 pub(crate) fn hinges(theirs_from_ours: &Turn) -> HingeCalibration {
     let mut hinges = HingeCalibration::ZERO;
     for (limb, z) in [-1.0, -1.0, 1.0, 1.0].into_iter().enumerate() {
@@ -184,7 +184,7 @@ pub(crate) fn hinges(theirs_from_ours: &Turn) -> HingeCalibration {
     hinges
 }
 
-/// The person as SMPL-22 in our frame, sent past the crate.
+/// The person as SMPL-22 in our frame, without the crate's conversion.
 pub(crate) fn as_smpl(person: &Person, rotations: bool) -> RawSkeleton {
     let client = Client {
         number: SkeletonLayout::Smpl22 as u32,
@@ -205,7 +205,7 @@ pub(crate) fn judge(raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
     out.skeleton.ok_or_else(|| out.drop.expect("accepted or dropped"))
 }
 
-/// What becomes of a frame.
+/// Converts and judges a frame.
 pub(crate) fn take(layouts: &Layouts, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
     let converted = layouts.convert(raw).map_err(|refusal| match refusal {
         Refusal::Layout => DropReason::Layout,
@@ -214,7 +214,7 @@ pub(crate) fn take(layouts: &Layouts, raw: &RawSkeleton) -> Result<Skeleton, Dro
     judge(&converted)
 }
 
-/// Largest difference of two persons' limbs, in any number of a quaternion.
+/// Largest difference between two persons' limbs, over the components of their quaternions.
 pub(crate) fn limbs_differ(a: &Skeleton, b: &Skeleton) -> f32 {
     assert_eq!(a.flags, b.flags);
     let pairs = a.limbs.iter().flatten().zip(b.limbs.iter().flatten());

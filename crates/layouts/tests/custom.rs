@@ -82,7 +82,7 @@ fn axes_that_lie_on_one_line_are_refused() {
     assert_eq!(refused, 6 * 6 * 6 - 48);
 }
 
-/// What is changed in the file, and what the error has to name.
+/// The change of the file, and the words that the error must contain.
 #[test]
 fn f097_every_wrong_value_is_refused_by_file_key_value_and_bound() {
     Map::parse("mine.toml", &good()).expect("good");
@@ -146,7 +146,7 @@ fn a_number_belongs_to_one_layout() {
     assert_eq!(said.to_string(), "yours.toml: number = 1234 must be a number of its own: mine has it");
 }
 
-/// A client of a shipped file; what is not named is no number.
+/// A client of a shipped file. Joints without a name are NaN.
 fn shipped(number: u32, joints: usize, places: &[(&'static str, usize)], directions: [Direction; 3]) -> Client {
     let names = places.iter().map(|&(name, _)| (name, name)).collect();
     let of = |index: usize| places.iter().find(|place| place.1 == index).map_or("", |place| place.0);
@@ -175,7 +175,7 @@ fn the_shipped_file_for_zed_gives_the_limbs_that_smpl_22_gives() {
     assert!(off < FLOAT_ERROR, "{off}");
 }
 
-/// It has no hips, so the trunk ends at the pelvis: limbs are those of a person whose hips are beside it.
+/// It has no hips, so the trunk ends at the pelvis. The limbs are those of a person whose hips are beside it.
 #[test]
 fn the_shipped_file_for_quest_needs_no_legs() {
     let layouts = with("openxr_fb_70.toml", include_str!("../../../config/skeletons/openxr_fb_70.toml"));

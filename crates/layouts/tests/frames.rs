@@ -1,11 +1,11 @@
-//! A client that sends a layout in another frame than the layout's.
+//! A client that sends a layout in a frame other than the layout's.
 
 use crate::client::{Turn, as_smpl, axes, bent, judge, limbs_differ, take};
 use crate::golden::{FLOAT_ERROR, clients};
 use layouts::{Direction, Layouts};
 use skeleton::DropReason;
 
-/// Every way in which three axes can point.
+/// All directions that three axes can have.
 pub(crate) fn all_axes() -> Vec<[Direction; 3]> {
     let mut all = Vec::new();
     for x in Direction::ALL {
@@ -18,7 +18,7 @@ pub(crate) fn all_axes() -> Vec<[Direction; 3]> {
     all
 }
 
-/// Turned about the vertical everything is as it was, because limbs are told relative to the chest. In all other frames the
+/// A turn about the vertical changes nothing, because limbs are relative to the chest. In all other frames the
 /// person lies, stands on the head, or is a mirror image.
 #[test]
 fn f010_a_person_in_another_frame_is_refused_or_only_turned() {
@@ -29,7 +29,7 @@ fn f010_a_person_in_another_frame_is_refused_or_only_turned() {
         let (mut turned, mut refused) = (0, 0);
         for directions in all_axes() {
             client.axes = axes(directions);
-            // What our frame's up and handedness become.
+            // Our frame's up and handedness after the change.
             let ours: Turn = right.transpose() * client.axes;
             let kept = ours[(2, 2)] > 0.5 && ours.determinant() > 0.0;
             match take(&layouts, &client.send(&bent(), Turn::identity())) {

@@ -1,11 +1,11 @@
-//! One person in every built-in layout: the same limbs as those of the same person sent as SMPL-22.
+//! One person in every built-in layout: the limbs equal those of the same person sent as SMPL-22.
 
 use crate::client::{self, Client, Person, Turn, about, as_smpl, bent, judge, limbs_differ, t_pose, take};
 use Direction::{Back, Down, Forward, Left, Right, Up};
 use layouts::{Direction, Layouts};
 use messages::{SMPL_JOINTS, SkeletonLayout, raw_flag, skeleton_flag};
 
-/// Positions of 2 m in single precision over bones of 0.26 m, a few roundings each.
+/// Error bound: positions of 2 m in single precision over bones of 0.26 m, with a few roundings each.
 pub(crate) const FLOAT_ERROR: f32 = 2e-5;
 
 fn words(text: &str) -> Vec<String> {
@@ -105,7 +105,7 @@ const XSENS_NAMES: [(&str, &str); 22] = [
     ("right_foot", "RightToe"),
 ];
 
-/// A client of every layout that sends positions, and rotations where the layout has any.
+/// Clients of all layouts that send positions, and rotations if the layout has any.
 pub(crate) fn clients() -> Vec<Client> {
     let same = client::SMPL.map(|name| (name, name));
     let smpl24 = format!("{} left_hand right_hand", client::SMPL.join(" "));
@@ -160,7 +160,8 @@ fn frames_of_joints_that_are_turned_in_the_t_pose_change_nothing() {
     }
 }
 
-/// The very numbers of a wire, written by hand: Xsens has its right side first and w before x, Kinect millimetres with y down.
+/// Raw numbers, written by hand. Xsens has its right side first and w before x. Kinect has millimetres with y
+/// down.
 #[test]
 fn a_hand_written_wrist_lands_on_its_side() {
     let layouts = Layouts::default();
@@ -186,7 +187,7 @@ fn a_hand_written_wrist_lands_on_its_side() {
 #[test]
 fn f010_a_mirrored_image_is_turned_back() {
     let media_pipe = &clients()[3];
-    // What a camera shows in a mirror: x changes its sign, and each hand looks like the other.
+    // A camera's view in a mirror: x changes its sign, and each hand looks like the other.
     let mut person = bent();
     for place in &mut person.places {
         place.y = -place.y;
@@ -197,7 +198,7 @@ fn f010_a_mirrored_image_is_turned_back() {
     let mut seen = media_pipe.send(&person, Turn::identity());
     let layouts = Layouts::default();
     let truth = judge(&as_smpl(&bent(), false)).expect("a person");
-    // Nothing in the image says so: the flag is the client's to set.
+    // Nothing in the image shows it: the client must set the flag.
     let taken = take(&layouts, &seen).expect("another person");
     assert!(limbs_differ(&taken, &truth) > 0.1);
     seen.flags = raw_flag::MIRRORED;

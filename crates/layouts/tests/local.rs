@@ -1,4 +1,4 @@
-//! Local rotations: the same limbs as those of the person whose arms are turned so.
+//! Local rotations: the limbs equal those of the person with these turns of the arms.
 
 use crate::client::{self, Client, Person, Turn, about, as_smpl, bent, hinges, judge, limbs_differ, t_pose, take};
 use crate::golden::FLOAT_ERROR;
@@ -108,7 +108,7 @@ fn unity() -> Client {
     Client { joints, names: UNITY_NAMES.to_vec(), ..smpl }
 }
 
-/// The arms' turns, each relative to the joint above; the rest as in the T-pose. The world is turned by `root`.
+/// Sends the arms' turns, each relative to its parent joint. The rest is as in the T-pose. `root` turns the world.
 fn send(client: &Client, person: &Person, root: Turn) -> RawSkeleton {
     let mut raw = client.frame();
     raw.flags = raw_flag::ROTATIONS | raw_flag::LOCAL;
@@ -143,7 +143,7 @@ fn arms_turned_joint_by_joint_are_the_arms_that_smpl_22_sends() {
     for client in [unity(), smpl(smpl22, 22, ours), smpl(smpl24, 24, ours), y_up] {
         for person in [t_pose(), bent()] {
             let truth = judge(&as_smpl(&person, true)).expect("a person");
-            // Wherever the person looks, and however they lean.
+            // Independent of the person's direction and lean.
             for root in [Turn::identity(), about([0.1, 0.2, 1.0], 0.7), about([0.0, 1.0, 0.0], 0.3)] {
                 let taken = take(&layouts, &send(&client, &person, root)).unwrap_or_else(|why| panic!("{why:?}"));
                 let off = limbs_differ(&taken, &truth);
@@ -158,7 +158,7 @@ fn arms_turned_joint_by_joint_are_the_arms_that_smpl_22_sends() {
 fn a_turned_shoulder_blade_takes_the_arm_with_it() {
     let unity = unity();
     let mut raw = send(&unity, &t_pose(), Turn::identity());
-    // LeftShoulder, about the axis that points forward, so that the arm rises: z in Unity, whose sense is the other one.
+    // LeftShoulder turns about the forward axis, so the arm rises. In Unity that is z, with the opposite sense.
     raw.rotations[11] = [0.0, 0.0, -(0.15_f32.sin()), 0.15_f32.cos()];
     let taken = take(&Layouts::default(), &raw).expect("a person");
     let [shoulder, elbow, wrist] = [16, 18, 20].map(|joint| taken.positions[joint]);

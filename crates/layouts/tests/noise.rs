@@ -1,4 +1,4 @@
-//! The filter of what cameras see: calmer, as late as it says, and blind to nothing that has to be judged.
+//! The filter for cameras: less noise, the documented delay, and no error hidden from the validation.
 
 use crate::client::{as_smpl, bent};
 use layouts::{Noise, NoiseState};
@@ -18,7 +18,7 @@ fn frame(i: u64) -> RawSkeleton {
     raw
 }
 
-/// Evenly between -1 and 1; the same each time (Numerical Recipes' congruences).
+/// Uniform numbers between -1 and 1, the same each time (Numerical Recipes' congruences).
 struct Tremble(u32);
 
 impl Tremble {
@@ -55,7 +55,7 @@ fn what_moves_is_as_late_as_the_formula_says() {
             NOISE.filter(&mut state, CAMERA, &mut raw);
             behind = to - raw.positions[20][0];
         }
-        // A low-pass of first order follows a ramp by 1 / (2 pi f_c).
+        // A low-pass of first order lags a ramp by 1 / (2 pi f_c).
         let late_s = 1.0 / (std::f32::consts::TAU * (1.5 + 10.0 * speed));
         assert!((behind / speed / late_s - 1.0).abs() < 0.02, "{speed} m/s: {behind} m, {late_s} s");
     }

@@ -1,4 +1,4 @@
-//! Single wild places are replaced, for one frame; motion is not, and nothing is hidden from who judges the frame.
+//! Single outliers are replaced, for one frame. Motion is not, and no error is hidden from the validation.
 
 use crate::client::{as_smpl, bent};
 use crate::salt::{BONES, Errors, OFF, ON, angle_deg, distance_m, filter, motions, spoil};
@@ -6,7 +6,7 @@ use layouts::{Noise, NoiseState};
 use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
 use std::path::Path;
 
-/// Without the low-pass, so that what comes out is what came, or where the joint was held.
+/// Filter without the low-pass. Its output is the input, or the position at which the joint was held.
 const BARE: Noise = Noise { rest_cutoff_hz: 1e12, cutoff_per_m: 0.0, ..ON };
 const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
 const WRIST: usize = 20;
@@ -14,7 +14,7 @@ const WRIST: usize = 20;
 const PERIOD_NS: u64 = 33_333_333;
 const PERIOD_S: f32 = PERIOD_NS as f32 * 1e-9;
 
-/// Frames of a person who stands still, but for a wrist.
+/// Frames of a person who stands still, except for a wrist.
 struct Camera {
     noise: Noise,
     state: NoiseState,
@@ -27,19 +27,19 @@ impl Camera {
         Self { noise, state: NoiseState::default(), frame: 0, at: Stamp(1_000_000_000) }
     }
 
-    /// Where the wrist comes out that is so far from its place, m.
+    /// Returns the filtered offset of a wrist that is off by `off`, m.
     fn see(&mut self, off: [f32; 3]) -> [f32; 3] {
         self.see_changed(off, PERIOD_NS, &|_| ())
     }
 
-    /// As [`Self::see`], so long after the last frame, and otherwise changed.
+    /// As [`Self::see`], `after_ns` after the last frame, with a further change.
     fn see_changed(&mut self, off: [f32; 3], after_ns: u64, change: &dyn Fn(&mut RawSkeleton)) -> [f32; 3] {
         let mut raw = as_smpl(&bent(), false);
         let rest = raw.positions[WRIST];
         self.at = self.at.plus_ns(after_ns);
         (raw.header.sequence, raw.header.origin) = (self.frame + 1, self.at);
         raw.positions[WRIST] = [0, 1, 2].map(|i| rest[i] + off[i]);
-        // Of another joint, so that no frame is the one before.
+        // A change of another joint, so that no frame repeats the previous one.
         raw.positions[15][2] += 0.0001 * (self.frame % 2) as f32;
         change(&mut raw);
         self.noise.filter(&mut self.state, CAMERA, &mut raw);
@@ -47,7 +47,7 @@ impl Camera {
         [0, 1, 2].map(|i| raw.positions[WRIST][i] - rest[i])
     }
 
-    /// One that has seen the wrist at rest for so many frames.
+    /// A camera that has seen the wrist at rest for `frames` frames.
     fn after(noise: Noise, frames: usize) -> Self {
         let mut camera = Self::new(noise);
         (0..frames).for_each(|_| _ = camera.see([0.0; 3]));
@@ -63,7 +63,7 @@ const WILD: [f32; 3] = [0.0, 0.08, 0.0];
 
 #[test]
 fn f017_a_wrist_that_is_8_cm_off_for_one_frame_stays_on_its_way() {
-    // To the side and ahead, and as far to the side as is no jump.
+    // To the side and ahead, and to the side as far as is not yet a jump.
     let (aside, far) = ([-0.05_f32, 0.06, 0.0], [0.0, 0.125, 0.0]);
     for (speed_m_per_s, wild) in [(0.0_f32, aside), (0.5, aside), (2.5, aside), (1.9, far)] {
         let way = |i: u64| [0.3 - speed_m_per_s * i as f32 * PERIOD_S, 0.0, 0.0];
@@ -107,7 +107,7 @@ fn no_joint_is_held_twice_in_a_row_whatever_comes() {
 
 #[test]
 fn what_trembles_has_to_go_further() {
-    // The wrist begins to tremble, the elbow does not.
+    // The wrist becomes noisy, the elbow does not.
     let mut camera = Camera::after(BARE, 30);
     let tremble = |i: usize| [[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [-0.02, 0.0, 0.02], [0.0, -0.02, -0.02]][i % 4];
     (0..40).for_each(|i| _ = camera.see(tremble(i)));
@@ -155,20 +155,22 @@ fn f007_a_jump_beyond_the_step_is_no_outlier() {
     let mut camera = Camera::after(ON, 30);
     let far = [0.0, 0.2, 0.0];
     assert!(near(camera.see(far), far, 1e-6));
-    // And begins anew: nothing is known of where it goes from there.
+    // The filter restarts: it does not know where the joint goes from there.
     assert!(!near(camera.see([0.0, 0.28, 0.0]), far, 1e-3));
     assert_eq!(camera.state.rejected(), 0);
 }
 
 #[test]
 fn a_held_joint_that_comes_back_did_not_jump() {
-    // 12 cm to one side, and back while it moves on by 4 cm: more than the step from where it was seen last.
+    // 12 cm to one side, and back while it moves on by 4 cm. That is more than the step from its last input
+    // position.
     let (mut camera, mut calm) = (Camera::new(ON), Camera::new(ON));
     for i in 0..40 {
         let way = [0.0, -1.2 * i as f32 * PERIOD_S, 0.0];
         let clean = calm.see(way);
         let out = camera.see([0.0, way[1] + if i == 30 { 0.12 } else { 0.0 }, 0.0]);
-        // Held where it could have stopped, 4 cm behind; and filtered afterwards, as what begins anew is not.
+        // The joint is held where it could have stopped, 4 cm behind. Afterwards it is filtered. After a restart
+        // it would not be.
         assert!(near(out, clean, 0.04), "frame {i}: {out:?} {clean:?}");
         assert!(i == 0 || !near(out, way, 1e-3), "frame {i} begins anew");
     }
@@ -192,7 +194,7 @@ fn what_is_not_seen_or_no_number_passes_and_begins_anew() {
 #[test]
 fn nothing_is_an_outlier_of_what_is_not_known_yet() {
     let first = (0..30).find(|&n| !near(Camera::after(BARE, n).see(WILD), WILD, 1e-6));
-    // Four places, and seven residuals of them.
+    // Four positions, and seven residuals.
     assert_eq!(first, Some(11));
 }
 
@@ -228,7 +230,8 @@ fn with_0_nothing_is_an_outlier() {
 
 #[test]
 fn a_fast_arm_is_no_outlier() {
-    // A circle of 0.25 m twice a second, 3.1 m/s and 39 m/s^2, that begins and ends within 0.1 s; stamps come unevenly.
+    // A circle of 0.25 m twice a second, 3.1 m/s and 39 m/s^2, that starts and ends within 0.1 s. The stamps are
+    // uneven.
     let mut camera = Camera::after(ON, 30);
     let mut angle = 0.0;
     for i in 0..90_u32 {
@@ -240,7 +243,7 @@ fn a_fast_arm_is_no_outlier() {
     assert_eq!(camera.state.rejected(), 0);
 }
 
-/// RMS and largest error against what the filter makes of the clean motion without rejection, m.
+/// RMS and largest error compared with the filtered clean motion without rejection, m.
 fn errors(noise: &Noise, clean: &[Vec<[[f32; 3]; SMPL_JOINTS]>], noise_m: f32, p: f32) -> Errors {
     let mut errors = Errors::default();
     for clean in clean {

@@ -1,4 +1,4 @@
-//! Frames that are none of their layout, and numbers that are none.
+//! Frames that do not match their layout, and numbers that are not finite.
 
 use crate::client::{Turn, bent, take};
 use crate::golden::clients;
@@ -96,7 +96,7 @@ fn bare() -> messages::RawSkeleton {
 }
 
 proptest! {
-    /// Whatever the bits, a frame that is passed on is one of SMPL-22, and header and person are the client's.
+    /// For any bits, a converted frame is one of SMPL-22, and header and person are the client's.
     #[test]
     fn f001_any_bits_are_refused_or_a_frame_of_smpl_22(
         layout in 0u32..9,

@@ -1,5 +1,5 @@
-//! Motions as a camera would see them, with noise and with single joints that are far off for one frame, and what the filter
-//! makes of them. The tests and `examples/outliers.rs` use it.
+//! Motions as a camera would see them, with noise and with single joints that are far off for one frame, and their
+//! filtered versions. The tests and `examples/outliers.rs` use it.
 
 use layouts::{Noise, NoiseState};
 use messages::{LIMBS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, skeleton_flag};
@@ -11,13 +11,13 @@ pub const ON: Noise =
     Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
 /// The same without rejection.
 pub const OFF: Noise = Noise { outliers_mad: 0.0, ..ON };
-/// Joints that the limbs go from and to: shoulders, elbows, wrists.
+/// End joints of the limbs: shoulders, elbows, wrists.
 pub const BONES: [[usize; 2]; LIMBS] = [[16, 18], [18, 20], [17, 19], [19, 21]];
 
-/// The joints of a frame, m.
+/// Joints of a frame, m.
 pub type Places = [[f32; 3]; SMPL_JOINTS];
 
-/// Evenly between 0 and 1; the same each time (Knuth's congruences).
+/// Uniform numbers between 0 and 1, the same each time (Knuth's congruences).
 struct Chance(u64);
 
 impl Chance {
@@ -26,12 +26,12 @@ impl Chance {
         (self.0 >> 40) as f32 / (1 << 24) as f32
     }
 
-    /// Of standard deviation 1: the sum of twelve even numbers is nearly normal.
+    /// Number with standard deviation 1. The sum of twelve uniform numbers is nearly normal.
     fn normal(&mut self) -> f32 {
         (0..12).map(|_| self.next() - 0.5).sum()
     }
 
-    /// 3 to 12 cm in any direction, m.
+    /// Offset of 3 to 12 cm in any direction, m.
     fn salt(&mut self) -> [f32; 3] {
         let to = [self.normal(), self.normal(), self.normal()];
         let norm = to.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-3);
@@ -40,7 +40,7 @@ impl Chance {
     }
 }
 
-/// Noise of this standard deviation in every coordinate, m, and with probability `p` a joint that is 3 to 12 cm off.
+/// Adds noise of this standard deviation to every coordinate, m. With probability `p` a joint is 3 to 12 cm off.
 pub fn spoil(clean: &[Places], noise_m: f32, p: f32) -> Vec<Places> {
     let mut chance = Chance(1);
     let mut spoilt = clean.to_vec();
@@ -53,17 +53,17 @@ pub fn spoil(clean: &[Places], noise_m: f32, p: f32) -> Vec<Places> {
     spoilt
 }
 
-/// What became of a motion.
+/// Result of filtering a motion.
 pub struct Filtered {
     /// The frames.
     pub frames: Vec<Places>,
-    /// How many places were outliers.
+    /// Number of outliers.
     pub rejected: u64,
-    /// How many frames `skeleton` accepts with both arms, with the bounds for cameras.
+    /// Number of frames that `skeleton` accepts with both arms, with the bounds for cameras.
     pub accepted: u64,
 }
 
-/// A motion through the filter.
+/// Filters a motion.
 pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
     let bounds = Config { length_change_max: 0.3, length_step_max: 0.15, ..Config::default() };
     let (mut past, mut state) = (NoiseState::default(), State::new());
@@ -85,7 +85,7 @@ pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
     Filtered { frames: out, rejected: past.rejected(), accepted }
 }
 
-/// The clips of a folder at this rate, or if there is none the built-in motion.
+/// The clips of a folder at this rate. Without a folder, the built-in motion.
 pub fn motions(folder: Option<&Path>, rate_hz: f64) -> Vec<Vec<Places>> {
     let clips = folder.and_then(|folder| std::fs::read_dir(folder).ok()).map(|entries| {
         let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
@@ -101,7 +101,7 @@ pub fn motions(folder: Option<&Path>, rate_hz: f64) -> Vec<Vec<Places>> {
     sampled.collect()
 }
 
-/// Distance of two places, m.
+/// Distance between two positions, m.
 pub fn distance_m(a: [f32; 3], b: [f32; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
 }
@@ -114,17 +114,17 @@ pub fn angle_deg(a: &Places, b: &Places, [from, to]: [usize; 2]) -> f64 {
     (dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-/// Root mean square and largest.
+/// Root mean square and largest error.
 #[derive(Default)]
 pub struct Errors {
     squares: f64,
     count: usize,
-    /// The largest.
+    /// The largest error.
     pub largest: f64,
 }
 
 impl Errors {
-    /// One more.
+    /// Adds an error.
     pub fn add(&mut self, error: f64) {
         self.squares += error * error;
         self.count += 1;

@@ -1,4 +1,4 @@
-//! The robot side of the bus: targets, commands with their certified stop plan, and the robot's state.
+//! Messages of the robot side: targets, commands with their certified stop plan, and the robot's state.
 
 use crate::joints::JOINTS;
 use crate::layout::message;
@@ -7,7 +7,7 @@ use crate::time::{Header, Stamp};
 
 /// Bits of `JointTarget::flags`.
 pub mod target_flag {
-    /// The input is fresh and has been steady: a human stands behind every arm of this target that is meant.
+    /// The input is fresh and has been steady. A person drives every arm whose joints `valid_mask` contains.
     pub const INPUT_FRESH: u32 = 1;
 }
 
@@ -19,7 +19,7 @@ pub mod command_flag {
 
 /// Bits of `RobotState::flags`.
 pub mod state_flag {
-    /// The driver has latched a fault: it executes nothing but the plan until a reset edge at rest.
+    /// The driver has latched a fault. It executes nothing but the stop plan until a reset edge arrives at rest.
     pub const DRIVER_FAULT: u32 = 1;
     /// The driver has accepted a command since it started.
     pub const COMMANDED: u32 = 2;
@@ -27,16 +27,16 @@ pub mod state_flag {
     pub const EMERGENCY_STOP: u32 = 4;
 }
 
-/// Nodes of a person's way in a target.
+/// Nodes in the way of a target. The way is the person's motion after tick `k`.
 pub const WAY_NODES: usize = 24;
-/// Ticks from one node to the next: 20 ms. Nodes stand at whole multiples of it.
+/// Ticks from one node to the next: 30 ticks are 20 ms. Nodes lie at whole multiples of it.
 pub const WAY_NODE_TICKS: u64 = 30;
 
 message! {
-    /// Where the arms should be at tick `k` and how the person goes on from there: any value is allowed, `control` makes it
-    /// safe.
+    /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
+    /// `control` makes it safe.
     pub struct JointTarget v 2 size 2032 {
-        /// `origin` of the skeleton behind it.
+        /// `origin` of the skeleton that the target was made from.
         pub header: Header,
         /// Tick index.
         pub k: u64,
@@ -44,34 +44,35 @@ message! {
         pub q: [f64; JOINTS],
         /// Target joint velocities, rad/s or m/s.
         pub dq: [f64; JOINTS],
-        /// The human's limb rotations at the resampled instant, x y z w; zero where there is none.
+        /// The person's limb rotations at the resampled instant, x y z w. Zero for a limb without a person.
         pub human_limbs: [[f64; 4]; LIMBS],
-        /// When the newest skeleton behind it was received by `ingest`.
+        /// Time at which `ingest` received the newest skeleton that the target uses.
         pub input_received: Stamp,
         /// Sequence of that skeleton.
         pub input_sequence: u64,
-        /// Bit j: joint j of `q` and `dq` is meant; what is not valid goes to the home posture.
+        /// Bit j: joint j of `q` and `dq` is valid. A joint without its bit goes to the home posture.
         pub valid_mask: u32,
         /// Bits of `target_flag`.
         pub flags: u32,
-        /// Session of that skeleton, mixed with the incarnation of the `ingest` that passed it: another one is another
-        /// authority.
+        /// Session of that skeleton, mixed with the incarnation of the `ingest` that published it, the person and
+        /// the arms in use. If it changes, the robot is released and needs a new enable edge.
         pub session_nonce: u64,
-        /// The person's limb rotations at the ticks (way_first + i) * `WAY_NODE_TICKS`, x y z w; zero where there is none.
+        /// The person's limb rotations at the ticks (way_first + i) * `WAY_NODE_TICKS`, x y z w. Zero for a limb
+        /// without a person.
         pub way: [[[f32; 4]; LIMBS]; WAY_NODES],
-        /// The first node of the way: the first one after tick `k`.
+        /// Number of the first node of the way: the first one after tick `k`.
         pub way_first: u64,
-        /// So many nodes were seen; those after them are predicted.
+        /// Number of nodes that were measured. Those after them are predicted.
         pub way_seen: u32,
-        /// Nodes of the way: zero or `WAY_NODES`. Without a way the joints are followed.
+        /// Number of nodes in the way: zero or `WAY_NODES`. If it is zero, `control` follows `q` and `dq`.
         pub way_nodes: u32,
     }
 }
 
 message! {
-    /// A stop of all joints: for each joint three phases of constant jerk, played from the state that it travels with.
-    /// After the last phase the joint is at rest. The phases of all joints start together: a stop is certified only
-    /// as a whole.
+    /// A stop of all joints. Each joint has three phases of constant jerk, played from the state that the plan
+    /// comes with. After the last phase the joint is at rest. The phases of all joints start together: only the
+    /// stop as a whole is certified.
     pub struct StopPlan v 1 size 816 {
         /// Jerk of each phase, rad/s^3 or m/s^3.
         pub jerk: [[f64; 3]; JOINTS],
@@ -81,13 +82,14 @@ message! {
 }
 
 message! {
-    /// The state to be in at tick `k`, and the stop to play if no command for tick `k + 1` arrives.
+    /// The state that the robot should have at tick `k`, and the stop to play if no command for tick `k + 1`
+    /// arrives.
     pub struct JointCommand v 1 size 1312 {
-        /// `origin` of the skeleton behind it.
+        /// `origin` of the skeleton that the command follows.
         pub header: Header,
-        /// Tick index: the command is due at the deadline of `k` plus the grace of the config.
+        /// Tick index. The command is due at the deadline of `k` plus the configured grace.
         pub k: u64,
-        /// The chain this command belongs to begins after plan tick `seed_played` of command `seed_k`.
+        /// Seed of the command's chain: the chain begins after plan tick `seed_played` of command `seed_k`.
         pub seed_k: u64,
         /// See `seed_k`.
         pub seed_played: u64,
@@ -99,13 +101,13 @@ message! {
         pub a: [f64; JOINTS],
         /// The certified stop from (q, v, a).
         pub plan: StopPlan,
-        /// When the target behind it was published; zero without one.
+        /// Time at which the followed target was published. Zero without a target.
         pub target_stamp: Stamp,
         /// A `Mode`.
         pub mode: u32,
         /// Bits of `command_flag`.
         pub flags: u32,
-        /// Counts reset edges: a change clears the driver's latched fault at rest.
+        /// Number of reset edges. If it changes while the robot is at rest, the driver clears its latched fault.
         pub reset_count: u32,
         /// Zero.
         pub reserved: u32,
@@ -113,17 +115,18 @@ message! {
 }
 
 message! {
-    /// What the robot does: measured, and what its driver executes.
+    /// The robot's state: what it measures, and what its driver executes.
     pub struct RobotState v 1 size 1592 {
         /// `origin` of the executed command.
         pub header: Header,
-        /// Tick of the last command that the driver accepted (at its start: the tick it began to hold).
+        /// Tick of the last command that the driver accepted. Before the first one: the tick at which the driver
+        /// began to hold.
         pub executed_k: u64,
-        /// Plan ticks played since: the executed state below is that of tick `executed_k + plan_ticks_played`.
+        /// Plan ticks played since. The executed state below is that of tick `executed_k + plan_ticks_played`.
         pub plan_ticks_played: u64,
-        /// Chain of the last accepted command.
+        /// Seed of the last accepted command's chain.
         pub seed_k: u64,
-        /// Chain of the last accepted command.
+        /// See `seed_k`.
         pub seed_played: u64,
         /// Incarnation of the writer of the last accepted command.
         pub command_incarnation: u32,
@@ -139,9 +142,9 @@ message! {
         pub v: [f64; JOINTS],
         /// Executed joint accelerations.
         pub a: [f64; JOINTS],
-        /// What is left of the stop plan from (q, v, a).
+        /// Rest of the stop plan from (q, v, a).
         pub plan: StopPlan,
-        /// Commands that were refused because they did not continue from the executed state.
+        /// Number of commands that the driver refused because they did not continue the executed state.
         pub commands_refused: u64,
         /// Bits of `state_flag`.
         pub flags: u32,

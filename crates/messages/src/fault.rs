@@ -1,10 +1,10 @@
-//! Modes and faults, and the one table that says what each fault does.
+//! Modes and faults, and the one table that gives each fault its response.
 
-/// Where the robot stands; the data-free twin of the state machine in `safety`.
+/// State of the robot's control. It mirrors the state machine in `safety`, without that machine's data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Mode {
-    /// No authority; the robot holds its posture.
+    /// The robot is not enabled. It holds its posture.
     Disengaged = 0,
     /// Blending from the robot's posture to the target's.
     Engaging = 1,
@@ -14,7 +14,8 @@ pub enum Mode {
     Holding = 3,
     /// Stopped until reset.
     Faulted = 4,
-    /// Brought back slowly from outside its limits or from too close to itself, while the operator holds the recovery.
+    /// Moving back slowly from outside the limits or from near self-collision, while the operator holds the
+    /// recovery.
     Recovering = 5,
 }
 
@@ -23,7 +24,7 @@ impl Mode {
     pub const ALL: [Self; 6] =
         [Self::Disengaged, Self::Engaging, Self::Engaged, Self::Holding, Self::Faulted, Self::Recovering];
 
-    /// The mode with this number.
+    /// Returns the mode with this number.
     pub const fn from_u32(value: u32) -> Option<Self> {
         if value < 6 { Some(Self::ALL[value as usize]) } else { None }
     }
@@ -41,14 +42,14 @@ impl Mode {
     }
 }
 
-/// What a fault does.
+/// Response to a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
-    /// Cannot engage.
+    /// The robot cannot engage.
     Inhibit,
-    /// Controlled stop, keep posture (stop category 2); may resume while the enable is held.
+    /// Controlled stop that keeps the posture (stop category 2). The robot may resume while the enable is held.
     Hold,
-    /// As `Hold`, and authority is withdrawn: a new enable edge is needed.
+    /// As `Hold`, and the robot is released: it needs a new enable edge.
     Release,
     /// Controlled stop, latched until reset (stop category 1).
     Stop,
@@ -61,17 +62,17 @@ pub struct FaultRow {
     pub fault: Fault,
     /// Name in reports.
     pub name: &'static str,
-    /// What it does.
+    /// Response to it.
     pub response: Response,
-    /// Consecutive ticks before it acts.
+    /// Consecutive ticks with the fault before the response begins.
     pub debounce_ticks: u32,
-    /// What happened, in one sentence.
+    /// Description of the fault, in one sentence.
     pub meaning: &'static str,
 }
 
 macro_rules! faults {
     ($($(#[$meta:meta])* $name:ident: $response:ident, $debounce:literal, $meaning:literal;)*) => {
-        /// Everything that can go wrong at run time.
+        /// All faults that can occur at run time.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         #[repr(u32)]
         pub enum Fault { $(#[doc = $meaning] $name,)* }
@@ -124,12 +125,12 @@ impl Fault {
         self as usize
     }
 
-    /// The row of the table.
+    /// Returns the fault's row of the table.
     pub const fn row(self) -> &'static FaultRow {
         &FAULTS[self as usize]
     }
 
-    /// The fault with this index.
+    /// Returns the fault with this index.
     pub const fn from_u32(value: u32) -> Option<Self> {
         if (value as usize) < FAULT_COUNT { Some(FAULTS[value as usize].fault) } else { None }
     }
@@ -143,12 +144,12 @@ impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
 
-    /// This set and `fault`.
+    /// Returns this set with `fault` added.
     pub const fn with(self, fault: Fault) -> Self {
         Self(self.0 | 1 << fault as u32)
     }
 
-    /// Adds `fault` if `present`.
+    /// Adds `fault` if `present`, else removes it.
     pub const fn set(&mut self, fault: Fault, present: bool) {
         if present {
             self.0 |= 1 << fault as u32;
@@ -157,27 +158,27 @@ impl Faults {
         }
     }
 
-    /// Whether `fault` is in the set.
+    /// Returns true if `fault` is in the set.
     pub const fn has(self, fault: Fault) -> bool {
         self.0 & (1 << fault as u32) != 0
     }
 
-    /// Both sets.
+    /// Returns the union of both sets.
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Whether each of these is one of `others`.
+    /// Returns true if every fault of this set is also in `others`.
     pub const fn is_in(self, others: Self) -> bool {
         self.0 & !others.0 == 0
     }
 
-    /// Whether the set is empty.
+    /// Returns true if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// The faults of the set with this response.
+    /// Returns the faults of the set that have this response.
     pub fn of(self, response: Response) -> Self {
         let mut out = Self::NONE;
         for row in &FAULTS {
@@ -188,7 +189,7 @@ impl Faults {
         out
     }
 
-    /// The faults of the set in table order.
+    /// Iterates over the faults of the set in table order.
     pub fn iter(self) -> impl Iterator<Item = Fault> {
         FAULTS.iter().map(|row| row.fault).filter(move |&fault| self.has(fault))
     }

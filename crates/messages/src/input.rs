@@ -1,20 +1,20 @@
-//! What `ingest` says of its clients, ten times a second.
+//! Status of `ingest` and its clients, ten times a second.
 
 use crate::layout::message;
 use crate::skeleton::HingeCalibration;
 use crate::time::{Header, Stamp};
 
-/// Room for reasons to drop a frame.
+/// Length of the table of drop reasons.
 pub const DROPS_MAX: usize = 32;
 
-/// What the person's limbs rest on: where the elbows' hinges come from.
+/// Source of the elbow hinge axes on which the person's limb rotations rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum CalibrationSource {
-    /// Nothing: the elbow's plane of the moment.
+    /// No source: the elbow's momentary plane is used.
     #[default]
     None = 0,
-    /// The client sends them.
+    /// The client's frames.
     Client = 1,
     /// The operator's file.
     Stored = 2,
@@ -23,7 +23,7 @@ pub enum CalibrationSource {
 }
 
 impl CalibrationSource {
-    /// The source of this number.
+    /// Returns the source with this number.
     pub const fn from_u32(number: u32) -> Option<Self> {
         match number {
             0 => Some(Self::None),
@@ -34,7 +34,7 @@ impl CalibrationSource {
         }
     }
 
-    /// Its name in reports.
+    /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none (the elbow's plane of the moment)",
@@ -46,29 +46,29 @@ impl CalibrationSource {
 }
 
 message! {
-    /// Who is heard, and what became of the frames.
+    /// State of the client that holds the lease, and counts of accepted and dropped frames.
     pub struct InputStatus v 1 size 392 {
         /// Writer is `ingest`.
         pub header: Header,
         /// Frames accepted since start.
         pub accepted: u64,
-        /// Frames dropped since start, by `skeleton`'s reasons; the rest is zero.
+        /// Frames dropped since start, indexed by `skeleton`'s reasons. Entries without a reason are zero.
         pub dropped: [u64; DROPS_MAX],
-        /// When a frame was dropped last; zero for never.
+        /// Time at which the last frame was dropped. Zero for never.
         pub dropped_at: Stamp,
-        /// Why: one more than the reason, zero for never.
+        /// Reason for that drop: its index plus one. Zero for never.
         pub dropped_why: u32,
-        /// A `CalibrationSource`: what the newest accepted frame's limbs rest on.
+        /// A `CalibrationSource`: the one of the newest accepted frame.
         pub calibration: u32,
         /// Layout of the newest frame, as the client sent it.
         pub layout: u32,
-        /// Which person, as the client counts them.
+        /// Number of the person, as the client counts them.
         pub operator_id: u32,
-        /// Its `raw_flag` bits.
+        /// `raw_flag` bits of the newest frame.
         pub flags: u32,
         /// Zero.
         pub reserved: u32,
-        /// Estimate from this session's movements so far, in the frames of SMPL-22.
+        /// Estimate from this session's movements so far, in the joint frames of SMPL-22.
         pub online: HingeCalibration,
     }
 }

@@ -1,5 +1,5 @@
-//! Layouts that check themselves: a hash over names, types, offsets and sizes travels in the shared-memory type name,
-//! because the transport accepts two types whose fields of equal size merely changed places.
+//! Layouts that check themselves. A hash over names, types, offsets and sizes is part of the shared-memory type
+//! name. The transport alone would not notice that two fields of equal size changed places.
 
 /// One field of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,16 +14,16 @@ pub struct Field {
     pub size: usize,
 }
 
-/// A type with a fixed memory layout and a hash of it.
+/// A type with a fixed memory layout and a hash of that layout.
 pub trait Layout: Copy {
     /// FNV-1a hash of the whole layout, nested types included.
     const HASH: u64;
-    /// The value whose every number is zero.
+    /// The value with every number zero.
     const ZERO: Self;
-    /// Writes the value into the first `size_of::<Self>()` bytes of `out`, numbers little-endian; what is longer stays, and
-    /// into what is shorter nothing of the number that does not fit is written.
+    /// Writes the value into the first `size_of::<Self>()` bytes of `out`, numbers little-endian. Further bytes
+    /// keep their value. If `out` is too short, a number that does not fit is not written at all.
     fn put(&self, out: &mut [u8]);
-    /// The value whose bytes [`Layout::put`] wrote; a number whose bytes are missing is zero.
+    /// Returns the value whose bytes [`Layout::put`] wrote. A number with missing bytes is zero.
     fn get(bytes: &[u8]) -> Self;
 }
 
@@ -35,17 +35,17 @@ pub trait Message: Layout + Send + Sync + 'static {
     const VERSION: u32;
     /// Fields in memory order.
     const FIELDS: &'static [Field];
-    /// `teleop.<name>.v<version>.<hash>`: the name under which the transport knows the type.
+    /// Name by which the transport knows the type: `teleop.<name>.v<version>.<hash>`.
     const TYPE_NAME: TypeName = TypeName::new(Self::NAME, Self::VERSION, Self::HASH);
 
-    /// The message of these bytes, as [`Layout::put`] wrote them; none if they are more or fewer than its size. Whatever
-    /// they are, they are a value of the type: whether it makes sense is for its reader to judge.
+    /// Decodes bytes that [`Layout::put`] wrote. Returns `None` if their number is not the message's size. All bit
+    /// patterns are valid values of the type. The reader must check whether the values make sense.
     fn from_le_bytes(bytes: &[u8]) -> Option<Self> {
         (bytes.len() == size_of::<Self>()).then(|| Self::get(bytes))
     }
 }
 
-/// The bytes from `offset` on; none where there are none.
+/// Returns the bytes from `offset` on. Empty if there are none.
 pub(crate) fn tail(bytes: &[u8], offset: usize) -> &[u8] {
     bytes.get(offset..).unwrap_or_default()
 }

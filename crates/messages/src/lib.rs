@@ -1,9 +1,9 @@
-//! The vocabulary of teleopd: every message, service, mode and fault. Never allocates, never does IO, never reads a
-//! clock, and depends on nothing.
+//! The vocabulary of teleopd: every message, service, mode and fault. Never allocates, never does IO, never reads
+//! a clock, and depends on nothing.
 //!
-//! All messages are `repr(C)`, `Copy`, made of explicit widths, without `bool`, `Option`, `usize` or implicit padding.
-//! Validity is a bit, never NaN. Units are SI (rad, m, s) unless the name says otherwise; quaternions are stored
-//! x, y, z, w; frames are right-handed with x forward, y left, z up (ROS REP-103).
+//! All messages are `repr(C)` and `Copy`. Their fields have explicit widths: no `bool`, `Option`, `usize` or
+//! implicit padding. Validity is a bit, never NaN. Units are SI (rad, m, s) unless the name says otherwise.
+//! Quaternions are stored x, y, z, w. Frames are right-handed with x forward, y left, z up (ROS REP-103).
 #![no_std]
 
 mod command;

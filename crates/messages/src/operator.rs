@@ -1,35 +1,35 @@
-//! What an operator's client sends over the control socket, and nothing else: the reply is a `Status`.
+//! Requests of an operator's client over the control socket. The reply is a `Status`.
 
 use crate::layout::message;
 
 /// Version of the socket protocol.
 pub const OPERATOR_VERSION: u32 = 3;
 
-/// `OperatorRequest::enable_level` while the enable is held.
+/// Value of `OperatorRequest::enable_level` while the enable is held.
 pub const HOLDS_ENABLE: u32 = 1;
 
-/// `OperatorRequest::enable_level` while the recovery is held.
+/// Value of `OperatorRequest::enable_level` while the recovery is held.
 pub const HOLDS_RECOVERY: u32 = 2;
 
 /// Bits of `OperatorRequest::payload_flags`.
 pub mod payload_flag {
-    /// The right hand is meant; else the left one.
+    /// The payload is that of the right hand, else that of the left one.
     pub const RIGHT: u32 = 1;
-    /// The centre is said; else that of the robot file counts.
+    /// The request gives the centre of mass, else the robot file's centre is used.
     pub const CENTRE: u32 = 2;
     /// Every bit.
     pub const ALL: u32 = RIGHT | CENTRE;
 }
 
 message! {
-    /// One heartbeat of an operator's client. The counters count edges since the client connected, so that none is
-    /// lost or doubled when a datagram is; the level is what the operator holds now.
+    /// One heartbeat of an operator's client. The counters count edges since the client connected, so a lost or
+    /// repeated datagram loses or doubles no edge. The level is what the operator holds now.
     pub struct OperatorRequest v 3 size 72 {
         /// `OPERATOR_VERSION`.
         pub version: u32,
-        /// What the operator holds: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing.
+        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing.
         pub enable_level: u32,
-        /// Edges of what is held.
+        /// Press edges of the enable or the recovery.
         pub enable_count: u32,
         /// Release edges.
         pub release_count: u32,
@@ -37,15 +37,15 @@ message! {
         pub reset_count: u32,
         /// Emergency stop edges, accepted from any connection.
         pub estop_count: u32,
-        /// Payload edges: how often the operator said what a hand carries. The newest is below.
+        /// Payload edges: how often the operator set a payload. The newest payload is below.
         pub payload_count: u32,
         /// Bits of `payload_flag`.
         pub payload_flags: u32,
-        /// Heartbeats sent.
+        /// Number of heartbeats sent.
         pub sequence: u64,
-        /// What the hand carries, kg.
+        /// Mass of the payload, kg.
         pub payload_kg: f64,
-        /// Centre of mass in the hand's frame, m; counts with `payload_flag::CENTRE`.
+        /// Centre of mass in the hand's frame, m. Used only with `payload_flag::CENTRE`.
         pub payload_centre_m: [f64; 3],
     }
 }

@@ -1,15 +1,16 @@
-//! What a hand carries, as an operator says it, and why `control` does not take it.
+//! Payload of a hand as an operator sets it, and the reasons for which `control` refuses it.
 
-/// What an operator says of one hand.
+/// An operator's order for one hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PayloadOrder {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Centre of mass in the hand's frame, m; none for that of the robot file.
+    /// Centre of mass in the hand's frame, m. `None` stands for the robot file's centre.
     pub centre_m: Option<[f64; 3]>,
 }
 
-/// Why a payload was refused; the payload before it stays in force. `Overload` alone is taken, with this warning.
+/// Reason for which a payload was refused. The payload before it stays in force. `Overload` is a warning: that
+/// payload is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PayloadRefusal {
@@ -21,9 +22,9 @@ pub enum PayloadRefusal {
     Mass = 3,
     /// The centre is out of range.
     Centre = 4,
-    /// Neither the order nor the robot file says where the mass is.
+    /// Neither the order nor the robot file gives a centre of mass.
     NoCentre = 5,
-    /// A joint cannot hold this posture with it.
+    /// A joint cannot hold this posture with the payload.
     Overload = 6,
 }
 
@@ -31,12 +32,12 @@ impl PayloadRefusal {
     const ALL: [Self; 6] =
         [Self::NotDisengaged, Self::Moving, Self::Mass, Self::Centre, Self::NoCentre, Self::Overload];
 
-    /// The refusal of this number.
+    /// Returns the refusal with this number.
     pub fn from_u32(number: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|&refusal| refusal as u32 == number)
     }
 
-    /// What it means, and what helps.
+    /// Returns the meaning and the remedy.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::NotDisengaged => "the robot is not Disengaged; release it first, or reset it",

@@ -1,5 +1,5 @@
-//! The port between the driver and a robot that is a process of its own: setpoints one way, measurements the other, as on
-//! a field bus.
+//! The port between the driver and a robot in a process of its own. Setpoints go one way and measurements the
+//! other, as on a field bus.
 
 use crate::command::StopPlan;
 use crate::joints::JOINTS;
@@ -14,14 +14,14 @@ pub mod measured_flag {
     pub const DRIVE_FAULT: u32 = 2;
     /// The motors have power.
     pub const POWERED: u32 = 4;
-    /// The robot's watchdog fired, and it took no setpoint since.
+    /// The robot's watchdog fired, and the robot has not taken a setpoint since.
     pub const REACTING: u32 = 8;
     /// The robot did not take the newest setpoint.
     pub const REFUSED: u32 = 16;
 }
 
 message! {
-    /// What the drives are to do at tick `k`.
+    /// State that the drives should have at tick `k`.
     pub struct RobotSetpoint v 1 size 1272 {
         /// Its stamp is the time at which the driver sent it.
         pub header: Header,
@@ -39,13 +39,13 @@ message! {
 }
 
 message! {
-    /// What the robot measures.
+    /// The robot's measurements.
     pub struct RobotMeasured v 1 size 472 {
         /// Its stamp is the time at which the robot sent it.
         pub header: Header,
-        /// When it was measured.
+        /// Time of the measurement.
         pub measured: Stamp,
-        /// Tick index of the newest setpoint that the robot has seen; zero before the first.
+        /// Tick index of the newest setpoint that the robot has received. Zero before the first.
         pub seen_k: u64,
         /// Joint positions, rad or m.
         pub q: [f64; JOINTS],

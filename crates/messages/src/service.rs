@@ -1,9 +1,9 @@
-//! The one table of services: name, writer, rate, and when silence becomes a fault.
+//! The one table of services: name, writer, rate, and the silence that is a fault.
 
-/// Which shared-memory domain a service lives in.
+/// Shared-memory domain of a service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Domain {
-    /// Clients publish here; only `ingest` reads.
+    /// Clients publish here, and only `ingest` reads.
     Input,
     /// Only teleopd's own processes open it.
     Core,
@@ -38,19 +38,19 @@ pub enum Service {
 pub struct ServiceRow {
     /// The service.
     pub service: Service,
-    /// Name on the bus; the number at its end is the layout version.
+    /// Name on the bus. The number at its end is the layout version.
     pub name: &'static str,
     /// Domain.
     pub domain: Domain,
-    /// Who writes it.
+    /// Process that writes it.
     pub writer: &'static str,
     /// Publishers that may exist at once.
     pub writers_max: usize,
     /// Nominal (or highest) rate.
     pub rate_hz: u32,
-    /// Messages that a reader keeps until it looks; the oldest makes room.
+    /// Messages that are kept until the reader reads them. If the queue is full, the oldest is dropped.
     pub kept: usize,
-    /// Silence after which readers raise a fault; zero where silence is no fault.
+    /// Silence after which readers raise a fault, ms. Zero if silence is no fault.
     pub stale_after_ms: u32,
 }
 
@@ -66,8 +66,8 @@ const fn row(
     ServiceRow { service, name, domain, writer, writers_max, rate_hz, kept: 1, stale_after_ms }
 }
 
-/// Setpoints that wait for a robot whose process is late, as they would in the memory of its field bus: 85 ms of them.
-/// The drives of a real robot are never late.
+/// Setpoints that wait for a robot whose process is late, as they would in the memory of its field bus. 128 of
+/// them are 85 ms. The drives of a real robot are never late.
 const SETPOINTS_KEPT: usize = 128;
 
 /// The one table of services.
@@ -87,7 +87,7 @@ pub const SERVICES: [ServiceRow; 9] = [
 ];
 
 impl Service {
-    /// The row of the table.
+    /// Returns the service's row of the table.
     pub const fn row(self) -> &'static ServiceRow {
         &SERVICES[self as usize]
     }

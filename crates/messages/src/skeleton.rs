@@ -1,4 +1,4 @@
-//! The human side of the bus: what clients publish and what `ingest` makes of it.
+//! Messages of the human side: the frames that clients publish, and the skeleton that `ingest` makes of them.
 
 use crate::layout::message;
 use crate::time::{Header, Stamp};
@@ -53,7 +53,7 @@ pub enum Smpl {
     RightWrist = 21,
 }
 
-/// Names of the SMPL-22 joints, by index: in messages and in files of layouts.
+/// Names of the SMPL-22 joints, by index. Messages and layout files use them.
 pub const SMPL_NAMES: [&str; SMPL_JOINTS] = [
     "pelvis",
     "left_hip",
@@ -79,28 +79,31 @@ pub const SMPL_NAMES: [&str; SMPL_JOINTS] = [
     "right_wrist",
 ];
 
-/// Parent of each joint of SMPL-22; the pelvis is its own. Parents come before their children.
+/// Parent of each joint of SMPL-22. The pelvis is its own parent. Parents come before their children.
 pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
 
-/// The layouts of `RawSkeleton` that `ingest` understands. The numbers are part of the contract with clients: one that is
-/// given never changes its meaning.
+/// The layouts of `RawSkeleton` that `ingest` understands. The numbers are part of the contract with clients: a
+/// number never changes its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum SkeletonLayout {
-    /// SMPL-22 in metres, x forward, y left, z up; quaternions x y z w. Positions, global rotations or local rotations.
+    /// SMPL-22 in metres, x forward, y left, z up. Quaternions are x y z w. Sends positions, global rotations or
+    /// local rotations.
     Smpl22 = 1,
-    /// SMPL-24, which is SMPL-22 and both hands, in the same frame.
+    /// SMPL-24: SMPL-22 and both hands, in the same frame.
     Smpl24 = 2,
-    /// The 24 joints of OpenXR's XR_BD_body_tracking: metres, x right, y up, z back; quaternions x y z w.
+    /// The 24 joints of OpenXR's XR_BD_body_tracking: metres, x right, y up, z back. Quaternions are x y z w.
     XrBd24 = 3,
     /// The 33 world landmarks of MediaPipe Pose: metres, x to the right of the image, y down, z away from the camera.
     MediaPipe33 = 4,
-    /// The 32 joints of Azure Kinect body tracking: millimetres, x right, y down, z away from the camera; quaternions w x y z.
+    /// The 32 joints of Azure Kinect body tracking: millimetres, x right, y down, z away from the camera.
+    /// Quaternions are w x y z.
     AzureKinect32 = 5,
-    /// The 23 segments of Xsens MVN, the first one at index 0: metres, x forward, y left, z up; quaternions w x y z.
+    /// The 23 segments of Xsens MVN, the first one at index 0: metres, x forward, y left, z up. Quaternions are w
+    /// x y z.
     XsensMvn23 = 6,
-    /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward; local rotations
-    /// x y z w, identity in the T-pose.
+    /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward. Local
+    /// rotations are x y z w, identity in the T-pose.
     UnityHumanoid = 7,
 }
 
@@ -113,7 +116,8 @@ pub mod raw_flag {
     pub const MIRRORED: u32 = 1;
     /// `rotations` are filled.
     pub const ROTATIONS: u32 = 2;
-    /// They are relative to the parent joint, and of `positions` the root's alone counts; only with `ROTATIONS`.
+    /// The rotations are relative to the parent joint, and only the root's position is used. Valid only with
+    /// `ROTATIONS`.
     pub const LOCAL: u32 = 4;
 }
 
@@ -131,15 +135,16 @@ pub mod skeleton_flag {
     pub const LIMB: [u32; super::LIMBS] = [1, 2, 4, 8];
     /// All four limbs are valid.
     pub const ALL: u32 = 15;
-    /// The limb frames rest on a calibration (else on the momentary elbow plane).
+    /// The limb frames rest on a calibration, else on the elbow's momentary plane.
     pub const CALIBRATED: u32 = 16;
 }
 
 message! {
     /// Elbow hinge axes of one operator, unit vectors in the local frames of the joints that carry them.
     pub struct HingeCalibration v 1 size 56 {
-        /// For each limb: the elbow's flexion axis in the frame of the joint that twists it (upper arms: the shoulder
-        /// joint's rotation; forearms: the wrist joint's rotation, because the hand carries the forearm's twist).
+        /// Flexion axis of the elbow, for each limb, in the frame of the joint that twists with the limb. For
+        /// upper arms it is the shoulder joint's rotation. For forearms it is the wrist joint's, because the hand
+        /// carries the forearm's twist.
         pub hinge: [[f32; 3]; LIMBS],
         /// Bits of `calibration_flag`.
         pub flags: u32,
@@ -153,23 +158,25 @@ message! {
     pub struct RawSkeleton v 1 size 3576 {
         /// `origin` is the time of capture.
         pub header: Header,
-        /// Drawn by the client at its start: an old recording of the bus is not a new session.
+        /// Random number that the client draws at its start. A replayed recording of the bus therefore is no new
+        /// session.
         pub session_nonce: u64,
         /// A `SkeletonLayout`.
         pub layout: u32,
-        /// Which person, as the client counts them.
+        /// Number of the person, as the client counts them.
         pub operator_id: u32,
         /// Bits of `raw_flag`.
         pub flags: u32,
-        /// How many joints are filled.
+        /// Number of joints that are filled.
         pub joint_count: u32,
-        /// Global positions, in the unit and the axes of the layout (SMPL-22: m).
+        /// Global positions, in the layout's unit and axes (SMPL-22: m).
         pub positions: [[f32; 3]; RAW_JOINTS_MAX],
-        /// Global rotations, or local ones with `raw_flag::LOCAL`, in the order of the layout (SMPL-22: x y z w).
+        /// Global rotations, or local ones with `raw_flag::LOCAL`, in the layout's order of components (SMPL-22: x
+        /// y z w).
         pub rotations: [[f32; 4]; RAW_JOINTS_MAX],
-        /// 0 to the layout's highest confidence (SMPL-22: 1).
+        /// Confidence, from 0 to the layout's highest value (SMPL-22: 1).
         pub confidence: [f32; RAW_JOINTS_MAX],
-        /// Zero; reserved for per-joint validity bits.
+        /// Zero. Reserved for per-joint validity bits.
         pub joint_flags: [u32; RAW_JOINTS_MAX],
         /// Hinge axes, if the client has them: in the frames of its joints and along the axes of its layout.
         pub calibration: HingeCalibration,
@@ -181,17 +188,18 @@ message! {
     pub struct Skeleton v 1 size 392 {
         /// `origin` of the client, on the clock of this machine.
         pub header: Header,
-        /// When `ingest` received the frame.
+        /// Time at which `ingest` received the frame.
         pub received: Stamp,
-        /// As the client gave it.
+        /// The session as the client sent it.
         pub session_nonce: u64,
-        /// Which person: the client's, changed by `ingest` whenever the person may be another one than before.
+        /// Number of the person. It is the client's, changed by `ingest` whenever the person may be another one
+        /// than before.
         pub operator_id: u32,
         /// Bits of `skeleton_flag`.
         pub flags: u32,
-        /// Limb rotations relative to the chest, as differences from the T-pose, x y z w; indexed by `Limb`.
+        /// Limb rotations relative to the chest, as differences from the T-pose, x y z w. Indexed by `Limb`.
         pub limbs: [[f32; 4]; LIMBS],
-        /// SMPL-22 positions, m, in the world of the client (z up).
+        /// SMPL-22 positions, m, in the client's world frame (z up).
         pub positions: [[f32; 3]; SMPL_JOINTS],
     }
 }

@@ -1,13 +1,13 @@
-//! What `control` says of itself, 50 times a second.
+//! Status of `control`, 50 times a second.
 
 use crate::fault::FAULT_COUNT;
 use crate::layout::message;
 use crate::time::{Header, Stamp};
 
-/// How many of the last mode transitions a `Status` carries.
+/// Number of mode transitions that a `Status` carries: the newest ones.
 pub const TRANSITIONS_KEPT: usize = 16;
 
-/// Bits of `Status::reduced`: why the speed is reduced.
+/// Bits of `Status::reduced`: the reasons for a reduced speed.
 pub mod reduced_flag {
     /// The newest skeleton is late.
     pub const INPUT_LATE: u32 = 1;
@@ -35,10 +35,11 @@ message! {
         pub from: u32,
         /// `Mode` after.
         pub to: u32,
-        /// `Fault` index that caused it, or one of `Transition::ENABLED`, `RELEASED`, `ALIGNED`, `AT_REST`, `RESET`,
-        /// `CLEARED`, `SETTLED`, `RECOVERING`, `RECOVERED`, `BLOCKED`.
+        /// Cause of the transition: the index of a `Fault`, or one of `Transition::ENABLED`, `RELEASED`,
+        /// `ALIGNED`, `AT_REST`, `RESET`, `CLEARED`, `SETTLED`, `RECOVERING`, `RECOVERED`, `BLOCKED`.
         pub why: u32,
-        /// What the fault was about when it caused the transition: code of a `Subject`, zero for none.
+        /// Joint or pair that the fault concerned when it caused the transition: the code of a `Subject`, zero for
+        /// none.
         pub about: u32,
     }
 }
@@ -96,9 +97,9 @@ message! {
         pub target_stamp: Stamp,
         /// Stamp of the last robot state.
         pub state_stamp: Stamp,
-        /// Age of the human's frame at this tick, ns.
+        /// Age of the person's frame at this tick, ns.
         pub input_age_ns: u64,
-        /// Smallest clearance of the checked pairs at the command, m.
+        /// Smallest clearance of the checked pairs at the commanded posture, m.
         pub clearance_command_m: f64,
         /// Smallest clearance of the checked pairs at the measured posture, m.
         pub clearance_measured_m: f64,
@@ -110,30 +111,33 @@ message! {
         pub limb_error_measured_rad: f64,
         /// Speed scale in force, 0 to 1.
         pub speed_scale: f64,
-        /// How far the measured joint `joint_outside` is beyond its limit: below the lowest position negative, rad or m.
+        /// Distance of the measured joint `joint_outside` beyond its limit, rad or m. Negative below the lowest
+        /// position.
         pub outside_by: f64,
-        /// What the torso has yet to rise (or, negative, to sink) to its target while Engaging, m; zero otherwise.
+        /// Distance that the torso still has to rise to its target while Engaging, m. Negative if it has to sink.
+        /// Zero in other modes.
         pub torso_to_go_m: f64,
-        /// What the left and the right hand carry, as the certificate knows it, kg.
+        /// Payload of the left and the right hand that the certificate assumes, kg.
         pub payload_kg: [f64; 2],
-        /// Its centres of mass, each in its hand's frame, m.
+        /// Centres of mass of these payloads, each in its hand's frame, m.
         pub payload_centre_m: [[f64; 3]; 2],
-        /// Capsules of the nearest pair at the command, as indices of the robot file; the second is the number of capsules
-        /// plus the index of an obstacle where that is nearest (planes first, then boxes, in the order of the settings).
+        /// Nearest pair of capsules at the command, as indices of the robot file. If an obstacle is nearest, the
+        /// second number is the number of capsules plus the obstacle's index. Obstacles are planes first, then
+        /// boxes, in the order of the settings.
         pub nearest_pair: [u32; 2],
         /// The nearest pair at the measured posture, as above.
         pub nearest_pair_measured: [u32; 2],
-        /// One more than the index of the joint that is measured farthest outside its limits; zero if none is.
+        /// Index plus one of the joint that is measured farthest outside its limits. Zero if none is.
         pub joint_outside: u32,
-        /// Bits of `reduced_flag`: why the speed is reduced.
+        /// Bits of `reduced_flag`: the reasons for the reduced speed.
         pub reduced: u32,
         /// A `Mode`.
         pub mode: u32,
-        /// Transitions since start; the last `TRANSITIONS_KEPT` are below.
+        /// Transitions since start. The last `TRANSITIONS_KEPT` are below.
         pub transition_count: u32,
         /// Transition n is at index n % `TRANSITIONS_KEPT`.
         pub transitions: [Transition; TRANSITIONS_KEPT],
-        /// How often each fault was raised, indexed by `Fault`.
+        /// Number of times each fault was raised, indexed by `Fault`.
         pub fault_counts: [u32; FAULT_COUNT],
         /// Commands that the gate denied.
         pub gate_denials: u32,
@@ -143,61 +147,63 @@ message! {
         pub operators: u32,
         /// 1 while real-time scheduling is in force.
         pub realtime: u32,
-        /// One more than the index of the joint whose |command - measured| is the largest share of what stops the robot.
+        /// Index plus one of the joint whose |command - measured| is the largest share of the bound that stops the
+        /// robot.
         pub tracking_joint: u32,
-        /// Why the gate denied a command last: a code of `safety::gate::Denial`, zero for never.
+        /// Reason of the gate's last denial: a code of `safety::gate::Denial`, zero for never.
         pub denied_why: u32,
-        /// What that denial was about: code of a `Subject`, zero for none.
+        /// Joint or pair of that denial: the code of a `Subject`, zero for none.
         pub denied_about: u32,
-        /// The pair for which a motion was refused last: code of a `Subject`, zero for none.
+        /// Joint or pair for which the last motion was refused: the code of a `Subject`, zero for none.
         pub refused_about: u32,
-        /// Why `ingest` dropped the newest frame that it dropped, if it did so within the last second: one more than a
-        /// reason of `skeleton`, else zero.
+        /// Reason of the newest drop of a frame by `ingest`, if it was within the last second: index in
+        /// `skeleton`'s reasons plus one. Else zero.
         pub input_drop: u32,
-        /// A `CalibrationSource`: what the person's limbs rest on.
+        /// A `CalibrationSource`: the source of the elbow hinge axes.
         pub calibration: u32,
-        /// One more than the number of the user who pressed the emergency stop and has to reset it first; zero if anyone may.
+        /// User number plus one of the user who pressed the emergency stop and must reset it first. Zero if anyone
+        /// may reset it.
         pub reset_first_by: u32,
-        /// Resets that were refused for that reason since start.
+        /// Resets that were refused for that reason, since start.
         pub resets_refused: u32,
-        /// Zero while the command and the measured robot are at rest, near each other; else 1.
+        /// Zero while the command and the measured robot are at rest, near each other. Else 1.
         pub moving: u32,
-        /// One more than the index of the joint that `VelocityError` or `StandstillLost` is about, or that keeps a robot
-        /// whose command rests from being at rest; zero if there is none.
+        /// Index plus one of the joint that `VelocityError` or `StandstillLost` concerns, or that keeps a robot
+        /// from rest although its command rests. Zero if there is none.
         pub unsteady_joint: u32,
-        /// Payloads that operators said and that were taken, since start.
+        /// Payloads of operators that were taken, since start.
         pub payloads_taken: u32,
         /// Payloads that were refused since start.
         pub payloads_refused: u32,
-        /// Why the last one was refused: a `PayloadRefusal`, zero for none.
+        /// Reason of the last refusal of a payload: a `PayloadRefusal`, zero for none.
         pub payload_refused_why: u32,
-        /// One more than the index of the joint that could not hold it; zero where no joint was the reason.
+        /// Index plus one of the joint that could not hold the payload. Zero if no joint was the reason.
         pub payload_refused_joint: u32,
-        /// A `FollowingLimit`: what keeps the command from the person, while Engaged.
+        /// A `FollowingLimit`: the limit that keeps the command from the person, while Engaged.
         pub limited_why: u32,
-        /// What that is about: code of a `Subject`, zero for none.
+        /// Joint or pair that the limit concerns: the code of a `Subject`, zero for none.
         pub limited_about: u32,
         /// Zero.
         pub reserved: u32,
     }
 }
 
-/// What keeps a command from the person that it follows.
+/// Limit that keeps a command from the person that it follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum FollowingLimit {
-    /// Nothing that holds now: the robot is on its way, or there.
+    /// No limit: the robot is on its way or has arrived.
     None = 0,
     /// A joint moves at its highest speed.
     Speed = 1,
-    /// Two parts are as close as they may be.
+    /// Two parts have the least clearance that is allowed.
     Clearance = 2,
     /// A joint is at the end of its range.
     Range = 3,
 }
 
 impl FollowingLimit {
-    /// What a number of `Status::limited_why` stands for; nothing for a number that none has.
+    /// Returns the limit with this number of `Status::limited_why`. Returns `Self::None` for an unknown number.
     pub const fn from_u32(value: u32) -> Self {
         match value {
             1 => Self::Speed,

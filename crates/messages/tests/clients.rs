@@ -1,5 +1,5 @@
-//! What clients in other languages include: the layout of a frame as ctypes and as a C header, written from the field tables
-//! and compared with what is stored.
+//! Files that clients in other languages include: the layout of a frame as Python ctypes and as a C header. The
+//! test writes them from the field tables and compares them with the stored files.
 
 use messages::{Header, HingeCalibration, LIMBS, Layout, Message, RAW_JOINTS_MAX, RawSkeleton, Service, raw_flag};
 use messages::{SkeletonLayout, calibration_flag};
@@ -37,7 +37,7 @@ const NUMBERS: [(&str, u64, &str); 13] = [
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
 ];
 
-/// The innermost type of a field, and how often it repeats, outermost first.
+/// Returns the innermost type of a field, and the array lengths, outermost first.
 fn taken_apart(ty: &str) -> (&str, Vec<&str>) {
     match ty.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).and_then(|inner| inner.rsplit_once("; ")) {
         Some((inner, count)) => {
@@ -166,7 +166,7 @@ fn what_other_languages_include_is_the_layout() {
     assert_eq!(taken_apart("[[f32; 3]; LIMBS]"), ("f32", vec!["LIMBS", "3"]));
 }
 
-/// A compiler's own word on the header, as C and as C++.
+/// A C compiler and a C++ compiler check the header.
 #[test]
 fn compilers_agree_with_the_header() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));

@@ -1,5 +1,5 @@
-//! The memory layout of every message, compared with the stored snapshot: a change of layout is a change of contract
-//! and needs a new version number in the message and in its service name.
+//! Memory layout of every message, compared with the stored snapshot. A change of layout is a change of contract.
+//! It needs a new version number in the message and in its service name.
 
 use messages::{
     Header, HingeCalibration, InputStatus, JointCommand, JointTarget, Layout, Message, OperatorRequest, RawSkeleton,
@@ -97,7 +97,7 @@ fn service_names_carry_the_version_of_their_message() {
 
 #[test]
 fn the_tick_grid_has_no_drift() {
-    // Three ticks are exactly two milliseconds, a thousand days from the origin too.
+    // Three ticks are exactly two milliseconds, also a thousand days after the origin.
     for base in [0_u64, 1, 2, 1_499, 129_600_000_000] {
         assert_eq!(deadline(base + 3).0 - deadline(base).0, 2_000_000);
     }

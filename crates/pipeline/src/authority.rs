@@ -1,25 +1,26 @@
-//! Which client moves the robot: at most one, the first that is live, and no other by itself.
+//! The input lease: at most one client moves the robot. The first live client gets the lease. No other takes it
+//! over by itself.
 
 use messages::{RawSkeleton, Stamp};
 
-/// Sessions that are remembered as refused; older ones fall out, which only lets a client of long ago try again.
+/// Number of refused sessions that are kept. The oldest is dropped first, so its client may try again.
 const REFUSED_KEPT: usize = 32;
 
-/// `ingest` looks at least ten times a second: a longer time between two looks is one in which it did not run, ns.
+/// `ingest` runs at least ten times a second. If more time passes between two rounds, `ingest` was suspended, ns.
 const SLEPT_NS: u64 = 200_000_000;
 
-/// By which way a client comes in.
+/// Way by which a client's frames arrive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Door {
-    /// The input domain in shared memory: the daemon's own user.
+    /// The input domain in shared memory, for the daemon's own user.
     #[default]
     SharedMemory,
-    /// The skeleton socket: other users.
+    /// The skeleton socket, for other users.
     Socket,
 }
 
 impl Door {
-    /// Its name in logs and reports.
+    /// Name in logs and reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SharedMemory => "shared memory",
@@ -28,23 +29,24 @@ impl Door {
     }
 }
 
-/// What a session is known by; two that differ in anything are two. Only the kernel's and the daemon's own numbers keep a
-/// client from passing for another, so they stand beside the number that the client may choose.
+/// Identity of a session. Two sessions that differ in any field are two clients. A client may choose its session
+/// number, so the numbers of the kernel and of the daemon stand beside it. They keep one client from posing as
+/// another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClientIdentity {
-    /// The way in.
+    /// Way by which it arrives.
     pub door: Door,
-    /// User of the process; on shared memory the daemon's.
+    /// User of the process. In shared memory it is the daemon's user.
     pub uid: u32,
-    /// The process, as far as it is known.
+    /// The process, if it is known.
     pub pid: u32,
-    /// The publisher's port on the bus, or the connection.
+    /// The publisher's port on the bus, or the number of the connection.
     pub port: u128,
-    /// The session: on the socket the daemon's number, on shared memory the client's. 0 is none.
+    /// The session. On the socket the daemon draws it, in shared memory the client does. 0 is no session.
     pub session_nonce: u64,
 }
 
-/// Who holds authority over the input: an exclusive lease, across both doors.
+/// Holder of the input lease, and the sessions that were refused. The lease is exclusive across both doors.
 #[derive(Clone, Debug, Default)]
 pub struct Authority {
     holder: Option<ClientIdentity>,
@@ -57,18 +59,18 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// Notes that `ingest` runs at `now`; called before the frames of every round. A time in which `ingest` did not run is no silence
-    /// of the holder.
+    /// Notes that `ingest` runs at `now`. It is called before the frames of every round. Time in which `ingest`
+    /// was suspended does not count as the holder's silence.
     pub fn look(&mut self, now: Stamp) {
         let slept_ns = if self.last_look == Stamp::NONE { 0 } else { now.since(self.last_look) };
         if slept_ns > SLEPT_NS {
-            // Never after now: a frame may have come since the last look.
+            // Not later than now: a frame may have arrived since the last round.
             self.last_seen = self.last_seen.plus_ns(slept_ns).min(now);
         }
         self.last_look = now;
     }
 
-    /// Whether the frame's session holds authority, where sessions are known by the client's number alone.
+    /// Returns true if the frame's session holds the lease. It identifies a session by the client's number alone.
     pub fn admits(&mut self, now: Stamp, raw: &RawSkeleton, timeout_ns: u64) -> bool {
         self.admits_claim(
             now,
@@ -77,10 +79,10 @@ impl Authority {
         )
     }
 
-    /// Whether a frame of `claim` may move the robot. The lease goes to the first whose frame arrives while nobody's has for
-    /// `timeout_ns`. A session that once was refused stays refused: a client that wants to take over must start a new
-    /// session after the holder has left, and `control` then asks for a new enable edge. A holder that returns finds its
-    /// lease unless another has taken it.
+    /// Returns true if a frame of `claim` may move the robot. The lease goes to the first session whose frame
+    /// arrives after `timeout_ns` without the holder's. A session that was refused once stays refused. A client
+    /// that wants to take over must start a new session after the holder has left. `control` then requires a new
+    /// enable edge. A holder that returns keeps its lease unless another session has taken it.
     pub fn admits_claim(&mut self, now: Stamp, claim: ClientIdentity, timeout_ns: u64) -> bool {
         if self.holder == Some(claim) {
             self.last_seen = now;
@@ -101,22 +103,22 @@ impl Authority {
         false
     }
 
-    /// Whether a holder's frame came within the last `timeout_ns`.
+    /// Returns true if a frame of the holder arrived within the last `timeout_ns`.
     pub fn is_held(&self, now: Stamp, timeout_ns: u64) -> bool {
         self.holder.is_some() && now.since(self.last_seen) <= timeout_ns
     }
 
-    /// Frames of clients without authority.
+    /// Number of frames from clients without the lease.
     pub fn frames_refused(&self) -> u64 {
         self.frames_refused
     }
 
-    /// How often the lease was granted.
+    /// Number of times the lease was granted.
     pub fn grants(&self) -> u64 {
         self.grants
     }
 
-    /// The session that holds authority, or held it last.
+    /// The session that holds the lease, or held it last.
     pub fn holder(&self) -> Option<ClientIdentity> {
         self.holder
     }
@@ -220,7 +222,7 @@ mod tests {
     fn f068_there_is_one_holder_at_every_moment_whoever_publishes() {
         let mut authority = Authority::default();
         let mut last: Option<(ClientIdentity, Stamp)> = None;
-        // A linear congruential generator (Knuth, MMIX) draws who publishes and when.
+        // A linear congruential generator (Knuth, MMIX) draws the publisher and the time.
         let mut seed = 1_u64;
         let mut draw = |below: u64| {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

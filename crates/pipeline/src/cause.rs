@@ -1,12 +1,12 @@
-//! The cause alone: what keeps the robot from following now, before any history.
+//! Present cause for which the robot does not follow, without the history.
 
 use crate::Names;
 use crate::explain::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
 use std::cmp::Reverse;
 
-/// What keeps the robot from following now, the gravest fault first. How it came to that is told by the events. While the
-/// robot moves, how closely it follows.
+/// Says why the robot does not follow now, the gravest fault first. The events tell the history. While the robot
+/// moves, it says how closely the robot follows.
 pub fn cause(status: &Status, names: &Names) -> String {
     if let Some(mode) = Mode::from_u32(status.mode).filter(|&mode| moves(mode)) {
         return following(mode, status, names);
@@ -24,7 +24,7 @@ pub fn cause(status: &Status, names: &Names) -> String {
     all.join(" ")
 }
 
-/// How far a robot that moves is behind the person and why, then what slows it down.
+/// Says how far a moving robot is behind the person and why, then why its speed is reduced.
 fn following(mode: Mode, status: &Status, names: &Names) -> String {
     let degrees = status.limb_error_measured_rad.to_degrees();
     let mut all = vec![match mode {
@@ -48,7 +48,8 @@ const fn gravity(response: Response) -> u32 {
     }
 }
 
-/// The fault that ended the last motion, although it is over. None where an operator ended it, or reset it.
+/// Returns the fault that ended the last motion, also if that fault is over. `None` if an operator ended the
+/// motion or reset the robot.
 fn ended_by(status: &Status, names: &Names) -> Option<String> {
     let made: Vec<&Transition> = newest_transitions(status, u32::MAX).collect();
     let begins = made.iter().rposition(|made| Mode::from_u32(made.from).is_some_and(moves))?;

@@ -1,4 +1,4 @@
-//! `realtime.cores`: where retarget, control and the driver run.
+//! `realtime.cores`: the cores of retarget, control and the driver.
 
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -9,16 +9,16 @@ const CORE_MAX: f64 = 1023.0;
 /// `"auto"`, `"free"` or a list of cores.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cores {
-    /// As the machine suggests.
+    /// The daemon chooses: the first isolated core, or the last of 2 to 4, or none.
     Auto,
-    /// Left to the kernel.
+    /// The kernel chooses.
     Free,
-    /// These.
+    /// These cores.
     List(Vec<u32>),
 }
 
 impl Cores {
-    /// What must be within bounds: key, value, lowest, highest.
+    /// Values to check: key, value, lowest, highest.
     pub(crate) fn bounds(&self) -> Vec<(&'static str, f64, f64, f64)> {
         let Self::List(list) = self else { return Vec::new() };
         let length = ("realtime.cores (how many)", list.len() as f64, 1.0, CORE_MAX + 1.0);

@@ -1,22 +1,22 @@
-//! Turns the operator socket's counters into the edges of one tick.
+//! Turns the counters of the operator socket into the edges of one tick.
 
 use safety::engage::OperatorView;
 
-/// Edges gathered since the last tick, and the level now.
+/// Edges since the last tick, and the present level.
 #[derive(Clone, Debug, Default)]
 pub struct OperatorEdges {
     seen: operator::OperatorView,
     now: OperatorView,
-    /// The last holder fell silent or went away, and nobody has enabled since.
+    /// True if the last holder fell silent or disconnected, and no operator has enabled since.
     lost: bool,
 }
 
 impl OperatorEdges {
-    /// Takes the socket's view; edges add up until they are taken.
+    /// Takes the socket's view. Edges add up until [`OperatorEdges::take`] returns them.
     pub fn note(&mut self, view: &operator::OperatorView) {
         let enabled = view.enable_edges != self.seen.enable_edges;
         let recovers = view.recover_edges != self.seen.recover_edges;
-        // A holder that is lost did not let go: the state machine must see silence, not a release.
+        // A lost holder did not release the hold. The state machine must see silence, not a release.
         self.lost = (self.lost && !enabled && !recovers) || view.holders_lost != self.seen.holders_lost;
         self.now.connected = view.connections > 0 && !self.lost;
         self.now.enable_level = view.enable_level;
@@ -35,7 +35,7 @@ impl OperatorEdges {
         self.seen = *view;
     }
 
-    /// The process is to end: whatever the operator holds, authority is withdrawn.
+    /// Releases the robot because the process is about to end, whatever the operators hold.
     pub fn withdraw(&mut self) {
         self.now.release_edge = true;
         self.now.enable_edge = false;
@@ -44,12 +44,12 @@ impl OperatorEdges {
         self.now.recover_level = false;
     }
 
-    /// Something here found a reason to stop at once: as if an operator had pressed the emergency stop.
+    /// Stops the robot at once, as if an operator had pressed the emergency stop.
     pub fn stop(&mut self) {
         self.now.estop_edge = true;
     }
 
-    /// The view for this tick; its edges are gone afterwards.
+    /// Returns the view for this tick and clears its edges.
     pub fn take(&mut self) -> OperatorView {
         let view = self.now;
         self.now = OperatorView {

@@ -1,4 +1,5 @@
-//! What happened, and why the robot does not move, in sentences for the operator: the fault, the joint or the pair is named.
+//! Sentences for the operator: what happened, and why the robot does not move. They name the fault, the joint or
+//! the pair.
 
 use crate::control::{input_age_ms, subject as about_now};
 use crate::{InputConfig, Names};
@@ -9,31 +10,31 @@ use messages::{
 use safety::gate::Denial;
 use skeleton::DropReason;
 
-/// Transitions that a status keeps.
+/// Number of transitions that a status keeps.
 const KEPT: u32 = TRANSITIONS_KEPT as u32;
 
-/// A target this old is one of a `retarget` that stands still, ms: 1500 come in a second.
+/// Age of a target from which `retarget` counts as silent, ms: 1500 targets come in a second.
 const TARGET_SILENT_MS: f64 = 50.0;
 
-/// A frame this old was seen just now, ms: those of the slowest client that is followed are 50 ms apart.
+/// A frame that is younger than this was just received, ms: those of the slowest allowed client are 50 ms apart.
 const INPUT_SEEN_MS: f64 = 100.0;
 
-/// A robot that is nearer to the person than this is where it should be, deg. Less cannot be seen. Assumption.
+/// Limb error below which the robot counts as being at the person, deg. Nobody sees a smaller one. Assumption.
 pub const BEHIND_DEG: f64 = 3.0;
 
-/// How grave a sentence is.
+/// Severity of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// To be known.
+    /// Information.
     Note,
     /// The robot slowed down, held or was released.
     Warning,
-    /// The robot was stopped, or a command denied.
+    /// The robot was stopped, or a command was denied.
     Error,
 }
 
 impl Severity {
-    /// Its name in reports.
+    /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Note => "note",
@@ -51,17 +52,17 @@ impl Severity {
     }
 }
 
-/// A sentence and how grave it is.
+/// A sentence with its severity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sentence {
-    /// How grave.
+    /// Severity.
     pub gravity: Severity,
-    /// What happened.
+    /// The sentence.
     pub text: String,
 }
 
-/// Everything that happened after `before`, up to `now`; without `before`, or where `now` is of another `control`, where the
-/// robot stands.
+/// Lists everything that happened after `before`, up to `now`. Without `before`, or if `now` comes from a
+/// restarted `control`, it gives the present mode and faults.
 pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Sentence> {
     let say = |gravity, text| Sentence { gravity, text };
     let of = |fault| say(Severity::of(fault), named(fault, now, names));
@@ -124,15 +125,15 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     all
 }
 
-/// Why the robot does not follow, or follows slowly: how it came into this mode, and what stands in the way now. None while it
-/// follows at full speed, and before anything has happened.
+/// Says why the robot does not follow, or follows slowly: how it came into this mode, and what prevents motion
+/// now. `None` while it follows at full speed, and before anything has happened.
 pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
     let mut all = Vec::new();
     if Mode::from_u32(status.mode).is_some_and(moves) {
         let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
         all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
     } else {
-        // From where it last moved; what was before a reset is over.
+        // Begins where the robot last moved. Transitions before a reset are left out.
         let moved = |made: &Transition| Mode::from_u32(made.from).is_some_and(moves);
         let begins = |(n, made): (usize, &Transition)| match made.why {
             Transition::RESET => Some(n + 1),
@@ -151,7 +152,8 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
     (!all.is_empty()).then(|| all.join(" "))
 }
 
-/// Why the robot does not follow, or follows slowly; that it follows, or waits, if nothing stands in the way.
+/// Says why the robot does not follow, or follows slowly. If nothing prevents motion, it says that the robot
+/// follows or waits.
 pub fn why(status: &Status, names: &Names) -> String {
     why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
         Some(Mode::Recovering) => "The robot is brought back.".into(),
@@ -161,7 +163,7 @@ pub fn why(status: &Status, names: &Names) -> String {
     })
 }
 
-/// How closely the robot follows, and what keeps it from the person.
+/// Says how closely the robot follows, and which limit keeps it from the person.
 pub(crate) fn follows(status: &Status, names: &Names) -> String {
     let degrees = status.limb_error_measured_rad.to_degrees();
     if degrees.is_nan() || degrees < BEHIND_DEG {
@@ -177,7 +179,7 @@ pub(crate) fn follows(status: &Status, names: &Names) -> String {
     format!("The robot follows, {degrees:.0} degrees behind{}.", limit.unwrap_or_default())
 }
 
-/// Name of what keeps the command from the person, in reports.
+/// Name in reports of the limit that keeps the command from the person.
 pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
     match FollowingLimit::from_u32(status.limited_why) {
         FollowingLimit::None => None,
@@ -187,7 +189,7 @@ pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
     }
 }
 
-/// What a fault means; while it is there, with the joint or the pair that it is about, and what helps.
+/// Explains a fault. While the fault lasts, adds the joint or pair that it concerns and a remedy.
 pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
     let meaning = fault.row().meaning;
     if !Faults(status.faults | status.latched).has(fault) {
@@ -245,31 +247,33 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
     }
 }
 
-/// The joint that moves otherwise than it is sent, leaves its place or does not come to rest.
+/// Names the joint that does not move as commanded, leaves its place or does not come to rest.
 fn unsteady(status: &Status, names: &Names) -> Option<String> {
     status.unsteady_joint.checked_sub(1).map(|joint| names.joint(joint as usize))
 }
 
-/// Why a robot whose command rests can neither be enabled nor reset: it is measured moving. None if it is at rest.
+/// Says why the robot can be neither enabled nor reset although its command rests: it is measured moving. `None`
+/// if it is at rest.
 pub fn not_at_rest(status: &Status, names: &Names) -> Option<String> {
     let name = unsteady(status, names).filter(|_| status.moving != 0)?;
     Some(format!("The robot is not at rest: {name} is measured moving, or was less than 0.1 s ago."))
 }
 
-/// What the hands carry.
+/// The payloads of both hands.
 pub fn payload(status: &Status) -> String {
     let [left, right] = status.payload_kg;
     format!("{left:.3} kg left, {right:.3} kg right")
 }
 
-/// Why the last payload was refused, or is too much to start with, and the joint; none if neither.
+/// Says why the last payload was refused or is too much for a start, and names the joint. `None` if neither is the
+/// case.
 pub fn payload_refused(status: &Status, names: &Names) -> Option<String> {
     let why = PayloadRefusal::from_u32(status.payload_refused_why)?.meaning();
     let joint = status.payload_refused_joint.checked_sub(1).map(|joint| names.joint(joint as usize));
     Some(joint.map_or(why.into(), |joint| format!("{joint}: {why}")))
 }
 
-/// What the person's limbs rest on.
+/// Name of the source of the elbow hinge axes.
 pub fn calibration_name(status: &Status) -> &'static str {
     CalibrationSource::from_u32(status.calibration).unwrap_or_default().name()
 }
@@ -278,17 +282,17 @@ pub(crate) const fn moves(mode: Mode) -> bool {
     matches!(mode, Mode::Engaging | Mode::Engaged | Mode::Recovering)
 }
 
-/// The mode's name.
+/// Name of a mode.
 pub fn mode_name(mode: u32) -> &'static str {
     Mode::from_u32(mode).map_or("in an unknown mode", Mode::name)
 }
 
-/// A fault by its name, and what it means.
+/// A fault's name and meaning.
 fn named(fault: Fault, status: &Status, names: &Names) -> String {
     format!("{}: {}", fault.row().name, meaning(fault, status, names))
 }
 
-/// A joint or a pair by its name.
+/// Name of a joint or a pair.
 pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String> {
     subject.map(|subject| match subject {
         Subject::Joint(joint) => names.joint(joint),
@@ -296,25 +300,25 @@ pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String>
     })
 }
 
-/// Why the gate denied a command last, with the joint or the pair; none if it never did.
+/// Reason of the gate's last denial, with the joint or the pair. `None` if it never denied a command.
 pub(crate) fn denied(status: &Status, names: &Names) -> Option<String> {
     let why = Denial::meaning(status.denied_why)?;
     let about = subject(Subject::of(status.denied_about), names);
     Some(about.map_or(why.into(), |about| format!("{why} ({about})")))
 }
 
-/// Why frames of the person are dropped now, as a sentence; none if none are.
+/// Says why `ingest` drops frames now. `None` if it drops none.
 pub fn dropped_now(status: &Status) -> Option<String> {
     dropped(status).map(|(name, meaning)| format!("frames are dropped: {name}: {meaning}"))
 }
 
-/// Why frames of the person are dropped now: name and meaning; none if none are.
+/// Name and meaning of the reason for which `ingest` drops frames now. `None` if it drops none.
 pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
     let reason = *DropReason::ALL.get(status.input_drop.checked_sub(1)? as usize)?;
     Some((reason.name(), InputConfig::meaning(reason)))
 }
 
-/// A change of mode.
+/// Sentence for a change of mode.
 fn changed(made: &Transition, status: &Status, names: &Names) -> String {
     let why = match Fault::from_u32(made.why) {
         Some(fault) => {
@@ -328,7 +332,7 @@ fn changed(made: &Transition, status: &Status, names: &Names) -> String {
     format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))
 }
 
-/// The newest `count` transitions, the oldest first.
+/// Iterates over the newest `count` transitions, the oldest first.
 pub fn newest_transitions(status: &Status, count: u32) -> impl Iterator<Item = &Transition> {
     let end = status.transition_count;
     (end.saturating_sub(count.min(KEPT))..end).map(|n| &status.transitions[(n % KEPT) as usize])
@@ -397,13 +401,13 @@ mod tests {
         status.nearest_pair_measured = [5, 6];
         let why = why_stopped(&status, &names).expect("it holds");
         assert!(why.contains("part 5 and part 6 are 0.0 mm apart. It was part 3 and part 4."), "{why}");
-        // All are apart again: the pair that was near is still named, and no other is blamed.
+        // All are apart again: the pair that was near is still named, and no other one.
         status.faults = Faults::NONE.with(Fault::InputStale).0;
         status.input_drop = DropReason::Chirality as u32 + 1;
         let why = why_stopped(&status, &names).expect("it holds still");
         assert!(why.contains("It was part 3 and part 4.") && !why.contains("part 5"), "{why}");
         assert!(why.contains("InputStale: No valid skeleton") && why.contains("dropped: Chirality: left"), "{why}");
-        // Once it rests, it is still said why.
+        // At rest, the cause is still named.
         status.mode = Mode::Disengaged as u32;
         status.transitions[1] = transition(12, Mode::Holding, Mode::Disengaged, Transition::AT_REST);
         status.transition_count = 2;
@@ -414,7 +418,7 @@ mod tests {
         assert!(super::why(&seldom, &names).contains("at least 20 a second"), "they come, and are not fresh");
         seldom.input_age_ns = 150_000_000;
         assert!(!super::why(&seldom, &names).contains("at least 20 a second"), "they come no more");
-        // A reset ends the story, and not what is still there.
+        // A reset ends the history, but not the faults that are still active.
         status.transitions[2] = transition(20, Mode::Disengaged, Mode::Faulted, Fault::EmergencyStop as u32);
         status.transitions[3] = transition(30, Mode::Faulted, Mode::Disengaged, Transition::RESET);
         status.transition_count = 4;

@@ -1,4 +1,4 @@
-//! What `ingest` does with a frame: any layout becomes SMPL-22, what trembles or is wild is filtered, and that is judged.
+//! Path of a frame through `ingest`: conversion to SMPL-22, filter against noise and outliers, validation.
 
 use crate::operators::Operators;
 use crate::settings::{Filter, IngestSettings};
@@ -6,27 +6,27 @@ use layouts::{Layouts, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
 use skeleton::{DropReason, Output, State};
 
-/// A joint that goes further in a 30th of a second begins anew in the filter, m: 4.5 m/s, which few movements reach and none
-/// has to be smoothed at.
+/// Longest motion of a joint in a 30th of a second that the filter smooths, m: 4.5 m/s. After a longer one the
+/// filter restarts at the new position. Few movements are that fast, and none of them needs smoothing.
 const FILTER_STEP_M: f64 = 0.15;
 
-/// Which layouts are understood, which are filtered, and which persons are plausible.
+/// Layouts, filter and plausibility bounds of `ingest`.
 #[derive(Clone, Debug)]
 pub struct InputConfig {
     /// The built-in layouts and those from files.
     pub layouts: Layouts,
-    /// What was measured of operators.
+    /// Calibrations of the operators.
     pub operators: Operators,
     filter: Filter,
     noise: Noise,
-    /// Bounds of a plausible person, of motion capture and of cameras.
+    /// Bounds of a plausible person, for motion capture and for cameras.
     measured: skeleton::Config,
     seen: skeleton::Config,
 }
 
 impl InputConfig {
-    /// The layouts that were read, the filter of the settings, and the bounds that `skeleton` has; for cameras with the changes
-    /// of limbs' lengths that the settings allow.
+    /// Combines the layouts, the settings' filter and the bounds of `skeleton`. For cameras the settings give the
+    /// allowed changes of a limb's length.
     pub fn new(settings: &IngestSettings, layouts: Layouts, operators: Operators) -> Self {
         let measured = skeleton::Config::default();
         Self {
@@ -49,7 +49,7 @@ impl InputConfig {
         }
     }
 
-    /// What a reason for dropping says, with the bounds of motion capture, for whoever looks for what is wrong with a client.
+    /// Explains a drop reason, with the bounds of motion capture, to help find the error in a client.
     pub const fn meaning(reason: DropReason) -> &'static str {
         match reason {
             DropReason::Layout => "the layout's number is unknown",
@@ -87,23 +87,23 @@ impl InputConfig {
     }
 }
 
-/// Everything remembered of one client.
+/// State for one client.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct InputState {
-    /// What validation remembers, and its counts.
+    /// State and counts of the validation.
     pub skeleton: State,
     noise: NoiseState,
 }
 
 impl InputState {
-    /// Places of single joints that were held for a frame because they were outliers, so far.
+    /// Number of joint positions so far that the filter held for a frame because they were outliers.
     pub const fn outliers(&self) -> u64 {
         self.noise.rejected()
     }
 }
 
-/// Converts a frame, filters it and checks it; a frame of no layout is dropped and counted like all others. Never allocates,
-/// blocks, logs, reads a clock or panics, whatever the bits.
+/// Converts, filters and checks a frame. A frame of an unknown layout is dropped and counted like all others.
+/// Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
 pub fn input_tick(config: &InputConfig, state: &mut InputState, now: Stamp, raw: &RawSkeleton) -> Output {
     let camera = config.layouts.find(raw.layout).is_some_and(Map::camera);
     let mut frame = match config.layouts.convert(raw) {

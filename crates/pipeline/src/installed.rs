@@ -1,34 +1,35 @@
-//! Where an installed program finds what a source tree has in the present folder.
+//! Default paths. An installed program has other ones than a source tree, whose paths start at the present folder.
 
 use std::path::{Path, PathBuf};
 
 /// Settings and motions of a source tree.
 const CONFIG: &str = "config/teleop.toml";
 const MOTIONS: &str = "tools/keyposes/motions";
-/// Settings that the package installs, and the folder of its units' instance.
+/// Settings that the package installs, and the run folder of its systemd units.
 const PACKAGE_CONFIG: &str = "/etc/teleop/teleop.toml";
 const PACKAGE_RUN_DIR: &str = "/run/teleop";
-/// What a program in `bin` reads, from the folder that holds `bin`: of the package, and of an archive that is unpacked anywhere.
+/// Data folder of a program in `bin`, relative to the folder above `bin`. The package and an unpacked archive both
+/// have it.
 const SHARE: &str = "share/teleopd";
 
-/// The settings of an instance that was given none.
+/// Settings file of an instance without `--config`.
 pub fn default_config() -> PathBuf {
     let of_package = is_installed().then(|| PACKAGE_CONFIG.into());
     let candidates = [of_package, share().map(|share| share.join("teleop.toml"))];
     first_there(candidates).unwrap_or_else(|| CONFIG.into())
 }
 
-/// The folder of an instance that was given none.
+/// Folder of an instance without `--run-dir`.
 pub fn default_run_dir() -> PathBuf {
     first_there([is_installed().then(|| PACKAGE_RUN_DIR.into())]).unwrap_or_else(|| crate::DEFAULT_RUN_DIR.into())
 }
 
-/// The library of motions with captions.
+/// Folder of the motions with captions.
 pub fn default_motions() -> PathBuf {
     first_there([share().map(|share| share.join("motions"))]).unwrap_or_else(|| MOTIONS.into())
 }
 
-/// Whether this program was installed for every user of the machine.
+/// Returns true if this program was installed for every user of the machine.
 pub fn is_installed() -> bool {
     own_path().is_some_and(|program| lies_in_usr_bin(&program))
 }
@@ -50,7 +51,7 @@ fn first_there<const N: usize>(candidates: [Option<PathBuf>; N]) -> Option<PathB
     candidates.into_iter().flatten().find(|path| path.exists())
 }
 
-/// /usr/bin and /usr/local/bin are such folders; a source tree below /usr/src has its programs in target/release.
+/// Returns true for /usr/bin and /usr/local/bin. A source tree below /usr/src has its programs in target/release.
 fn lies_in_usr_bin(program: &Path) -> bool {
     program.starts_with("/usr") && program.parent().is_some_and(|folder| folder.ends_with("bin"))
 }

@@ -1,14 +1,14 @@
-//! Where an instance of teleopd lives: its folder, its operator socket, its two shared-memory domains.
+//! Places of an instance of teleopd: its folder, its operator socket, its two shared-memory domains.
 
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// The folder of an instance that was given none.
+/// Folder of an instance without `--run-dir`.
 pub const DEFAULT_RUN_DIR: &str = "/tmp/teleopd";
 
-/// The places of one instance; two instances with different folders never meet.
+/// Places of one instance. Two instances with different folders never meet.
 #[derive(Clone, Debug)]
 pub struct Instance {
     run_dir: PathBuf,
@@ -16,14 +16,18 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// The instance whose folder is `run_dir`, created if missing with mode 0751: other users may pass through to a socket
-    /// whose name they know, and see nothing else. The path is made absolute so that processes started elsewhere agree on
-    /// it. Refused is a folder in which another user could put or replace something: one that belongs to neither this user
-    /// nor root, that others or another group may write to, or that is a link of another user.
+    /// Opens the instance whose folder is `run_dir`. A missing folder is created with mode 0751: other users may
+    /// reach a socket whose name they know, and see nothing else. The path is made absolute, so processes started
+    /// elsewhere agree on it.
+    ///
+    /// # Errors
+    /// Returns an error if another user could put or replace something in the folder. That is the case in three ways.
+    /// The folder belongs to neither this user nor root. Others or another group may write to it. It is another
+    /// user's link.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
         if !run_dir.exists() {
             std::fs::create_dir_all(run_dir)?;
-            // Whatever the umask says.
+            // Independent of the umask.
             std::fs::set_permissions(run_dir, std::fs::Permissions::from_mode(0o751))?;
         }
         if !run_dir.is_dir() {
@@ -34,7 +38,7 @@ impl Instance {
         Ok(Self::at(run_dir.canonicalize()?))
     }
 
-    /// The same without making the folder: to look at what is there.
+    /// Opens the instance without creating the folder, to look at what is there.
     pub fn unmade(run_dir: &Path) -> Self {
         let absolute = std::path::absolute(run_dir).unwrap_or_else(|_| run_dir.to_path_buf());
         Self::at(absolute.canonicalize().unwrap_or(absolute))
@@ -45,7 +49,7 @@ impl Instance {
         Self { run_dir, tag }
     }
 
-    /// The folder itself.
+    /// The folder.
     pub fn run_dir(&self) -> &Path {
         &self.run_dir
     }
@@ -60,12 +64,12 @@ impl Instance {
         self.run_dir.join("skeleton.sock")
     }
 
-    /// What `control` holds locked as long as it owns that socket.
+    /// Lock file that `control` holds locked while it owns the operator socket.
     pub fn operator_lock(&self) -> PathBuf {
         self.run_dir.join("operator.sock.lock")
     }
 
-    /// Where a process leaves its figures when it ends.
+    /// File into which a process writes its figures when it ends.
     pub fn report(&self, process: &str) -> PathBuf {
         self.run_dir.join(format!("{process}.json"))
     }
@@ -80,7 +84,7 @@ impl Instance {
         self.domain("input")
     }
 
-    /// Removes what the transport leaves in shared memory after every process of the instance has ended.
+    /// Removes the files that the transport leaves in shared memory after every process of the instance has ended.
     pub fn retire(&self) {
         let prefixes = [self.core_domain().prefix, self.input_domain().prefix];
         for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
@@ -91,21 +95,22 @@ impl Instance {
         }
     }
 
-    // Shared-memory names have no folders: the prefix keeps instances and domains apart there.
+    // Shared-memory names have no folders. There the prefix keeps instances and domains apart.
     fn domain(&self, name: &str) -> bus::DomainConfig {
         bus::DomainConfig { root: self.run_dir.join(name), prefix: format!("teleop_{name}_{}_", self.tag) }
     }
 }
 
-/// Writes a file of the instance in place of whatever has its name: a link there is replaced, not followed. The file is
-/// there whole or not at all.
+/// Writes a file of the instance and replaces anything with its name: a link is replaced, not followed. The file
+/// appears whole or not at all.
 pub fn write_anew(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}", std::process::id()));
     let beside = path.with_file_name(name);
-    // Left by a process of the same number that was killed.
+    // Left behind by a killed process with the same process number.
     let _ = std::fs::remove_file(&beside);
-    // Synchronised before it has the name: after a power loss it is the old one or the new one, and never empty.
+    // Synchronised before it gets the name: after a power loss the file is the old one or the new one, and never
+    // empty.
     let written = OpenOptions::new()
         .write(true)
         .create_new(true)
@@ -114,7 +119,7 @@ pub fn write_anew(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     written.and_then(|()| std::fs::rename(&beside, path)).inspect_err(|_| _ = std::fs::remove_file(&beside))
 }
 
-/// Whether the folder, and the link that leads to it, are this user's or root's alone.
+/// Returns an error unless the folder, and the link that leads to it, belong to this user or root alone.
 fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
     let (own_uid, own_gid) = (rustix::process::geteuid().as_raw(), rustix::process::getegid().as_raw());
     for (found, what) in [(run_dir.symlink_metadata()?, "link"), (run_dir.metadata()?, "folder")] {
@@ -125,7 +130,7 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
             );
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
-        // The group of a user of his own, as most systems give him one, is no other user.
+        // Most systems give each user a group of their own. Write access for it admits no other user.
         let group = mode & 0o020 != 0 && found.gid() != own_gid;
         if found.is_dir() && (mode & 0o002 != 0 || group) {
             let (who, right) = if group { ("members of another group", "g-w") } else { ("other users", "o-w") };
@@ -175,7 +180,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&precious).unwrap(), "mine");
         assert_eq!(std::fs::read_to_string(&file).unwrap(), "names");
         assert!(!file.symlink_metadata().unwrap().is_symlink());
-        // A folder in the way is no file, and nothing is left beside it.
+        // A folder with the file's name gives an error, and nothing is left beside it.
         let taken = folder.path().join("taken");
         std::fs::create_dir(&taken).unwrap();
         assert!(write_anew(&taken, b"x").is_err());

@@ -1,23 +1,23 @@
-//! `sim.interface`: how the simulated robot takes setpoints, as each stage knows it.
+//! `sim.interface`: how the simulated robot takes setpoints, in the form that each stage needs.
 
 use messages::{HEAD, LEFT_ARM, TORSO};
 use serde::{Deserialize, Serialize};
 
-/// How the simulated robot takes what its driver executes.
+/// How the simulated robot takes the setpoints of its driver.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotInterface {
-    /// Every command at its index.
+    /// It takes every command at its index.
     Direct,
     /// Four joint trajectory controllers, not synchronised, that take points at 100 Hz.
     Jtc100,
 }
 
 impl RobotInterface {
-    /// All of them.
+    /// All interfaces.
     pub const ALL: [Self; 2] = [Self::Direct, Self::Jtc100];
 
-    /// Its name in settings and on the command line.
+    /// Name in settings and on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Direct => "direct",
@@ -25,7 +25,7 @@ impl RobotInterface {
         }
     }
 
-    /// As the simulated robot calls it.
+    /// Converts it for the simulated robot.
     pub(crate) const fn simulated(self) -> sim::Interface {
         match self {
             Self::Direct => sim::Interface::Direct,
@@ -33,7 +33,7 @@ impl RobotInterface {
         }
     }
 
-    /// As the certificate knows it.
+    /// Converts it for the certificate.
     pub(crate) fn certified(self) -> wbc::Interface {
         match self {
             Self::Direct => wbc::Interface::default(),
@@ -41,8 +41,8 @@ impl RobotInterface {
         }
     }
 
-    /// As the gate knows it: controllers of torso, head, left arm and right arm. Splines through points every h leave a
-    /// motion with the jerk limit J by at most J h^3 / 96.
+    /// Converts it for the gate: controllers of torso, head, left arm and right arm. A spline through points every
+    /// h deviates from a motion with the jerk limit J by at most J h^3 / 96.
     pub fn gated(self, model: &robot::Model) -> safety::gate::Interface {
         match self {
             Self::Direct => safety::gate::Interface::default(),

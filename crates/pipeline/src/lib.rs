@@ -1,5 +1,6 @@
-//! Composes the stages once, for the daemon, for offline replay and for simulation: settings, the control tick that is
-//! made of engagement, whole-body control and the gate, and all stages in one thread with virtual time.
+//! Composes the stages once, for the daemon, for offline replay and for simulation. It holds the settings and the
+//! control tick of engagement, whole-body control and gate. It also runs all stages in one thread with virtual
+//! time.
 
 mod authority;
 mod cause;
@@ -52,7 +53,7 @@ pub use stages::{retarget_config, sim_config};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 
-/// Why an instance cannot start. The text names file, key, value and bound.
+/// Reason for which an instance cannot start. The text names file, key, value and bound.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// A file cannot be read.
@@ -60,10 +61,10 @@ pub enum ConfigError {
     Read {
         /// The file.
         file: String,
-        /// What the system or the bound says.
+        /// Error of the system, or the bound that was exceeded.
         cause: String,
     },
-    /// A file is not what it must be: an unknown, missing or mistyped key.
+    /// A file has an unknown, missing or mistyped key.
     #[error("{file}: {cause}")]
     Syntax {
         /// The file.
@@ -96,7 +97,7 @@ pub enum ConfigError {
         value: f64,
         /// Lowest value allowed.
         least: f64,
-        /// Where that comes from.
+        /// Reason for the lowest value.
         because: &'static str,
     },
     /// The robot file or URDF is refused.
@@ -108,16 +109,16 @@ pub enum ConfigError {
     /// A skeleton's layout is refused.
     #[error(transparent)]
     Layout(#[from] layouts::LayoutError),
-    /// More of something than may be.
+    /// A list has too many entries.
     #[error("{file}: {key} has {value} entries, more than {most}")]
     TooMany {
         /// The file.
         file: String,
         /// The key.
         key: &'static str,
-        /// How many there are.
+        /// Number of entries.
         value: usize,
-        /// How many there may be.
+        /// Largest allowed number.
         most: usize,
     },
     /// The weights are refused.
@@ -125,7 +126,7 @@ pub enum ConfigError {
     Weights {
         /// The file.
         file: String,
-        /// Why.
+        /// Reason.
         cause: String,
     },
     /// A stage refuses its configuration.
@@ -133,7 +134,7 @@ pub enum ConfigError {
     Stage {
         /// The stage.
         stage: &'static str,
-        /// Why.
+        /// Reason.
         cause: String,
     },
 }

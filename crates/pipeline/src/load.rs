@@ -1,4 +1,5 @@
-//! Reads an instance's files: settings, robot, weights; and makes of them one hash that travels in every header.
+//! Reads an instance's files: settings, robot, weights. Computes one hash of them, which every message header
+//! carries.
 
 use crate::interface::RobotInterface;
 use crate::operators::Operators;
@@ -9,31 +10,32 @@ use robot::Model;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The largest text file that is read: a URDF of 5 MB is the bound of `robot`, and the others are smaller.
+/// Largest text file that is read. The bound comes from `robot`, which allows a URDF of 5 MB. The others are
+/// smaller.
 const TEXT_BYTES_MAX: u64 = 5 << 20;
-/// Where the robot file stands in `Loaded::files`.
+/// Index of the robot file in `Loaded::files`.
 const ROBOT_FILE: usize = 1;
 /// The largest weights file that is read.
 const WEIGHTS_BYTES_MAX: u64 = 256 << 20;
 
-/// Everything that is settled before the first tick.
+/// Everything that is fixed before the first tick.
 #[derive(Clone, Debug)]
 pub struct Loaded {
     /// The settings in force.
     pub settings: Settings,
     /// The robot among its obstacles.
     pub model: Model,
-    /// Trained weights; absent where the method needs none and no file is there.
+    /// Trained weights. `None` if the method needs none and there is no file.
     pub weights: Option<retarget::Weights>,
-    /// How a person's limbs go on; absent where the settings name no file.
+    /// Prediction of the person's limbs. `None` if the settings name no file.
     pub prediction: Option<retarget::Prediction>,
     /// The layouts that clients may send.
     pub layouts: Layouts,
-    /// What was measured of operators; it may change while the instance runs, and is no part of the hash.
+    /// Calibrations of the operators. They may change while the instance runs, so the hash excludes them.
     pub operators: Operators,
     /// Folder of their files.
     pub operators_dir: PathBuf,
-    /// The one hash of all else.
+    /// Hash of everything else.
     pub hash: u64,
     /// The files that were read.
     pub files: Vec<PathBuf>,
@@ -45,7 +47,7 @@ impl Loaded {
         self.files.first().map_or_else(String::new, |file| file.display().to_string())
     }
 
-    /// The robot file. What else is known of the robot lies beside it.
+    /// The robot file. Other files of the robot are beside it.
     pub fn robot_file(&self) -> &Path {
         self.files.get(ROBOT_FILE).map_or(Path::new(""), PathBuf::as_path)
     }
@@ -75,7 +77,7 @@ impl Loaded {
     }
 }
 
-/// What the command line changes; part of the hash, so that processes started differently cannot engage.
+/// Changes by the command line. They are part of the hash, so processes started differently cannot engage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Overrides {
     /// `control.engage_without_realtime = true`.
@@ -85,7 +87,7 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// Changes `settings` as the command line says.
+    /// Applies the changes to `settings`.
     pub fn apply(&self, settings: &mut Settings) {
         settings.control.engage_without_realtime |= self.engage_without_realtime;
         settings.sim.interface = self.interface.unwrap_or(settings.sim.interface);
@@ -144,7 +146,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     }
     let operators_dir = folder.join(&settings.ingest.operators);
     let operators = Operators::read(&operators_dir)?;
-    // The very text that was judged: the file may be another by now.
+    // The hash uses the text that was checked, because the file may have changed since.
     let texts = [weights.as_ref().map(|(_, text)| text), prediction.as_ref().map(|(_, text)| text)];
     for (text, both) in texts.into_iter().zip([weights_files, prediction_files]) {
         if let Some(text) = text {
@@ -156,18 +158,18 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     Ok(Loaded { settings, model, weights, prediction, layouts, operators, operators_dir, hash, files })
 }
 
-/// The manifest and the tensors of `base`.
+/// Paths of the manifest and the tensors of `base`.
 fn twins(base: &Path) -> [PathBuf; 2] {
     ["toml", "safetensors"].map(|extension| with_extension(base, extension))
 }
 
-/// If either file could not be read: see [`named`].
+/// Adds the settings key to the error if either file could not be read. See [`named`].
 fn named_twin(error: ConfigError, files: &[PathBuf; 2], config: &Path, key: &str) -> ConfigError {
     files.iter().fold(error, |error, file| named(error, file, config, key))
 }
 
-/// If `file` could not be read: with the key of the settings that names it, because a copy of the settings alone finds
-/// nothing beside itself.
+/// Adds the settings key that names `file` to the error if `file` could not be read. A copy of the settings alone
+/// finds no files beside itself.
 fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigError {
     match error {
         ConfigError::Read { file: unread, cause } if Path::new(&unread) == file => {
@@ -179,7 +181,7 @@ fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigErr
     }
 }
 
-/// Reads a robot file and the URDF it names; returns the model, without obstacles, and the URDF's path.
+/// Reads a robot file and the URDF it names. Returns the model, without obstacles, and the URDF's path.
 pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     let toml_text = read_text(robot_file)?;
     let toml_name = robot_file.display().to_string();
@@ -191,13 +193,13 @@ pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     Ok((model, urdf_path))
 }
 
-/// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot. Both are copied into memory first, and
-/// the copies are what is judged and used: what becomes of the files afterwards changes nothing.
+/// Reads `<base>.safetensors` and `<base>.toml` and checks them against the robot. Both are copied into memory
+/// first. Only the copies are checked and used, so a later change of the files has no effect.
 pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, ConfigError> {
     read_weights(base, model).map(|(weights, _)| weights)
 }
 
-/// The weights, and the manifest's text.
+/// Reads the weights and the manifest's text.
 fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
     read_twins(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
 }
@@ -207,12 +209,12 @@ fn read_prediction(base: &Path) -> Result<(retarget::Prediction, String), Config
     read_twins(base, retarget::Prediction::read)
 }
 
-/// What `read` makes of the manifest and the tensors of `base`.
+/// Applies `read` to the manifest and the tensors of `base`.
 fn read_twins<T>(
     base: &Path,
     read: impl FnOnce(&str, &[u8]) -> Result<T, retarget::WeightsError>,
 ) -> Result<(T, String), ConfigError> {
-    // Either name will do: that of the tensors, or what they and the manifest share.
+    // `base` may be the name of the tensors or the name without extension.
     let stem = base.to_str().and_then(|text| text.strip_suffix(".safetensors"));
     let [manifest_path, tensors_path] = twins(stem.map_or(base, Path::new));
     let manifest = read_text(&manifest_path)?;
@@ -222,7 +224,7 @@ fn read_twins<T>(
     Ok((value, manifest))
 }
 
-// Unlike Path::with_extension, keeps a dot that belongs to the name.
+// Keeps a dot that belongs to the name, unlike `Path::with_extension`.
 fn with_extension(base: &Path, extension: &str) -> PathBuf {
     let mut name = base.as_os_str().to_owned();
     name.push(".");
@@ -230,7 +232,7 @@ fn with_extension(base: &Path, extension: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Reads a text file: a regular one, of bounded length, in UTF-8.
+/// Reads a text file. It must be a regular file of bounded length, in UTF-8.
 pub fn read_text(path: &Path) -> Result<String, ConfigError> {
     String::from_utf8(read_bytes(path, TEXT_BYTES_MAX)?)
         .map_err(|_| ConfigError::Read { file: path.display().to_string(), cause: "is not UTF-8 text".into() })
@@ -239,14 +241,14 @@ pub fn read_text(path: &Path) -> Result<String, ConfigError> {
 fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
     let refuse = |cause: String| ConfigError::Read { file: path.display().to_string(), cause };
     let failed = |error: std::io::Error| refuse(error.to_string());
-    // Before it is opened: opening a pipe would wait for whoever writes into it.
+    // Checked before opening: opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(refuse("is not a regular file".into()));
     }
     let file = std::fs::File::open(path).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
     let mut bytes = Vec::new();
-    // A file may grow while it is read: never more than one byte beyond the bound is taken from it.
+    // The file may grow while it is read: at most one byte beyond the bound is read.
     file.take(most + 1).read_to_end(&mut bytes).map_err(failed)?;
     if length > most || bytes.len() as u64 > most {
         return Err(refuse(format!("has {length} bytes, more than the {most} that are read")));

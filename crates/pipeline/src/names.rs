@@ -1,13 +1,14 @@
-//! The names of a robot's parts, for clients that are told indices: `control` leaves them in the folder of its instance.
+//! Names of a robot's parts, for clients that receive only indices. `control` writes them into the folder of its
+//! instance.
 
 use robot::Model;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The file in the instance's folder.
+/// File in the instance's folder.
 const FILE: &str = "names.json";
 
-/// Longest file that is believed: 128 capsules and obstacles and 17 joints have names of a few dozen bytes.
+/// Longest file that is read: 128 capsules and obstacles and 17 joints have names of a few dozen bytes.
 const BYTES_MAX: u64 = 1 << 16;
 
 /// Names by index.
@@ -23,7 +24,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// Those of `model`.
+    /// Takes the names of `model`.
     pub fn of(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| capsule.name.clone());
         let obstacles = model.obstacles.iter().map(|obstacle| obstacle.name.clone());
@@ -35,12 +36,13 @@ impl Names {
         }
     }
 
-    /// Leaves them in the folder of an instance.
+    /// Writes them into the folder of an instance.
     pub fn write(&self, run_dir: &Path) -> std::io::Result<()> {
         crate::write_anew(&run_dir.join(FILE), &serde_json::to_vec_pretty(self)?)
     }
 
-    /// Those that the instance's `control` has left; none where it has not, and then indices are shown.
+    /// Reads the names that the instance's `control` wrote. Empty if there are none, and then clients show
+    /// indices.
     pub fn read(run_dir: &Path) -> Self {
         let path = run_dir.join(FILE);
         let small = std::fs::metadata(&path).is_ok_and(|file| file.is_file() && file.len() <= BYTES_MAX);
@@ -48,7 +50,7 @@ impl Names {
         serde_json::from_slice(&bytes).unwrap_or_default()
     }
 
-    /// Joint `index`.
+    /// Name of joint `index`.
     pub fn joint(&self, index: usize) -> String {
         self.joints.get(index).cloned().unwrap_or_else(|| format!("joint {index}"))
     }
@@ -58,7 +60,7 @@ impl Names {
         self.limits.get(index).copied().filter(|[low, high]| low < high)
     }
 
-    /// The unit of joint `index`.
+    /// Unit of joint `index`.
     pub fn unit(&self, index: usize) -> &'static str {
         match self.prismatic.get(index) {
             Some(true) => "m",
@@ -67,7 +69,7 @@ impl Names {
         }
     }
 
-    /// Two parts that are too close.
+    /// Names of two parts.
     pub fn pair(&self, pair: [u32; 2]) -> String {
         let name = |index: u32| self.parts.get(index as usize).cloned().unwrap_or_else(|| format!("part {index}"));
         format!("{} and {}", name(pair[0]), name(pair[1]))

@@ -1,4 +1,5 @@
-//! A motion from its first frame to rest, through every stage, in virtual time: what `replay --offline` writes.
+//! Plays a motion from its first frame to rest, through every stage, in virtual time. `replay --offline` writes
+//! the result.
 
 use crate::ConfigError;
 use crate::load::Loaded;
@@ -9,19 +10,19 @@ use motion::Motion;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 
-/// Seed of the simulated robot's noise; an offline run is the same every time.
+/// Seed of the simulated robot's noise. An offline run is the same every time.
 const SEED: u64 = 1;
 
-/// Longest time from the enable to Engaged, ticks: 3 s of blending, and the torso's whole stroke takes 5 s.
+/// Longest time from the enable to Engaged, ticks. Blending takes 3 s, and the torso's whole stroke takes 5 s.
 const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 
 /// Longest time from release to rest, ticks: four times the longest stop.
 const REST_WITHIN: u64 = 2 * TICK_HZ;
 
-/// Ticks before the virtual operator enables: so long must the enable have been seen released, and some.
+/// Ticks before the virtual operator enables: the time for which the enable must have been released, and a margin.
 const SETTLE: u64 = TICK_HZ;
 
-/// One row: what was commanded and wanted at tick `k`, counted from the enable.
+/// One row: commanded and target positions of tick `k`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// Tick since the enable.
@@ -32,7 +33,7 @@ pub struct Row {
     pub target: [f64; JOINTS],
 }
 
-/// Why a run ended.
+/// Reason for which a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OfflineEnd {
     /// The motion was played and the robot is at rest.
@@ -41,30 +42,30 @@ pub enum OfflineEnd {
     Stopped(String),
 }
 
-/// What a run was.
+/// Report of a run.
 #[derive(Clone, Debug, Default)]
 pub struct OfflineReport {
     /// Rows produced.
     pub rows: u64,
     /// Every mode and the row at which it began.
     pub modes: Vec<(u64, Mode)>,
-    /// At which row each frame of the motion was taken.
+    /// Row at which each frame of the motion was published.
     pub frames: Vec<(usize, u64)>,
     /// Violations by kind, as the simulated robot counted them.
     pub violations: BTreeMap<String, u64>,
     /// Smallest clearance of the checked pairs over all executed commands, mm.
     pub min_clearance_mm: f64,
-    /// Motions that were wanted but not certified.
+    /// Motions that were proposed but not certified.
     pub fallbacks: u32,
-    /// Largest torque of all executed commands over its joint's effort limit.
+    /// Largest ratio of torque to its joint's effort limit, over all executed commands.
     pub torque_share_max: f64,
     /// Mean limb error of the target while engaged, deg.
     pub limb_error_deg_mean: f64,
-    /// Mean limb error of what the robot did while engaged, deg.
+    /// Mean limb error of the measured robot while engaged, deg.
     pub limb_error_measured_deg_mean: f64,
 }
 
-/// Who is shown every tick, with what the operator did in it.
+/// Callback that gets every tick and the operator's input.
 pub type Watch<'a> = dyn FnMut(&Moment, &OperatorView) + 'a;
 
 /// A run in progress.
@@ -83,12 +84,12 @@ pub struct Offline {
 }
 
 impl Offline {
-    /// A robot at rest in its home posture, the first frame held, an operator about to enable.
+    /// Starts with a robot at rest in its home posture, the first frame held, and an operator about to enable.
     pub fn new(loaded: &Loaded, motion: &Motion, options: PlayOptions) -> Result<Self, ConfigError> {
         Self::watched(loaded, motion, options, &mut |_, _| {})
     }
 
-    /// As [`Offline::new`]; `watch` is shown every tick and what the operator did in it.
+    /// As [`Offline::new`], with a callback `watch` for every tick.
     pub fn watched(
         loaded: &Loaded,
         motion: &Motion,
@@ -115,7 +116,7 @@ impl Offline {
         Ok(run)
     }
 
-    /// Frames of the motion played, and their number.
+    /// Frames of the motion played, and their total number.
     pub fn progress(&self) -> (u64, u64) {
         self.player.progress()
     }
@@ -132,7 +133,7 @@ impl Offline {
         &self.report
     }
 
-    /// What the judge says of the joints' true motion so far.
+    /// Judgement of the joints' true motion so far.
     pub fn judged(&self) -> &plant::Report {
         self.world.judged()
     }
@@ -142,7 +143,7 @@ impl Offline {
         self.step_watched(&mut |_, _| {})
     }
 
-    /// As [`Offline::step`]; `watch` is shown the tick.
+    /// As [`Offline::step`], with a callback `watch` for the tick.
     pub fn step_watched(&mut self, watch: &mut Watch<'_>) -> Result<Row, OfflineEnd> {
         let k = self.report.rows;
         let released = self.released_at;
@@ -174,12 +175,12 @@ impl Offline {
         Ok(Row { k, command: command.q, target: target.q })
     }
 
-    /// Client, operator, and one tick of everything.
+    /// Runs client, operator, and one tick of all stages.
     fn moment(&mut self, watch: &mut Watch<'_>) -> Moment {
         let k = self.report.rows;
         let now = self.world.now();
         if let Some((frame, raw)) = self.player.due(now, self.mode == Mode::Engaged) {
-            // The last frame is held until the robot is released: it was taken once.
+            // The last frame is held until the robot is released. It is counted once.
             if self.player.started() && self.report.frames.last().is_none_or(|(last, _)| *last != frame) {
                 self.report.frames.push((frame, k));
             }

@@ -1,4 +1,4 @@
-//! What was measured of operators: one TOML file each, in the folder that the settings name.
+//! Calibrations of operators: one TOML file each, in the folder that the settings name.
 
 use crate::ConfigError;
 use crate::load::read_text;
@@ -7,29 +7,30 @@ use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, LEAN_MAX_RAD};
 use std::path::{Path, PathBuf};
 
-/// The most files that are read: assumption, more than the people of one laboratory.
+/// Largest number of files that are read. Assumption: more than the people of one laboratory.
 const OPERATORS_MAX: usize = 64;
-/// Longest and shortest limb, m: an upper arm of 2.2 m of stature and a forearm of 1.2 m, with the margins of `skeleton`.
+/// Shortest and longest limb, m: a forearm of a person of 1.2 m and an upper arm of one of 2.2 m, with the margins
+/// of `skeleton`.
 const LENGTH_M: [f64; 2] = [0.1, 0.6];
-/// What the length of a hinge may differ from 1, as in frames.
+/// Largest deviation of a hinge's length from 1, as in frames.
 const UNIT_ERROR_MAX: f64 = 1e-3;
-/// Largest number that a client or a layout can have.
+/// Largest number of a client's person or a layout.
 const NUMBER_MAX: f64 = u32::MAX as f64;
 
-/// One operator in the eyes of one layout.
+/// An operator's calibration for one layout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Operator {
-    /// How people call them; the file's name.
+    /// The operator's name. Their file is written under it.
     pub name: String,
-    /// Which person, as the client counts them.
+    /// Number of the person, as the client counts them.
     pub operator_id: u32,
     /// Number of the layout that the client sends.
     pub layout: u32,
-    /// What was measured.
+    /// Calibration.
     pub calibration: Calibration,
 }
 
-/// All operators that are known, each with the name of its file without the extension.
+/// All known operators, each with the name of its file without the extension.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Operators(Vec<(String, Operator)>);
 
@@ -54,7 +55,7 @@ impl<T: Copy> PerLimb<T> {
     }
 }
 
-/// The file.
+/// Contents of a file.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -71,11 +72,11 @@ struct File {
 }
 
 impl Operators {
-    /// Reads every `*.toml` of a folder, in the order of their names; a folder that is not there holds nobody.
+    /// Reads every `*.toml` of a folder, in the order of their names. A missing folder holds no operators.
     ///
     /// # Errors
-    /// A file that cannot be read, a key that is unknown, missing or mistyped, a value outside its bounds, two files of the same
-    /// operator and layout, or too many.
+    /// Returns an error if a file cannot be read, if a key is unknown, missing or mistyped, or if a value is
+    /// outside its bounds. Two files of the same operator and layout, or too many files, are also errors.
     pub fn read(folder: &Path) -> Result<Self, ConfigError> {
         let failed = |error: std::io::Error| ConfigError::Read {
             file: folder.display().to_string(),
@@ -116,8 +117,8 @@ impl Operators {
         self.0.iter().map(|(_, operator)| operator).find(|operator| operator.key() == (operator_id, layout))
     }
 
-    /// Why this person in this layout cannot have the file `name`: with it the folder could not be read any more, or it is
-    /// somebody else's.
+    /// Returns the reason for which this person in this layout cannot have the file `name`. Either the folder
+    /// could no longer be read with it, or the file belongs to another operator.
     pub fn refuses(&self, name: &str, operator_id: u32, layout: u32) -> Option<String> {
         let key = (operator_id, layout);
         for (file, operator) in &self.0 {
@@ -142,12 +143,12 @@ impl Operators {
         (self.0.len() >= OPERATORS_MAX).then(|| format!("there are {OPERATORS_MAX} files, and no more are read"))
     }
 
-    /// What is known of a client's person in a layout.
+    /// Returns the calibration of a client's person in a layout.
     pub fn find(&self, operator_id: u32, layout: u32) -> Option<&Calibration> {
         self.get(operator_id, layout).map(|operator| &operator.calibration)
     }
 
-    /// Their names.
+    /// Names of the operators.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.iter().map(|(_, operator)| operator.name.as_str())
     }
@@ -158,16 +159,16 @@ impl Operator {
         (self.operator_id, self.layout)
     }
 
-    /// Whether a name can be that of an operator: letters, digits, `-` and `_`, at most 32 of them.
+    /// Returns true if `name` is allowed for an operator: letters, digits, `-` and `_`, at most 32 of them.
     pub fn may_be_called(name: &str) -> bool {
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         (1..=32).contains(&name.len()) && name.chars().all(allowed)
     }
 
-    /// Writes `<folder>/<name>.toml`, which makes the folder and replaces a file of that name; its path.
+    /// Writes `<folder>/<name>.toml` and returns its path. Creates the folder and replaces a file of that name.
     ///
     /// # Errors
-    /// As those of the file system.
+    /// Returns the error of the file system.
     pub fn write(&self, folder: &Path) -> std::io::Result<PathBuf> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("{}.toml", self.name));
@@ -276,7 +277,7 @@ mod tests {
             assert_eq!(said.is_some(), why.is_some(), "{name}: {said:?}");
             assert!(said.is_none_or(|said| said.contains(why.unwrap_or_default())), "{name}");
         }
-        // By its file, whatever it says that they are called.
+        // The file's name counts, not the name inside it.
         std::fs::rename(place.join("anna.toml"), place.join("old.toml")).unwrap();
         let renamed = Operators::read(&place).unwrap();
         assert!(renamed.refuses("anna", 3, 1).is_some_and(|why| why.contains("old.toml")));

@@ -1,35 +1,35 @@
-//! Plays a motion as a client would: at its own frame rate, the first frame held until the robot is engaged.
+//! Plays a motion like a client: at its own frame rate, with the first frame held until the robot is engaged.
 
 use messages::{HingeCalibration, RawSkeleton, SMPL_JOINTS, Stamp};
 use motion::{CalibrationMode, Motion};
 
-/// How a motion is played.
+/// Options of playing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlayOptions {
-    /// 1 is the recorded speed.
+    /// Speed. 1 is the recorded one.
     pub speed: f64,
-    /// Begin again at the end, with the seam blended.
+    /// Starts again at the end, with the seam blended.
     pub looped: bool,
-    /// Where the elbow hinges come from.
+    /// Source of the elbow hinges.
     pub calibration: CalibrationMode,
 }
 
 /// Length of the blend over the seam of a loop, s.
 const SEAM_S: f64 = 0.5;
 
-/// A motion being played, against any clock.
+/// A motion that is being played, on any clock.
 #[derive(Clone, Debug)]
 pub struct Player {
     motion: Motion,
     calibration: HingeCalibration,
     session_nonce: u64,
     incarnation: u32,
-    /// Between two frames that are published.
+    /// Time between two published frames, ns.
     period_ns: f64,
-    /// How many frames are published for each of the motion: those between two of a slow motion are mixed.
+    /// Number of published frames for each frame of the motion. Those between two of a slow motion are mixed.
     steps: u64,
     looped: bool,
-    // The frame to publish next, counted from the start of playing; 0 is held until the robot is engaged.
+    // Next frame to publish, counted from the start of playing. 0 is held until the robot is engaged.
     next: u64,
     started: Option<Stamp>,
     next_due: Stamp,
@@ -37,8 +37,8 @@ pub struct Player {
 }
 
 impl Player {
-    /// Prepares `motion`. Sources below 30 Hz are upsampled, and a slow motion is filled with frames between its own, because
-    /// live frames are expected at 30 to 240 Hz.
+    /// Prepares `motion`. Live frames are expected at 30 to 240 Hz. So sources below 30 Hz are upsampled, and a
+    /// slow motion is filled with frames between its own.
     pub fn new(motion: &Motion, options: PlayOptions, session_nonce: u64, incarnation: u32) -> Self {
         let calibration = motion::calibrate(motion, options.calibration);
         let mut motion =
@@ -63,13 +63,13 @@ impl Player {
         }
     }
 
-    /// When the next frame is due; never before the first one was published.
+    /// Time at which the next frame is due. `Stamp::NONE` before the first one was published.
     pub fn next_due(&self) -> Stamp {
         self.next_due
     }
 
-    /// The frame to publish at `now`, if one is due, and its index in the motion. `engaged`: the robot follows, so the
-    /// motion may begin; once begun it goes on.
+    /// Returns the frame to publish at `now` and its index in the motion, if a frame is due. `engaged`: the robot
+    /// follows, so the motion may begin. Once begun it goes on.
     pub fn due(&mut self, now: Stamp, engaged: bool) -> Option<(usize, RawSkeleton)> {
         if now < self.next_due {
             return None;
@@ -81,7 +81,7 @@ impl Player {
         let at = match self.started {
             None => 0,
             Some(start) => {
-                // Late by more than a frame: the frames between are skipped, as a camera would.
+                // If playing is late by more than a frame, the frames between are skipped, as with a camera.
                 let elapsed = (now.since(start) as f64 / self.period_ns + 1e-6) as u64;
                 self.next = elapsed + 1;
                 if self.looped { elapsed % published } else { elapsed.min(published - self.steps) }
@@ -113,17 +113,17 @@ impl Player {
         raw
     }
 
-    /// Whether the last frame has been published (never, for a loop).
+    /// Returns true if the last frame has been published. Always false for a loop.
     pub fn finished(&self) -> bool {
         !self.looped && self.next > self.motion.frames.len() as u64 * self.steps
     }
 
-    /// Whether the motion has begun.
+    /// Returns true if the motion has begun.
     pub fn started(&self) -> bool {
         self.started.is_some()
     }
 
-    /// Frames published of the motion, and their number.
+    /// Frames of the motion published, and their total number.
     pub fn progress(&self) -> (u64, u64) {
         let frames = self.motion.frames.len() as u64;
         let next = self.next.div_ceil(self.steps);
@@ -166,7 +166,7 @@ mod tests {
             let all = played(speed);
             let rate_hz = (all.len() - 1) as f64 / all[all.len() - 1].0;
             assert!(rate_hz > 29.9, "{speed}: {rate_hz} Hz");
-            // The last one a second time: then its own time is over.
+            // The last frame is published a second time, when its own time is over.
             assert_eq!(all.len(), recorded.len() * steps + 1, "{speed}");
             for (i, frame) in recorded.iter().enumerate() {
                 let (at_s, index, raw) = &all[i * steps];

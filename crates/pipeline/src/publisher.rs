@@ -1,5 +1,5 @@
-//! A client in a thread: publishes a motion through the input domain or the skeleton socket, exactly as any other client
-//! would.
+//! A client in a thread. It publishes a motion through the input domain or the skeleton socket, like any other
+//! client.
 
 mod shared;
 
@@ -14,10 +14,10 @@ use std::sync::{Arc, Mutex, atomic};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What the daemon said last.
+/// The daemon's last reply.
 type LastReply = Arc<Mutex<Option<String>>>;
 
-/// Where a motion is published to.
+/// Destination of the frames.
 #[derive(Clone, Debug)]
 pub enum Transport {
     /// The input domain, in shared memory.
@@ -26,21 +26,21 @@ pub enum Transport {
     Socket(PathBuf),
 }
 
-/// Why a client cannot publish.
+/// Reason for which a client cannot publish.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// The input domain cannot be entered.
+    /// The client cannot open the input domain.
     #[error(transparent)]
     Bus(#[from] BusError),
     /// The bus did not take a frame.
     #[error(transparent)]
     Frame(#[from] bus::PublishError),
-    /// The door is closed.
+    /// The skeleton socket refused the client.
     #[error(transparent)]
     Door(#[from] DoorError),
 }
 
-/// An open way, for a client whose frames are its own.
+/// An open connection, for a client that sends its own frames.
 pub struct Port(Open);
 
 enum Open {
@@ -49,10 +49,10 @@ enum Open {
 }
 
 impl Port {
-    /// Opens `way`; `name` is what the bus calls the client.
+    /// Opens `way`. `name` is the client's name on the bus.
     ///
     /// # Errors
-    /// The domain cannot be entered, or the door is closed.
+    /// Returns an error if the domain cannot be opened or the socket refuses the client.
     pub fn open(way: Transport, name: &str) -> Result<Self, ClientError> {
         Ok(Self(match way {
             Transport::Domain(config) => {
@@ -63,10 +63,10 @@ impl Port {
         }))
     }
 
-    /// Publishes a frame, with the header and the session that it has; on the socket the session is the one that `ingest` gives.
+    /// Publishes a frame with its own header and session. On the socket `ingest` assigns the session.
     ///
     /// # Errors
-    /// The frame was not taken.
+    /// Returns an error if the frame was not taken.
     pub fn publish(&mut self, frame: &RawSkeleton) -> Result<(), ClientError> {
         match &mut self.0 {
             Open::Bus(port) => {
@@ -78,7 +78,7 @@ impl Port {
         Ok(())
     }
 
-    /// What the daemon said last, where it says anything.
+    /// The daemon's last reply. `None` in shared memory, where the daemon does not reply.
     pub fn told(&self) -> Option<&'static str> {
         match &self.0 {
             Open::Bus(_) => None,
@@ -97,12 +97,12 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Starts to publish `player`'s motion into `domain`; `now` reads CLOCK_MONOTONIC.
+    /// Starts to publish `player`'s motion into `domain`. `now` reads CLOCK_MONOTONIC.
     pub fn start(domain: DomainConfig, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
         Self::start_on(Transport::Domain(domain), player, now)
     }
 
-    /// As `start`, on any way. On the socket the session is the one that `ingest` gives.
+    /// As `start`, with any destination. On the socket `ingest` assigns the session.
     pub fn start_on(way: Transport, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
         let shared = Arc::new(Shared::default());
         let told = LastReply::default();
@@ -111,7 +111,7 @@ impl Publisher {
         let thread = std::thread::Builder::new()
             .name("client".into())
             .spawn(move || {
-                // The port is made here because it cannot change its thread.
+                // The port is created here because it cannot move to another thread.
                 match Port::open(way, "replay") {
                     Ok(port) => {
                         let _ = opened.send(Ok(()));
@@ -121,7 +121,8 @@ impl Publisher {
                 }
             })
             .expect("a thread can be started");
-        // The thread always answers: opening a domain ends within 5 s, attaching to a socket within 1 s, in success or not.
+        // The thread always answers, with success or failure: opening a domain ends within 5 s, attaching to a
+        // socket within 1 s.
         match outcome.recv() {
             Ok(Ok(())) => Ok(Self { shared, told, frames, thread: Some(thread) }),
             Ok(Err(error)) => Err(error),
@@ -129,27 +130,28 @@ impl Publisher {
         }
     }
 
-    /// Says whether the robot follows; the motion begins with the first `true`.
+    /// Tells the client whether the robot follows. The motion begins with the first `true`.
     pub fn set_engaged(&self, engaged: bool) {
         self.shared.set_engaged(engaged);
     }
 
-    /// Whether the last frame has been published; `progress` and `failures` are final then.
+    /// Returns true if the last frame has been published. Then `progress` and `failures` are final.
     pub fn finished(&self) -> bool {
         self.shared.finished()
     }
 
-    /// Frames of the motion published, and their number.
+    /// Frames of the motion published, and their total number.
     pub fn progress(&self) -> (u64, u64) {
         (self.shared.published(), self.frames)
     }
 
-    /// What the daemon said last of this client, or why the last frame was not taken; nothing on shared memory.
+    /// The daemon's last reply to this client, or the reason for which the last frame was not taken. In shared
+    /// memory there are no replies.
     pub fn told(&self) -> Option<String> {
         self.told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()
     }
 
-    /// Frames that were not taken.
+    /// Number of frames that were not taken.
     pub fn failures(&self) -> u64 {
         self.shared.failures()
     }
@@ -173,7 +175,7 @@ fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &LastReply
             *told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = said;
         }
         let wait_ns = player.next_due().since(now());
-        // Short sleeps, so that stopping never waits for a slow frame rate.
+        // Short sleeps, so stopping never waits for a slow frame rate.
         std::thread::sleep(Duration::from_nanos(wait_ns.min(5_000_000)));
     }
 }

@@ -1,4 +1,4 @@
-//! `teleop.toml`: its shape and its bounds. Every key is required; an unknown key is refused.
+//! `teleop.toml`: its structure and its bounds. Every key is required, and an unknown key is refused.
 
 use crate::ConfigError;
 use crate::cores::Cores;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// Robot file, relative to the settings file.
     pub robot: FileKey,
-    /// What stands about the robot, in the frame of its base.
+    /// Obstacles around the robot, in the frame of its base.
     pub environment: robot::Environment,
     /// Trained weights, as a path without extension, relative to the settings file. It names `FILE.safetensors` and
     /// `FILE.toml`.
@@ -20,7 +20,7 @@ pub struct Settings {
     pub retarget: RetargetSettings,
     /// Groups of the sockets.
     pub doors: DoorSettings,
-    /// What clients may send.
+    /// The layouts that clients may send, and how their positions are filtered.
     pub ingest: IngestSettings,
     /// The control process.
     pub control: ControlSettings,
@@ -71,7 +71,7 @@ pub struct RetargetSettings {
     pub prediction: String,
 }
 
-/// Groups of the sockets; an empty name is the group of the daemon's process.
+/// Groups of the sockets. An empty name stands for the group of the daemon's process.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DoorSettings {
@@ -81,19 +81,19 @@ pub struct DoorSettings {
     pub operator_group: String,
 }
 
-/// Whose positions are filtered before they are judged.
+/// Layouts whose positions are filtered before validation.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Filter {
-    /// Nobody's.
+    /// No layout.
     None,
-    /// Those that a camera sees.
+    /// Layouts of cameras.
     Cameras,
-    /// Everybody's.
+    /// Every layout.
     All,
 }
 
-/// What clients may send, and for how long they may be silent.
+/// Settings of the clients' layouts, lease and filter.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct IngestSettings {
@@ -126,7 +126,7 @@ pub struct IngestSettings {
     pub camera_length_step_max: f64,
 }
 
-/// Who may reset an emergency stop that an operator pressed.
+/// Users who may reset an emergency stop that an operator pressed.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmergencyStopReset {
@@ -137,7 +137,7 @@ pub enum EmergencyStopReset {
 }
 
 impl EmergencyStopReset {
-    /// As the operator's socket calls it.
+    /// Converts it for the operator socket.
     pub const fn rule(self) -> operator::ResetRule {
         match self {
             Self::Anyone => operator::ResetRule::Anyone,
@@ -146,7 +146,7 @@ impl EmergencyStopReset {
     }
 }
 
-/// When control ticks, and who may engage and reset.
+/// Settings of the control process: its timing, and the conditions to engage and reset.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControlSettings {
@@ -159,7 +159,7 @@ pub struct ControlSettings {
     pub emergency_stop_reset: EmergencyStopReset,
 }
 
-/// Which robot the driver talks to.
+/// Robot that the driver talks to.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriverKind {
@@ -254,7 +254,7 @@ impl SafetySettings {
     }
 }
 
-/// Scheduling policy asked for.
+/// Scheduling policy of the loops.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Policy {
@@ -264,13 +264,13 @@ pub enum Policy {
     Other,
 }
 
-/// How the next process learns that there is something for it.
+/// How the next process learns of a new message.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandOff {
     /// The writer wakes it.
     Events,
-    /// It looks once a period.
+    /// It polls once a period.
     Polled,
 }
 
@@ -283,7 +283,7 @@ pub struct MetricsSettings {
     pub port: u32,
 }
 
-/// What the processes ask of the kernel.
+/// Settings of scheduling, cores and memory.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RealtimeSettings {
@@ -310,7 +310,7 @@ pub struct RealtimeSettings {
     pub cpu_dma_latency: bool,
 }
 
-/// What the simulated robot does by itself when setpoints end; real robots differ.
+/// How the simulated robot reacts by itself when setpoints end. Real robots differ.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotReaction {
@@ -323,7 +323,7 @@ pub enum RobotReaction {
 }
 
 impl RobotReaction {
-    /// As the simulated robot calls it.
+    /// Converts it for the simulated robot.
     pub(crate) const fn simulated(self) -> sim::Reaction {
         match self {
             Self::Hold => sim::Reaction::Hold,
@@ -370,14 +370,15 @@ pub struct SimSettings {
     pub payload_right_kg: Option<f64>,
 }
 
-/// The most files of layouts: assumption, more than the systems of one laboratory. A number is looked for among all of them.
+/// Largest number of layout files. Assumption: more than the systems of one laboratory. All of them are searched
+/// for a number.
 const LAYOUTS_MAX: usize = 16;
 
-/// The longest stop of any robot, ms (`limits.stop_time_max_ms` of a robot file may not exceed it).
+/// Longest stop of any robot, ms. `limits.stop_time_max_ms` of a robot file may not exceed it.
 const STOP_LONGEST_MS: f64 = 500.0;
 
 impl Settings {
-    /// Parses and bounds `text`; `file` is named in errors.
+    /// Parses `text` and checks its bounds. Errors name `file`.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
         let settings: Self = toml::from_str(text)
             .map_err(|error| ConfigError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
@@ -385,7 +386,7 @@ impl Settings {
         Ok(settings)
     }
 
-    /// What the bounds of the tracking error are multiplied by: one, but for a simulated robot.
+    /// Factor on the bounds of the tracking error. It is one, except for a simulated robot.
     pub(crate) const fn tracking_error_factor(&self) -> f64 {
         match self.driver.kind {
             DriverKind::Sim => self.sim.tracking_error_factor,
@@ -440,7 +441,7 @@ impl Settings {
                 cause: "driver.kind = \"robot\" needs driver.program: the program that drives your robot".into(),
             });
         }
-        // The lease must not pass on while the robot still moves for the client that fell silent.
+        // The lease must not pass to another client while the robot still moves for the client that fell silent.
         let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);
         if value < least {
             return Err(ConfigError::TooShort {

@@ -1,11 +1,11 @@
-//! The settings as the stages take them.
+//! Converts the settings into the stages' configurations.
 
 use crate::ConfigError;
 use crate::load::Loaded;
 use crate::settings::{Method, SafetySettings};
 use safety::engage;
 
-/// Configuration of the retargeting stage.
+/// Returns the configuration of the retargeting stage.
 pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError> {
     let settings = &loaded.settings.retarget;
     let options = retarget::Options {
@@ -21,16 +21,17 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         .map_err(|error| ConfigError::stage("retarget", error))
 }
 
-/// Age of a measurement beyond which the driver does not hear the robot any more, ms: ten cycles of the robot's port.
+/// Age of a measurement beyond which the driver counts the robot as silent, ms: ten cycles of the robot's port.
 const MEASURED_AGE_MAX_MS: f64 = 10.0;
 
-/// Configuration of the simulated robot. Without real-time scheduling (`realtime` false) the silence that latches the
-/// driver's fault, and the age of a measurement, are relaxed like the other stale times; the plan plays from the first missed tick in any case.
+/// Returns the configuration of the simulated robot. Without real-time scheduling (`realtime` false), two times
+/// are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
+/// measurement. The plan plays from the first missed tick in any case.
 pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, ConfigError> {
     sim_config_of(loaded, realtime, false)
 }
 
-/// `initial_outside`: see [`sim::Options`].
+/// As [`sim_config`]; for `initial_outside` see [`sim::Options`].
 pub(crate) fn sim_config_of(
     loaded: &Loaded,
     realtime: bool,

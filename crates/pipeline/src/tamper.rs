@@ -1,8 +1,8 @@
-//! What may befall a message between its writer and its link, in a simulation.
+//! Tampering with messages between their writer and their link, in a simulation.
 
 use messages::{JointCommand, JointTarget, RobotState, Skeleton};
 
-/// Alters messages as they are published, or, answering false, keeps them back.
+/// Alters messages when they are published. A method that returns false drops the message.
 pub trait Tamper {
     /// Ingest to retarget.
     fn skeleton(&mut self, _skeleton: &mut Skeleton) -> bool {
@@ -25,7 +25,7 @@ pub trait Tamper {
     }
 }
 
-/// Leaves every message as it is.
+/// Leaves every message unchanged.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Untampered;
 

@@ -1,5 +1,5 @@
-//! All stages in one thread with virtual time: the same ticks that the processes run, in the same order, over slots that
-//! may be faulty. Used by `replay --offline` and by `simulate`.
+//! All stages in one thread with virtual time. The ticks are those of the processes, in the same order, over links
+//! that may be faulty. `replay --offline` and `simulate` use it.
 
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::input::{InputConfig, InputState, input_tick};
@@ -10,16 +10,16 @@ use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
 
-/// Virtual time from a tick's deadline to its target, its command, and its execution, ns: the order of the live system
-/// with some of its delays (stage work of tens of microseconds each).
+/// Virtual time from a tick's deadline to its target, its command, and its execution, ns. The order is that of the
+/// live system, with some of its delays: each stage works tens of microseconds.
 const TARGET_AFTER_NS: u64 = 20_000;
 const COMMAND_AFTER_NS: u64 = 60_000;
 const EXECUTION_AFTER_NS: u64 = 120_000;
 
-/// The tick at which virtual time begins: not zero, because a stamp of zero means "never".
+/// Tick at which virtual time begins. It is not zero, because a stamp of zero means "never".
 const FIRST_TICK: u64 = 1500;
 
-/// Incarnations of the virtual processes; a restart takes the next one.
+/// Incarnations of the virtual processes. A restart takes the next one.
 #[derive(Clone, Copy, Debug, Default)]
 struct Incarnations {
     last: u32,
@@ -37,7 +37,7 @@ impl Incarnations {
 pub struct WorldConfig {
     input: InputConfig,
     retarget: retarget::Config,
-    /// Of the control tick.
+    /// Configuration of the control tick.
     pub control: ControlConfig,
     sim: sim::Config,
     config_hash: u64,
@@ -45,7 +45,7 @@ pub struct WorldConfig {
 }
 
 impl WorldConfig {
-    /// Everything for one virtual instance, with the stale times of a real-time machine.
+    /// Builds the configuration of one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
             input: InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone()),
@@ -57,15 +57,15 @@ impl WorldConfig {
         })
     }
 
-    /// As [`WorldConfig::new`], with a robot that may be found outside its limits or too close to itself when its driver
-    /// starts: to be there is no violation, to go further is.
+    /// As [`WorldConfig::new`], but the robot may be outside its limits or too close to itself when its driver
+    /// starts. That is no violation. Going further out is one.
     pub fn recoverable(loaded: &Loaded) -> Result<Self, ConfigError> {
         let sim = crate::stages::sim_config_of(loaded, true, true)?;
         Ok(Self { sim, ..Self::new(loaded)? })
     }
 }
 
-/// How bad each link is.
+/// Faults of each link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Links {
     /// Client to ingest.
@@ -80,7 +80,7 @@ pub struct Links {
     pub state: FaultPlan,
 }
 
-/// Which processes run in this tick; one that does not is stopped, not dead: it keeps its state.
+/// Processes that run in this tick. One that does not run is stopped, not dead: it keeps its state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Running {
     /// `ingest`.
@@ -94,11 +94,11 @@ pub struct Running {
 }
 
 impl Running {
-    /// All of them.
+    /// All processes run.
     pub const ALL: Self = Self { ingest: true, retarget: true, control: true, driver: true };
 }
 
-/// Everything there is, at one instant.
+/// State of all stages and links at one instant.
 #[derive(Clone, Debug)]
 pub struct World {
     k: u64,
@@ -119,16 +119,16 @@ pub struct World {
     states: Faulty<RobotState>,
 }
 
-/// What happened in a tick.
+/// Events of one tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
-    /// Tick, counted from the beginning of the world.
+    /// Tick, counted from the start of the world.
     pub k: u64,
-    /// What `ingest` passed on, if anything.
+    /// Skeleton that `ingest` published, if any.
     pub skeleton: Option<Skeleton>,
-    /// Target that reached control in this tick.
+    /// Target that control received in this tick.
     pub target_seen: Option<JointTarget>,
-    /// Robot state that reached control in this tick.
+    /// Robot state that control received in this tick.
     pub state_seen: Option<RobotState>,
     /// Target of this tick, if retarget ran.
     pub target: Option<JointTarget>,
@@ -139,7 +139,7 @@ pub struct Moment {
 }
 
 impl World {
-    /// A world at rest in the home posture. `seed` decides every fault and all noise.
+    /// Creates a world at rest in the home posture. `seed` determines every fault and all noise.
     pub fn new(config: &WorldConfig, seed: u64, links: Links) -> Self {
         let mut incarnations = Incarnations::default();
         let header = |incarnations: &mut Incarnations| Header {
@@ -170,22 +170,22 @@ impl World {
         }
     }
 
-    /// Virtual time at the deadline of the tick to come.
+    /// Virtual time at the deadline of the next tick.
     pub fn now(&self) -> Stamp {
         deadline(self.k)
     }
 
-    /// Ticks since the beginning.
+    /// Ticks since the start.
     pub fn ticks(&self) -> u64 {
         self.k - self.first_k
     }
 
-    /// A client publishes a frame now.
+    /// Publishes a client's frame now.
     pub fn publish(&mut self, raw: &RawSkeleton) {
         let _ = self.raw.publish(raw);
     }
 
-    /// Changes how bad the links are.
+    /// Changes the faults of the links.
     pub fn set_links(&mut self, links: Links) {
         self.raw.set_plan(links.raw);
         self.skeletons.set_plan(links.skeleton);
@@ -194,13 +194,13 @@ impl World {
         self.states.set_plan(links.state);
     }
 
-    /// What the links did so far, in the order of [`Links`].
+    /// Counts of the links' faults so far, in the order of [`Links`].
     pub fn link_counts(&self) -> [FaultCounts; 5] {
         let (raw, skeleton) = (self.raw.counts(), self.skeletons.counts());
         [raw, skeleton, self.targets.counts(), self.commands.counts(), self.states.counts()]
     }
 
-    /// Another future for the links: worlds that were copied part.
+    /// Gives the links new random seeds, so that copied worlds diverge.
     pub fn reseed_links(&mut self, seed: u64) {
         self.raw.reseed(seed ^ 1);
         self.skeletons.reseed(seed ^ 2);
@@ -209,7 +209,7 @@ impl World {
         self.states.reseed(seed ^ 5);
     }
 
-    /// `ingest` dies and is started again.
+    /// Kills and restarts `ingest`.
     pub fn restart_ingest(&mut self) {
         self.authority = Authority::default();
         self.input = InputState::default();
@@ -217,20 +217,21 @@ impl World {
         self.skeleton_header.sequence = 0;
     }
 
-    /// `control` dies and is started again.
+    /// Kills and restarts `control`.
     pub fn restart_control(&mut self, config: &WorldConfig) {
         self.control = ControlState::new(&config.control, self.incarnations.draw());
     }
 
-    /// `retarget` dies and is started again.
+    /// Kills and restarts `retarget`.
     pub fn restart_retarget(&mut self) {
         self.retarget = retarget::State::default();
         self.retarget_header.incarnation = self.incarnations.draw();
         self.retarget_header.sequence = 0;
     }
 
-    /// The driver, dead for at least [`driver::START_AFTER_TICKS`], is started again: on the robot as it is, or, if somebody moved it meanwhile, at
-    /// `q`. False, and nothing happens, if that is no posture.
+    /// Restarts the driver after at least [`driver::START_AFTER_TICKS`] without it. The robot keeps its posture,
+    /// or has the posture `q` if it was moved meanwhile. Returns false and changes nothing if the robot measures
+    /// no valid posture or `q` is none.
     pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
         let started = match q {
@@ -245,23 +246,23 @@ impl World {
         true
     }
 
-    /// What the checker says of the commands that were executed.
+    /// The checker's report of the executed commands.
     pub fn report(&self) -> &sim::Report {
         self.sim.report()
     }
 
-    /// What the judge says of the joints' true motion.
+    /// Judgement of the joints' true motion.
     pub fn judged(&self) -> &plant::Report {
         self.sim.judged()
     }
 
-    /// The robot's faults, to be injected by tests.
+    /// The simulated robot, so that tests can inject its faults.
     pub fn sim_mut(&mut self) -> &mut sim::State {
         &mut self.sim
     }
 
-    /// `ingest` takes what has arrived, as it does for every frame of a client that publishes faster than the tick: the
-    /// slot of the link keeps only the newest until then.
+    /// Lets `ingest` take the newest frame now. A client that publishes faster than the tick needs it for every
+    /// frame, because the link keeps only the newest one.
     pub fn drain_raw(&mut self, config: &WorldConfig) -> Option<Skeleton> {
         let now = deadline(self.k);
         self.raw.advance(now);
@@ -274,7 +275,7 @@ impl World {
         self.step_tampered(config, operator, running, &mut Untampered)
     }
 
-    /// As [`World::step`], with messages that may be altered where they are published.
+    /// As [`World::step`], with messages that `tamper` may alter when they are published.
     pub fn step_tampered(
         &mut self,
         config: &WorldConfig,

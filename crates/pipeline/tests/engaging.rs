@@ -1,4 +1,5 @@
-//! From any clear posture, towards any target, engaging begins without a jump; after a long hold it is as slow.
+//! From any clear posture, towards any target, engaging starts without a jump. After a long hold it is just as
+//! slow.
 
 use crate::support;
 
@@ -8,7 +9,7 @@ use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
 use support::{Bench, clearance, loaded};
 
-/// Postures that are tried.
+/// Number of postures.
 const POSTURES: u32 = 24;
 /// Share of the velocity limits in the first second.
 const SLOW: f64 = 0.05;
@@ -18,7 +19,7 @@ fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     loop {
         let q = std::array::from_fn(|j| {
             let (low, high) = (model.limits[j].q_min, model.limits[j].q_max);
-            // Some joints stand at their very limit, as far as the encoder's noise leaves them inside.
+            // Some joints are at their very limit, as near as the encoder's noise leaves them inside.
             match rng.random_range(0..8) {
                 0 => low + 1e-3,
                 1 => high - 1e-3,
@@ -31,7 +32,7 @@ fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     }
 }
 
-/// Anything: another posture, one in collision, far beyond every limit, or a jump every tick.
+/// Any target: another posture, one in collision, far beyond every limit, or a jump every tick.
 fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS] {
     std::array::from_fn(|j| {
         let limits = &model.limits[j];
@@ -40,7 +41,7 @@ fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS] {
     })
 }
 
-/// A second of engaging in which no joint is faster than 5 % of its limit or jumps; returns how far it went.
+/// Runs a second of engaging in which no joint exceeds 5 % of its limit or jumps. Returns the travelled distance.
 fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64; JOINTS]) -> f64 {
     let mut travelled = 0.0;
     let mut last = bench.commanded();
@@ -73,7 +74,7 @@ fn f065_from_any_clear_posture_engaging_begins_without_a_jump() {
         let far = target(&loaded.model, &mut rng, n % 2 == 0);
         bench.target = Some(far);
         bench.settle();
-        // What is commanded was measured, not assumed.
+        // The command is the measured posture, not an assumed one.
         for (j, (held, start)) in bench.commanded().q.iter().zip(&start).enumerate() {
             assert!((held - start).abs() < 1e-3, "{context}: joint {j}");
         }
@@ -82,7 +83,7 @@ fn f065_from_any_clear_posture_engaging_begins_without_a_jump() {
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "{context}: {:?}", Faults(bench.status.faults));
         let first: f64 = (0..JOINTS).map(|j| (bench.commanded().q[j] - held[j]).abs()).fold(0.0, f64::max);
-        // A tick of the highest jerk, 400 rad/s^3 T^3 / 6, and nothing more.
+        // One tick of the highest jerk, 400 rad/s^3 T^3 / 6, and nothing more.
         assert!(first <= 400.0 * TICK_S.powi(3) / 6.0 + 1e-12, "{context}: {first}");
         let noisy = n % 3 == 0;
         travelled +=
@@ -99,7 +100,7 @@ fn a_short_gap_resumes_at_once_within_the_limits_and_a_long_one_as_slowly_as_it_
     for n in 0..6 {
         let context = format!("run {n}");
         let mut bench = Bench::new(&loaded, loaded.model.home, n);
-        // A little way from home, so that it is reached.
+        // Near home, so that the robot reaches it.
         let near = std::array::from_fn(|j| loaded.model.home[j] + if j > 2 { 0.05 } else { 0.0 });
         bench.target = Some(near);
         bench.settle();
@@ -110,7 +111,7 @@ fn a_short_gap_resumes_at_once_within_the_limits_and_a_long_one_as_slowly_as_it_
             ticks += 1;
             assert!(ticks < 5 * TICK_HZ, "{context}: {:?}", bench.mode());
         }
-        // The person is not seen for a moment, at full motion, and comes back far away.
+        // At full motion the person is lost for a moment and comes back far away.
         let far = target(&loaded.model, &mut rng, n % 2 == 0);
         bench.target = Some(far);
         for _ in 0..rng.random_range(50..400) {
@@ -146,7 +147,7 @@ fn a_short_gap_resumes_at_once_within_the_limits_and_a_long_one_as_slowly_as_it_
                 bench.step();
                 assert_eq!(bench.mode(), Mode::Engaged, "{context}: {:?}", Faults(bench.status.faults));
             }
-            // Slowly, no joint could come further than this in a second.
+            // At slow speed no joint could travel further than this in a second.
             let slowly = |j: usize| SLOW * bench.model().limits[j].v_max;
             let follows = (0..JOINTS).any(|j| (bench.commanded().q[j] - from[j]).abs() > 3.0 * slowly(j));
             assert!(follows, "{context}: it follows, from {from:?} to {:?}", bench.commanded().q);
@@ -175,7 +176,7 @@ fn a_torso_that_is_far_from_its_target_is_said_while_engaging() {
         ticks += 1;
         assert!(ticks < 10 * TICK_HZ, "{} m to go", bench.status.torso_to_go_m);
     }
-    // It takes its time, 0.7 s at full speed, and no longer than the blend and that.
+    // At full speed it would take 0.7 s. It takes longer, but no longer than the blend and that.
     assert!(ticks > TICK_HZ, "{ticks}");
     bench.assert_no_violations("torso");
 }

@@ -1,5 +1,5 @@
-//! A robot at a table: whole-body control and the gate together under targets that lead into it, judged by the simulated
-//! robot's own checker; and the settings that describe what stands about a robot.
+//! A robot at a table. Whole-body control and the gate run together with targets that lead into the table. The
+//! simulated robot's checker judges. Further tests check the settings that describe the obstacles.
 
 use messages::{ALL_JOINTS, Header, JOINTS, JointCommand, Layout, Mode, deadline};
 use pipeline::Overrides;
@@ -15,7 +15,7 @@ fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
 }
 
-/// The top 0.75 m high, its edge 0.7 m ahead.
+/// A table with its top at 0.75 m and its edge 0.7 m ahead.
 fn at_a_table() -> Model {
     let floor = PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 };
     let (center_m, size_m) = ([1.1, 0.0, 0.73], [0.8, 1.6, 0.04]);
@@ -25,7 +25,7 @@ fn at_a_table() -> Model {
     model.with_environment("test", &environment).expect("home is clear of the table")
 }
 
-/// Targets for the arms that lie before the robot at the height of the table or below it, and a lift that goes up and
+/// Targets for the arms before the robot, at the height of the table or below it, with a lift that goes up and
 /// down.
 fn goal(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     std::array::from_fn(|j| {
@@ -42,7 +42,7 @@ struct Outcome {
     violations: u64,
     clearance_violations: u64,
     denials: u64,
-    /// Ticks whose nearest pair was one of an arm and the table, within 1 mm of the bound.
+    /// Ticks whose nearest pair was an arm and the table, within 1 mm of the bound.
     at_the_table: u64,
 }
 
@@ -113,7 +113,7 @@ fn f045_f049_the_arms_keep_clear_of_a_table_while_the_torso_moves() {
 #[test]
 fn without_the_certificate_they_hit_it() {
     let mut model = at_a_table();
-    // What is counted then is the table alone.
+    // Then only the table can be hit.
     model.pairs.clear();
     assert!(attack(&model, TICKS / 2, 11, false).clearance_violations > 0);
 }
@@ -147,7 +147,7 @@ fn the_gate_denies_what_leads_into_the_table() {
         let decision = gate::tick(&gate_config, &mut gate_state, now, gate::Proposed { k, permit, q, v, a, plan });
         let (q, v, a, plan) = (decision.q, decision.v, decision.a, decision.plan);
         wbc_state.reseed(&wbc::Planned { q, v, a, plan });
-        // What the gate judges: every command, and where its plan comes to rest.
+        // The gate judges every command, and the posture in which its plan ends.
         let mut motion = driver::Motion { q, v, a, plan };
         if !decision.accepted() {
             motion.play(2 * TICKS);

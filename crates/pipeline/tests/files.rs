@@ -1,5 +1,5 @@
-//! What the files of an instance may not be: settings with any key too much, too few or out of bounds, and weights that
-//! change while they are in use.
+//! Invalid files of an instance: settings with an unknown, missing or out-of-range key, and weights that change
+//! while they are in use.
 
 use pipeline::{ControlConfig, Loaded, Overrides, Settings, load, load_weights};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ fn refusal(table: &toml::Table) -> String {
     }
 }
 
-/// What control says to these settings, for those that are its own to judge.
+/// Returns control's error for these settings.
 fn thresholds(settings: Settings) -> String {
     let loaded = load(&repository().join("config/teleop.toml"), Overrides::default()).expect("shipped");
     let loaded = Loaded { settings, ..loaded };
@@ -30,7 +30,7 @@ fn thresholds(settings: Settings) -> String {
     refused.map_or_else(|error| error.to_string(), |()| "accepted".into())
 }
 
-/// Every key of every table, as (table, key).
+/// All keys of all tables, as (table, key).
 fn keys() -> Vec<(String, String)> {
     let all = shipped();
     let keys = all.iter().filter(|(table, _)| *table != "environment");
@@ -119,14 +119,14 @@ fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
     let latent = [[0.25; retarget::LATENT]];
     let before = weights.network.decode(&latent);
 
-    // Overwritten in place, and then cut to nothing: a map of the file would show it, or end the process.
+    // Overwritten in place, and then truncated: a memory map of the file would show it, or end the process.
     let tensors = base.with_extension("safetensors");
     let length = std::fs::metadata(&tensors).expect("there").len() as usize;
     std::fs::write(&tensors, vec![0x3f; length]).expect("overwritten");
     assert_eq!(weights.network.decode(&latent), before);
     std::fs::File::options().write(true).open(&tensors).and_then(|file| file.set_len(0)).expect("cut");
     assert_eq!(weights.network.decode(&latent), before);
-    // The next start sees it.
+    // The next start notices it.
     assert!(load_weights(&base, &model).is_err_and(|error| error.to_string().contains("sha256")));
 }
 
@@ -144,7 +144,7 @@ fn a_prediction_that_is_missing_or_broken_is_refused_by_name() {
         std::fs::write(&path, text).expect("written");
         load(&path, Overrides::default()).map_err(|error| error.to_string())
     };
-    // None is named: the turn of each limb fades.
+    // Without a prediction the turn of each limb fades.
     let none = loaded("").expect("loads");
     assert!(none.prediction.is_none());
     let said = loaded("mine").expect_err("there is no such file");

@@ -1,5 +1,5 @@
-//! What an engaged robot does when the skeletons go wrong: every stage in virtual time, from the client's frame to the
-//! executed motion.
+//! Reaction of an engaged robot to faulty skeletons. Every stage runs in virtual time, from the client's frame to
+//! the executed motion.
 
 use messages::{Fault, JOINTS, Mode, RawSkeleton, SMPL_JOINTS, TICK_HZ, Transition};
 use motion::CalibrationMode;
@@ -10,11 +10,12 @@ use safety::engage::OperatorView;
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// From the last good skeleton to the stop, ticks: 100 ms, and two.
+/// Ticks from the last good skeleton to the stop: 100 ms, and two.
 const STALE_TICKS: u64 = TICK_HZ / 10 + 2;
 /// Longest stop, ticks: 0.5 s from any state.
 const STOP_TICKS: u64 = TICK_HZ / 2;
-/// Within which a robot that may follow again does so, ticks: 0.2 s of steady input, and as much more as a frame and a filter take.
+/// Ticks in which a robot that may follow again does so: 0.2 s of steady input, and the time of a frame and a
+/// filter.
 const BACK_TICKS: u64 = TICK_HZ * 3 / 10;
 
 static CONFIG: LazyLock<WorldConfig> = LazyLock::new(|| {
@@ -23,7 +24,7 @@ static CONFIG: LazyLock<WorldConfig> = LazyLock::new(|| {
     WorldConfig::new(&loaded).expect("a world")
 });
 
-/// Engaged, and two seconds into the motion.
+/// A world that is engaged, two seconds into the motion.
 static ENGAGED: LazyLock<Bench> = LazyLock::new(|| {
     let mut bench = Bench::new(6);
     while bench.mode != Mode::Engaged {
@@ -62,7 +63,7 @@ impl Bench {
         }
     }
 
-    /// One tick; what the client has to publish passes `spoil`, which may change it or keep it back.
+    /// Runs one tick. `spoil` gets each frame of the client, and may change it or drop it.
     fn step(&mut self, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> Moment {
         let now = self.world.now();
         if let Some((_, mut raw)) = self.player.due(now, self.mode == Mode::Engaged)
@@ -95,7 +96,7 @@ impl Bench {
         }
     }
 
-    /// Ticks until the robot is not engaged any more.
+    /// Number of ticks until the robot is no longer engaged.
     fn until_holding(&mut self, within: u64, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> u64 {
         for n in 1..=within {
             self.step(spoil);
@@ -138,15 +139,15 @@ fn f021_silence_stops_within_100_ms_and_two_ticks() {
         assert_eq!(bench.why(), Fault::InputStale as u32);
         bench.run(STOP_TICKS, &mut |_| false);
         assert!(bench.speed() < 1e-9, "at rest");
-        // Seen again, it follows again without a new enable.
+        // With the person back, it follows again without a new enable.
         bench.run(BACK_TICKS, &mut |_| true);
         assert_eq!(bench.modes, [Mode::Engaged, Mode::Holding, Mode::Engaged]);
         bench.assert_no_violations("silence");
     }
 }
 
-/// 120 ms are known ahead: over a loss of 80 ms the person who is followed goes on, on the straight way to where they are seen
-/// next. That costs speed (late input), and nothing else.
+/// 120 ms are known ahead. During a loss of 80 ms the followed person continues, on the straight way to where they
+/// appear next. That costs speed (late input), and nothing else.
 #[test]
 fn f022_a_loss_of_80_ms_is_bridged_by_what_was_seen_ahead() {
     let mut benches = [ENGAGED.clone(), ENGAGED.clone()];
@@ -171,7 +172,7 @@ fn f022_a_loss_of_80_ms_is_bridged_by_what_was_seen_ahead() {
     }
 }
 
-/// Name, and what it makes of a frame.
+/// Name, and the function that changes or drops a frame.
 type Lie = (&'static str, Box<dyn FnMut(&mut RawSkeleton) -> bool>);
 
 fn lies() -> Vec<Lie> {
@@ -256,8 +257,8 @@ fn stretch(f: &mut RawSkeleton, factor: f32) -> bool {
 fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400_ms_needs_a_new_enable() {
     for (name, mut lie) in lies() {
         let mut bench = ENGAGED.clone();
-        // A stuck tracker is one after 100 ms; of a jump there and back the first is forgiven, and the second, two frames later,
-        // is not; everything else is refused from its first frame on.
+        // A stuck tracker counts as stuck after 100 ms. Of two jumps there and back the first is accepted, and the
+        // second, two frames later, is not. Everything else is refused from its first frame on.
         let later = match name {
             "f013" => STALE_TICKS,
             "f007" => 2 * TICK_HZ / 60,
@@ -266,7 +267,7 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400
         let within = STALE_TICKS + TICK_HZ / 60 + later;
         let n = bench.until_holding(within, &mut lie);
         bench.run((TICK_HZ * 4 / 10).saturating_sub(n), &mut lie);
-        // The person is seen as before, and the enable is held all along.
+        // The person appears as before, and the enable is held all the time.
         bench.run(TICK_HZ, &mut |f| {
             f.operator_id += u32::from(name == "f016");
             true
@@ -302,7 +303,7 @@ fn f007_a_wrist_that_is_wild_for_two_frames_stops_nobody_and_moves_nothing_far()
         most = most.max(apart(|moment| moment.target.expect("a target").q));
     }
     assert!(frames > 50 && wild.modes == [Mode::Engaged], "{frames} frames, {:?}", wild.modes);
-    // Three frames' time is bridged by a straight line.
+    // A straight line bridges the time of three frames.
     assert!(most < 0.1, "targets up to {most} rad apart");
     wild.assert_no_violations("two wild frames");
 }
@@ -342,7 +343,7 @@ fn f024_at_5_hz_no_press_of_the_enable_engages_and_at_20_hz_one_does() {
         let mut bench = Bench::new(6);
         let mut newest = None;
         for k in 0..7 * TICK_HZ / 2 {
-            // Pressed anew every half second, at all phases of the source.
+            // The enable is pressed again every half second, at all phases of the source.
             if k > TICK_HZ && k % 770 < 300 {
                 (bench.enable, bench.k) = (false, 0);
             } else if k > TICK_HZ {
@@ -386,7 +387,7 @@ fn f029_a_client_whose_clock_gains_is_followed_by_stamps_of_this_machine() {
     let start = bench.world.now();
     for _ in 0..5 * TICK_HZ {
         let now = bench.world.now();
-        // 900 ppm: after 5 s a stamp is 4.5 ms ahead, of which 2 ms are allowed.
+        // 900 ppm: after 5 s a stamp is 4.5 ms ahead, and 2 ms are allowed.
         let moment = bench.step(&mut |f| {
             f.header.origin = f.header.origin.plus_ns(now.since(start) * 9 / 10_000);
             true

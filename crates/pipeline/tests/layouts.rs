@@ -1,4 +1,4 @@
-//! Layouts from files, and what becomes of frames that are of none.
+//! Layouts from files, and frames without a known layout.
 
 use crate::support;
 use messages::{RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
@@ -6,14 +6,14 @@ use pipeline::{Filter, InputConfig, InputState, Loaded, Overrides, input_tick, l
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
-/// What a client does to a good frame.
+/// Change that a client makes to a good frame.
 type Change<'a> = &'a dyn Fn(&mut RawSkeleton);
 
 fn config() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
 }
 
-/// The shipped settings with these layouts, in a folder of their own.
+/// The shipped settings with these layouts, in their own folder.
 fn with(layouts: &[&str], folder: &Path) -> Result<Loaded, String> {
     let shipped = std::fs::read_to_string(config().join("teleop.toml")).expect("shipped");
     let absolute = config().display().to_string();
@@ -43,7 +43,7 @@ fn every_shipped_layout_is_read_and_part_of_the_hash() {
     }
     assert!(names.iter().all(|name| all.files.contains(&PathBuf::from(name))));
     assert_eq!(std::fs::read_dir(config().join("skeletons")).expect("shipped").count(), names.len());
-    // The text of the file counts, not its name alone.
+    // The text of the file counts, not only its name.
     let own = folder.path().join("own.toml");
     std::fs::copy(&names[0], &own).expect("copied");
     let before = with(&["own.toml"], folder.path()).expect("a copy, named relative to the settings").hash;
@@ -95,7 +95,7 @@ fn f018_frames_of_no_layout_are_counted_by_their_reason() {
         (&|raw| (raw.layout, raw.joint_count, raw.flags) = (4, 33, local), Some(DropReason::Count)),
         (&|raw| raw.flags = raw_flag::LOCAL, Some(DropReason::Count)),
         (&|raw| (raw.layout, raw.joint_count, raw.positions[16][1]) = (2, 24, f32::NAN), Some(DropReason::NotFinite)),
-        // The same numbers in the frame of OpenXR: the person lies.
+        // The same numbers in the frame of OpenXR: the person lies down.
         (&|raw| (raw.layout, raw.joint_count) = (3, 24), Some(DropReason::NotUpright)),
     ];
     for (change, reason) in cases {

@@ -1,4 +1,4 @@
-//! What a tracker's noise does to the commands.
+//! Effect of a tracker's noise on the commands.
 
 use messages::{JOINTS, LEFT_ARM, Mode, RIGHT_ARM, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
@@ -10,7 +10,7 @@ use safety::engage::OperatorView;
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
-/// Shows a person who holds a posture, by a tracker that turns each limb by `noise_deg` about any axis, anew in each frame.
+/// Tracker of a person who holds a posture. In each frame it turns each limb by `noise_deg` about a random axis.
 struct Tracker {
     /// x y z w.
     limbs: [[f64; 4]; 4],
@@ -39,7 +39,7 @@ impl Tamper for Tracker {
     }
 }
 
-/// The commands of ten seconds while Engaged with a person who holds the posture `q` with both arms, after two to settle.
+/// Commands of ten seconds while Engaged, after two to settle. The person holds the posture `q` with both arms.
 fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) -> Vec<[f64; JOINTS]> {
     let limbs = arm.forward(q);
     let [upper, fore] = [limbs.upper, limbs.fore].map(|limb| [limb.i, limb.j, limb.k, limb.w]);
@@ -78,7 +78,7 @@ fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) 
     commands
 }
 
-/// Arms that hang, where joints 1 and 3 turn about one line. Before the arms were followed by their limbs, half a degree of
+/// Hanging arms, where joints 1 and 3 turn about one line. Before the arms followed the limbs, half a degree of
 /// noise moved the joints of the target by 1.9 degrees RMS, 6.9 at most.
 #[test]
 fn half_a_degree_of_noise_at_a_hanging_arm_stays_small() {

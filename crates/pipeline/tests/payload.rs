@@ -1,4 +1,4 @@
-//! What the hands carry: taken at rest alone, refused with a reason, and proved of from then on.
+//! Payloads: taken only at rest, refused with a reason, and used in every certificate from then on.
 
 use crate::support;
 
@@ -7,10 +7,10 @@ use pipeline::{Names, payload_refused};
 use robot::{Model, Payload};
 use support::{Bench, loaded};
 
-/// The second joint of the left arm lifts it.
+/// Joint that lifts the left arm: its second one.
 const LIFTS: usize = LEFT_ARM.start + 1;
 
-/// The left arm out to the side, level.
+/// The left arm stretched out to the side, level.
 fn stretched(model: &Model) -> [f64; JOINTS] {
     let mut q = model.home;
     q[LEFT_ARM].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
@@ -21,7 +21,7 @@ fn kilograms(mass_kg: f64) -> PayloadOrder {
     PayloadOrder { mass_kg, centre_m: None }
 }
 
-/// Says it, and answers why it was refused, if it was.
+/// Sends the order, and returns the reason of a refusal.
 fn say(bench: &mut Bench, hand: usize, order: PayloadOrder) -> Option<PayloadRefusal> {
     let before = bench.status;
     bench.hand.payload[hand] = Some(order);
@@ -51,7 +51,7 @@ fn payload_is_taken_at_rest_and_shown() {
     assert_eq!(bench.status.payload_kg, [0.2, 0.5]);
     assert_eq!(bench.status.payload_centre_m, [[0.0, 0.0, -0.3], right]);
     assert!(pipeline::payload(&bench.status).contains("0.200 kg left, 0.500 kg right"));
-    // Without a centre that of the robot file counts again.
+    // Without a centre the robot file's centre is used again.
     assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
     assert_eq!(bench.status.payload_centre_m, [left, right]);
     bench.assert_no_violations("at rest");
@@ -82,7 +82,7 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
     bench.target = Some(stretched(&loaded.model));
     bench.settle();
     bench.press_enable();
-    // The enable and the payload in one tick: the robot is not Disengaged any more.
+    // The enable and the payload arrive in one tick: the robot is no longer Disengaged.
     assert_eq!(say(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
     for _ in 0..TICK_HZ {
         bench.step();
@@ -126,7 +126,7 @@ fn payload_that_a_joint_cannot_hold_counts_and_nothing_starts() {
         assert_eq!(bench.mode(), Mode::Disengaged);
     }
     bench.let_go();
-    // Both hands at once, and one after the other: what relieves is always taken.
+    // Both hands at once, and one after the other: a lighter payload is always taken.
     assert_eq!(say(&mut bench, 0, kilograms(0.9)), None);
     assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
     assert_eq!(bench.status.payload_refused_why, 0);
@@ -134,7 +134,8 @@ fn payload_that_a_joint_cannot_hold_counts_and_nothing_starts() {
     assert!(!Faults(bench.status.faults).has(Fault::StartOutsideLimits));
 }
 
-/// The robot file says that the hand carries what the posture does not bear: no start, until the hand is said to be empty.
+/// The robot file gives the hand a payload that is too heavy for the posture. The robot does not start until the
+/// operator sets the hand empty.
 #[test]
 fn start_with_too_much_in_the_hand_is_refused_until_it_is_put_down() {
     let mut loaded = loaded();

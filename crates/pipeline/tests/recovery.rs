@@ -1,5 +1,5 @@
-//! A robot that starts outside its limits or too close to itself is refused, brought back by hold-to-run, and then
-//! engages: the real control and driver, a simulated robot.
+//! A robot that starts outside its limits or too close to itself is refused. Hold-to-run brings it back, and then
+//! it engages. Control and driver are the real ones, the robot is simulated.
 
 use crate::support;
 
@@ -9,11 +9,12 @@ use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
 use support::{Bench, clearance, distances, loaded};
 
-/// What a recovery ends with beyond d_min, m.
+/// Margin beyond d_min with which a recovery ends, m.
 const MARGIN_M: f64 = 3e-3;
-/// Two kinematics that agree to 1e-12, over a metre.
+/// Rounding of two kinematics that agree to 1e-12, over a metre.
 const ROUNDING_M: f64 = 1e-9;
-/// Longest recovery, ticks: 20 mrad take 0.3 s at 0.1 rad/s, and a hand that overlaps by 40 mm is out in a few seconds.
+/// Longest recovery, ticks: 20 mrad take 0.3 s at 0.1 rad/s, and a hand that overlaps by 40 mm is out in a few
+/// seconds.
 const BACK_WITHIN: u64 = 20 * TICK_HZ;
 
 /// Random postures inside the limits.
@@ -38,7 +39,7 @@ fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS
     }
 }
 
-/// A home posture in which a few joints stand between their limit and their mechanical stop.
+/// A home posture with a few joints between their limit and their mechanical stop.
 fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     let mut q = model.home;
     for _ in 0..3 {
@@ -51,7 +52,7 @@ fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     q
 }
 
-/// Watches the executed motion of a recovery, tick by tick.
+/// Checks the executed motion of a recovery, tick by tick.
 struct Judge {
     frames: Frames,
     last_q: [f64; JOINTS],
@@ -66,7 +67,7 @@ impl Judge {
         Self { frames, last_q, last_m }
     }
 
-    /// Near pairs came no closer, joints outside went no further out, nothing was fast.
+    /// Checks that near pairs came no closer, joints outside went no further out, and nothing was fast.
     fn step(&mut self, bench: &Bench, context: &str) {
         let model = bench.model();
         let motion = bench.commanded();
@@ -91,12 +92,12 @@ impl Judge {
     }
 }
 
-/// Recovers from `start`; whether it got back, or said that it finds no way.
+/// Recovers from `start`. Returns true if it came back, and false if it reported that it finds no way.
 fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, context: &str) -> bool {
     let mut bench = Bench::new(loaded, start, 1);
     bench.settle();
     assert!(Faults(bench.status.faults).has(reason), "{context}: {:?}", Faults(bench.status.faults));
-    // Nobody engages from there, and nothing moves.
+    // The robot cannot be engaged from there, and nothing moves.
     bench.target = Some(loaded.model.home);
     bench.settle();
     bench.press_enable();
@@ -123,7 +124,7 @@ fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, conte
         return false;
     }
     assert!(judge.is_clear(bench.model()), "{context}");
-    // The recovery is still held, the person is there: nothing engages by itself, until the enable is pressed.
+    // The recovery is still held and the person is there. Nothing engages by itself until the enable is pressed.
     bench.settle();
     bench.let_go();
     bench.settle();
@@ -171,7 +172,7 @@ fn f044_postures_too_close_to_themselves_are_opened() {
         back += u32::from(recover(&loaded, start, Fault::StartInCollision, &format!("start {n}")));
     }
     println!("{back} of 16 came back");
-    // Where two pairs can only be opened by closing the other, it stays where it is and says so.
+    // If two pairs can only be opened by closing another one, the robot stays where it is and reports it.
     assert!(back >= 13, "only {back} of 16 came back");
 }
 
@@ -217,7 +218,7 @@ fn letting_go_on_the_way_stops_at_once_and_for_good() {
         } else {
             bench.hand.estop_edge = true;
         }
-        // The recovery's own stop takes 80 ms and what acceleration adds, far below the 500 ms of any other.
+        // The recovery's own stop takes 80 ms and the time of acceleration, far below the 500 ms of any other.
         let mut ticks = 0;
         while ticks == 0 || bench.commanded().v.iter().any(|v| *v != 0.0) {
             bench.step();

@@ -1,4 +1,5 @@
-//! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit breaks.
+//! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit
+//! breaks.
 
 use crate::support;
 
@@ -10,14 +11,14 @@ use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
 use support::{Bench, loaded};
 
-/// Plays the first seconds of the built-in motion at a rate of frames; returns how many ticks were engaged.
+/// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.
 fn clean(frame_rate_hz: f64) -> u64 {
     let config = WorldConfig::new(&loaded()).expect("the shipped settings");
     let mut motion = motion::builtin();
     let step = (motion.frame_rate_hz / frame_rate_hz).max(1.0) as usize;
     motion.frames = motion.frames.into_iter().step_by(step).collect();
     motion.frame_rate_hz /= step as f64;
-    // A camera that is faster than the motion was made for shows it faster.
+    // A camera faster than the motion's own rate shows the motion faster.
     let speed = frame_rate_hz / motion.frame_rate_hz;
     let options = PlayOptions { speed, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion, options, 1, 1);
@@ -59,7 +60,7 @@ fn f020_f034_f035_clean_motions_at_30_60_and_120_hz_are_never_slowed() {
     }
 }
 
-/// Engaged at home.
+/// A bench that is engaged at home.
 fn engaged(seed: u64) -> Bench {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, loaded.model.home, seed);
@@ -88,7 +89,8 @@ fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_ove
     let mut slowed = 0;
     for seed in 0..8 {
         let mut bench = engaged(seed);
-        // Not seen for less than 10 ms of targets, the person comes back elsewhere: small jumps, and flips of an elbow.
+        // The person is lost for less than 10 ms of targets and comes back elsewhere: small jumps, and flips of an
+        // elbow.
         let mut far = bench.model().home;
         if seed % 2 == 0 {
             far = posture(&bench, &mut rng);
@@ -111,7 +113,7 @@ fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_ove
             for j in 0..JOINTS {
                 let limits = &bench.model().limits[j];
                 let aim = far[j].clamp(limits.q_min, limits.q_max);
-                // A joint that is there already may make room for the others.
+                // A joint that has already arrived may make room for the others.
                 if (aim - from[j]).abs() < 0.01 {
                     continue;
                 }
@@ -119,7 +121,7 @@ fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_ove
             }
         }
         println!("seed {seed}: {past:.4} rad beyond the target");
-        // A joint that gives way to another pair may pass its own target: then that is no overshoot of tracking.
+        // A joint that makes room for another pair may pass its own target. That is no overshoot of tracking.
         assert!(past < 1e-2 || bench.status.clearance_command_m < 0.05, "seed {seed}: {past} beyond the target");
         bench.assert_no_violations(&format!("seed {seed}"));
     }
@@ -145,7 +147,7 @@ fn f033_targets_that_are_no_numbers_hold_within_three_ticks() {
         let mut bench = engaged(1);
         let mut bad = bench.model().home;
         bad[5] = value;
-        // One of them is passed over: every joint that has no number plays its stop.
+        // A single bad target is tolerated: every joint whose value is NaN plays its stop.
         for n in 0..50 {
             bench.target = Some(if n % 5 == 0 { bad } else { bench.model().home });
             bench.step();

@@ -1,4 +1,5 @@
-//! Faults of the robot itself, injected into the simulated one: what control and the driver make of them together.
+//! Faults of the robot itself, injected into the simulated one. The tests check how control and the driver react
+//! together.
 
 use crate::support;
 
@@ -6,7 +7,7 @@ use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, state_flag};
 use sim::Injection;
 use support::{Bench, loaded};
 
-/// Joint that most faults are injected into: the left elbow.
+/// Joint for most injected faults: the left elbow.
 const ELBOW: usize = 6;
 /// The right elbow.
 const OTHER: usize = 13;
@@ -26,7 +27,7 @@ fn swing(bench: &mut Bench, k: u64) {
     bench.step();
 }
 
-/// Engaged at home.
+/// A bench that is engaged at home.
 fn engaged() -> Bench {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, loaded.model.home, 1);
@@ -47,7 +48,7 @@ fn engage(bench: &mut Bench) {
     panic!("not engaged: {:?} {:?}", bench.mode(), Faults(bench.status.faults));
 }
 
-/// Engaged, with both elbows at 0.45 rad/s.
+/// A bench that is engaged, with both elbows at 0.45 rad/s.
 fn moving() -> Bench {
     let mut bench = engaged();
     for k in 0..FAST {
@@ -60,7 +61,7 @@ fn moving() -> Bench {
     bench
 }
 
-/// Ticks until Faulted; then the whole of it comes to rest in time and stays, without a violation.
+/// Runs until Faulted. Then the whole robot comes to rest in time and stays at rest, without a violation.
 fn stops(mut bench: Bench, within: u64, fault: Fault) -> Bench {
     let taken = (1..=within).find(|k| {
         swing(&mut bench, FAST + k);
@@ -110,7 +111,7 @@ fn f055_a_joint_that_does_not_follow_stops_all() {
     for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
         let mut bench = moving();
         bench.robot.inject(injection);
-        // 0.25 of 0.82 rad/s on the average; that comes before 100 ms of a tracking error.
+        // 0.25 of 0.82 rad/s on average. That is reached before 100 ms of a tracking error.
         stops(bench, TICK_HZ / 4, Fault::VelocityError);
     }
 }
@@ -145,7 +146,7 @@ fn f056_inverted_and_swapped_feedback_stop_within_a_fiftieth_of_a_radian() {
     }
 }
 
-/// Reset and engaged again; nothing moved before.
+/// Resets and engages again. Nothing moves before.
 fn recovers(mut bench: Bench) {
     let still = *bench.robot.q();
     bench.target = Some(bench.model().home);
@@ -196,7 +197,7 @@ fn f060_the_robots_own_emergency_stop_stops_and_is_never_undone() {
 fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
     let mut bench = moving();
     bench.robot.inject(Injection::DriveFault { joint: ELBOW });
-    // It shows in the state of this tick, and the driver is on the plan of all joints from the next.
+    // The state of this tick shows it, and from the next tick the driver plays the plan of all joints.
     swing(&mut bench, FAST);
     let mut plan = bench.commanded();
     for k in 1..STOP_TICKS {
@@ -217,7 +218,7 @@ fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
 
 #[test]
 fn f064_power_that_returns_with_a_command_present_moves_nothing() {
-    // Upward the torso would come to its stop, beyond the limit in force.
+    // Upward the torso would reach its stop, beyond the limit in force.
     for (sag, seconds) in [(0.0, 1.0), (0.3, 0.01), (-0.3, 0.2), (-0.2, 1.0)] {
         let mut bench = moving();
         bench.robot.inject(Injection::PowerLost { sag });
@@ -227,11 +228,11 @@ fn f064_power_that_returns_with_a_command_present_moves_nothing() {
         assert_eq!(bench.mode(), Mode::Faulted);
         bench.robot.inject(Injection::PowerReturned);
         let (before, speeds) = (*bench.robot.q(), bench.robot.truth().v);
-        // The enable is held and the person goes on moving.
+        // The enable is held and the person continues to move.
         for k in 0..TICK_HZ {
             swing(&mut bench, k);
             for (j, (now, then)) in bench.robot.q().iter().zip(&before).enumerate() {
-                // The robot catches a joint that was falling by its own ramp, at the acceleration limit in force.
+                // The robot catches a falling joint with its own ramp, at the acceleration limit in force.
                 let (a_max, speed) = (bench.model().limits[j].a_max, speeds[j].abs());
                 let caught = speed * 9.0 * TICK_S + speed * speed / (2.0 * a_max) + 1e-3;
                 assert!((now - then).abs() < caught, "{sag} {seconds} s, tick {k}: joint {j} moved by {}", now - then);
@@ -244,7 +245,7 @@ fn f064_power_that_returns_with_a_command_present_moves_nothing() {
     }
 }
 
-/// Power that returns finds the last posture that could be, not what an encoder made of it meanwhile.
+/// When power returns, the robot is at the last plausible posture, not at the encoders' wrong one.
 #[test]
 fn f064_encoders_that_lie_without_power_move_nothing_when_it_returns() {
     for wrong in [
@@ -277,7 +278,7 @@ fn f064_encoders_that_lie_without_power_move_nothing_when_it_returns() {
 
 #[test]
 fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
-    // An encoder that is off by a little, so that a stop towards what is measured would show.
+    // An encoder with a small offset, which would show a stop towards the measurement.
     for (off, stop) in [(0.0, 0), (0.004, 0), (0.004, 1), (0.0, 2)] {
         let mut bench = engaged();
         bench.robot.inject(Injection::EncoderJump { joint: ELBOW, by: off });
@@ -306,7 +307,7 @@ fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
             plan.play(1);
             let executed = bench.commanded();
             for j in 0..JOINTS {
-                // Not towards zeros, not to what is measured, not to a posture of before.
+                // Not towards zeros, not to the measurement, not to an earlier posture.
                 assert!((executed.q[j] - plan.q[j]).abs() < 1e-9, "stop {stop}: joint {j} left its plan");
             }
         }
@@ -314,7 +315,7 @@ fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
         let rest = bench.commanded();
         assert!(rest.at_rest() && (rest.q[ELBOW] - engaged_at).abs() > 0.01, "it went on, and came to rest");
         bench.assert_no_violations("a stop");
-        // And a new engagement begins there, not where the last one began.
+        // A new engagement starts there, not where the last one started.
         bench.let_go();
         bench.step();
         bench.hand.reset_edge = true;
@@ -332,7 +333,7 @@ fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
     }
 }
 
-/// The modes that follow one another while the driver pauses for `pause` ticks and for `ticks` after it.
+/// The successive modes while the driver pauses for `pause` ticks and for `ticks` after it.
 fn modes_of_a_pause(pause: u64, ticks: u64) -> Vec<Mode> {
     let mut bench = moving();
     let mut modes = vec![bench.mode()];
@@ -350,7 +351,7 @@ fn modes_of_a_pause(pause: u64, ticks: u64) -> Vec<Mode> {
     modes
 }
 
-/// F051: the robot's state is late, and comes again before it is stale and before the driver latches.
+/// F051: the robot's state is late, and arrives again before it is stale and before the driver latches.
 #[test]
 fn f051_a_short_pause_of_the_driver_holds_and_goes_on() {
     // 8 ms and 9.3 ms: StateLate is 5 ms, the driver's own silence 10 ms, StateStale 20 ms.
@@ -360,7 +361,7 @@ fn f051_a_short_pause_of_the_driver_holds_and_goes_on() {
     }
 }
 
-/// F051: the robot's state is stale: nothing engages again, whatever is held.
+/// F051: the robot's state is stale. Nothing engages again, even if the enable is held.
 #[test]
 fn f051_a_long_pause_of_the_driver_is_latched() {
     // More than 30 ms, and a second.
@@ -375,7 +376,8 @@ fn f051_a_long_pause_of_the_driver_is_latched() {
 fn f055_a_tracking_error_of_one_joint_stays_within_the_clearance() {
     let loaded = loaded();
     let (model, safety) = (&loaded.model, &loaded.settings.safety);
-    // The farthest that a capsule reaches from the axis of one joint of an arm, over postures on a grid of joints 2 and 4.
+    // The largest distance of a capsule from the axis of one joint of an arm, over postures on a grid of joints 2
+    // and 4.
     let mut reach_m = 0.0_f64;
     let mut frames = robot::Frames::default();
     for n in 0..400 {

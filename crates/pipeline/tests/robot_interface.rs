@@ -1,5 +1,5 @@
-//! The built-in motion through every stage on other robots than the shipped settings name: one that takes trajectory
-//! points, and one with other hands.
+//! The built-in motion through every stage on robots other than the one of the shipped settings: one that takes
+//! trajectory points, and one with other hands.
 
 use pipeline::{Loaded, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions, RobotInterface};
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ fn load(config: &Path, interface: Option<RobotInterface>) -> Loaded {
     pipeline::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The whole motion, from the enable to rest.
+/// Plays the whole motion, from the enable to rest.
 fn replay(loaded: &Loaded) -> OfflineReport {
     let options = PlayOptions { speed: 1.0, looped: false, calibration: motion::CalibrationMode::First10s };
     let mut run = Offline::new(loaded, &motion::builtin(), options).expect("every stage takes the robot");
@@ -42,7 +42,7 @@ fn trajectory_controllers_follow_the_builtin_motion_without_a_fault() {
     assert_clean(&replay(&points));
 }
 
-/// The person's hands are faster than that: the robot's are not, and it follows as fast as it may.
+/// The person's hands are faster than the bound. The robot's hands stay below it, and follow as fast as they may.
 #[test]
 fn hands_at_reduced_speed_follow_without_a_violation() {
     let mut loaded = load(&shipped("teleop.toml"), None);

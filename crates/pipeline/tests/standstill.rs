@@ -1,4 +1,4 @@
-//! A robot that moves though nothing moves it: swings and sagging arms, with control and the simulated driver together.
+//! A robot that moves without a command: swings and sagging arms, with control and the simulated driver together.
 
 use crate::support;
 
@@ -10,7 +10,7 @@ use support::{Bench, loaded};
 /// The left elbow.
 const ELBOW: usize = 6;
 
-/// Disengaged at home, with commands taken up.
+/// A bench that is Disengaged at home, with commands accepted.
 fn disengaged() -> Bench {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, loaded.model.home, 1);
@@ -31,7 +31,7 @@ fn engaged() -> Bench {
     panic!("not engaged: {:?}", Faults(bench.status.faults));
 }
 
-/// What is measured of an elbow that swings about where it is sent, `n` ticks after it began.
+/// Measurement of an elbow that swings about its command, `n` ticks after the start.
 fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
     let (angle, omega) = (TAU * hz * n as f64 * TICK_S, TAU * hz);
     move |state| {
@@ -49,10 +49,10 @@ fn f055_an_arm_that_swings_under_a_sound_command_is_stopped() {
                 bench.step_measuring(swinging(amplitude, hz, n));
                 bench.mode() == Mode::Faulted
             });
-            // As long as the monitor takes, and a tick each way.
+            // The time that the monitor takes, and a tick each way.
             let most = if amplitude < 0.1 { TICK_HZ * 7 / 10 } else { TICK_HZ * 3 / 10 };
             assert!(taken.is_some_and(|n| n <= most + 2), "{amplitude} rad at {hz} Hz: {taken:?}");
-            // Where the speed is above three times the limit the encoder jumps, for all that is known.
+            // If the speed exceeds three times the limit, it looks like a jump of the encoder.
             let jumps = bench.last_why() == Fault::FeedbackInvalid as u32;
             assert!(jumps || bench.joint_of_last() == Some(ELBOW), "{amplitude} rad at {hz} Hz: names the joint");
         }
@@ -79,7 +79,7 @@ fn f055_an_arm_that_swings_is_neither_enabled_nor_reset() {
             assert!(matches!(bench.mode(), Mode::Disengaged | Mode::Faulted) && !reset, "{hz} Hz, after {n} ticks");
         }
         assert_eq!(bench.mode(), Mode::Faulted, "and it is said");
-        // It stands: reset, and enabled.
+        // At rest it can be reset and enabled.
         bench.let_go();
         for _ in 0..2 * TICK_HZ {
             bench.step();
@@ -121,7 +121,7 @@ fn f064_an_arm_that_sinks_without_power_is_named_and_not_reset() {
         let faults = Faults(bench.status.faults);
         assert!(faults.has(Fault::StandstillLost) && faults.has(Fault::DriverFault), "{sag}: {faults:?}");
         assert_eq!(bench.status.moving, 1, "{sag}");
-        // The command went with the arm, and power that returns finds it there.
+        // The command moved with the arm, so the returning power finds it there.
         bench.robot.inject(Injection::PowerReturned);
         for _ in 0..TICK_HZ / 2 {
             bench.step();
@@ -148,7 +148,7 @@ fn f064_an_arm_that_sinks_without_power_is_named_and_not_reset() {
     }
 }
 
-/// Stops from full speed in every phase of a motion: the end of none is called a standstill that was lost.
+/// Stops from full speed in every phase of a motion. The end of a stop never counts as a lost standstill.
 #[test]
 fn a_stop_is_no_standstill_lost_and_ends_at_rest() {
     for stopped_at in (0..3).map(|n| TICK_HZ * (4 + n) / 4) {

@@ -1,8 +1,8 @@
-//! One arm as two limb rotations: forward model, residual with analytic Jacobian, and the metric S_GR.
+//! One arm with two limb rotations: forward model, residual with analytic Jacobian, and the metric S_GR.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// Joints of an arm that the two limbs determine (6 and 7 are left free).
+/// Joints of an arm that the two limbs determine. Joints 6 and 7 are left free.
 pub const ARM_Q: usize = 5;
 /// Rows of the residual: three for the upper arm, three for the forearm.
 pub const RESIDUALS: usize = 6;
@@ -12,8 +12,8 @@ pub const FEATURES: usize = 12;
 /// Joint positions 1 to 5 of one arm, rad.
 pub type ArmQ = [f64; ARM_Q];
 
-/// Rotations of one arm's two limbs in the torso frame (x forward, y left, z up), as differences from the T-pose,
-/// of a left arm or of a right arm mirrored to the left.
+/// Rotations of one arm's two limbs in the torso frame (x forward, y left, z up), as differences from the T-pose.
+/// A right arm is mirrored to a left one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limbs {
     /// Shoulder to elbow.
@@ -28,32 +28,32 @@ impl Limbs {
         Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
     }
 
-    /// Both limbs at `s` between `self` (0) and `other` (1), each along the shorter arc.
+    /// Interpolates both limbs at `s` between `self` (0) and `other` (1), each along the shorter arc.
     pub fn slerp(&self, other: &Self, s: f64) -> Self {
         Self { upper: slerp(&self.upper, &other.upper, s), fore: slerp(&self.fore, &other.fore, s) }
     }
 
-    /// The same with the signs as they are.
+    /// As [`Limbs::slerp`], but keeps the quaternions' signs.
     pub(crate) fn between(&self, other: &Self, s: f64) -> Self {
         Self { upper: slerp_signed(&self.upper, &other.upper, s), fore: slerp_signed(&self.fore, &other.fore, s) }
     }
 }
 
-/// Two quaternions closer than this (1 - |dot|) are interpolated linearly: the error of that is below 1e-12 rad and
-/// the division by the sine of a vanishing angle is avoided.
+/// Two quaternions closer than this (1 - |dot|) are interpolated linearly. The error stays below 1e-12 rad, and no
+/// division by the sine of a vanishing angle occurs.
 const SLERP_LINEAR: f64 = 1e-8;
 
-/// Rotation at `s` between `a` (0) and `b` (1) on the shorter arc; q and -q are the same rotation.
+/// Rotation at `s` between `a` (0) and `b` (1) on the shorter arc. q and -q are the same rotation.
 pub fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
     slerp_signed(a, &align(b, a), s)
 }
 
-/// `q` or -q, whichever is nearer to `reference` on the sphere: the same rotation.
+/// Returns `q` or -q, the one nearer to `reference` on the sphere. Both are the same rotation.
 pub(crate) fn align(q: &UnitQuaternion<f64>, reference: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     if q.coords.dot(&reference.coords) < 0.0 { UnitQuaternion::new_unchecked(-q.into_inner()) } else { *q }
 }
 
-/// Slerp on the sphere with the signs as they are: continuous in all arguments while a and b are not opposite.
+/// Slerp on the sphere that keeps the signs. It is continuous in all arguments while a and b are not opposite.
 fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
     let dot = a.coords.dot(&b.coords).clamp(-1.0, 1.0);
     if dot < SLERP_LINEAR - 1.0 {
@@ -69,7 +69,7 @@ fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> Uni
     UnitQuaternion::new_normalize(Quaternion::from(a.coords * wa + b.coords * wb))
 }
 
-/// The arm of the robot as the retargeting sees it: five revolute joints, two limbs.
+/// The robot's arm as the retargeting uses it: five revolute joints, two limbs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmModel {
     /// Unit axis of each joint in the torso frame while the arm is at `reference`.
@@ -85,14 +85,15 @@ pub struct ArmModel {
 /// Residual and Jacobian of one posture.
 #[derive(Clone, Copy, Debug)]
 pub struct Linearization {
-    /// imag(q_r q_h^-1) with w >= 0: upper arm, then forearm; its squared norm is S_GR.
+    /// imag(q_r q_h^-1) with w >= 0: upper arm, then forearm. Its squared norm is S_GR.
     pub residual: [f64; RESIDUALS],
     /// Column j: derivative of `residual` by joint j, 1/rad.
     pub jacobian: [[f64; RESIDUALS]; ARM_Q],
 }
 
 impl ArmModel {
-    /// The arm from plain arrays: axes in the torso frame at the reference posture, reference and limits in rad.
+    /// Creates the arm from plain arrays: axes in the torso frame at the reference posture, reference and limits
+    /// in rad.
     pub fn new(axes: [Vector3<f64>; ARM_Q], reference: ArmQ, q_min: ArmQ, q_max: ArmQ) -> Self {
         Self { axes: axes.map(|axis| axis.normalize()), reference, q_min, q_max }
     }
@@ -107,12 +108,12 @@ impl ArmModel {
         std::array::from_fn(|j| 0.5 * (self.q_max[j] - self.q_min[j]))
     }
 
-    /// `q` moved into the limits, rad.
+    /// Returns `q` moved into the limits, rad.
     pub fn clamp(&self, q: &ArmQ) -> ArmQ {
         std::array::from_fn(|j| q[j].max(self.q_min[j]).min(self.q_max[j]))
     }
 
-    /// U(q) = R0 R1 R2 and F(q) = U R3 R4 with Ri = Rot(axes i, q i - reference i).
+    /// Rotations of the limbs: U(q) = R0 R1 R2 and F(q) = U R3 R4 with Ri = Rot(axes i, q i - reference i).
     pub fn forward(&self, q: &ArmQ) -> Limbs {
         let r = self.rotations(q);
         let upper = mul(&mul(&r[0], &r[1]), &r[2]);
@@ -133,8 +134,8 @@ impl ArmModel {
         [upper.x, upper.y, upper.z, fore.x, fore.y, fore.z]
     }
 
-    /// Residual and Jacobian. With q_r = A1 .. An and the axis w_i of joint i in the torso frame at q,
-    /// d q_r / d q_i = (0, w_i) q_r / 2, hence d r / d q_i = (e_w w_i + w_i x e_v) / 2 for e = q_r q_h^-1.
+    /// Residual and Jacobian. Let q_r = A1 .. An, and w_i the axis of joint i in the torso frame at q. Then d q_r
+    /// / d q_i = (0, w_i) q_r / 2. Hence d r / d q_i = (e_w w_i + w_i x e_v) / 2 for e = q_r q_h^-1.
     pub fn linearize(&self, q: &ArmQ, human: &Limbs) -> Linearization {
         let r = self.rotations(q);
         let r01 = mul(&r[0], &r[1]);
@@ -175,7 +176,7 @@ fn mul(a: &Quaternion<f64>, b: &Quaternion<f64>) -> Quaternion<f64> {
     a * b
 }
 
-/// v rotated by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
+/// Rotates v by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
 fn rotate(q: &Quaternion<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     let u = Vector3::new(q.i, q.j, q.k);
     let t = u.cross(v) * 2.0;
@@ -189,12 +190,13 @@ fn error(robot: &UnitQuaternion<f64>, human: &UnitQuaternion<f64>) -> (f64, Vect
     if e.w < 0.0 { (-e.w, -v) } else { (e.w, v) }
 }
 
-/// S_GR between two pairs of limbs: sum of 1 - <q_h, q_r>^2, written as |imag|^2 so that small errors keep their digits.
+/// S_GR between two pairs of limbs: sum of 1 - <q_h, q_r>^2. It is computed as |imag|^2, so small errors keep
+/// their digits.
 pub fn s_gr(robot: &Limbs, human: &Limbs) -> f64 {
     error(&robot.upper, &human.upper).1.norm_squared() + error(&robot.fore, &human.fore).1.norm_squared()
 }
 
-/// Rotation angles between robot and human, degrees: upper arm, forearm.
+/// Rotation angles between robot and person, degrees: upper arm, forearm.
 pub fn limb_error_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     let degrees = |r, h| {
         let (w, v) = error(r, h);
@@ -203,8 +205,8 @@ pub fn limb_error_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     [degrees(&robot.upper, &human.upper), degrees(&robot.fore, &human.fore)]
 }
 
-/// Input of the human encoder: bone axis (y column) and hinge axis (-z column) of the upper arm, then of the forearm;
-/// unit vectors in the torso frame, of a left (or mirrored right) arm.
+/// Input of the human encoder: bone axis (y column) and hinge axis (-z column) of the upper arm, then of the
+/// forearm. They are unit vectors in the torso frame, of a left or mirrored right arm.
 pub fn features(human: &Limbs) -> [f32; FEATURES] {
     let mut out = [0.0; FEATURES];
     for (limb, part) in [&human.upper, &human.fore].into_iter().zip(out.chunks_exact_mut(6)) {
@@ -218,24 +220,24 @@ pub fn features(human: &Limbs) -> [f32; FEATURES] {
     out
 }
 
-/// The mirror image of a limb rotation at the plane between left and right: (x, y, z, w) -> (-x, y, -z, w).
-/// It turns a right arm into a left arm and back.
+/// Mirrors a limb rotation at the plane between left and right: (x, y, z, w) -> (-x, y, -z, w). It turns a right
+/// arm into a left arm and back.
 pub fn mirror(limb: [f64; 4]) -> [f64; 4] {
     [-limb[0], limb[1], -limb[2], limb[3]]
 }
 
-/// Largest deviation of a limb quaternion's squared norm from one: `ingest` writes unit quaternions in f64, so
-/// anything further away is not a rotation.
+/// Largest deviation of a limb quaternion's squared norm from one. `ingest` normalises in f64, so a larger
+/// deviation means no rotation.
 const NORM_TOLERANCE: f64 = 1e-3;
 
-/// A rotation from x y z w; none if it is not finite or not of unit length.
+/// Returns the rotation of x y z w. `None` if it is not finite or not of unit length.
 pub fn rotation_from_xyzw(limb: [f64; 4]) -> Option<UnitQuaternion<f64>> {
     let squared: f64 = limb.iter().map(|c| c * c).sum();
     let unit = (squared - 1.0).abs() <= NORM_TOLERANCE;
     unit.then(|| UnitQuaternion::new_normalize(Quaternion::new(limb[3], limb[0], limb[1], limb[2])))
 }
 
-/// x y z w of a rotation.
+/// Returns x y z w of a rotation.
 pub fn xyzw_from_rotation(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
     let q = rotation.quaternion();
     [q.i, q.j, q.k, q.w]

@@ -1,4 +1,4 @@
-//! The four limbs solved by geometry alone, then clamped: the baseline, and a start for the refinement.
+//! Solves the four limbs by geometry alone, then clamps. It is the baseline, and a start for the refinement.
 
 use std::f64::consts::{PI, TAU};
 
@@ -6,17 +6,18 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
 
-/// Nearer to the gimbal than this (sine of the angle between upper arm axis and first joint axis) the split between
-/// joints 1 and 3 is held: what the hold costs is an error of the limb of at most this angle, rad.
+/// Below this sine of the angle between upper arm axis and first joint axis, the split between joints 1 and 3 is
+/// held: the gimbal. The hold costs a limb error of at most this angle, rad.
 const GIMBAL_SINE: f64 = 1e-4;
-/// Branches whose S_GR differs by less than this are equally good (0.1 degrees in one limb: sin^2(0.05 deg)), and the
-/// one nearer to the previous posture is taken.
+/// Branches whose S_GR differs by less than this are equally good: 0.1 degrees in one limb, sin^2(0.05 deg). Then
+/// the one nearer to the previous posture is taken.
 const EQUAL_S_GR: f64 = 7.6e-7;
 
-/// Closed-form joint positions of one arm, rad, within the limits. The shoulder is a product of three rotations about
-/// axes that are orthogonal in sequence: two branches. The elbow is the best product of two given the clamped shoulder.
-/// The branch with the smaller S_GR after clamping wins, the nearer one to `previous` if they are equally good.
-/// At the gimbal (arm parallel to the first axis) joint 1 keeps its `previous` value and joint 3 takes the rest.
+/// Closed-form joint positions of one arm, rad, within the limits. The shoulder is a product of three rotations
+/// about axes that are orthogonal in sequence, so it has two branches. The elbow is the best product of two, given
+/// the clamped shoulder. The branch with the smaller S_GR after clamping is taken. If both are equally good, it is
+/// the one nearer to `previous`. At the gimbal the arm is parallel to the first axis. There joint 1 keeps its
+/// `previous` value, and joint 3 takes the rest.
 pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     let mut best = branch(arm, human, previous, 1.0);
     let other = branch(arm, human, previous, -1.0);
@@ -28,7 +29,7 @@ pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     best
 }
 
-/// One branch (`sign` of the second joint's offset, 1 or -1), clamped.
+/// Solves one branch (`sign` of the second joint's offset, 1 or -1), clamped.
 pub(crate) fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) -> ArmQ {
     let mut q = [0.0; ARM_Q];
     let shoulder = shoulder(arm, &human.upper, previous, sign);
@@ -43,8 +44,9 @@ pub(crate) fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) 
     q
 }
 
-/// Offsets t with R = Rot(a, t0) Rot(b, t1) Rot(c, t2), a and c orthogonal to b: a.Rc = (a.c) cos t1 + a.(b x c) sin t1
-/// gives t1 up to its branch; t0 turns Rot(b, t1) c into Rc about a; t2 likewise from the transpose.
+/// Offsets t with R = Rot(a, t0) Rot(b, t1) Rot(c, t2), a and c orthogonal to b. a.Rc = (a.c) cos t1 + a.(b x c)
+/// sin t1 gives t1 up to its branch. t0 turns Rot(b, t1) c into Rc about a. t2 follows likewise from the
+/// transpose.
 fn shoulder(arm: &ArmModel, r: &UnitQuaternion<f64>, previous: &ArmQ, sign: f64) -> [f64; 3] {
     let [a, b, c] = [&arm.axes[0], &arm.axes[1], &arm.axes[2]];
     let (cosine, sine) = (a.dot(c), a.dot(&b.cross(c)));
@@ -58,8 +60,8 @@ fn shoulder(arm: &ArmModel, r: &UnitQuaternion<f64>, previous: &ArmQ, sign: f64)
     [t0, t1, twist_about(c, &rest)]
 }
 
-/// Offsets t that maximise <Rot(a, t0) Rot(b, t1), E> for orthogonal a and b: the scalar product is bilinear in the
-/// half angles and splits into their sum and their difference.
+/// Offsets t that maximise <Rot(a, t0) Rot(b, t1), E> for orthogonal a and b. The scalar product is bilinear in
+/// the half angles, so it splits into their sum and their difference.
 fn elbow(arm: &ArmModel, e: &UnitQuaternion<f64>, previous: &ArmQ) -> [f64; 2] {
     let [a, b] = [&arm.axes[3], &arm.axes[4]];
     let v = e.imag();
@@ -82,7 +84,7 @@ fn twist_about(axis: &Vector3<f64>, r: &UnitQuaternion<f64>) -> f64 {
     2.0 * r.imag().dot(axis).atan2(r.w)
 }
 
-/// `angle` shifted by whole turns to the middle of the limits, then clamped, rad.
+/// Shifts `angle` by whole turns to the middle of the limits, then clamps it, rad.
 fn into_limits(arm: &ArmModel, joint: usize, angle: f64) -> f64 {
     let mid = 0.5 * (arm.q_min[joint] + arm.q_max[joint]);
     let shifted = mid + (angle - mid + PI).rem_euclid(TAU) - PI;

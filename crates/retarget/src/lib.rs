@@ -1,9 +1,9 @@
-//! Human limbs to joint positions through a shared latent space. Never does IO, never reads a clock, and its tick never
-//! allocates, locks or panics.
+//! Converts a person's limbs to joint positions through a shared latent space. Never does IO, never reads a clock,
+//! and its tick never allocates, locks or panics.
 //!
-//! Glossary: a *limb* is an upper arm or a forearm; its *rotation* is the difference from the T-pose in the torso frame.
-//! *S_GR* is the metric of the paper: sum over limbs of 1 - <q_h, q_r>^2. A right arm is mirrored to a left arm on the
-//! way in; its joint values need no mirroring back.
+//! Glossary: a *limb* is an upper arm or a forearm. Its *rotation* is the difference from the T-pose in the torso
+//! frame. *S_GR* is the metric of the paper: sum over limbs of 1 - <q_h, q_r>^2. A right arm is mirrored to a left
+//! arm at the input. Its joint values need no mirroring back.
 
 mod arm;
 mod closed_form;

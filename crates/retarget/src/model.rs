@@ -1,4 +1,4 @@
-//! The retargeting's view of a robot model.
+//! Conversion of a robot model for the retargeting.
 
 use robot::Model;
 
@@ -6,12 +6,12 @@ use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::tick::{Config, ConfigError, Options, RobotArms};
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
-/// Numbers enter the hash rounded to this, rad (axes: dimensionless): coarser than the rounding of a sine on another
-/// machine, finer than any change that matters.
+/// Numbers are rounded to this before they enter the hash, rad (axes: dimensionless). It is coarser than the
+/// rounding of a sine on another machine, and finer than any change that matters.
 const HASH_GRAIN: f64 = 1e-7;
 
 impl ArmModel {
-    /// The left arm of `model`; the right arm is its mirror, which the model has checked.
+    /// Takes the left arm of `model`. The right arm is its mirror, which the model has checked.
     pub fn of(model: &Model) -> Self {
         let arm = &model.arms[0];
         let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
@@ -22,8 +22,9 @@ impl ArmModel {
 }
 
 impl ArmIdentity {
-    /// What weights for `model` have to fit. The hash covers what a network learns (joint names, axes, reference and
-    /// limits of the arm) and not the whole robot file, so that a new collision capsule does not call for new weights.
+    /// Returns the identity that weights for `model` must match. The hash covers what a network learns: joint
+    /// names, axes, reference and limits of the arm. It leaves out the rest of the robot file, so a new collision
+    /// capsule needs no new weights.
     pub fn of(model: &Model) -> Self {
         let arm = ArmModel::of(model);
         let joints: [String; ARM_Q] = std::array::from_fn(|j| model.joint_names[model.arms[0].joints[j]].clone());
@@ -40,7 +41,7 @@ fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
 }
 
 impl RobotArms {
-    /// What a tick needs to know of `model`.
+    /// Takes the data of `model` that a tick needs.
     pub fn of(model: &Model) -> Self {
         let joints = &model.arms[0].joints;
         let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
@@ -49,14 +50,14 @@ impl RobotArms {
 }
 
 impl Weights {
-    /// Reads a weights file (manifest text and safetensors bytes) for `model`; see `Weights::read`.
+    /// Reads a weights file (manifest text and safetensors bytes) for `model`. See `Weights::read`.
     pub fn from_bytes(manifest_text: &str, bytes: &[u8], model: &Model) -> Result<Self, WeightsError> {
         Self::read(manifest_text, bytes, &ArmIdentity::of(model))
     }
 }
 
 impl Config {
-    /// Checks the options; see `Config::for_arms`.
+    /// Checks the options. See `Config::for_arms`.
     pub fn new(model: &Model, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
         Self::for_arms(&RobotArms::of(model), weights, options)
     }

@@ -1,5 +1,5 @@
-//! The three networks of the shared latent space at batch one or two, allocation-free. The widest vectors of the
-//! processor are used; those with fused multiply-add give the same bits, the portable ones differ by rounding.
+//! The three networks of the shared latent space at batch one or two, without allocation. They use the processor's
+//! widest vectors. Vectors with fused multiply-add give the same bits. The portable ones differ by rounding.
 
 pub(crate) mod golden;
 mod kernel;
@@ -11,15 +11,15 @@ use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
 
 /// Dimension of the shared latent space, one arm: the paper's (ImitationNet, 2023).
 pub const LATENT: usize = 8;
-/// Most hidden layers: above twice the paper's 6.
+/// Largest number of hidden layers: more than twice the paper's 6.
 pub const HIDDEN_MAX: usize = 16;
-/// Range of the decoder beyond the limits, so that the limits are reached at finite activations.
+/// Range of the decoder relative to the limits. It exceeds 1, so finite activations reach the limits.
 pub const OVERREACH: f64 = 1.02;
 
 /// A point of the shared latent space.
 pub type Latent = [f32; LATENT];
 
-/// The point at `s` on the straight line from `a` (0) to `b` (1).
+/// Returns the point at `s` on the straight line from `a` (0) to `b` (1).
 pub fn interpolate_latent(a: &Latent, b: &Latent, s: f64) -> Latent {
     let s = s as f32;
     std::array::from_fn(|i| a[i] + (b[i] - a[i]) * s)
@@ -49,11 +49,11 @@ pub struct Network {
 }
 
 impl Network {
-    /// Packs checked layers for `arm` in f32, for the widest vectors of this processor. Shapes are the caller's duty
-    /// (`Weights` checks them).
+    /// Packs checked layers for `arm` in f32, for the widest vectors of this processor. The caller must check the
+    /// shapes, as `Weights` does.
     ///
     /// # Panics
-    /// If layers do not fit together or are wider than `WIDTH_MAX`: a bug of the caller.
+    /// Panics if layers do not fit together or are wider than `WIDTH_MAX`: a bug of the caller.
     pub fn new(layers: &Layers, arm: &ArmModel) -> Self {
         Self::at_level(layers, arm, Precision::F32, Level::best())
     }
@@ -79,26 +79,26 @@ impl Network {
         }
     }
 
-    /// Q_h: features of `N` arms to their latents.
+    /// Q_h: encodes the features of `N` arms to latents.
     pub fn encode_human<const N: usize>(&self, features: &[[f32; FEATURES]; N]) -> [Latent; N] {
         self.human.forward(features)
     }
 
-    /// Q_r: postures of `N` arms, rad, to their latents; the network sees (q - mid) / half.
+    /// Q_r: encodes the postures of `N` arms, rad, to latents. The network's input is (q - mid) / half.
     pub fn encode_robot<const N: usize>(&self, q: &[ArmQ; N]) -> [Latent; N] {
         let input: [[f32; ARM_Q]; N] =
             std::array::from_fn(|n| std::array::from_fn(|j| ((q[n][j] - self.mid[j]) / self.half[j]) as f32));
         self.robot.forward(&input)
     }
 
-    /// D_r: latents of `N` arms to postures within the limits, rad: mid + 1.02 half tanh(y), clamped.
-    /// Not finite if the latent or the weights are not.
+    /// D_r: decodes the latents of `N` arms to postures within the limits, rad: mid + 1.02 half tanh(y), clamped.
+    /// The result is not finite if the latent or the weights are not.
     pub fn decode<const N: usize>(&self, latents: &[Latent; N]) -> [ArmQ; N] {
         let y: [[f32; ARM_Q]; N] = self.decoder.forward(latents);
         std::array::from_fn(|n| {
             std::array::from_fn(|j| {
                 let q = self.mid[j] + OVERREACH * self.half[j] * f64::from(tanh(y[n][j]));
-                // Not `clamp`: a NaN has to pass, so that the tick sees it.
+                // Not `clamp`: a NaN must pass, so the tick sees it.
                 if q < self.q_min[j] {
                     self.q_min[j]
                 } else if q > self.q_max[j] {
@@ -111,13 +111,13 @@ impl Network {
     }
 }
 
-/// 1 - 2 / (1 + exp(2 x)); absolute error below 2e-7, which is what a joint position needs.
+/// 1 - 2 / (1 + exp(2 x)). The absolute error is below 2e-7, which is enough for a joint position.
 fn tanh(x: f32) -> f32 {
     1.0 - 2.0 / (1.0 + exp(2.0 * x))
 }
 
-/// exp without a branch: x = n ln 2 + r, 2^n by the exponent bits, exp(r) by the polynomial of
-/// Cephes `expf` (relative error 2e-7). Saturates at exp(+-87), passes NaN.
+/// exp without a branch: x = n ln 2 + r, 2^n by the exponent bits, exp(r) by the polynomial of Cephes `expf`
+/// (relative error 2e-7). It saturates at exp(+-87) and passes NaN.
 #[expect(clippy::excessive_precision, reason = "coefficients as published")]
 fn exp(x: f32) -> f32 {
     /// 1.5 * 2^23: adding it rounds to an integer and leaves that integer in the low mantissa bits.

@@ -1,10 +1,11 @@
-//! The best that the arm can do: S_GR minimised from many starts. For evaluation; allocates nothing, but takes its time.
+//! The best posture that the arm can reach: S_GR minimised from many starts. Meant for evaluation. It allocates
+//! nothing, but is slow.
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
 use crate::closed_form::branch;
 use crate::refine::{Refined, refine};
 
-/// Steps per start: Levenberg-Marquardt converges in 5 to 15 here, the rest is for starts at the edge of a basin.
+/// Steps per start. Levenberg-Marquardt converges in 5 to 15 here. The rest is for starts at the edge of a basin.
 const STEPS: u32 = 40;
 
 /// The reachable optimum of one posture.
@@ -16,9 +17,9 @@ pub struct Optimum {
     pub s_gr: f64,
 }
 
-/// Minimises S_GR of one arm within its limits from both branches of the closed form, the middle of the limits,
-/// `previous`, and `random_starts` pseudo-random postures (drawn from `seed`). Of optima that are equally good to
-/// 1e-9 the one nearest to `previous` is returned, so that a sequence does not wander where joints are degenerate.
+/// Minimises S_GR of one arm within its limits. The starts are both branches of the closed form, the middle of the
+/// limits, `previous`, and `random_starts` pseudo-random postures drawn from `seed`. Among optima that are equal
+/// to 1e-9 it returns the one nearest to `previous`. So a sequence does not wander where joints are degenerate.
 pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ, random_starts: u32, seed: u64) -> Optimum {
     let first = [branch(arm, human, previous, 1.0), branch(arm, human, previous, -1.0), arm.clamp(previous), arm.mid()];
     let mut draw = SplitMix(seed);
@@ -42,7 +43,7 @@ fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
     (0..ARM_Q).map(|j| (a[j] - b[j]) * (a[j] - b[j])).sum()
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014): enough for starts, and the same on every machine.
+/// SplitMix64 (Steele, Lea, Flood 2014). It is good enough for starts, and the same on every machine.
 struct SplitMix(u64);
 
 impl SplitMix {

@@ -1,9 +1,10 @@
-//! How a person's arm goes on, as learnt from recorded motion: a linear map from the turns of the last half second.
+//! Prediction of a person's arm, learnt from recorded motion: a linear map from the turns of the last half second.
 //!
-//! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the directions of
-//! the arm's limbs: gravity and the ranges of the joints lie in these. There is no constant input, so whoever stands is
-//! expected to stand. The outputs are the turns log(R(t + h) R(t)^-1) of the arm's own limbs at a few horizons. Ages and
-//! horizons are seconds: any frame rate from 20 to 240 Hz will do.
+//! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the
+//! directions of the arm's limbs: gravity and the ranges of the joints depend on these. There is no constant
+//! input, so a person who stands still is predicted to stand still. The outputs are the turns log(R(t + h)
+//! R(t)^-1) of the arm's own limbs at a few horizons. Ages and horizons are in seconds, so any frame rate from 20
+//! to 240 Hz works.
 
 use crate::arm::Limbs;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -14,20 +15,20 @@ use crate::weights::{HEADER_MAX_BYTES, WeightsError, WriteError, key, must, sha2
 
 /// The only format of the manifest so far.
 pub const PREDICTION_FORMAT: u32 = 1;
-/// Ages at which both arms are looked up, s.
+/// Ages at which both arms' past limbs are read, s.
 pub const AGES_S: [f64; 11] = [0.017, 0.033, 0.05, 0.067, 0.1, 0.133, 0.167, 0.233, 0.3, 0.4, 0.5];
-/// Of these, the ones whose turns are also taken times directions.
+/// Indices of the ages whose turns are also multiplied by directions.
 const DIRECTED: [usize; 5] = [1, 3, 4, 6, 8];
-/// How far ahead the limbs are predicted, s; linear between.
+/// Prediction horizons, s. Linear interpolation between them.
 pub const HORIZONS_S: [f64; 8] = [0.03, 0.06, 0.1, 0.15, 0.2, 0.28, 0.38, 0.48];
-/// Numbers of the directions of one arm: two axes of two limbs.
+/// Numbers in the directions of one arm: two axes of two limbs.
 const DIRECTIONS: usize = 12;
-/// Inputs of the map: turns of four limbs, those of the own two in their own frames, and products.
+/// Inputs of the map: turns of four limbs, those of the arm's own two limbs in their own frames, and products.
 pub const PREDICTION_INPUTS: usize = AGES_S.len() * (12 + 6) + DIRECTED.len() * 6 * DIRECTIONS;
 /// Outputs of the map: the turns of two limbs at each horizon.
 pub const PREDICTION_OUTPUTS: usize = HORIZONS_S.len() * 6;
 
-/// Both arms at the newest skeleton, and before it: the arm that is predicted comes first. Each as a left arm.
+/// Both arms at the newest skeleton and before it, each as a left arm. The predicted arm comes first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct History {
     /// At the newest skeleton.
@@ -39,16 +40,16 @@ pub struct History {
 /// The turns of an arm's two limbs at each horizon, rad.
 pub type Turns = [[Vector3<f64>; 2]; HORIZONS_S.len()];
 
-/// The rotation vector from `from` to `to`, along the shorter way, rad.
+/// Returns the rotation vector from `from` to `to`, along the shorter way, rad.
 pub fn turn(from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> Vector3<f64> {
     let q = (to * from.inverse()).into_inner();
     let (w, v) = if q.w < 0.0 { (-q.w, -q.imag()) } else { (q.w, q.imag()) };
     let sin = v.norm();
-    // The angle over its sine goes to 2 where the sine vanishes.
+    // The angle over its sine tends to 2 as the sine vanishes.
     v * if sin > 1e-9 { 2.0 * sin.atan2(w) / sin } else { 2.0 }
 }
 
-/// The inputs of the map.
+/// Computes the inputs of the map.
 pub fn prediction_inputs(history: &History) -> [f32; PREDICTION_INPUTS] {
     let mut out = [0.0_f32; PREDICTION_INPUTS];
     let mut rest = out.iter_mut();
@@ -84,7 +85,7 @@ pub fn prediction_inputs(history: &History) -> [f32; PREDICTION_INPUTS] {
 pub struct PredictionManifest {
     /// `PREDICTION_FORMAT`.
     pub format: u32,
-    /// Of the safetensors file, lower-case hex.
+    /// SHA-256 of the safetensors file, lower-case hex.
     pub sha256: String,
     /// `AGES_S`.
     pub ages_s: Vec<f64>,
@@ -94,15 +95,15 @@ pub struct PredictionManifest {
     pub inputs: usize,
     /// Seed of the training.
     pub seed: u64,
-    /// What it was trained on.
+    /// Description of the training data.
     pub trained_on: String,
-    /// Figures of the validation, for people.
+    /// Figures of the validation, for the reader.
     #[serde(default)]
     pub validation: toml::Table,
 }
 
 impl PredictionManifest {
-    /// A manifest of this build's shape; sha256, validation and training facts are still empty.
+    /// Creates a manifest of this build's shape. Its sha256, validation and training facts are still empty.
     pub fn new() -> Self {
         Self {
             format: PREDICTION_FORMAT,
@@ -123,21 +124,21 @@ impl Default for PredictionManifest {
     }
 }
 
-/// The map, checked.
+/// The checked map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// The outputs' weights, input by input.
+    /// Weights of the outputs, input by input.
     weight: Box<[[f32; PREDICTION_OUTPUTS]]>,
 }
 
-/// The name of the only tensor, `[PREDICTION_INPUTS, PREDICTION_OUTPUTS]`.
+/// Name of the only tensor, `[PREDICTION_INPUTS, PREDICTION_OUTPUTS]`.
 const TENSOR: &str = "weight";
 
 impl Prediction {
-    /// From weights, input by input.
+    /// Creates the map from weights, input by input.
     ///
     /// # Errors
-    /// If there are too few or too many of them, or one is not finite.
+    /// Returns an error if there are too few or too many weights, or one is not finite.
     pub fn new(weight: &[f32]) -> Result<Self, WeightsError> {
         let (rows, rest) = weight.as_chunks::<PREDICTION_OUTPUTS>();
         if rows.len() != PREDICTION_INPUTS || !rest.is_empty() {
@@ -150,11 +151,11 @@ impl Prediction {
         }
     }
 
-    /// Reads the manifest and the safetensors file that it describes. Refuses everything that is not what the manifest
-    /// promises and this build computes.
+    /// Reads the manifest and the safetensors file that it describes. It refuses everything that differs from the
+    /// manifest or from what this build computes.
     ///
     /// # Errors
-    /// What does not fit.
+    /// Returns an error that names the mismatch.
     pub fn read(manifest_text: &str, bytes: &[u8]) -> Result<Self, WeightsError> {
         let manifest: PredictionManifest = toml::from_str(manifest_text)?;
         must("format", manifest.format, PREDICTION_FORMAT)?;
@@ -176,10 +177,10 @@ impl Prediction {
         Self::new(&crate::weights::read_tensor(&tensors, TENSOR.into(), &[PREDICTION_INPUTS, PREDICTION_OUTPUTS])?)
     }
 
-    /// The two files of a weights folder: safetensors bytes and manifest text (its `sha256` filled in).
+    /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.
     ///
     /// # Errors
-    /// If the manifest holds something that TOML cannot.
+    /// Returns an error if the manifest holds a value that TOML cannot.
     pub fn write(&self, manifest: &PredictionManifest) -> Result<(Vec<u8>, String), WriteError> {
         let data: Vec<u8> = self.weight.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
         let shape = vec![PREDICTION_INPUTS, PREDICTION_OUTPUTS];
@@ -189,7 +190,7 @@ impl Prediction {
         Ok((bytes, toml::to_string(&manifest)?))
     }
 
-    /// The turns that are to be expected; none if they are no numbers.
+    /// Predicts the turns. `None` if they are not finite.
     pub fn turns(&self, history: &History) -> Option<Turns> {
         let inputs = prediction_inputs(history);
         let mut sums = [0.0_f32; PREDICTION_OUTPUTS];
@@ -205,7 +206,8 @@ impl Prediction {
     }
 }
 
-/// The turns `ahead_s` after the newest skeleton: linear between the horizons, none at 0, those of the last beyond it.
+/// Returns the turns `ahead_s` after the newest skeleton: linear between the horizons, zero at 0, those of the
+/// last horizon beyond it.
 pub fn turns_at(turns: &Turns, ahead_s: f64) -> [Vector3<f64>; 2] {
     let next = HORIZONS_S.iter().position(|horizon| *horizon > ahead_s);
     let Some(next) = next else { return turns[HORIZONS_S.len() - 1] };

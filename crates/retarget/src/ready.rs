@@ -1,37 +1,39 @@
-//! Whether the input is steady enough to begin upon. What is followed may falter for as long as it is not stale; what is
-//! engaged upon, at first or again after a hold, has to have come often enough for a while.
+//! Decides whether the input is steady enough to engage. While the robot follows, the input may have gaps until it
+//! is stale. To engage, at first or after a hold, skeletons must have come often enough for a while.
 
 use messages::Stamp;
 
 use crate::resample::STALE_NS;
 use crate::tick::ARMS;
 
-/// How long the input is watched, ns: half the blend that a person has to let go in, and long beside a period at 20 Hz.
+/// Time for which the input is observed, ns: half the blend in which a person may still let go, and long compared
+/// with a period at 20 Hz.
 const WATCHED_NS: u64 = 500_000_000;
-/// How long it is watched if it was steady not long ago, ns: four skeletons at 20 Hz. Nothing but a gap came between.
+/// Shorter time if the input was steady not long ago, ns: four skeletons at 20 Hz. Only a gap came between.
 const WATCHED_AGAIN_NS: u64 = 200_000_000;
-/// How long ago, ns: as long as `safety` lets a gap last.
+/// Largest age of that steadiness, ns: as long as `safety` lets a gap last.
 const AGAIN_NS: u64 = 2_000_000_000;
-/// Longest mean period in that time, ns: that of 20 Hz, and 15 ms more over ten of them for jitter. 19 Hz are too slow.
+/// Longest mean period in that time, ns: that of 20 Hz, and 15 ms more over ten periods for jitter. 19 Hz are too
+/// slow.
 const PERIOD_MAX_NS: u64 = 51_500_000;
 
 /// Judges the input at every tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Readiness {
     begun: Stamp,
-    /// The newest skeleton when the watch began, and how many came since.
+    /// The newest skeleton when the observation began, and the number of skeletons since.
     first: Stamp,
     count: u32,
     newest: Stamp,
     meant: [bool; ARMS],
     ready: bool,
-    /// When the input was ready last; never, for a stranger.
+    /// Time at which the input was ready last. `Stamp::NONE` for a new person.
     ready_at: Stamp,
 }
 
 impl Readiness {
-    /// A skeleton with at least one arm came, at `received`; `restart`: of somebody else, or after silence; `stranger`: of somebody
-    /// else.
+    /// Notes a skeleton with at least one arm, received at `received`. `restart`: it is another person's, or it
+    /// came after silence. `stranger`: it is another person's.
     pub(crate) fn arrived(&mut self, received: Stamp, restart: bool, stranger: bool) {
         if stranger {
             self.ready_at = Stamp::NONE;
@@ -44,8 +46,8 @@ impl Readiness {
         self.newest = received;
     }
 
-    /// Whether there is a human to follow: every arm that is meant is fresh, and the same ones have been since the input
-    /// was steady.
+    /// Returns true if there is a person to follow. Every arm in use is fresh, and the same arms have been in use
+    /// since the input was steady.
     pub(crate) fn judge(&mut self, now: Stamp, meant: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
         let seen = meant.contains(&true) && meant == fresh;
         let again = self.ready_at != Stamp::NONE && self.begun.since(self.ready_at) <= AGAIN_NS;
@@ -65,7 +67,7 @@ impl Readiness {
         self.ready
     }
 
-    /// Watches anew from `now` on; `first` is the newest skeleton.
+    /// Restarts the observation at `now`. `first` is the newest skeleton.
     fn begin(&mut self, now: Stamp, first: Stamp) {
         (self.begun, self.first, self.count, self.ready) = (now, first, 0, false);
     }

@@ -1,24 +1,26 @@
-//! Levenberg-Marquardt on the limb residual: few steps, fixed size, never worse.
+//! Levenberg-Marquardt on the limb residual. It takes few steps, has a fixed size, and the result is never worse
+//! than the start.
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs, RESIDUALS};
 
-/// Weight of |q - prior|^2 beside S_GR, 1/rad^2: it keeps noise near the gimbal from turning into joint motion. Half a degree of
-/// noise there moves joints by 1.89 degrees RMS, with 2e-3 by 1.70, which costs 0.02 degrees of limb error everywhere.
+/// Weight of |q - prior|^2 beside S_GR, 1/rad^2. It keeps noise near the gimbal from becoming joint motion. Half a
+/// degree of noise there moves joints by 1.89 degrees RMS. With 2e-3 it is 1.70, which costs 0.02 degrees of limb
+/// error everywhere.
 pub const PRIOR_WEIGHT: f64 = 1e-3;
-/// No step is longer than this in any joint, rad: a step of a linearisation is not to be trusted further.
+/// Longest step in any joint, rad. A linearisation is not accurate further away.
 pub const STEP_MAX_RAD: f64 = 1.0;
 /// Damping at the first step. With the prior the normal matrix never falls below 2e-3, so the first step may be
 /// nearly Gauss-Newton.
 const DAMPING_START: f64 = 1e-4;
-/// Damping never falls below this: without a prior the matrix is singular at the gimbal.
+/// Smallest damping. Without a prior the matrix is singular at the gimbal.
 const DAMPING_MIN: f64 = 1e-9;
-/// Factors on acceptance and on refusal (Marquardt 1963).
+/// Factors after an accepted and after a refused step (Marquardt 1963).
 const DAMPING_DOWN: f64 = 0.1;
 const DAMPING_UP: f64 = 10.0;
-/// A joint this close to its limit counts as standing at it, rad.
+/// A joint this close to its limit counts as being at it, rad.
 const AT_LIMIT_RAD: f64 = 1e-9;
 
-/// Where a refinement ended.
+/// Result of a refinement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refined {
     /// Joint positions within the limits, rad.
@@ -31,8 +33,8 @@ pub struct Refined {
     pub accepted: u32,
 }
 
-/// At most `steps` Levenberg-Marquardt steps from `start` (clamped into the limits) on
-/// S_GR(q, human) + prior_weight |q - prior|^2 within the limits. The objective never rises. Allocation-free.
+/// Takes at most `steps` Levenberg-Marquardt steps from `start`, which is clamped into the limits. The objective
+/// is S_GR(q, human) + prior_weight |q - prior|^2 within the limits. It never rises. Allocates nothing.
 pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_weight: f64, steps: u32) -> Refined {
     let q = arm.clamp(start);
     let mut best = evaluate(arm, human, q, prior, prior_weight);
@@ -81,9 +83,9 @@ fn normal_equations(arm: &ArmModel, human: &Limbs, q: &ArmQ, prior: &ArmQ, prior
     (h, g)
 }
 
-/// The posture after one damped step within the limits. Joints that stand at a limit and are pushed against it, and
-/// joints that the step would carry over one, are fixed there and the others solved again (at most once per joint).
-/// None if the matrix is not positive definite, or not finite.
+/// Returns the posture after one damped step within the limits. A joint is fixed at its limit if it is there and
+/// pushed against it, or if the step would carry it over. The others are then solved again, at most once per
+/// joint. `None` if the matrix is not positive definite, or not finite.
 fn box_step(arm: &ArmModel, q: &ArmQ, h: &Matrix, g: &ArmQ, damping: f64) -> Option<ArmQ> {
     let mut fixed: [Option<f64>; ARM_Q] = std::array::from_fn(|j| {
         let below = q[j] <= arm.q_min[j] + AT_LIMIT_RAD && g[j] > 0.0;
@@ -113,8 +115,8 @@ fn box_step(arm: &ArmModel, q: &ArmQ, h: &Matrix, g: &ArmQ, damping: f64) -> Opt
     next.iter().all(|x| x.is_finite()).then_some(next)
 }
 
-/// Minimises d^T (H + damping I) d / 2 + g^T d with the fixed components of d given: Cholesky with the fixed rows
-/// replaced by the identity.
+/// Minimises d^T (H + damping I) d / 2 + g^T d with the fixed components of d given. It uses Cholesky with the
+/// fixed rows replaced by the identity.
 #[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
 fn solve(h: &Matrix, g: &ArmQ, damping: f64, fixed: &[Option<f64>; ARM_Q]) -> Option<ArmQ> {
     let mut l = *h;

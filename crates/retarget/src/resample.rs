@@ -1,9 +1,10 @@
-//! Skeletons of 30 to 240 Hz, early, late or in bursts, become a continuous human at every tick.
+//! Resamples skeletons of 30 to 240 Hz, early, late or in bursts, to a continuous person at every tick.
 //!
-//! Glossary: *source time* is when a skeleton happened, on our monotonic clock, with the jitter of its delivery smoothed
-//! away. A *knot* is one skeleton of one arm at its source time. The *playhead* is the source time that is shown now:
-//! it follows now - delay, never runs backwards, never beyond the newest knot, and catches up by at most half again its
-//! speed. A *restart* (first skeleton, a new writer, silence) moves the playhead freely; a crossfade hides the move.
+//! Glossary: *source time* is the time of a skeleton on our monotonic clock, with the jitter of its delivery
+//! smoothed away. A *knot* is one skeleton of one arm at its source time. The *playhead* is the source time that
+//! is shown now. It follows now - delay, and never runs backwards or beyond the newest knot. It catches up at one
+//! and a half times its speed at most. A *restart* (first skeleton, a new writer, silence) moves the playhead
+//! freely, and a crossfade hides the move.
 
 use messages::{Service, Skeleton, Stamp, comes_after};
 
@@ -12,43 +13,45 @@ use crate::network::{Latent, interpolate_latent};
 use crate::prediction::{AGES_S, Turns};
 use crate::way::{Expected, RATE_OVER_NS};
 
-/// Silence after which the input is stale and the next skeleton is a restart: the service table's, ns.
+/// Silence after which the input is stale and the next skeleton is a restart, ns. It is that of the service table.
 pub const STALE_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
 /// Longest delay, ns: commercial teleoperation lies between 100 and 250 ms.
 pub const DELAY_MAX_NS: u64 = 250_000_000;
-/// Knots kept per arm: 240 Hz over the half second that a prediction looks back are 120, and one on either side, rounded up.
+/// Knots kept per arm. A prediction looks back half a second, which is 120 knots at 240 Hz, and one on either
+/// side, rounded up.
 const KNOTS: usize = 128;
-/// Most skeletons that a sequence counts as one step: a quarter of a second at 240 Hz.
+/// Largest number of skeletons that a sequence counts as one step: a quarter of a second at 240 Hz.
 const SKIPPED_MAX: u64 = 64;
-/// An arm is predicted once it has been seen for this long, ns: three frames of the slowest source, and a good deal of what
-/// a prediction looks at.
+/// Time for which an arm must have been seen before it is predicted, ns. It covers three frames of the slowest
+/// source, and much of the prediction's input.
 const PREDICTED_FROM_NS: i64 = 200_000_000;
-/// Crossfade after a restart, ns: a quarter of a second is about how long people take to notice and react, and even
-/// half a turn of a limb stays below 20 rad/s (joints may turn faster where the arm leaves what it can reach); the limits of
-/// whole-body control act on top.
+/// Crossfade after a restart, ns. A quarter of a second is about the time that people take to notice and react.
+/// Even half a turn of a limb stays below 20 rad/s. Joints may turn faster where the arm leaves its reachable
+/// range. The limits of whole-body control apply on top.
 const BLEND_NS: i64 = 250_000_000;
-/// Bounds of the playhead's speed: half and one and a half times real time, so that catching up after a late skeleton
-/// looks like a person who hurries, not like a jump.
+/// Bounds of the playhead's speed, relative to real time: half and one and a half. Catching up after a late
+/// skeleton then looks like a person who hurries, not like a jump.
 const SPEED: (f64, f64) = (0.5, 1.5);
-/// The playhead's error decays with this time constant, ns: slower than a period at 30 Hz, so that jitter is not followed.
+/// Time constant of the playhead's error, ns. It is slower than a period at 30 Hz, so jitter is not followed.
 const CATCH_UP_NS: f64 = 50e6;
-/// Share of a skeleton's timing error that its source time takes up: 1/16 smooths over half a second at 30 Hz.
+/// Share of a skeleton's timing error that its source time corrects: 1/16 smooths over half a second at 30 Hz.
 const TIMING_GAIN: f64 = 1.0 / 16.0;
-/// Source time may be shortened by at most this share of a step, so that motion is at most a third faster.
+/// Largest share by which a step of source time is shortened. Motion then is at most a third faster.
 const TIMING_STEP_MAX: f64 = 0.25;
-/// Skeletons over which the period is averaged: a burst of four moves it by an eighth at most.
+/// Skeletons over which the period is averaged. A burst of four moves it by an eighth at most.
 const PERIOD_COUNT_MAX: u32 = 32;
-/// Shortest period that is believed, ns: 240 Hz is the fastest source.
+/// Shortest mean period that is used, ns: 240 Hz is the fastest source.
 const PERIOD_MIN_NS: f64 = 1e9 / 240.0;
-/// Shortest step of source time, ns: a source of 1 kHz, four times the fastest allowed, for stamps that stand still.
+/// Shortest step of source time, ns, for stamps that do not advance: a source of 1 kHz, four times the fastest
+/// allowed.
 const STEP_MIN_NS: i64 = 1_000_000;
 
-/// Signed nanoseconds of a stamp; a stamp beyond 146 years is as good as that.
+/// Signed nanoseconds of a stamp, limited to 146 years.
 fn ns(stamp: Stamp) -> i64 {
     stamp.0.min(i64::MAX as u64 / 2) as i64
 }
 
-/// What identifies and dates one skeleton.
+/// Identity and times of one skeleton.
 #[derive(Clone, Copy, Debug)]
 struct Arrival {
     incarnation: u32,
@@ -69,7 +72,7 @@ struct MeanPeriod {
 }
 
 impl MeanPeriod {
-    /// Takes the time and the number of skeletons since the last arrival; returns the mean period, ns.
+    /// Adds the time and the number of skeletons since the last arrival. Returns the mean period, ns.
     fn add(&mut self, between_ns: f64, count: f64) -> f64 {
         self.arrivals = (self.arrivals + 1).min(PERIOD_COUNT_MAX);
         self.between_ns += (between_ns - self.between_ns) / f64::from(self.arrivals);
@@ -88,20 +91,20 @@ pub struct SourceClock {
     restarted: bool,
 }
 
-/// Where a new skeleton belongs.
+/// Place of a new skeleton in source time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placed {
-    /// Source time, ns; later than that of every skeleton since the last restart.
+    /// Source time, ns. It is later than that of every skeleton since the last restart.
     pub source: i64,
-    /// Nothing before it continues into it.
+    /// True if no earlier skeleton continues into this one.
     pub restart: bool,
-    /// What was shown last, ns of source time.
+    /// Source time that was shown last, ns.
     pub playhead: i64,
 }
 
 impl SourceClock {
-    /// Places a skeleton that was received at `received` in source time; none if it is one that was seen before or is
-    /// out of order.
+    /// Places a skeleton that was received at `received` in source time. `None` if it was seen before or is out of
+    /// order.
     pub fn place(&mut self, skeleton: &Skeleton, received: Stamp) -> Option<Placed> {
         let mut arrival = Arrival {
             incarnation: skeleton.header.incarnation,
@@ -132,16 +135,16 @@ impl SourceClock {
         Some(Placed { source: arrival.source, restart: source.is_none(), playhead: self.playhead })
     }
 
-    /// Source time of the next skeleton: one step after the last one, pulled toward its arrival. The step is that of the
-    /// client's stamps where they are plausible, else the mean period times the skeletons that the sequence counts.
-    /// None if neither fits the arrival: then it is a restart.
+    /// Source time of the next skeleton: one step after the last one, pulled toward its arrival. The step is that
+    /// of the client's stamps if they are plausible. Else it is the mean period times the skeletons that the
+    /// sequence counts. `None` if neither fits the arrival: then it is a restart.
     fn source_after(&mut self, last: &Arrival, next: &Arrival) -> Option<i64> {
         let count = next.sequence.wrapping_sub(last.sequence).clamp(1, SKIPPED_MAX) as f64;
         let by_mean = count * self.mean.add((next.received - last.received).max(0) as f64, count);
         let by_origin = (next.origin - last.origin) as f64;
         let arrived = (next.received - last.source) as f64;
         let fits = |step: f64| (arrived - step).abs() <= STALE_NS as f64;
-        // A client's clock that runs at another speed than ours soon fits no more.
+        // If the client's clock runs at another speed than ours, its stamps soon no longer fit.
         let stamped = last.origin > 0 && by_origin > 0.0 && by_origin <= STALE_NS as f64 && fits(by_origin);
         let step = if stamped { by_origin } else { by_mean }.max(STEP_MIN_NS as f64);
         let correction = ((arrived - step) * TIMING_GAIN).max(-TIMING_STEP_MAX * step);
@@ -162,16 +165,16 @@ impl SourceClock {
             self.playhead += (elapsed as f64 * speed) as i64;
         }
         self.ticked = now;
-        // Nothing is known of the human beyond the newest skeleton. A restart may begin before its first knot.
+        // The person is not known beyond the newest skeleton. A restart may begin before its first knot.
         self.playhead = self.playhead.min(self.newest.map_or(i64::MAX, |newest| newest.source));
         self.playhead
     }
 }
 
-/// One arm of the human at one instant: the point of the latent space and the rotations that it stands for.
+/// One arm of the person at one instant: the point of the latent space and its limb rotations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Q_h of the limbs; zero where no network is used.
+    /// Q_h of the limbs. Zero without a network.
     pub latent: Latent,
     /// Limb rotations of a left (or mirrored right) arm.
     pub limbs: Limbs,
@@ -194,14 +197,14 @@ struct Knot {
     sample: Sample,
 }
 
-/// What is faded out after a restart.
+/// Sample that fades out after a restart.
 #[derive(Clone, Copy, Debug)]
 struct Fade {
     from: Sample,
     begun: i64,
 }
 
-/// The knots of one arm and what it shows.
+/// Knots of one arm, and what it shows.
 #[derive(Clone, Debug)]
 pub struct Track {
     knots: [Knot; KNOTS],
@@ -210,7 +213,7 @@ pub struct Track {
     shown: Option<Sample>,
     fade: Option<Fade>,
     received: Stamp,
-    /// What follows the newest knot.
+    /// Prediction after the newest knot.
     expected: Expected,
 }
 
@@ -223,20 +226,20 @@ impl Default for Track {
 }
 
 impl Track {
-    /// Takes a new skeleton's arm, received at `received`. After a restart, or if this arm was not valid for too long,
-    /// what is shown fades into what comes.
+    /// Takes a new skeleton's arm, received at `received`. After a restart, or if this arm was not valid for too
+    /// long, the shown sample fades into the new one.
     pub fn push(&mut self, placed: Placed, sample: Sample, received: Stamp, now: Stamp) {
         if placed.restart || self.count == 0 || received.since(self.received) > STALE_NS {
             self.count = 0;
             self.fade = self.shown.map(|from| Fade { from: from.aligned_to(&sample), begun: ns(now) });
         }
         if self.count > 0 {
-            // The playhead may have passed the newest knot and be holding it, if this arm was not valid for some frames:
-            // then the way to the next knot begins where it holds.
+            // If this arm was not valid for some frames, the playhead may have passed the newest knot and hold it.
+            // Then the way to the next knot begins where it holds.
             let newest = &mut self.knots[self.newest];
             newest.source = newest.source.max(placed.playhead.min(placed.source - STEP_MIN_NS));
         }
-        // Signs follow the previous knot, so that the path on the sphere is one piece also where it passes half a turn.
+        // Signs follow the previous knot, so that the path on the sphere stays continuous beyond half a turn.
         let sample = if self.count > 0 { sample.aligned_to(&self.knots[self.newest].sample) } else { sample };
         self.newest = (self.newest + 1) % KNOTS;
         self.knots[self.newest] = Knot { source: placed.source, sample };
@@ -248,17 +251,17 @@ impl Track {
         self.expected = Expected::fading(&sample.limbs, before);
     }
 
-    /// When the newest skeleton with this arm was received.
+    /// Time at which the newest skeleton with this arm was received.
     pub fn received(&self) -> Stamp {
         self.received
     }
 
-    /// Whether a skeleton with this arm arrived recently.
+    /// Returns true if a skeleton with this arm arrived recently.
     pub fn is_fresh(&self, now: Stamp) -> bool {
         self.count > 0 && now.since(self.received) <= STALE_NS
     }
 
-    /// The arm at source time `playhead`; none before its first skeleton.
+    /// Returns the arm at source time `playhead`. `None` before its first skeleton.
     pub fn show(&mut self, playhead: i64, now: Stamp) -> Option<Sample> {
         if self.count == 0 {
             return None;
@@ -277,8 +280,8 @@ impl Track {
         self.shown
     }
 
-    /// The arm at source time `source`, shown at `now`: between the knots, or predicted beyond the newest one. None before its
-    /// first skeleton. Also whether it was seen.
+    /// Returns the arm at source time `source`, shown at `now`: between the knots, or predicted beyond the newest
+    /// one. The flag is true if it was measured. `None` before its first skeleton.
     pub fn ahead(&self, source: i64, now: Stamp) -> Option<(Limbs, bool)> {
         if self.count == 0 {
             return None;
@@ -290,12 +293,12 @@ impl Track {
         Some((self.faded(limbs, now), seen))
     }
 
-    /// Whether a restart is faded out.
+    /// Returns true while the crossfade of a restart lasts.
     pub fn is_fading(&self) -> bool {
         self.fade.is_some()
     }
 
-    /// What is shown while a restart is faded out.
+    /// Applies the crossfade of a restart.
     fn faded(&self, limbs: Limbs, now: Stamp) -> Limbs {
         let Some(fade) = self.fade else { return limbs };
         let s = ((ns(now) - fade.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
@@ -303,30 +306,30 @@ impl Track {
         fade.from.limbs.between(&limbs, s)
     }
 
-    /// What is to be expected after the newest knot, until there is a newer one.
+    /// Sets the prediction after the newest knot, until there is a newer one.
     pub fn expect(&mut self, turns: &Turns) {
         self.expected = Expected::learnt(turns);
     }
 
-    /// Whether the arm has been seen for long enough to be predicted.
+    /// Returns true if the arm has been seen for long enough to be predicted.
     pub fn is_predictable(&self) -> bool {
         self.count > 0 && self.knot(0).source - self.knot(self.count - 1).source >= PREDICTED_FROM_NS
     }
 
-    /// The limbs at source time `source`, and at each of `AGES_S` before it. Before the oldest knot and after the newest one
-    /// they stand still. None before the first skeleton.
+    /// Returns the limbs at source time `source`, and at each of `AGES_S` before it. Before the oldest knot and
+    /// after the newest one they stand still. `None` before the first skeleton.
     pub fn past(&self, source: i64) -> Option<(Limbs, [Limbs; AGES_S.len()])> {
         let before = |age_s: f64| self.limbs_at(source - (age_s * 1e9) as i64);
         (self.count > 0).then(|| (self.limbs_at(source), AGES_S.map(before)))
     }
 
-    /// The knot that is `age` knots older than the newest one.
+    /// Returns the knot that is `age` knots older than the newest one.
     fn knot(&self, age: usize) -> &Knot {
         &self.knots[(self.newest + KNOTS - age) % KNOTS]
     }
 
-    /// The age of the newest knot that is not after `source`; `count` if there is none. Knots never stand in another order
-    /// than they came in.
+    /// Returns the age of the newest knot that is not after `source`, or `count` if there is none. Knots are
+    /// always in the order of their arrival.
     fn age_at(&self, source: i64) -> usize {
         let (mut low, mut high) = (0, self.count);
         while low < high {
@@ -340,7 +343,8 @@ impl Track {
         low
     }
 
-    /// The knots around `source` and the share of the way from the first to the second; one twice outside of all of them.
+    /// Returns the knots around `source` and the share of the way from the first to the second. Outside of all
+    /// knots it returns the nearest one twice.
     fn around(&self, source: i64) -> (&Sample, &Sample, f64) {
         let age = self.age_at(source);
         if age == 0 || age == self.count {
@@ -349,17 +353,17 @@ impl Track {
         }
         let (knot, later) = (self.knot(age), self.knot(age - 1));
         let span = later.source - knot.source;
-        // The binary search went past all that are not after `source`: the span is not empty.
+        // The binary search skipped all knots that are not after `source`, so the span is not empty.
         (&knot.sample, &later.sample, (source - knot.source) as f64 / span as f64)
     }
 
-    /// Interpolated between the knots around `playhead`; the nearest one outside of them.
+    /// Interpolates between the knots around `playhead`. Outside of them it returns the nearest one.
     fn at(&self, playhead: i64) -> Sample {
         let (from, to, share) = self.around(playhead);
         if std::ptr::eq(from, to) { *from } else { from.between(to, share) }
     }
 
-    /// As `at`, the limbs alone.
+    /// As `at`, for the limbs alone.
     fn limbs_at(&self, source: i64) -> Limbs {
         let (from, to, share) = self.around(source);
         if std::ptr::eq(from, to) { from.limbs } else { from.limbs.between(&to.limbs, share) }

@@ -19,22 +19,23 @@ use crate::weights::{ArmIdentity, Weights};
 
 /// Both arms: left, right.
 pub const ARMS: usize = 2;
-/// Most refinement steps that a tick may take: about 0.3 us each (measured 2026-11-21), so that the tick stays bounded.
+/// Largest number of refinement steps in a tick: about 0.3 us each (measured 2026-11-21), so the tick stays
+/// bounded.
 pub const REFINE_STEPS_MAX: u32 = 16;
-/// Velocities are differences over at most this many ticks: beyond 10 ms a target is stale (service table).
+/// Velocities are differences over at most this many ticks. Beyond 10 ms a target is stale (service table).
 const VELOCITY_TICKS_MAX: u64 = 15;
-/// An arm that was not seen for so long is not meant any more, ns (assumption): the operator goes on with the other one, and
-/// has to enable it anew.
+/// Time without a skeleton after which an arm is no longer used, ns (assumption). The operator goes on with the
+/// other arm, and must enable the robot again.
 const FORGOTTEN_NS: u64 = 10_000_000_000;
 /// Odd, so that different counts give different sessions: the multiplier of Knuth's MMIX generator.
 const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
 /// Odd as well: the multiplier of MurmurHash3's finaliser.
 const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
 
-/// S_GR by which keeping a posture has to be better than the network's: one limb off by 11 degrees.
+/// Margin in S_GR by which the previous posture must be better than the network's: one limb off by 11 degrees.
 const CLEARLY_BETTER: f64 = 0.01;
 
-/// Where a posture comes from before it is refined.
+/// Source of a posture before it is refined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -44,27 +45,28 @@ pub enum Method {
     ClosedForm,
 }
 
-/// What a user may choose.
+/// Options of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
-    /// None: `Network` if there are weights, else `ClosedForm`.
+    /// `None` stands for `Network` if there are weights, else `ClosedForm`.
     pub method: Option<Method>,
     /// Levenberg-Marquardt steps per arm and tick, 0 to `REFINE_STEPS_MAX`.
     pub refine_steps: u32,
-    /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. What was seen meanwhile is the way
-    /// ahead; the more of it, the nearer the robot follows.
+    /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. The skeletons of that
+    /// time are the way ahead. The longer it is, the nearer the robot follows.
     pub following_delay_ms: f64,
 }
 
 impl Default for Options {
-    /// Two steps, after which more gain less than 0.02 degrees (`eval`); 120 ms as `eval --following` compares.
+    /// Two steps: more steps gain less than 0.02 degrees (`eval`). 120 ms: see the comparison of `eval
+    /// --following`.
     fn default() -> Self {
         Self { method: None, refine_steps: 2, following_delay_ms: 120.0 }
     }
 }
 
-/// Why a configuration was refused.
+/// Reason for which a configuration was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The network was asked for and there is none.
@@ -84,18 +86,18 @@ pub enum ConfigError {
     },
 }
 
-/// What a tick needs to know of the robot.
+/// Data of the robot that a tick needs.
 #[derive(Clone, Debug)]
 pub struct RobotArms {
-    /// Identity and model of the left arm; the right arm is its mirror.
+    /// Identity and model of the left arm. The right arm is its mirror.
     pub identity: ArmIdentity,
     /// Velocity limits of joints 1 to 5, rad/s.
     pub velocity_max: ArmQ,
-    /// Home posture of all joints: what is shown for a joint that is not meant.
+    /// Home posture of all joints. The target shows it for a joint that is not valid.
     pub home: [f64; JOINTS],
 }
 
-/// Everything that does not change.
+/// Constant configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {
     arm: ArmModel,
@@ -128,7 +130,7 @@ impl Config {
         })
     }
 
-    /// The same, with limbs that go on as was learnt. Without this a limb goes on as it turned last, ever less.
+    /// Sets the learnt prediction of the limbs. Without it a limb continues its last turn at a fading rate.
     #[must_use]
     pub fn with_prediction(self, prediction: Option<Prediction>) -> Self {
         Self { prediction, ..self }
@@ -139,7 +141,7 @@ impl Config {
         if self.network.is_some() { Method::Network } else { Method::ClosedForm }
     }
 
-    /// The arm model, left; the right arm is its mirror.
+    /// Model of the left arm. The right arm is its mirror.
     pub fn arm(&self) -> &ArmModel {
         &self.arm
     }
@@ -149,27 +151,27 @@ fn within(key: &'static str, value: f64, max: f64) -> Result<(), ConfigError> {
     if (0.0..=max).contains(&value) { Ok(()) } else { Err(ConfigError::Range { key, value, min: 0.0, max }) }
 }
 
-/// The latest samples.
+/// Input of a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// Tick index.
     pub k: u64,
-    /// The newest skeleton; the same one may be given again.
+    /// The newest skeleton. The same one may be given again.
     pub skeleton: Option<&'a Skeleton>,
 }
 
-/// What happened since the start.
+/// Counts since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Skeletons taken.
+    /// Skeletons that were used.
     pub skeletons: u64,
-    /// Arms whose limbs were marked valid and were no rotations.
+    /// Arms whose limbs were marked valid but were no rotations.
     pub limbs_refused: u64,
-    /// Results of the network that were not finite, and were dropped.
+    /// Results of the network that were not finite and were dropped.
     pub network_not_finite: u64,
 }
 
-/// Everything that is remembered. Fixed size, no heap.
+/// State of the stage. Fixed size, no heap.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     clock: SourceClock,
@@ -188,14 +190,14 @@ pub struct State {
     way: Way,
 }
 
-/// The way as it was laid last.
+/// The last computed way.
 #[derive(Clone, Debug, Default)]
 struct Way {
-    /// The first node, in units of `WAY_NODE_TICKS`; 0 before any was laid.
+    /// The first node, in units of `WAY_NODE_TICKS`. 0 before the first way.
     first: u64,
-    /// Skeletons that were taken before.
+    /// Number of skeletons for which it was computed.
     skeletons: u64,
-    /// The arms that are meant.
+    /// The arms in use.
     meant: [bool; ARMS],
     /// Limb rotations, x y z w.
     nodes: [[[f32; 4]; LIMBS]; WAY_NODES],
@@ -203,25 +205,26 @@ struct Way {
     seen: u32,
 }
 
-/// The target of one tick, and how it came about.
+/// The target of one tick, with details.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// The message; of its header only `origin` is filled, the rest is the shell's.
+    /// The message. Its header contains only `origin`: the process fills in the rest.
     pub target: JointTarget,
-    /// Whether a human stands behind each arm (left, right).
+    /// Per arm (left, right): true if a person drives it.
     pub fresh: [bool; ARMS],
-    /// Points of the latent space (left, right); zero without a network.
+    /// Points of the latent space (left, right). Zero without a network.
     pub latents: [Latent; ARMS],
-    /// Rotation angles between robot and human, indexed by `Limb`, rad; zero for an arm without a human.
+    /// Rotation angles between robot and person, indexed by `Limb`, rad. Zero for an arm without a person.
     pub limb_error_rad: [f64; LIMBS],
-    /// `InputStale` while an arm that is meant is not fresh or the input has not been steady, `InputImplausible` in a tick
-    /// that had to drop something.
+    /// `InputStale` while an arm in use is not fresh or the input has not been steady. `InputImplausible` in a
+    /// tick that dropped something.
     pub faults: Faults,
-    /// Since the start.
+    /// Counts since the start.
     pub counters: Counters,
 }
 
-/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
+/// panics.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let before = state.counters;
     if let Some(skeleton) = input.skeleton {
@@ -259,8 +262,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     out
 }
 
-/// Lays the way of the arms that are meant: nodes after tick k, at the pace of the playhead's present delay. Nodes stand at fixed
-/// instants: they are laid anew where a skeleton, an arm or a node is new, and while a restart is faded out.
+/// Computes the way of the arms in use: nodes after tick k, with the playhead's present delay. Nodes lie at fixed
+/// instants. They are computed again for a new skeleton, arm or node, and during the crossfade of a restart.
 fn lay_way(state: &mut State, k: u64, playhead: i64, now: Stamp) {
     let State { tracks, way, .. } = state;
     let first = k / WAY_NODE_TICKS + 1;
@@ -286,13 +289,13 @@ fn lay_way(state: &mut State, k: u64, playhead: i64, now: Stamp) {
     }
 }
 
-/// The refined start, or the posture before, refined, if that is clearly better: far outside of what it was trained on, the
-/// network may turn to the other end of a joint before the human does.
+/// Returns the refined start, or the refined previous posture if that is clearly better. Far outside its training
+/// data, the network may turn to the other end of a joint before the person does.
 fn posture(config: &Config, human: &Limbs, start: &ArmQ, before: Option<&ArmQ>) -> ArmQ {
     let refined = |start: &ArmQ| refine(&config.arm, human, start, start, PRIOR_WEIGHT, config.refine_steps);
     let found = refined(start);
     if let Some(before) = before.filter(|_| config.refine_steps > 0) {
-        // Two steps do not mend a posture that is worse already.
+        // Two steps do not repair a posture that is already worse.
         if config.arm.s_gr(before, human) + CLEARLY_BETTER < found.s_gr {
             let kept = refined(before);
             if kept.s_gr + CLEARLY_BETTER < found.s_gr {
@@ -303,7 +306,7 @@ fn posture(config: &Config, human: &Limbs, start: &ArmQ, before: Option<&ArmQ>) 
     found.q
 }
 
-/// Stops to mean an arm that has not been seen for long while the other one was.
+/// Stops using an arm that has not been seen for long while the other one was.
 fn forget(state: &mut State, now: Stamp) {
     for (arm, other) in [(0, 1), (1, 0)] {
         let gone = now.since(state.tracks[arm].received()) > FORGOTTEN_NS;
@@ -315,9 +318,9 @@ fn forget(state: &mut State, now: Stamp) {
     }
 }
 
-/// Takes a skeleton that was not seen before: encodes its arms and hands them to their tracks.
+/// Takes a new skeleton: encodes its arms and adds them to their tracks.
 fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
-    // A stamp of the future would stay fresh for too long.
+    // A stamp in the future would stay fresh for too long.
     let received = skeleton.received.min(now);
     let Some(placed) = state.clock.place(skeleton, received) else {
         return;
@@ -325,7 +328,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     state.counters.skeletons += 1;
     let arms = [human_arm(skeleton, 0, &mut state.counters), human_arm(skeleton, 1, &mut state.counters)];
     let latents = match &config.network {
-        // Both arms at once cost hardly more than one: the weights are read once.
+        // Both arms at once cost hardly more than one, because the weights are read once.
         Some(network) => network.encode_human(&arms.map(|limbs| features(&limbs.unwrap_or_else(Limbs::identity)))),
         None => [Latent::default(); ARMS],
     };
@@ -353,7 +356,8 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     }
 }
 
-/// Predicts the arms of a new skeleton at `source`. An arm that was never seen stands as the other one does.
+/// Predicts the arms of a new skeleton at `source`. An arm that was never seen is assumed to be like the other
+/// one.
 fn expect(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
     let pasts = [tracks[0].past(source), tracks[1].past(source)];
     for arm in 0..ARMS {
@@ -366,17 +370,17 @@ fn expect(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS]
     }
 }
 
-/// The client's session, as this ingest passes it: it changes with either of them, because both restart as strangers whom
-/// nobody has enabled, with the person, and with the arms that are meant, when one is forgotten. Never zero, which stands
-/// for none.
+/// Mixes the session of the target from the client's session, the incarnation of `ingest`, the person, and the
+/// count of forgotten arms. A change of any of them needs a new enable edge. Never zero, because zero stands for
+/// no session.
 fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
-    // 2^64 over the golden ratio: odd, so that different incarnations stay different.
+    // 2^64 over the golden ratio. It is odd, so different incarnations stay different.
     let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let person = u64::from(skeleton.operator_id).wrapping_mul(PERSON_MIX);
     (skeleton.session_nonce ^ ingest ^ person ^ forgotten.wrapping_mul(FORGOTTEN_MIX)).max(1)
 }
 
-/// The limbs of one arm as those of a left arm; none if they are not marked valid or are no rotations.
+/// Returns the limbs of one arm as those of a left arm. `None` if they are not marked valid or are no rotations.
 fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option<Limbs> {
     let bits = skeleton_flag::LIMB[2 * arm] | skeleton_flag::LIMB[2 * arm + 1];
     if skeleton.flags & bits != bits {
@@ -393,7 +397,8 @@ fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option
     limbs.map(|(upper, fore)| Limbs { upper, fore })
 }
 
-/// The posture of each arm before refinement; what was shown before if the network's is not finite.
+/// Returns the posture of each arm before refinement. `None` for an arm without a sample or with a result of the
+/// network that is not finite: it keeps its last posture.
 fn start(config: &Config, state: &mut State, shown: &[Option<Sample>; ARMS]) -> [Option<ArmQ>; ARMS] {
     let decoded = match &config.network {
         Some(network) if shown.iter().any(Option::is_some) => {
@@ -418,7 +423,8 @@ fn start(config: &Config, state: &mut State, shown: &[Option<Sample>; ARMS]) -> 
     })
 }
 
-/// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s; zero where there is nothing to compare.
+/// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s. Zero if there is no previous
+/// posture or it is too old.
 fn velocity(config: &Config, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ {
     let Some(before) = before.filter(|_| ticks <= VELOCITY_TICKS_MAX) else {
         return [0.0; ARM_Q];

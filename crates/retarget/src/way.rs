@@ -1,44 +1,45 @@
-//! How the person goes on: what was seen and is not shown yet, then what is to be expected.
+//! The person's way: the measured part that is not shown yet, then the predicted part.
 //!
-//! Beyond the newest skeleton, at t_n, a limb turns on as was learnt from recorded motion (see `prediction`):
+//! Beyond the newest skeleton, at t_n, a limb turns as learnt from recorded motion (see `prediction`):
 //!
 //! ```text
 //! R(t) = exp(turn(t - t_n)) R_n
 //! ```
 //!
-//! Without what was learnt, and until an arm has been seen for long enough, it turns on as it did last,
-//! w = log(R_n R_o^-1) / (t_n - t_o), ever less:
+//! Without a learnt prediction, and until an arm has been seen for long enough, a limb continues its last turn. Its rate
+//! w = log(R_n R_o^-1) / (t_n - t_o) fades:
 //!
 //! ```text
 //! R(t) = exp(w T (1 - exp(-(t - t_n) / T))) R_n
 //! ```
 //!
-//! People swing and reverse: T is short, and what is far ahead counts as standing still.
+//! People swing and reverse. So T is short, and far ahead the limb stands still.
 
 use crate::arm::Limbs;
 use crate::prediction::{HORIZONS_S, Turns, turn, turns_at};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Time constant with which the turning rate fades, s. Of 0.05, 0.07, 0.1, 0.14, 0.2 and 0.3 the one with the smallest mean
-/// error over 60 to 400 ms on recorded motion: `fades_deg` of `train --prediction`.
+/// Time constant with which the turning rate fades, s. Of 0.05, 0.07, 0.1, 0.14, 0.2 and 0.3 it has the smallest
+/// mean error over 60 to 400 ms on recorded motion: `fades_deg` of `train --prediction`.
 const FADE_S: f64 = 0.1;
-/// A turning rate is measured over at least this, ns: two frames of 60 Hz; noise of half a degree then makes 20 degrees/s.
+/// Shortest time over which a turning rate is measured, ns: two frames of 60 Hz. Noise of half a degree then makes
+/// 20 degrees/s.
 pub(crate) const RATE_OVER_NS: i64 = 30_000_000;
-/// Fastest turn of a limb that is carried on, rad/s: a fast throw; what is faster is a glitch of the tracker.
+/// Fastest turn of a limb that is predicted, rad/s: a fast throw. A faster turn is a glitch of the tracker.
 const RATE_MAX_RAD_PER_S: f64 = 20.0;
 
-/// What is to be expected of an arm beyond its newest skeleton.
+/// Prediction of an arm beyond its newest skeleton.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "it lies in a track, and a tick allocates nothing")]
 pub enum Expected {
-    /// Both limbs turn on at these rates, rad/s, ever less.
+    /// Both limbs continue at these rates, rad/s, which fade.
     Fading([Vector3<f64>; 2]),
-    /// Both limbs turn as was learnt.
+    /// Both limbs turn as learnt.
     Learnt(Turns),
 }
 
 impl Expected {
-    /// To go on as from `before` to `newest` in `span_ns`; to stand, without these.
+    /// Continues the motion from `before` to `newest` in `span_ns`. Without these the arm stands still.
     pub fn fading(newest: &Limbs, before: Option<(&Limbs, i64)>) -> Self {
         let Some((before, span_ns)) = before.filter(|(_, span_ns)| *span_ns > 0) else {
             return Self::Fading([Vector3::zeros(); 2]);
@@ -48,7 +49,7 @@ impl Expected {
         Self::Fading([rate(&before.upper, &newest.upper), rate(&before.fore, &newest.fore)])
     }
 
-    /// To turn so; no farther than the fastest limb would that fades.
+    /// Uses learnt turns. They are limited to the farthest turn of a fading limb.
     pub fn learnt(turns: &Turns) -> Self {
         let mut turns = *turns;
         for (both, horizon_s) in turns.iter_mut().zip(HORIZONS_S) {
@@ -57,7 +58,7 @@ impl Expected {
         Self::Learnt(turns)
     }
 
-    /// The limbs `ahead_ns` after the newest ones.
+    /// Returns the limbs `ahead_ns` after the newest ones.
     pub fn at(&self, newest: &Limbs, ahead_ns: i64) -> Limbs {
         let ahead_s = ahead_ns as f64 * 1e-9;
         let [upper, fore] = match self {
@@ -75,7 +76,7 @@ impl Default for Expected {
     }
 }
 
-/// How long a turn at full speed would take that is as far as one that fades for `ahead_s`.
+/// Time for which a turn at full speed goes as far as a fading one in `ahead_s`.
 fn reach_s(ahead_s: f64) -> f64 {
     FADE_S * (1.0 - (-ahead_s / FADE_S).exp())
 }

@@ -1,4 +1,5 @@
-//! The weights file: a safetensors file and a TOML manifest that ties it to one robot. Bytes in, networks out.
+//! The weights file: a safetensors file and a TOML manifest that ties it to one robot. It turns bytes into
+//! networks.
 
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -10,12 +11,13 @@ use crate::network::{Dense, HIDDEN_MAX, LATENT, Layers, Network, WIDTH_MAX, gold
 
 /// The only format of the manifest so far.
 pub const FORMAT: u32 = 1;
-/// Longest safetensors header, bytes: ours take 4 kB; a header must not make the loader allocate without bound.
+/// Longest safetensors header, bytes. Ours take 4 kB. The bound keeps a header from making the loader allocate
+/// without limit.
 pub const HEADER_MAX_BYTES: u64 = 1 << 20;
 /// Largest difference between the limits that a network was trained for and the robot's, rad: rounding of decimal text.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 
-/// Why a weights file was refused. The caller adds the file's name.
+/// Reason for which a weights file was refused. The caller adds the file's name.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
     /// The manifest is not TOML of the expected keys.
@@ -28,18 +30,18 @@ pub enum WeightsError {
         key: &'static str,
         /// Its value.
         value: String,
-        /// What it has to be.
+        /// Expected value.
         expected: String,
     },
     /// The tensors are not the ones that the manifest was written for.
     #[error("sha256 of the tensors is {actual}, the manifest says {expected}")]
     Sha256 {
-        /// Of the bytes at hand.
+        /// SHA-256 of the given bytes.
         actual: String,
-        /// Of the manifest.
+        /// SHA-256 in the manifest.
         expected: String,
     },
-    /// The safetensors header is longer than any of ours could be.
+    /// The safetensors header is too long.
     #[error("safetensors header of {bytes} bytes, at most {HEADER_MAX_BYTES} are read")]
     Header {
         /// Its length.
@@ -72,12 +74,12 @@ pub enum WeightsError {
         /// The shape that the manifest promises.
         expected: Vec<usize>,
     },
-    /// The networks do not compute on this machine what their weights say.
+    /// The networks do not compute the expected values on this machine.
     #[error(
         "the networks err by {error} on fixed inputs, at most 1e-3 is allowed: weights out of range, or a fault of this processor"
     )]
     Golden {
-        /// The largest error: of a latent, as a part of its size where that is above 1, or of a joint, rad.
+        /// The largest error: of a latent, relative to its size if that is above 1, or of a joint, rad.
         error: f64,
     },
     /// A weight is NaN or infinite.
@@ -92,12 +94,12 @@ pub enum WeightsError {
     },
 }
 
-/// What a weights file has to fit.
+/// Identity of an arm that a weights file must match.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmIdentity {
     /// Name of the robot.
     pub robot: String,
-    /// Hash of the robot's files.
+    /// Hash of the arm's data in the robot's files.
     pub robot_hash: u64,
     /// Names of joints 1 to 5 of the left arm.
     pub joints: [String; ARM_Q],
@@ -111,11 +113,11 @@ pub struct ArmIdentity {
 pub struct Manifest {
     /// `FORMAT`.
     pub format: u32,
-    /// Of the safetensors file, lower-case hex.
+    /// SHA-256 of the safetensors file, lower-case hex.
     pub sha256: String,
     /// Name of the robot.
     pub robot: String,
-    /// Hash of the robot's files, 16 lower-case hex digits (TOML has no unsigned 64-bit integers).
+    /// Hash as in [`ArmIdentity`], 16 lower-case hex digits. TOML has no unsigned 64-bit integers.
     pub robot_hash: String,
     /// Names of joints 1 to 5 of the left arm.
     pub joints: [String; ARM_Q],
@@ -133,15 +135,16 @@ pub struct Manifest {
     pub seed: u64,
     /// Steps of the training.
     pub steps: u64,
-    /// What it was trained on.
+    /// Description of the training data.
     pub trained_on: String,
-    /// Figures of the validation, for people.
+    /// Figures of the validation, for the reader.
     #[serde(default)]
     pub validation: toml::Table,
 }
 
 impl Manifest {
-    /// A manifest for `identity` and the shape of `layers`; sha256, validation and training facts are still empty.
+    /// Creates a manifest for `identity` and the shape of `layers`. Its sha256, validation and training facts are
+    /// still empty.
     pub fn new(identity: &ArmIdentity, layers: &Layers) -> Self {
         Self {
             format: FORMAT,
@@ -210,8 +213,8 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Reads the manifest and the safetensors file that it describes, for the robot `identity`. Refuses everything that
-    /// is not exactly what the manifest promises and the robot needs.
+    /// Reads the manifest and the safetensors file that it describes, for the robot `identity`. It refuses
+    /// everything that differs from the manifest or from what the robot needs.
     pub fn read(manifest_text: &str, bytes: &[u8], identity: &ArmIdentity) -> Result<Self, WeightsError> {
         let manifest: Manifest = toml::from_str(manifest_text)?;
         manifest.check(identity)?;
@@ -226,7 +229,7 @@ impl Weights {
     }
 }
 
-/// The layers of a safetensors file, checked against the shape that `manifest` promises.
+/// Reads the layers of a safetensors file, checked against the shape in `manifest`.
 pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsError> {
     if let Some(length) = bytes.first_chunk::<8>() {
         let header = u64::from_le_bytes(*length);
@@ -291,7 +294,7 @@ pub(crate) fn read_tensor(
     }
 }
 
-/// The two files of a weights folder: safetensors bytes and manifest text (its `sha256` filled in).
+/// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.
 pub fn write_weights(layers: &Layers, manifest: &Manifest) -> Result<(Vec<u8>, String), WriteError> {
     let mut named = Vec::new();
     for (name, network) in [("human", &layers.human), ("robot", &layers.robot), ("decoder", &layers.decoder)] {
@@ -310,13 +313,13 @@ pub fn write_weights(layers: &Layers, manifest: &Manifest) -> Result<(Vec<u8>, S
     Ok((bytes, toml::to_string(&manifest)?))
 }
 
-/// Why weights could not be written.
+/// Reason for which weights could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// A layer's numbers do not fill its shape.
     #[error("tensors: {0}")]
     Tensors(#[from] safetensors::SafeTensorError),
-    /// The manifest holds something that TOML cannot.
+    /// The manifest holds a value that TOML cannot.
     #[error("manifest: {0}")]
     Manifest(#[from] toml::ser::Error),
 }

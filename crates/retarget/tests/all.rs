@@ -1,4 +1,5 @@
-//! All integration tests of `retarget` but those that count allocations: one program, so that it is linked once.
+//! All integration tests of `retarget` except those that count allocations. They are one program, so they are
+//! linked once.
 
 mod kinematics;
 mod network;

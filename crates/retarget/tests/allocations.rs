@@ -1,4 +1,4 @@
-//! Ten thousand ticks allocate nothing, and nothing that a skeleton can hold makes a tick panic or leave the limits.
+//! Ten thousand ticks allocate nothing. No content of a skeleton makes a tick panic or leave the limits.
 
 mod support;
 
@@ -11,7 +11,7 @@ use support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// New blocks of this thread since the count began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }
@@ -54,7 +54,7 @@ fn the_counter_counts() {
     assert_eq!(allocated() - before, 1);
 }
 
-/// A number that hurts: random bits, or one of the usual suspects.
+/// A hostile number: random bits, or a typical bad value.
 fn hostile(rng: &mut Pcg64) -> u64 {
     match rng.random_range(0..6) {
         0 => 0,
@@ -99,7 +99,7 @@ fn random_skeletons_never_panic_and_never_leave_the_limits() {
                 }
             }
             assert!(out.target.human_limbs.iter().flatten().all(|x| x.is_finite()));
-            // Each limb of the way is a rotation or none.
+            // Each limb of the way is a rotation or zero.
             for limb in out.target.way.iter().flatten() {
                 let norm: f32 = limb.iter().map(|x| x * x).sum();
                 assert!(*limb == [0.0; 4] || (norm - 1.0).abs() < 1e-5, "{limb:?}");

@@ -55,7 +55,7 @@ fn the_jacobian_is_the_derivative_of_the_residual() {
     for _ in 0..1000 {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
         let at = arm.linearize(&q, &human);
-        // At w = 0 the flip makes the residual jump: no derivative exists there.
+        // At w = 0 the flip makes the residual jump, so no derivative exists there.
         if arm.residual(&q, &human).chunks(3).any(|r| r.iter().map(|x| x * x).sum::<f64>() > 0.9999) {
             continue;
         }

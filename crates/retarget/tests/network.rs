@@ -1,4 +1,4 @@
-//! The networks against a plain reference in f64, and the weights file against everything that can be wrong with it.
+//! The networks compared with a plain reference in f64, and the weights file with every possible error.
 
 use crate::support;
 
@@ -91,10 +91,10 @@ fn written_weights_read_back() {
     assert_eq!((read.manifest.hidden_layers, read.manifest.hidden_width), (3, 24));
 }
 
-/// What is wrong, the words that the error must hold, and how to make it so.
+/// Name of the error, the words that the message must contain, and the function that causes it.
 type Case = (&'static str, &'static str, fn(&mut Vec<u8>, &mut String));
 
-/// Text in the header is replaced by text of equal length, and the manifest signs the result.
+/// Replaces text in the header by text of equal length, and signs the result in the manifest.
 fn forge(bytes: &mut [u8], manifest: &mut String, from: &str, to: &str) {
     assert_eq!(from.len(), to.len());
     let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).expect("in the header");
@@ -223,7 +223,7 @@ fn f093_a_flipped_bit_of_the_manifest_is_refused_or_changes_no_network() {
 
 #[test]
 fn f094_networks_that_do_not_compute_what_their_weights_say_are_refused() {
-    // Finite weights whose sums are not: the fixed inputs show it.
+    // Finite weights with infinite sums: the fixed inputs show it.
     let mut layers = layers(2, 1, 8);
     for network in [&mut layers.human, &mut layers.decoder] {
         network[0].weight.fill(3e38);

@@ -1,4 +1,4 @@
-//! One perceptron of many shapes, at every level of the processor and in both precisions, against sums in f64.
+//! One perceptron of many shapes, at every vector level and in both precisions, compared with sums in f64.
 
 use crate::support;
 
@@ -7,7 +7,7 @@ use rand_pcg::Pcg64;
 use retarget::{Dense, Level, Network, Perceptron, Precision, WIDTH_MAX};
 use support::{arm, layers, random_q};
 
-/// Of unit gain.
+/// Random layers of unit gain.
 fn random_layers(seed: u64, widths: &[usize]) -> Vec<Dense> {
     let mut rng = Pcg64::seed_from_u64(seed);
     let dense = |width: &[usize]| {
@@ -40,13 +40,13 @@ fn inputs<const I: usize, const N: usize>(seed: u64) -> [[f32; I]; N] {
     std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
 }
 
-/// Largest difference over the largest of `want`, over all pairs.
+/// Largest difference relative to the largest of `want`, over all pairs.
 fn difference(got: &[f32], want: &[f64]) -> f64 {
     let largest = want.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     got.iter().zip(want).fold(0.0, |m: f64, (got, want)| m.max((f64::from(*got) - want).abs())) / largest
 }
 
-/// Every level and precision, alone and three beside each other.
+/// Checks every level and precision, with one input alone and three at once.
 fn check<const I: usize, const O: usize>(hidden: &[usize]) {
     let widths = [&[I], hidden, &[O]].concat();
     let layers = random_layers(widths.iter().sum::<usize>() as u64, &widths);

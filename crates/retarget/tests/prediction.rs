@@ -1,4 +1,4 @@
-//! What is expected beyond the newest skeleton, as learnt from recorded motion: the shipped weights.
+//! Prediction beyond the newest skeleton, learnt from recorded motion: the shipped weights.
 
 use crate::support::{prediction, prediction_files};
 use crate::way::{Person, START_NS, apart, config, node, run, shown_s, skeleton, source_at, stands, swings, turn};
@@ -20,7 +20,7 @@ fn learnt() -> Config {
     config(DELAY_MS).with_prediction(Some(prediction()))
 }
 
-/// Both arms swing to and fro beside the body, against each other, as in walking.
+/// Both arms swing forward and back beside the body, in opposition, as in walking.
 fn walks(t_s: f64) -> [Limbs; 2] {
     [0.0, 0.5].map(|phase| {
         let swing = (TAU * (0.9 * t_s + phase)).sin();
@@ -31,13 +31,13 @@ fn walks(t_s: f64) -> [Limbs; 2] {
     })
 }
 
-/// When the newest skeleton at `now` was received, s after the start.
+/// Time at which the newest skeleton at `now` was received, s after the start.
 fn newest_s(skeletons: &[Skeleton], now: Stamp) -> f64 {
     let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now).expect("one");
     (newest.received.0 - START_NS) as f64 * 1e-9
 }
 
-/// Mean angle between the nodes of these arms beyond the newest skeleton and what the person then does, degrees, from 1 s on.
+/// Mean angle between the predicted nodes of these arms and the person's later motion, degrees, from 1 s on.
 fn off_deg(config: &Config, skeletons: &[Skeleton], person: Person, arms: &[usize]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (now, target) in &run(config, skeletons, 3.9)[1500..] {
@@ -94,7 +94,7 @@ fn one_arm_alone_is_predicted_better_than_by_its_last_turn() {
     assert!(learnt < 0.9 * fading, "learnt {learnt}, fading {fading} degrees");
 }
 
-/// What the map says of `person` as seen at `t_s`, for each arm.
+/// Prediction of the map for `person` as seen at `t_s`, for each arm.
 fn expected(prediction: &Prediction, person: Person, t_s: f64, ahead_s: f64) -> [Limbs; 2] {
     let newest = person(t_s);
     let before = AGES_S.map(|age_s| person(t_s - age_s));
@@ -110,7 +110,7 @@ fn expected(prediction: &Prediction, person: Person, t_s: f64, ahead_s: f64) -> 
 #[test]
 fn nodes_are_what_the_map_says_of_the_last_half_second_at_any_rate() {
     let prediction = prediction();
-    // What interpolation between frames leaves, and single precision.
+    // Error of the interpolation between frames, and of single precision.
     for (rate_hz, tolerance_rad) in [(60.0, 0.02), (240.0, 0.004)] {
         let skeletons = source_at(swings, 2.0, rate_hz);
         let mut looked = 0;
@@ -130,14 +130,14 @@ fn nodes_are_what_the_map_says_of_the_last_half_second_at_any_rate() {
     }
 }
 
-/// Whether any node beyond the newest skeleton differs.
+/// Returns true if any node differs.
 fn differ(a: &JointTarget, b: &JointTarget) -> bool {
     a.way != b.way
 }
 
 #[test]
 fn until_an_arm_was_seen_for_200_ms_it_goes_on_as_it_turned_last() {
-    // Another writer after a second: the history begins anew.
+    // Another writer after a second: the history starts again.
     let mut skeletons = source_at(swings, 2.0, 60.0);
     for (i, skeleton) in skeletons.iter_mut().enumerate().skip(60) {
         skeleton.header.incarnation = 2;
@@ -168,7 +168,7 @@ fn a_person_who_stands_is_expected_to_stand_as_was_learnt() {
     }
 }
 
-/// Weights so that each output is the first turn's first part, times so much.
+/// Weights with which each output is the first component of the first turn, times `value`.
 fn one_weight(value: f32) -> Prediction {
     let mut weight = vec![0.0; PREDICTION_INPUTS * PREDICTION_OUTPUTS];
     weight[..PREDICTION_OUTPUTS].fill(value);
@@ -179,7 +179,7 @@ fn one_weight(value: f32) -> Prediction {
 fn what_the_map_says_is_bounded_and_no_number_is_not_believed() {
     let skeletons = source_at(swings, 1.0, 60.0);
     let fading = run(&config(DELAY_MS), &skeletons, 0.9);
-    // Far more than anyone turns: 2 rad, as a turn at 20 rad/s that fades.
+    // Far more than any person turns: it is limited to 2 rad, as a fading turn at 20 rad/s.
     let wild = run(&config(DELAY_MS).with_prediction(Some(one_weight(-1e6))), &skeletons, 0.9);
     let mut farthest = 0.0_f64;
     for (now, target) in &wild[600..] {
@@ -188,14 +188,14 @@ fn what_the_map_says_is_bounded_and_no_number_is_not_believed() {
         farthest = farthest.max(last.upper.angle_to(&newest[0].upper));
     }
     assert!(farthest > 1.8 && farthest <= 2.002, "{farthest} rad");
-    // Infinite sums: as if there were no map.
+    // Infinite sums: as without a map.
     let none = run(&config(DELAY_MS).with_prediction(Some(one_weight(3e38))), &source_at(wide, 1.0, 60.0), 0.9);
     let plain = run(&config(DELAY_MS), &source_at(wide, 1.0, 60.0), 0.9);
     assert!(none.iter().zip(&plain).all(|(none, plain)| none.1.way == plain.1.way));
     assert!(wild.iter().zip(&fading).any(|(wild, fading)| differ(&wild.1, &fading.1)));
 }
 
-/// Turns about x so far in 17 ms that 3e38 times that is beyond single precision.
+/// Turns about x so far in 17 ms that 3e38 times that exceeds single precision.
 fn wide(t_s: f64) -> [Limbs; 2] {
     let limb = turn(Vector3::x(), 90.0 * t_s);
     [Limbs { upper: limb, fore: limb }; 2]
@@ -225,7 +225,7 @@ fn files_that_do_not_fit_are_refused_with_the_reason() {
     let mut bent = tensors.clone();
     *bent.last_mut().expect("bytes") ^= 1;
     assert!(refused(&text, &bent).contains("sha256"));
-    // With the right hash, and yet not what it should be.
+    // The hash is right, but the contents are wrong.
     let sealed = |tensors: &[u8]| {
         let hash = text.find("sha256 = \"").expect("there") + "sha256 = \"".len();
         let text = format!("{}{}{}", &text[..hash], retarget::sha256_hex(tensors), &text[hash + 64..]);

@@ -1,4 +1,4 @@
-//! When there is a human to follow: rates, bursts, silence, one arm alone, and sequences that wrap.
+//! Conditions for a person to follow: rates, bursts, silence, one arm alone, and sequences that wrap.
 
 use crate::support;
 
@@ -25,7 +25,7 @@ fn config() -> Config {
     Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).expect("a configuration")
 }
 
-/// A skeleton for every arrival (ms, frames that came at once); the newest of a burst is what a reader sees.
+/// A skeleton for every arrival (ms, frames that arrived at once). A reader sees only the newest of a burst.
 fn arrivals(at_ms: impl IntoIterator<Item = (f64, u64)>) -> Vec<Skeleton> {
     let mut sequence = 0;
     let one = |(ms, count): (f64, u64)| {
@@ -41,7 +41,7 @@ fn steady(rate_hz: f64, from_ms: f64, to_ms: f64) -> impl Iterator<Item = (f64, 
     (0..((to_ms - from_ms) / period_ms) as u64).map(move |i| (from_ms + i as f64 * period_ms, 1))
 }
 
-/// Every tick's output until `ms`, by milliseconds from the first arrival.
+/// Outputs of all ticks until `ms`, by milliseconds from the first arrival.
 fn run(config: &Config, skeletons: &[Skeleton], ms: u64) -> impl Fn(u64) -> Output + use<> {
     let first = tick_at(Stamp(START_NS)) + 1;
     let (mut state, mut next) = (State::default(), 0);
@@ -70,10 +70,10 @@ fn f024_below_20_hz_nobody_is_followed_and_from_it_on_after_half_a_second() {
         let at = run(&config, &arrivals(steady(rate_hz, 0.0, 5000.0)), 5000);
         assert!((0..490).all(|ms| !follows(&at(ms))), "{rate_hz} Hz");
         assert_eq!((0..4900).any(|ms| follows(&at(ms))), enough, "{rate_hz} Hz");
-        // Once steady, it is followed at every tick.
+        // Once the input is steady, the robot follows it at every tick.
         assert!(!enough || (1100..4900).all(|ms| follows(&at(ms))), "{rate_hz} Hz");
     }
-    // What falters while it is followed is followed on, as long as it is not stale.
+    // If the rate falls while the robot follows, it keeps following until the input is stale.
     let falters = steady(60.0, 0.0, 1000.0).chain(steady(12.0, 1000.0, 3000.0)).chain([(3200.0, 1)]);
     let at = run(&config, &arrivals(falters), 3300);
     assert!((600..3000).all(|ms| follows(&at(ms))));
@@ -83,7 +83,7 @@ fn f024_below_20_hz_nobody_is_followed_and_from_it_on_after_half_a_second() {
 #[test]
 fn f021_f025_bursts_count_by_their_arrival() {
     let config = config();
-    // 60 Hz at first, then 12 frames at once every 200 ms: as many, and each time 100 ms of silence.
+    // 60 Hz at first, then 12 frames at once every 200 ms: as many frames, but each time 100 ms of silence.
     let bursts = steady(60.0, 0.0, 1000.0).chain((0..10).map(|i| (1000.0 + 200.0 * f64::from(i), 12)));
     let at = run(&config, &arrivals(bursts), 3000);
     assert!((600..1100).all(|ms| follows(&at(ms))));
@@ -126,13 +126,13 @@ fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not
     }
     let at = run(&config, &skeletons, 3000);
     assert!((520..1580).all(|ms| follows(&at(ms))), "80 ms are bridged");
-    // Seen last at 1483 ms, and followed by 120 ms.
+    // The last frame was at 1483 ms, and the robot follows it 120 ms later.
     let frozen = at(1610).target.q[3..8].to_vec();
     assert!((1610..1990).all(|ms| at(ms).target.q[3..8] == frozen[..]), "the arm that is lost stands");
     assert!((1590..2180).all(|ms| !follows(&at(ms))), "and both do after 100 ms, until both are steady again");
     assert!((2220..2990).all(|ms| follows(&at(ms))));
 
-    // One-armed from the start, it is followed; an arm that joins has to be steady, too.
+    // A person with one arm from the start is followed. An arm that joins must be steady, too.
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
     for skeleton in skeletons.iter_mut().filter(|skeleton| skeleton.received < Stamp(START_NS + 1500 * MS)) {
         skeleton.flags &= !LEFT;

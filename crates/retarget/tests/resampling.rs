@@ -1,4 +1,4 @@
-//! Whatever the rate and however the skeletons arrive, the target moves no faster than a person who hurries.
+//! At any rate and with any arrival pattern, the target moves no faster than a person who hurries.
 
 use crate::support;
 
@@ -13,10 +13,10 @@ use support::{layers, robot, skeleton, weights};
 
 const START_NS: u64 = 5_000_000_000;
 const MS: u64 = 1_000_000;
-/// Playhead at most 1.5 times real time, source steps at least 0.75 of the real ones.
+/// Bound of the speed factor: playhead at most 1.5 times real time, source steps at least 0.75 of the real ones.
 const HURRY: f64 = 2.0;
-/// Without the client's stamps the period is estimated from arrivals, which bursts spoil by up to two fifths where the delay is
-/// long enough that the playhead never waits (measured: 3.4, at 60 Hz and 120 ms).
+/// Without the client's stamps the period is estimated from arrivals. Bursts falsify it by up to two fifths if the
+/// delay is so long that the playhead never waits (measured: 3.4, at 60 Hz and 120 ms).
 const HURRY_UNSTAMPED: f64 = 3.5;
 
 /// A person who swings both arms, away from the gimbal and the limits.
@@ -34,7 +34,7 @@ fn config(method: Method, delay_ms: f64) -> Config {
 /// (arrival, skeleton), sorted by arrival.
 type Arrivals = Vec<(u64, Skeleton)>;
 
-/// Skeletons of `rate_hz` for `seconds`, each delivered `late(i)` ns after its capture, in order.
+/// Skeletons at `rate_hz` for `seconds`. Each is delivered `late(i)` ns after its capture, in order.
 fn source(rate_hz: f64, seconds: f64, origins: bool, mut late: impl FnMut(u64) -> u64) -> Arrivals {
     let mut last = 0;
     (0..(rate_hz * seconds) as u64)
@@ -48,7 +48,7 @@ fn source(rate_hz: f64, seconds: f64, origins: bool, mut late: impl FnMut(u64) -
         .collect()
 }
 
-/// Ticks through the arrivals, always with the newest skeleton, as the shell does.
+/// Runs the ticks, always with the newest skeleton, as the process does.
 fn run(config: &Config, arrivals: &Arrivals, seconds: f64) -> Vec<(Stamp, Output)> {
     let first = messages::tick_at(Stamp(START_NS));
     let mut state = State::default();
@@ -70,7 +70,7 @@ fn angle(a: [f64; 4], b: [f64; 4]) -> f64 {
     rotation(a).angle_to(&rotation(b))
 }
 
-/// Fastest limb rotation between consecutive ticks that both have a human, rad/s.
+/// Fastest limb rotation between consecutive ticks that both have a person, rad/s.
 fn fastest(outputs: &[(Stamp, Output)]) -> f64 {
     let step = |pair: &[(Stamp, Output)]| {
         let (a, b) = (&pair[0].1.target, &pair[1].1.target);
@@ -163,7 +163,7 @@ fn velocity_is_the_difference_of_positions_and_bounded() {
             assert!((b.dq[3 + j] - want).abs() < 1e-9);
         }
     }
-    // A person four times as fast, faster than the joints may be.
+    // A person four times as fast, faster than the joints' limits.
     let mut hurried = source(30.0, 6.0, true, |_| 0);
     for (at, skeleton) in &mut hurried {
         *at = START_NS + (*at - START_NS) / 4;
@@ -193,7 +193,7 @@ fn a_gap_clears_fresh_holds_and_then_fades_in() {
     assert_eq!(at(1090).target.flags, 0, "the last skeleton came at 983 ms");
     assert_eq!((at(1100).target.q, at(1100).target.valid_mask), (at(1990).target.q, at(1990).target.valid_mask));
     assert_eq!(at(1990).target.dq, [0.0; 17]);
-    // Seen at once, and followed once it has been steady.
+    // The person is used at once, and followed after the input has been steady.
     assert_eq!((at(2005).fresh, at(2005).target.flags), ([true; 2], 0));
     assert_eq!((at(2190).target.flags, at(2210).target.flags), (0, target_flag::INPUT_FRESH));
     // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
@@ -246,7 +246,8 @@ fn an_arm_that_flickers_moves_continuously() {
     let allowed = HURRY * fastest_human(30.0, 3.0);
     let mut arrivals = source(30.0, 3.0, true, |_| 0);
     for (i, (_, skeleton)) in arrivals.iter_mut().enumerate() {
-        // Two of three frames are lost: 100 ms between knots, 60 ms of them not yet shown when the next one comes.
+        // Two of three frames are lost: 100 ms between knots, and 60 ms of them are not yet shown when the next
+        // one arrives.
         if i % 3 != 0 {
             skeleton.flags = 0;
         }
@@ -329,7 +330,7 @@ fn f029_a_client_whose_clock_runs_wrong_is_still_followed() {
         }
         let outputs = run(&config(Method::ClosedForm, 40.0), &arrivals, 5.0);
         for (now, output) in &outputs[300..] {
-            // Source time may be off by the longest silence, beside the delay.
+            // Source time may be off by the longest silence, in addition to the delay.
             let nearest = (0..50).map(|step| {
                 let then = (now.0 - START_NS) as f64 * 1e-9 - 0.005 * f64::from(step);
                 let upper = arm.forward(&human(then)[0]).upper;

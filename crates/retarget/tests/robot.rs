@@ -1,4 +1,4 @@
-//! The shipped robot, as the retargeting sees it.
+//! The shipped robot in the form that retargeting uses.
 
 use crate::support;
 

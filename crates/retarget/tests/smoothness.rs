@@ -1,4 +1,4 @@
-//! How noise and limits show in the output of the shipped weights.
+//! Effect of noise and limits on the output of the shipped weights.
 
 use crate::support;
 
@@ -29,11 +29,11 @@ fn shipped(model: &robot::Model) -> Weights {
     Weights::from_bytes(&manifest, &file("safetensors"), model).expect("they fit the robot")
 }
 
-/// Most that 0.1 degrees of the human may become in a joint, in multiples: 30 degrees at once. (From one end of joint 3 to
-/// the other, 2677, is what keeping the posture prevents.)
+/// Largest factor from 0.1 degrees of the person to a joint: 30 degrees at once. Keeping the posture prevents
+/// 2677, the jump from one end of joint 3 to the other.
 const WORST_AMPLIFICATION: f64 = 300.0;
 
-/// What the stage shows for a human who stands still.
+/// Output of the stage for a person who stands still.
 fn retargeted(arm: &ArmModel, network: &Network, human: &Limbs, steps: u32) -> ArmQ {
     let [start] = network.decode(&network.encode_human(&[features(human)]));
     refine(arm, human, &start, &start, PRIOR_WEIGHT, steps).q
@@ -48,7 +48,8 @@ fn largest_deg(a: &ArmQ, b: &ArmQ) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs().to_degrees()).fold(0.0, f64::max)
 }
 
-/// Arms that hang (q2 near 90 degrees, where joints 1 and 3 turn about one line) and half a degree of noise on each limb.
+/// Hanging arms (q2 near 90 degrees, where joints 1 and 3 turn about one line) with half a degree of noise on each
+/// limb.
 #[test]
 fn noise_at_the_gimbal_stays_noise() {
     let model = model();
@@ -80,8 +81,8 @@ fn noise_at_the_gimbal_stays_noise() {
     assert!(rms <= 2.0 && worst <= 21.0, "K = 2: RMS {rms:.2}, worst {worst:.1} degrees");
 }
 
-/// A human who turns one joint of the robot across its limit, 0.1 degrees a skeleton, with the other joints anywhere, through
-/// the stage itself.
+/// A person turns one joint of the robot across its limit, 0.1 degrees per skeleton, with the other joints
+/// anywhere. The test runs the stage itself.
 #[test]
 fn across_a_limit_the_output_is_continuous() {
     const STEP_DEG: f64 = 0.1;
@@ -95,13 +96,13 @@ fn across_a_limit_the_output_is_continuous() {
     for sweep in 0..600 {
         let (joint, upwards) = (sweep % 5, sweep % 2 == 0);
         let mut q: ArmQ = std::array::from_fn(|j| arm.mid()[j] + rng.random_range(-0.7..0.7) * arm.half()[j]);
-        // The shoulder away from its gimbal: what is amplified there is the other test's.
+        // The shoulder is away from its gimbal. The other test covers the amplification there.
         q[1] = q[1].min(1.0);
         let (limit, sign) = if upwards { (arm.q_max[joint], 1.0) } else { (arm.q_min[joint], -1.0) };
         let (mut state, mut before) = (State::default(), None);
         for i in 0..400 {
             q[joint] = limit + sign * (f64::from(i) - 200.0) * STEP_DEG.to_radians();
-            // 60 Hz, and a tick for each skeleton: without a delay it is what is shown.
+            // 60 Hz, and one tick per skeleton: without a delay the target shows it at once.
             let k = 7_500_000 + 25 * i as u64;
             let now = deadline(k);
             let skeleton = skeleton_of(i as u64 + 1, now.0, &arm.forward(&q));

@@ -1,4 +1,4 @@
-//! The way of the limbs: what was seen and is not shown yet, then what is to be expected.
+//! The way of the limbs: the measured part that is not shown yet, then the prediction.
 
 use crate::support;
 
@@ -12,7 +12,7 @@ use support::{layers, robot, weights};
 pub(crate) const START_NS: u64 = 5_000_000_000;
 const RATE_HZ: f64 = 60.0;
 pub(crate) const DELAY_MS: u64 = 120;
-/// What single precision leaves of an angle, rad.
+/// Error of an angle in single precision, rad.
 const SINGLE: f64 = 2e-3;
 
 pub(crate) fn config(delay_ms: u64) -> Config {
@@ -23,7 +23,7 @@ pub(crate) fn config(delay_ms: u64) -> Config {
 
 pub(crate) type Person = fn(f64) -> [Limbs; 2];
 
-/// A skeleton of both arms, each as a left one, that is captured and received at `at_ns`.
+/// A skeleton of both arms, each as a left one, captured and received at `at_ns`.
 pub(crate) fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
     let mut out = support::skeleton(sequence, at_ns, at_ns, &[[0.0; 5]; 2]);
     for (arm, limbs) in person.iter().enumerate() {
@@ -48,7 +48,7 @@ pub(crate) fn source_at(person: Person, seconds: f64, rate_hz: f64) -> Vec<Skele
         .collect()
 }
 
-/// The target of every tick for `seconds`, with the time it was made.
+/// Targets of all ticks for `seconds`, with their times.
 pub(crate) fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, JointTarget)> {
     let first = messages::tick_at(Stamp(START_NS)) + 1;
     let mut state = State::default();
@@ -80,7 +80,7 @@ pub(crate) fn apart(a: &Limbs, b: &Limbs) -> f64 {
     a.upper.angle_to(&b.upper).max(a.fore.angle_to(&b.fore))
 }
 
-/// Both arms differently, smoothly.
+/// Both arms move differently, smoothly.
 pub(crate) fn swings(t_s: f64) -> [Limbs; 2] {
     let wave = |hz: f64, phase: f64| 0.6 * (TAU * hz * t_s + phase).sin();
     [0.0, 1.3].map(|phase| {
@@ -89,7 +89,7 @@ pub(crate) fn swings(t_s: f64) -> [Limbs; 2] {
     })
 }
 
-/// Both arms at 1.5 and -1 rad/s for ever.
+/// Both arms turn at 1.5 and -1 rad/s without end.
 fn turns(t_s: f64) -> [Limbs; 2] {
     [1.5, -1.0].map(|speed| {
         let upper = turn(Vector3::new(0.6, 0.0, 0.8), speed * (t_s - 0.5));
@@ -101,7 +101,7 @@ pub(crate) fn stands(_: f64) -> [Limbs; 2] {
     swings(0.7)
 }
 
-/// When the person was that node `i` of a target of time `now` shows, s after the start.
+/// Time of the person's posture in node `i` of a target made at `now`, s after the start.
 pub(crate) fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
     let ticks = (target.way_first + i as u64) * WAY_NODE_TICKS - target.k;
     (now.0 - START_NS) as f64 * 1e-9 + ticks as f64 * TICK_S - DELAY_MS as f64 * 1e-3
@@ -125,7 +125,7 @@ fn what_was_seen_is_the_slerp_between_its_skeletons() {
         let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
         for i in 0..WAY_NODES {
             let t_s = shown_s(*now, target, i);
-            // A microsecond beside the newest may count as either.
+            // Within a microsecond of the newest skeleton a node may count as either.
             if (t_s - newest_s).abs() > 1e-6 {
                 assert_eq!(i < target.way_seen as usize, t_s < newest_s, "node {i} at {t_s} s of {newest_s} s");
             }
@@ -140,7 +140,7 @@ fn what_was_seen_is_the_slerp_between_its_skeletons() {
                 looked += 1;
             }
         }
-        // 120 ms less what has passed of a period of 16.7 ms: five or six nodes of 20 ms.
+        // 120 ms minus the elapsed part of a period of 16.7 ms: five or six nodes of 20 ms.
         assert!((5..=6).contains(&target.way_seen), "{} nodes seen", target.way_seen);
     }
     assert!(looked > 10_000, "{looked} nodes");
@@ -154,7 +154,7 @@ fn beyond_the_newest_a_limb_turns_on_ever_less() {
         let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
         for i in target.way_seen as usize..WAY_NODES {
             let ahead_s = shown_s(*now, target, i) - newest_s;
-            // A turn that fades with 0.1 s is as far as one at full speed for this time.
+            // A turn that fades with 0.1 s goes as far as one at full speed for this time.
             let want = turns(newest_s + 0.1 * (1.0 - (-ahead_s / 0.1).exp()));
             for (arm, limbs) in node(target, i).into_iter().enumerate() {
                 let off = apart(&limbs.expect("both arms are meant"), &want[arm]);
@@ -180,7 +180,7 @@ fn a_person_who_stands_is_expected_to_stand() {
 
 #[test]
 fn a_limb_is_carried_on_no_faster_than_a_throw() {
-    // 60 rad/s, a glitch: a third of it is carried on, 2 rad in all.
+    // 60 rad/s, a glitch: a third of it is continued, 2 rad in all.
     fn glitches(t_s: f64) -> [Limbs; 2] {
         let upper = turn(Vector3::y(), 60.0 * (t_s - 0.5).clamp(0.0, 0.034));
         [Limbs { upper, fore: upper }; 2]
@@ -215,11 +215,11 @@ fn the_right_arm_is_the_mirror_of_the_left() {
 fn without_a_delay_hardly_anything_is_seen_ahead_and_with_the_longest_half_the_way_is() {
     let skeletons = source(swings, 2.0);
     for (_, target) in &run(&config(0), &skeletons, 1.9)[1500..] {
-        // What is shown is on its way to the newest skeleton, less than a period behind.
+        // The shown sample is on its way to the newest skeleton, less than a period behind.
         assert!(target.way_seen <= 1, "{}", target.way_seen);
     }
     for (_, target) in &run(&config(250), &skeletons, 1.9)[1500..] {
-        // 233 to 250 ms, of nodes that begin 1 to 20 ms ahead.
+        // 233 to 250 ms, with nodes that begin 1 to 20 ms ahead.
         assert!((11..=13).contains(&target.way_seen), "{}", target.way_seen);
     }
 }
@@ -256,7 +256,7 @@ fn after_a_restart_the_way_fades_like_what_is_shown() {
     let mut faded = 0;
     for (n, (_, target)) in outputs.iter().enumerate().skip(restart - 30).take(500) {
         for i in 0..WAY_NODES {
-            // What is shown when the node's time has come, if nobody else comes before.
+            // The node equals the limbs that the target shows at the node's time, if no newer skeleton changes it.
             let then = ((target.way_first + i as u64) * WAY_NODE_TICKS - target.k) as usize;
             let Some((_, shown)) = outputs.get(n + then).filter(|_| n >= restart) else { continue };
             for (arm, limbs) in node(target, i).into_iter().enumerate() {
@@ -271,7 +271,7 @@ fn after_a_restart_the_way_fades_like_what_is_shown() {
         }
     }
     assert!(faded > 5000, "{faded} nodes");
-    // The next node does not jump from one target to the next, also where the restart begins.
+    // The next node does not jump from one target to the next, even at the start of the restart.
     for pair in outputs[300..].windows(2).filter(|pair| pair[0].1.way_first == pair[1].1.way_first) {
         for (before, after) in node(&pair[0].1, 0).into_iter().zip(node(&pair[1].1, 0)) {
             let step = apart(&before.expect("it is meant"), &after.expect("it is meant"));

@@ -1,38 +1,41 @@
-//! The client's clock against ours. Stamps are of one machine's clock by contract; a client that passes on the stamps of
-//! a camera has a clock that drifts, and is followed as long as it drifts no faster than quartz does.
+//! Offset between the client's clock and ours. By contract stamps are of one machine's clock. A client that
+//! forwards a camera's stamps has a drifting clock. The offset follows it as long as it drifts no faster than
+//! quartz.
 
 use crate::config::{Config, DropReason};
 use messages::Stamp;
 
-/// Fastest drift that is followed, parts per million: twice the 500 that is taken for the worst quartz.
+/// Fastest drift that is followed, parts per million: twice the 500 of the worst quartz.
 const DRIFT_MAX_PPM: i64 = 1000;
-/// Share of the allowed age that a frame may be late by before its lateness counts as drift: the rest is for jitter.
+/// Share of the allowed age by which a frame may be late before the lateness counts as drift. The rest is for
+/// jitter.
 const LATE_SHARE: (i64, i64) = (3, 4);
-/// Longest time without a frame over which drift is believed, ns.
+/// Longest time without a frame that counts as time of drift, ns.
 const UNSEEN_MAX_NS: u64 = 10_000_000_000;
-/// Most that the offset moves at once, ns: the fastest drift over that time.
+/// Largest move of the offset at once, ns: the fastest drift over that time.
 const CREDIT_MAX_NS: i64 = 10_000_000;
-/// Largest offset, ns: a day at the fastest drift.
+/// Largest offset, ns: a day of the fastest drift.
 const OFFSET_MAX_NS: i64 = 86_400_000_000;
 
-/// What has to be added to the client's stamps. Zero for a client of the same clock: frames that are neither ahead of
-/// their arrival nor nearly too old correct nothing.
+/// Correction of the client's stamps. It stays zero for a client of the same clock: only a frame from the future
+/// or one that is nearly too old changes it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ClientClock {
     offset_ns: i64,
-    /// How far the offset may still move, ns.
+    /// Amount by which the offset may still move, ns.
     credit_ns: i64,
     seen: Stamp,
 }
 
 impl ClientClock {
-    /// A clock that is ours, until it is seen to drift.
+    /// Creates a clock without offset.
     pub(crate) const fn new() -> Self {
         Self { offset_ns: 0, credit_ns: 0, seen: Stamp::NONE }
     }
 
-    /// The origin on our clock of a frame that arrived at `now`, or why it is no frame of now. Over any time the offset
-    /// moves by at most [`DRIFT_MAX_PPM`] of it, so that a step of the client's clock and a recording stay what they are.
+    /// Returns the frame's origin on our clock, or the reason for which a frame that arrived at `now` is not
+    /// current. Over any time the offset moves by at most [`DRIFT_MAX_PPM`] of it. So a step of the client's clock
+    /// and a recording are still refused.
     pub(crate) fn place(&mut self, config: &Config, now: Stamp, origin: Stamp) -> Result<Stamp, DropReason> {
         let (future_max, age_max) = (limited(config.future_max_ns), limited(config.age_max_ns));
         let late_ns = signed_ns(now, origin);
@@ -41,7 +44,7 @@ impl ClientClock {
         let drift_max = unseen_ns as i64 * DRIFT_MAX_PPM / 1_000_000;
         let ahead = age_ns < (-future_max).saturating_sub(drift_max);
         if ahead || age_ns > age_max.saturating_add(drift_max) {
-            // It was no drift, or it is over: a stamp that fits our clock as it is needs no offset.
+            // It was no drift, or it is over: a stamp that fits our clock needs no offset.
             if self.offset_ns != 0 && (0..=age_max).contains(&late_ns) {
                 *self = Self { seen: now, ..Self::new() };
                 return Ok(origin);
@@ -50,7 +53,7 @@ impl ClientClock {
         }
         let tolerated = age_max / LATE_SHARE.1 * LATE_SHARE.0;
         let drifted = if age_ns < 0 { age_ns } else { age_ns.saturating_sub(tolerated).max(0) };
-        // What is not spent is kept, because only the frames that come earliest or latest show the drift.
+        // Unused credit is kept, because only the earliest or latest frames show the drift.
         let credit = self.credit_ns.saturating_add(drift_max).min(CREDIT_MAX_NS);
         let offset = (self.offset_ns + drifted.clamp(-credit, credit)).clamp(-OFFSET_MAX_NS, OFFSET_MAX_NS);
         let spent = (offset - self.offset_ns).abs();
@@ -60,12 +63,12 @@ impl ClientClock {
     }
 }
 
-/// From `earlier` to `later`, ns.
+/// Time from `earlier` to `later`, ns.
 fn signed_ns(later: Stamp, earlier: Stamp) -> i64 {
     if later >= earlier { limited(later.since(earlier)) } else { -limited(earlier.since(later)) }
 }
 
-/// `ns`, or the largest number there is.
+/// Returns `ns`, limited to the largest `i64`.
 fn limited(ns: u64) -> i64 {
     i64::try_from(ns).unwrap_or(i64::MAX)
 }
@@ -77,7 +80,8 @@ mod tests {
     const DAY_S: u64 = 86_400;
     const START_NS: u64 = 1_000_000_000_000;
 
-    /// A day of 60 Hz at this drift, frames late by 5 to 25 ms; the frames refused, and the worst error of an origin, ns.
+    /// A day of 60 Hz at this drift, frames late by 5 to 25 ms. Returns the number of refused frames and the worst
+    /// error of an origin, ns.
     fn day(drift_ppm: i64) -> (u64, u64) {
         let (config, mut clock) = (Config::default(), ClientClock::new());
         let (mut refused, mut worst) = (0, 0);
@@ -97,7 +101,8 @@ mod tests {
         for drift_ppm in [-500, 0, 500] {
             let (refused, worst) = day(drift_ppm);
             assert_eq!(refused, 0, "{drift_ppm} ppm");
-            // A clock that is ahead is seen at its arrival at the latest, one that is behind as three quarters too old.
+            // A clock that is ahead is noticed at its arrival at the latest. One that is behind is noticed at
+            // three quarters of the allowed age.
             assert!(worst <= if drift_ppm == 0 { 0 } else { 76_000_000 }, "{drift_ppm} ppm: {worst} ns");
         }
         assert!(day(2000).0 > DAY_S, "no quartz is that fast");
@@ -125,11 +130,11 @@ mod tests {
         let config = Config::default();
         let far = Stamp(1 << 62);
         let mut clock = ClientClock { offset_ns: OFFSET_MAX_NS, credit_ns: 0, seen: far };
-        // Later by more than is tolerated, and no offset left to take it up.
+        // Later than tolerated, and no offset left to correct it.
         let now = far.plus_ns(1_000_000_000);
         assert!(clock.place(&config, now, Stamp(now.0 - OFFSET_MAX_NS as u64 - 100_000_000)).is_ok());
         assert_eq!(clock.offset_ns, OFFSET_MAX_NS);
-        // An hour without a frame is no reason to believe in more than ten seconds of drift.
+        // An hour without a frame allows for no more than ten seconds of drift.
         let mut clock = ClientClock { offset_ns: 0, credit_ns: 0, seen: far };
         let now = far.plus_ns(3_600_000_000_000);
         assert_eq!(clock.place(&config, now, now.plus_ns(12_000_001)), Err(DropReason::Future));

@@ -1,47 +1,53 @@
-//! What counts as plausible, and the reasons for dropping what is not.
+//! Bounds of a plausible person, and the reasons for dropping a frame.
 
-/// Bounds of a plausible person. The defaults suit motion capture; each can be tightened or, for a noisy
-/// tracker, loosened by its owner.
+/// Bounds of a plausible person. The defaults suit motion capture. An owner can tighten each bound, or loosen it
+/// for a noisy tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// A frame whose origin is older than this on arrival is dropped (ns): one stale-after of `skeleton`.
+    /// Largest age of a frame's origin on arrival (ns). An older frame is dropped. It is one stale-after of
+    /// `skeleton`.
     pub age_max_ns: u64,
-    /// A frame whose origin lies further in the future than this is dropped (ns): two clocks of one machine agree, the
-    /// rest is scheduling.
+    /// Largest time by which a frame's origin may lie in the future (ns), else the frame is dropped. Two clocks of
+    /// one machine agree, so this covers scheduling.
     pub future_max_ns: u64,
-    /// Joints below this confidence are not used.
+    /// Smallest confidence of a joint. Joints below it are not used.
     pub confidence_min: f32,
-    /// Largest error of a quaternion's norm that is renormalised; beyond it the frame is dropped.
+    /// Largest error of a quaternion's norm that is renormalised. Beyond it the frame is dropped.
     pub quaternion_error_max: f64,
-    /// Largest distance of a joint from the pelvis (m): arms up is 1.3 m at 2.2 m of stature. Catches mm and cm.
+    /// Largest distance of a joint from the pelvis (m): 1.3 m with arms up at 2.2 m of stature. It catches
+    /// millimetres and centimetres.
     pub reach_max_m: f64,
-    /// Largest coordinate (m): a large hall.
+    /// Largest coordinate (m): that of a large room.
     pub coordinate_max_m: f64,
     /// Hips to shoulders (m): 0.288 of a stature of 1.2 to 2.2 m (Winter, Biomechanics, 4th ed., fig. 4.1), widened by 15 %.
     pub trunk_m: [f64; 2],
-    /// Upper arm and forearm over hips to shoulders: 0.186 and 0.146 of the stature over 0.288 (Winter, fig. 4.1) are 0.65
-    /// and 0.51; an elbow or a wrist of the other side makes them 0.95 and more. The rigs of the CMU clips lie between.
+    /// Length of upper arm and forearm over hips to shoulders. 0.186 and 0.146 of the stature over 0.288 (Winter,
+    /// fig. 4.1) are 0.65 and 0.51. A swapped elbow or wrist of the other side makes them 0.95 and more. The
+    /// skeletons of the CMU clips lie between.
     pub arm_per_trunk: [f64; 2],
-    /// Largest change of a limb's length against the session's first second (fraction).
+    /// Largest change of a limb's length compared with the session's first second (fraction).
     pub length_change_max: f64,
     /// Largest change of a limb's length from frame to frame (fraction).
     pub length_step_max: f64,
-    /// Largest speed of shoulders, elbows and wrists relative to the middle of the hips (m/s), whatever the rate. The fist of
-    /// boxers reaches 9.1 with a deviation of 2.1 (Walilko et al., Br J Sports Med 39, 2005, 710); of recorded dancers 4.7,
-    /// 8.9 and 9.5 are the fastest, and half as much again, an eighth and a quarter more are allowed (assumption).
+    /// Largest speed of shoulders, elbows and wrists relative to the middle of the hips (m/s), at any frame rate.
+    /// Boxers' fists reach 9.1 with a deviation of 2.1 (Walilko et al., Br J Sports Med 39, 2005, 710). The
+    /// fastest recorded dancers reach 4.7, 8.9 and 9.5. The bounds are half, an eighth and a quarter above these
+    /// (assumption).
     pub speed_max_m_per_s: [f64; 3],
-    /// Coherent frames after a teleport before what jumped is used again.
+    /// Number of coherent frames after a teleport before the part that jumped is used again.
     pub coherent_frames: u32,
-    /// A payload that repeats bit for bit for this long after it had moved is a stuck tracker (ns), until it has done so
-    /// for `learning_ns`; 0 turns it off. With one stale-after of `skeleton` after it, robots stop 200 ms after the tracker.
+    /// Time after which a payload that had moved and now repeats bit for bit is a stuck tracker (ns). The frames
+    /// are dropped until it has repeated for `learning_ns`. 0 turns the check off. One stale-after of `skeleton`
+    /// follows, so robots stop 200 ms after the tracker.
     pub frozen_after_ns: u64,
-    /// Frames that were refused for what they say of the person, and none accepted, for longer than this (ns): whoever is
-    /// seen next counts as another person, whom nobody has enabled. One stale-after of `skeleton`: robots have stopped.
+    /// If every frame is implausible for longer than this (ns), the next valid person counts as another one and
+    /// must be enabled again. It is one stale-after of `skeleton`, so robots have stopped by then.
     pub distrust_after_ns: u64,
-    /// Lengths are learnt for so long (ns). Whoever has other lengths for so long counts as another person.
+    /// Time in which limb lengths are learnt (ns). A person who shows other lengths for as long counts as another
+    /// person.
     pub learning_ns: u64,
-    /// After a gap of this length (ns) the person may have changed: lengths are learnt and uprightness is asked for again,
-    /// and the person counts as another one. A client that was silent for a second keeps its person.
+    /// Gap after which the person may have changed (ns). Lengths are learnt again. The person must stand upright
+    /// again, and counts as another one. A client that was silent for a second keeps its person.
     pub gap_ns: u64,
 }
 
@@ -70,13 +76,13 @@ impl Default for Config {
 
 macro_rules! reasons {
     ($($(#[$meta:meta])* $name:ident,)*) => {
-        /// Why a frame was dropped.
+        /// Reason for which a frame was dropped.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         #[repr(usize)]
         pub enum DropReason { $($(#[$meta])* $name,)* }
 
         impl DropReason {
-            /// Every reason, by its number.
+            /// All reasons, by number.
             pub const ALL: [Self; DROP_REASONS] = [$(Self::$name),*];
 
             /// Name in reports.
@@ -93,9 +99,9 @@ macro_rules! reasons {
 reasons! {
     /// The layout is unknown.
     Layout,
-    /// The count of joints is not that of the layout, or an unknown flag is set.
+    /// The number of joints is not that of the layout, or an unknown flag is set.
     Count,
-    /// Left and right are swapped by a mirrored image.
+    /// A mirrored image swaps left and right.
     Mirrored,
     /// The frame has no origin.
     NoOrigin,
@@ -103,9 +109,9 @@ reasons! {
     Future,
     /// The origin is too old.
     Old,
-    /// The session nonce changed: everything is learnt anew, from the next frame on.
+    /// The session nonce changed. The state is learnt again from the next frame on.
     SessionChanged,
-    /// The operator changed: everything is learnt anew, from the next frame on.
+    /// The operator changed. The state is learnt again from the next frame on.
     OperatorChanged,
     /// The origin or the sequence was seen before.
     Duplicate,
@@ -117,27 +123,27 @@ reasons! {
     OutOfRange,
     /// A quaternion or a calibrated hinge is not a unit vector.
     NotUnit,
-    /// Shoulders or hips are not seen.
+    /// Shoulders or hips are not visible.
     TrunkLost,
-    /// The trunk's size, or that of an arm against it, is no person's.
+    /// The size of the trunk, or of an arm compared with it, is not that of a person.
     Size,
-    /// The trunk does not stand upright at the start of a session: probably another up-axis.
+    /// The trunk is not upright at the start of a session. Probably the up-axis is another one.
     NotUpright,
     /// Shoulders and hips disagree on left and right, or the body is a mirror image.
     Chirality,
-    /// A joint jumped, or frames after a jump are not coherent for long enough.
+    /// A joint jumped, or too few frames after a jump are coherent.
     Teleport,
     /// A limb's length jumped from one frame to the next.
     LengthStep,
-    /// A limb's length left that of the session's first second.
+    /// A limb's length differs from that of the session's first second.
     LengthChange,
     /// The payload repeats bit for bit.
     Frozen,
 }
 
 impl DropReason {
-    /// Whether frames that are dropped for this reason say something wrong of the person. Those that come late or twice, or
-    /// say that the person is not seen, do not: they are as good as silence.
+    /// Returns true if frames that are dropped for this reason contradict the person. Late or repeated frames do
+    /// not, and neither do frames in which the person is not visible. They count like silence.
     pub(crate) const fn contradicts(self) -> bool {
         match self {
             Self::NoOrigin | Self::Future | Self::Old | Self::Duplicate | Self::Backwards | Self::TrunkLost => false,

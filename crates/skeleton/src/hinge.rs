@@ -1,33 +1,36 @@
-//! Where the elbow's axis lies in the frames of the joints that carry it, estimated from a person's own movements.
+//! Estimates the elbow's axis in the frames of the joints that carry it, from a person's own movements.
 
 use crate::geometry::{rotate_back, unit, vector};
 use crate::limbs::ARMS;
 use messages::{HingeCalibration, LIMBS, Layout, Limb, SMPL_JOINTS, calibration_flag};
 use nalgebra::{Matrix3, Vector3};
 
-/// Flexions below this one say nothing about the axis (10 degrees, twice the noise bound of a straight elbow).
+/// Smallest flexion that is used: 10 degrees, twice the noise bound of a straight elbow. A smaller one does not
+/// show the axis.
 const FLEXED_SIN: f64 = 0.174;
-/// Flexed frames below which there is no estimate: half a second at 20 Hz, the slowest source.
+/// Smallest number of flexed frames for an estimate: half a second at 20 Hz, the slowest source.
 const SAMPLES_MIN: f64 = 10.0;
-/// Mean resultant length below which the shoulder's rotation does not carry the hinge. 0.9999 on every CMU clip; a
-/// rotation without the twist falls to 0.9 at 25 degrees of spread.
+/// Mean resultant length below which the shoulder's rotation does not carry the hinge. It is 0.9999 on every CMU
+/// clip. A rotation without the twist falls to 0.9 at 25 degrees of spread.
 const UPPER_SPREAD_MIN: f64 = 0.9;
 /// The same for the hand, which pronates: 0.36 for a pronation uniform over 250 degrees.
 const FORE_SPREAD_MIN: f64 = 0.3;
-/// Seen from the shoulder's rotation the bone may spread by this share of what it does in the world, or that rotation does not
-/// move with the arm. Of a rig it is nothing; of a client that says its rotations are filled when they are not, all of it.
+/// Largest spread of the bone in the frame of the shoulder's rotation, as a share of its spread in the world.
+/// Above it the rotation does not move with the arm. For a rig the share is zero. For a client that flags
+/// rotations without filling them, it is one.
 const BONE_SHARE_MAX: f64 = 0.2;
-/// Spread (1 less the mean resultant length) of the bone in the world below which the arm has not moved enough to tell: 3.6
-/// degrees RMS.
+/// Spread of the bone in the world, as 1 less the mean resultant length. Below this value, 3.6 degrees RMS, the
+/// arm has not moved enough for a decision.
 const BONE_MOVED_MIN: f64 = 0.002;
 
-/// Estimates a [`HingeCalibration`] from frames, in their order and of fixed size, so that any prefix gives the causal
-/// estimate of that moment.
+/// Estimates a [`HingeCalibration`] from frames in their order. It has a fixed size. Any prefix of the frames
+/// gives the causal estimate of that moment.
 ///
-/// Upper arm: h_u = unit(sum of R_s^T (u x f)), the normals of the elbow's plane, weighted by sin(flexion), in the frame of
-/// the shoulder joint's rotation R_s; u and f are the bones. The sign is that of flexion by construction.
-/// Forearm: h_w = unit(sum of R_w^T (I - f f^T) R_s h_u): the same hinge seen from the hand, R_w, averaged over every frame,
-/// so that the middle of a person's pronation counts as none and both ends stay within a robot's range.
+/// Upper arm: h_u = unit(sum of R_s^T (u x f)). These are the normals of the elbow's plane, weighted by
+/// sin(flexion), in the frame of the shoulder joint's rotation R_s. u and f are the bones. By construction the
+/// sign is that of flexion. Forearm: h_w = unit(sum of R_w^T (I - f f^T) R_s h_u). This is the same hinge in the
+/// frame of the hand, R_w, averaged over all frames. So the middle of a person's pronation counts as none, and
+/// both ends stay within a robot's range.
 #[derive(Clone, Copy, Debug)]
 pub struct Calibrator {
     arms: [Arm; 2],
@@ -38,10 +41,10 @@ pub struct Calibrator {
 struct Arm {
     upper: Vector3<f64>,
     upper_weight: f64,
-    /// The bone in the shoulder's frame, and in the world.
+    /// Sum of the bone's directions in the shoulder's frame, and in the world.
     bone: [Vector3<f64>; 2],
     hand_from_shoulder: Matrix3<f64>,
-    /// Flexed frames, and how many frames and flexed ones the sums hold.
+    /// Number of flexed frames, and the fading numbers of flexed frames and of all frames in the sums.
     samples: u32,
     flexed: f64,
     frames: f64,
@@ -54,7 +57,7 @@ impl Default for Calibrator {
 }
 
 impl Calibrator {
-    /// An estimate that rests on no frame yet.
+    /// Creates an estimate without frames.
     pub fn new() -> Self {
         let arm = Arm {
             upper: Vector3::zeros(),
@@ -68,13 +71,13 @@ impl Calibrator {
         Self { arms: [arm; 2], frames: 0 }
     }
 
-    /// Frames added so far.
+    /// Number of frames added so far.
     pub fn frames(&self) -> u32 {
         self.frames
     }
 
-    /// Adds a frame: positions in m, global rotations x y z w, both in any one right-handed frame. Of joints whose bit in
-    /// `usable` is clear, and of numbers that are not finite or no rotations, nothing is learnt.
+    /// Adds a frame: positions in m, global rotations x y z w, both in any one right-handed frame. It ignores
+    /// joints whose bit in `usable` is clear, numbers that are not finite, and quaternions that are no rotations.
     pub fn add(&mut self, positions: &[[f32; 3]; SMPL_JOINTS], rotations: &[[f32; 4]; SMPL_JOINTS], usable: u32) {
         self.frames = self.frames.saturating_add(1);
         for (arm, joints) in self.arms.iter_mut().zip(ARMS) {
@@ -85,7 +88,7 @@ impl Calibrator {
         }
     }
 
-    /// Lets everything added so far count by this share of what it did.
+    /// Scales the weight of everything added so far by `share`.
     pub(crate) fn fade(&mut self, share: f64) {
         for arm in &mut self.arms {
             arm.upper *= share;
@@ -97,13 +100,14 @@ impl Calibrator {
         }
     }
 
-    /// Of the left and of the right arm: whether it moved, and its rotations with it. Of a file that is known; of a client whom
-    /// nobody has seen before it is not.
+    /// Returns for the left and the right arm whether it moved and its rotations moved with it. A file's rotations
+    /// are known to do so. Those of a new client are not.
     pub(crate) fn carried(&self) -> [bool; 2] {
         self.arms.map(|arm| arm.is_carried())
     }
 
-    /// The estimate of everything added so far; a hinge that the frames do not determine is not flagged valid.
+    /// Returns the estimate of everything added so far. A hinge that the frames do not determine is not flagged
+    /// valid.
     pub fn estimate(&self) -> HingeCalibration {
         let mut out = HingeCalibration::ZERO;
         let limbs = [[Limb::LeftUpper, Limb::LeftFore], [Limb::RightUpper, Limb::RightFore]];
@@ -136,7 +140,7 @@ impl Arm {
         let upper = unit(at(elbow) - at(shoulder))?;
         let fore = unit(at(wrist) - at(elbow))?;
         let mut columns = [Vector3::zeros(); 3];
-        // Column i of R_w^T (I - f f^T) R_s, where R_s e_i is what the shoulder's rotation does to axis i.
+        // Column i of R_w^T (I - f f^T) R_s. R_s e_i is axis i, turned by the shoulder's rotation.
         for (i, column) in columns.iter_mut().enumerate() {
             let axis = crate::geometry::rotate(rotations[shoulder], Vector3::ith(i, 1.0))?;
             *column = rotate_back(rotations[wrist], axis - fore * fore.dot(&axis))?;
@@ -156,7 +160,7 @@ impl Arm {
         Some(())
     }
 
-    /// Whether the bone was seen to move with the shoulder's rotation.
+    /// Returns true if the bone moved with the shoulder's rotation.
     fn is_carried(&self) -> bool {
         let [seen, moved] = self.bone.map(|sum| 1.0 - sum.norm() / self.frames);
         moved >= BONE_MOVED_MIN && seen <= BONE_SHARE_MAX * moved

@@ -1,22 +1,22 @@
-//! Torso frame and limb frames, from positions; rotations are used for twist only, because rest poses differ between
-//! exporters and positions do not.
+//! Torso frame and limb frames from positions. Rotations are used for twist only: rest poses differ between
+//! exporters, and positions do not.
 
 use crate::geometry::{carry, quaternion, rotate, unit, unit_normal_to, vector};
 use crate::reference::Reference;
 use messages::{HingeCalibration, LIMBS, Limb, SMPL_JOINTS, Smpl, calibration_flag, skeleton_flag};
 use nalgebra::{Matrix3, Vector3};
 
-/// How far the line from the hips to the shoulders leans back in a T-pose (rad), so that the torso frame of a T-pose is
-/// upright: 5.7 degrees, measured on the T-pose that CMU clip 007_12 begins with (its hips, not its spine joints, which
-/// lean by 10 to 17 degrees and differ from rig to rig).
+/// Lean of the line from the hips to the shoulders in a T-pose (rad). With it the torso frame of a T-pose is
+/// upright. It is 5.7 degrees, measured on the T-pose at the start of CMU clip 007_12. The clip's hips are used,
+/// not its spine joints, which lean by 10 to 17 degrees and differ from rig to rig.
 pub const TORSO_LEAN_RAD: f64 = 0.1;
-/// Below this flexion an elbow has no plane of its own: the held hinge counts alone (5 degrees; trackers' noise of 5 mm
-/// on a forearm of 25 cm is 1 degree).
+/// Below this flexion an elbow has no plane of its own, and only the held hinge is used: 5 degrees. Trackers'
+/// noise of 5 mm on a forearm of 25 cm is 1 degree.
 const STRAIGHT_SIN: f64 = 0.087;
-/// From this flexion on the measured plane counts alone (15 degrees).
+/// From this flexion on only the measured plane is used: 15 degrees.
 const FLEXED_SIN: f64 = 0.259;
 
-/// Remembers the hinge of each arm while its elbow is straight; used only where there is no calibration.
+/// Holds the hinge of each arm while its elbow is straight. It is used only without a calibration.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Hold {
     /// Left and right: upper-arm bone and hinge, in the torso frame.
@@ -26,15 +26,15 @@ pub struct Hold {
 /// Limb frames of one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LimbFrames {
-    /// Rotations relative to the torso frame, as differences from the T-pose, x y z w with w >= 0; indexed by `Limb`.
-    /// Identity where the limb is not valid.
+    /// Rotations relative to the torso frame, as differences from the T-pose, x y z w with w >= 0, indexed by
+    /// `Limb`. Identity if the limb is not valid.
     pub rotations: [[f32; 4]; LIMBS],
-    /// Bits of `skeleton_flag`: which limbs are valid, and whether all valid ones rest on a calibration.
+    /// Bits of `skeleton_flag`: the valid limbs, and whether all valid ones rest on a calibration.
     pub flags: u32,
 }
 
 impl LimbFrames {
-    /// Four limbs of which none is valid.
+    /// Four limbs, none of them valid.
     pub const NONE: Self = Self { rotations: [[0.0, 0.0, 0.0, 1.0]; LIMBS], flags: 0 };
 }
 
@@ -47,13 +47,14 @@ pub(crate) const ARMS: [[usize; 3]; 2] = [
 const ARM_LIMBS: [[usize; 2]; 2] =
     [[Limb::LeftUpper as usize, Limb::LeftFore as usize], [Limb::RightUpper as usize, Limb::RightFore as usize]];
 
-/// The torso frame's axes as columns, in the frame of `positions`: y from the right to the left shoulder, z from the
-/// hips to the shoulders and upright in a T-pose (see [`TORSO_LEAN_RAD`]). `None` if shoulders and hips coincide.
+/// Returns the torso frame's axes as columns, in the frame of `positions`. y points from the right to the left
+/// shoulder. z points from the hips to the shoulders and is upright in a T-pose (see [`TORSO_LEAN_RAD`]). `None`
+/// if shoulders and hips coincide.
 pub fn torso_rotation(positions: &[[f32; 3]; SMPL_JOINTS]) -> Option<Matrix3<f64>> {
     torso_rotation_leaning(positions, TORSO_LEAN_RAD)
 }
 
-/// As [`torso_rotation`], of somebody who leans back by `lean_rad` when upright.
+/// As [`torso_rotation`], for a person who leans back by `lean_rad` when upright.
 pub(crate) fn torso_rotation_leaning(positions: &[[f32; 3]; SMPL_JOINTS], lean_rad: f64) -> Option<Matrix3<f64>> {
     let at = |joint: Smpl| vector(positions[joint as usize]);
     let (left, right) = (at(Smpl::LeftShoulder), at(Smpl::RightShoulder));
@@ -65,13 +66,13 @@ pub(crate) fn torso_rotation_leaning(positions: &[[f32; 3]; SMPL_JOINTS], lean_r
     Some(Matrix3::from_columns(&[front * cos - back * sin, y, front * sin + back * cos]))
 }
 
-/// The four limb rotations of a person: for each limb R with `bone = R (0, +-1, 0)` and `hinge = R (0, 0, -+1)` (left and
-/// right) in the torso frame.
+/// Computes the four limb rotations of a person. For each limb it returns R with `bone = R (0, +-1, 0)` and `hinge
+/// = R (0, 0, -+1)` (left and right) in the torso frame.
 ///
 /// `positions` in m and `rotations` (global, x y z w) share any right-handed frame. A limb whose hinge is in
-/// `calibration` and whose joint has a rotation takes its hinge from there; every other limb takes the momentary plane of
-/// the elbow, blended with `hold` near the straight elbow and turned no further than the bone when it is straight.
-/// Joints whose bit in `usable` is clear invalidate what needs them.
+/// `calibration` and whose joint has a rotation takes its hinge from there. Every other limb takes the momentary
+/// plane of the elbow. Near the straight elbow that plane is blended with `hold`. At the straight elbow the hinge
+/// turns no further than the bone. A joint whose bit in `usable` is clear invalidates the limbs that need it.
 pub fn limbs_from_positions_rotations(
     positions: &[[f32; 3]; SMPL_JOINTS],
     rotations: Option<&[[f32; 4]; SMPL_JOINTS]>,
@@ -82,7 +83,7 @@ pub fn limbs_from_positions_rotations(
     limbs_against(positions, rotations, &Reference::of(*calibration), usable, hold)
 }
 
-/// As [`limbs_from_positions_rotations`], with hinges of which each counts by its weight against the plane of the moment.
+/// As [`limbs_from_positions_rotations`]. Each hinge counts by its weight against the momentary plane.
 pub(crate) fn limbs_against(
     positions: &[[f32; 3]; SMPL_JOINTS],
     rotations: Option<&[[f32; 4]; SMPL_JOINTS]>,
@@ -139,7 +140,7 @@ pub(crate) fn limbs_against(
     out
 }
 
-/// Between the hinge of the moment (`weight` 0) and the calibrated one (1), both normal to `bone`.
+/// Blends the momentary hinge (`weight` 0) and the calibrated one (1), both normal to `bone`.
 fn blended(momentary: Vector3<f64>, calibrated: Vector3<f64>, weight: f64, bone: Vector3<f64>) -> Vector3<f64> {
     if weight >= 1.0 {
         return calibrated;
@@ -148,7 +149,8 @@ fn blended(momentary: Vector3<f64>, calibrated: Vector3<f64>, weight: f64, bone:
     unit_normal_to(calibrated * weight + momentary * (1.0 - weight), bone).unwrap_or(nearer)
 }
 
-/// The hinge from the elbow's plane now, from the held one when straight; always normal to `upper`.
+/// Returns the hinge of the elbow's present plane, or the held one if the elbow is straight. It is always normal
+/// to `upper`.
 fn momentary_hinge(
     held: &mut Option<(Vector3<f64>, Vector3<f64>)>,
     side: usize,
@@ -169,8 +171,8 @@ fn momentary_hinge(
     hinge
 }
 
-/// The rotation whose y column is along the bone (left; against it on the right) and whose z column is against the hinge
-/// (left; along it on the right).
+/// Returns the limb's rotation. On the left its y column is along the bone and its z column against the hinge. On
+/// the right both are reversed.
 fn limb_rotation(side: usize, bone: Vector3<f64>, hinge: Vector3<f64>) -> [f32; 4] {
     let (y, z) = if side == 0 { (bone, -hinge) } else { (-bone, hinge) };
     quaternion(&Matrix3::from_columns(&[y.cross(&z), y, z]))

@@ -1,4 +1,4 @@
-//! The numbers of one frame, each checked by itself.
+//! Checks each number of one frame by itself.
 
 use crate::config::{Config, DropReason};
 use crate::geometry::vector;
@@ -6,13 +6,13 @@ use crate::limbs::ARMS;
 use messages::{HingeCalibration, LIMBS, Layout, RawSkeleton, SMPL_JOINTS, Smpl, calibration_flag, raw_flag};
 use nalgebra::Vector3;
 
-/// The numbers of a frame, checked one by one.
+/// Numbers of a frame, checked one by one.
 pub(crate) struct Person {
     pub(crate) positions: [[f32; 3]; SMPL_JOINTS],
     pub(crate) rotations: [[f32; 4]; SMPL_JOINTS],
     pub(crate) has_rotations: bool,
     pub(crate) calibration: HingeCalibration,
-    /// Bit per joint.
+    /// Bit per joint that may be used.
     pub(crate) usable: u32,
 }
 
@@ -35,7 +35,7 @@ impl Person {
                 return Err(DropReason::OutOfRange);
             }
             if confidence < config.confidence_min {
-                continue; // Whatever stands there, nobody vouches for it.
+                continue; // A position without confidence is not read.
             }
             person.positions[joint] = position(config, raw.positions[joint].map(plain))?;
             if has_rotations {
@@ -48,7 +48,7 @@ impl Person {
         Ok(person)
     }
 
-    /// Makes elbow and wrist of these arms unseen.
+    /// Marks elbow and wrist of these arms as not visible.
     pub(crate) fn leave_out(&mut self, arms: [bool; 2]) {
         for [_, elbow, wrist] in ARMS.into_iter().zip(arms).filter_map(|(arm, out)| out.then_some(arm)) {
             for joint in [elbow, wrist] {
@@ -70,7 +70,7 @@ impl Person {
         (self.at(Smpl::LeftHip as usize) + self.at(Smpl::RightHip as usize)) / 2.0
     }
 
-    /// Joints of the other side make limbs too long, whichever they are.
+    /// Refuses limbs of the wrong length. Joints of the wrong side make limbs too long.
     fn check_arms(&self, config: &Config, trunk_m: f64) -> Result<(), DropReason> {
         let allowed = config.arm_per_trunk[0] * trunk_m..=config.arm_per_trunk[1] * trunk_m;
         for [shoulder, elbow, wrist] in ARMS {
@@ -104,7 +104,7 @@ impl Person {
     }
 }
 
-/// Zero for denormal numbers and for negative zero, whatever the processor does with them; all else as it is.
+/// Replaces denormal numbers and negative zero by zero, independent of the processor's mode. All others stay.
 fn plain(value: f32) -> f32 {
     if value.is_subnormal() || value == 0.0 { 0.0 } else { value }
 }
@@ -127,7 +127,7 @@ fn unit_quaternion(config: &Config, q: [f32; 4]) -> Result<[f32; 4], DropReason>
     if (norm - 1.0).abs() > config.quaternion_error_max {
         return Err(DropReason::NotUnit);
     }
-    // q and -q are one rotation: the one with w >= 0 stands for it, so that its bits repeat if the rotation does.
+    // q and -q are one rotation. The one with w >= 0 is stored, so its bits repeat if the rotation does.
     let signed = norm.copysign(f64::from(q[3]));
     Ok(q.map(|c| plain((f64::from(c) / signed) as f32)))
 }

@@ -1,4 +1,4 @@
-//! A T-pose held still, and what it tells of a person.
+//! Measurement of a person in a T-pose that is held still.
 
 use crate::geometry::vector;
 use crate::limbs::{ARMS, torso_rotation_leaning};
@@ -6,27 +6,27 @@ use crate::reference::{Calibration, LEAN_MAX_RAD};
 use messages::{LIMBS, SMPL_JOINTS, Skeleton, Smpl, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 
-/// Cosine between a bone of the arm and the line through the shoulders, at least: 25 degrees (assumption: what people who are
-/// told to hold their arms out do without a mirror).
+/// Smallest cosine between a bone of the arm and the line through the shoulders: 25 degrees. Assumption: people
+/// who are asked to hold their arms out come so close without a mirror.
 const ALONG_MIN: f64 = 0.906;
-/// A wrist or a shoulder that goes further than this from where the pose began has not been held still, m: a person's sway and
-/// a camera's noise of 10 mm, three times.
+/// Largest motion of a wrist or a shoulder in a pose that is held still, m: three times a person's sway and a
+/// camera's noise of 10 mm.
 const STILL_M: f64 = 0.05;
 
-/// How a frame stands to a T-pose.
+/// Comparison of a frame with a T-pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pose {
-    /// A joint of the trunk or the arms is not seen.
+    /// A joint of the trunk or the arms is not visible.
     Unseen,
     /// The trunk leans by more than 20 degrees.
     Leaning,
     /// An arm is not straight out to its side.
     ArmsNotOut,
-    /// Held since so many nanoseconds.
+    /// A T-pose, held for this many nanoseconds.
     Held(u64),
 }
 
-/// Watches for a T-pose that is held, and averages what it shows.
+/// Detects a held T-pose and averages its measurements.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TPose {
     begin: Option<(Stamp, [Vector3<f64>; 4])>,
@@ -36,7 +36,8 @@ pub struct TPose {
 }
 
 impl TPose {
-    /// Takes a frame in a world whose z points up; a frame that is no T-pose, or not where the pose began, begins anew.
+    /// Takes a frame in a world whose z points up. A frame that is no T-pose, or has moved since the pose began,
+    /// restarts the measurement.
     pub fn add(&mut self, skeleton: &Skeleton) -> Pose {
         let (pose, points) = judge(skeleton);
         let (Some((points, lean_rad, lengths_m)), Pose::Held(_)) = (points, pose) else {
@@ -60,7 +61,7 @@ impl TPose {
         Pose::Held(origin.since(begin))
     }
 
-    /// Lengths and lean of the pose that is held, on average; hinges are not to be seen in it.
+    /// Returns mean lengths and lean of the held pose. A T-pose does not show hinges.
     pub fn measured(&self) -> Option<Calibration> {
         self.begin.map(|_| Calibration {
             lengths_m: self.lengths_m.map(|sum| sum / self.frames),
@@ -72,7 +73,7 @@ impl TPose {
 
 type Seen = ([Vector3<f64>; 4], f64, [f64; LIMBS]);
 
-/// The pose, and of a T-pose shoulders and wrists, the lean and the lengths.
+/// Judges the pose. For a T-pose it also returns shoulders and wrists, the lean and the lengths.
 fn judge(skeleton: &Skeleton) -> (Pose, Option<Seen>) {
     if skeleton.flags & skeleton_flag::ALL != skeleton_flag::ALL {
         return (Pose::Unseen, None);
@@ -96,8 +97,8 @@ fn judge(skeleton: &Skeleton) -> (Pose, Option<Seen>) {
     if out { (Pose::Held(0), Some((points, lean_rad, lengths_m))) } else { (Pose::ArmsNotOut, None) }
 }
 
-/// How far the line from the hips to the shoulders leans back against the vertical, rad; none where either has no direction,
-/// or the person does not stand.
+/// Lean of the line from the hips to the shoulders against the vertical, rad, positive to the back. `None` if
+/// either has no direction or the person does not stand.
 fn lean(positions: &[[f32; 3]; SMPL_JOINTS]) -> Option<f64> {
     // Columns: front, left, and from the hips to the shoulders.
     let torso = torso_rotation_leaning(positions, 0.0)?;

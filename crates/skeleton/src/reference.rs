@@ -1,37 +1,36 @@
-//! What a person's limbs are measured against: where the elbows' hinges lie, and how upright the trunk is.
+//! Reference for a person's limbs: the hinges of the elbows, and the lean of the upright trunk.
 
 use crate::hinge::Calibrator;
 use crate::limbs::TORSO_LEAN_RAD;
 use crate::person::Person;
 use messages::{CalibrationSource, HingeCalibration, LIMBS, Layout, Stamp, calibration_flag};
 
-/// An estimate that has just become valid counts fully after so long, s, and one that has ceased to be counts for so long: the
-/// hinge of the moment and the estimated one are at most 90 degrees apart, which makes 45 degrees/s, slower than a forearm
-/// turns.
+/// Time in which a new valid estimate gains its full weight, s, and in which a lost one loses it. The momentary
+/// and the estimated hinge are at most 90 degrees apart. That makes 45 degrees/s, slower than a forearm turns.
 const BLEND_S: f64 = 2.0;
-/// Time constant with which an estimate forgets, s (assumption): a tracker that slips on an arm is followed within a minute, and
-/// an arm that rests for ten keeps what it showed before.
+/// Time constant with which an estimate forgets, s (assumption). If a tracker slips on an arm, the estimate
+/// follows within a minute. An arm that rests for ten keeps its previous estimate.
 const MEMORY_S: f64 = 60.0;
 /// Longest time between two frames that counts, s: the period of a source of 20 Hz and one lost frame.
 const PERIOD_MAX_S: f64 = 0.1;
-/// A stored length may differ from that of the person by this share (assumption: a fifth tells a child from an adult and one
-/// layout from another; two adults it does not).
+/// Largest difference between a stored length and the person's, as a share. Assumption: a fifth separates a child
+/// from an adult and one layout from another. It does not separate two adults.
 const LENGTH_DIFFERENCE_MAX: f64 = 0.2;
-/// Largest lean that a calibration may give, rad: 20 degrees, three and a half times that of a T-pose of motion capture.
+/// Largest lean in a calibration, rad: 20 degrees, three and a half times that of a motion capture's T-pose.
 pub const LEAN_MAX_RAD: f64 = 0.35;
 
-/// What was measured of one operator while they held still and bent their elbows, for one layout.
+/// Measurements of one operator who held still and bent their elbows, for one layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// Elbow hinges in the frames of SMPL-22; none where the layout has no rotations.
+    /// Elbow hinges in the frames of SMPL-22. No bit is set if the layout has no rotations.
     pub hinges: HingeCalibration,
-    /// Lengths of the limbs, m; zero where unknown.
+    /// Lengths of the limbs, m. Zero where unknown.
     pub lengths_m: [f64; LIMBS],
-    /// How far the line from the hips to the shoulders leans back when the person stands upright, rad.
+    /// Lean of the line from the hips to the shoulders when the person stands upright, rad, positive to the back.
     pub torso_lean_rad: f64,
 }
 
-/// Hinges, each with the share by which it counts against the plane of the moment, and the trunk's lean.
+/// Hinges, each with its weight against the momentary plane, and the trunk's lean.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reference {
     pub(crate) hinges: HingeCalibration,
@@ -40,21 +39,21 @@ pub(crate) struct Reference {
 }
 
 impl Reference {
-    /// These hinges, and the trunk of everybody.
+    /// Takes these hinges with full weight, and the default lean.
     pub(crate) fn of(hinges: HingeCalibration) -> Self {
         Self { hinges, weight: [1.0; LIMBS], torso_lean_rad: TORSO_LEAN_RAD }
     }
 }
 
-/// Learns one person's hinges while they move, and decides whose are used.
+/// Learns one person's hinges while they move, and chooses the hinges to use.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Learnt {
     calibrator: Calibrator,
-    /// The last valid estimate of each limb, and how much it counts.
+    /// The last valid estimate of each limb, and its weight.
     hinges: HingeCalibration,
     weight: [f64; LIMBS],
     newest: Stamp,
-    /// Whether the stored calibration is this person's, once that is decided.
+    /// True if the stored calibration fits this person. `None` before that is decided.
     stored_fits: Option<bool>,
     source: CalibrationSource,
 }
@@ -73,8 +72,8 @@ impl Default for Learnt {
 }
 
 impl Learnt {
-    /// What the limbs of this frame are measured against: the client's hinges, else the operator's, else those learnt from the
-    /// frames so far. `lengths_m` are the person's.
+    /// Returns the reference for the limbs of this frame: the client's hinges, else the operator's stored ones,
+    /// else those learnt so far. `lengths_m` are the person's.
     pub(crate) fn next(
         &mut self,
         origin: Stamp,
@@ -119,12 +118,12 @@ impl Learnt {
         }
     }
 
-    /// Where the hinges of the newest frame came from.
+    /// Source of the newest frame's hinges.
     pub(crate) const fn source(&self) -> CalibrationSource {
         self.source
     }
 
-    /// The estimate of all frames so far, of the arms whose rotations move with them.
+    /// Returns the estimate of all frames so far, for the arms whose rotations move with them.
     pub(crate) fn estimate(&self) -> HingeCalibration {
         let mut estimate = self.calibrator.estimate();
         for (arm, carried) in self.calibrator.carried().into_iter().enumerate() {
@@ -137,11 +136,11 @@ impl Learnt {
 }
 
 impl Calibration {
-    /// Nothing known.
+    /// An empty calibration.
     pub const NONE: Self =
         Self { hinges: HingeCalibration::ZERO, lengths_m: [0.0; LIMBS], torso_lean_rad: TORSO_LEAN_RAD };
 
-    /// Whether no limb contradicts that this is the person's.
+    /// Returns true if no limb's length contradicts that this calibration is the person's.
     fn fits(&self, lengths_m: [Option<f64>; LIMBS]) -> bool {
         self.lengths_m.iter().zip(lengths_m).all(|(&stored_m, seen_m)| {
             let difference_m = seen_m.map_or(0.0, |seen_m| (seen_m - stored_m).abs());

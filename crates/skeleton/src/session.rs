@@ -1,4 +1,4 @@
-//! What is remembered of one operator of one client, and the checks from frame to frame.
+//! State of one operator of one client, and the checks from frame to frame.
 
 use crate::config::{Config, DropReason};
 use crate::limbs::{ARMS, Hold, torso_rotation};
@@ -8,18 +8,19 @@ use crate::reference::Learnt;
 use crate::steps::{Body, Part, Which};
 use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after};
 
-/// Time over which the evidence on left and right is averaged, s. Dancers turn shoulders and feet against the hips for a moment
-/// (CMU 005_16), a mirrored tracker does so always.
+/// Time over which the evidence on left and right is averaged, s. Dancers turn shoulders and feet against the hips
+/// for a moment (CMU 005_16). A mirrored tracker does so always.
 const CHIRALITY_S: f64 = 0.5;
-/// Least mean cosine between shoulders and hips. CMU clips: above 0; swapped sides: -0.9.
+/// Smallest mean cosine between shoulders and hips. CMU clips: above 0. Swapped sides: -0.9.
 const SIDES_MIN: f64 = -0.3;
-/// Least mean evidence of feet and knees, of -4 to 4. CMU clips: mean 2.3, never below 0 over a second; mirrored: -2.3.
+/// Smallest mean evidence of feet and knees, from -4 to 4. CMU clips: mean 2.3, never below 0 over a second.
+/// Mirrored: -2.3.
 const FRONT_MIN: f64 = -1.0;
-/// Time without a frame after which the evidence on left and right begins anew, ns: a period at 20 Hz, and half of one for
-/// jitter. A jump over the time between may be an exchange of the sides.
+/// Time without a frame after which the evidence on left and right restarts, ns: a period at 20 Hz, and half of
+/// one for jitter. A jump in that time may be a swap of the sides.
 const UNSEEN_NS: u64 = 75_000_000;
 
-/// Why each arm is not used in a frame that is.
+/// Reason for which each arm of a used frame is not used.
 pub(crate) type Doubts = [Option<DropReason>; 2];
 
 /// One operator of one client's session.
@@ -32,21 +33,21 @@ pub(crate) struct Session {
     origin: Stamp,
     pub(crate) hold: Hold,
     pub(crate) learnt_hinges: Learnt,
-    /// The last frame looked at, accepted or not.
+    /// The last checked frame, accepted or not.
     previous: Option<Body>,
     trunk: Part,
     arms: [Part; 2],
-    /// Sum of limb lengths over the frames learnt from.
+    /// Sums of limb lengths over the learnt frames.
     lengths: [f64; LIMBS],
     learnt: u32,
     learning_until: Stamp,
-    /// Since when lengths have been refused without a break.
+    /// Time since which lengths have been refused without a break.
     lengths_refused_since: Stamp,
-    /// Low-passed evidence on left and right, and when it was looked at last.
+    /// Low-passed evidence on left and right, and the time of its last update.
     chirality: Option<Chirality>,
     posture_at: Stamp,
     upright: bool,
-    /// Hash of the last frame of which all else was right; of an arm, of the last in which it was.
+    /// Hash of the last frame that was otherwise right. An arm's hash is that of its last right frame.
     payload: Option<Payload>,
     moved: bool,
     frozen_since: Stamp,
@@ -80,13 +81,13 @@ impl Session {
 }
 
 impl Session {
-    /// Forgets the person, but not which frames were seen.
+    /// Forgets the person, but not which frames were received.
     pub(crate) fn forget(&mut self, raw: &RawSkeleton) {
         let Self { sequence, origin, .. } = *self;
         *self = Self { sequence, origin, ..Self::new(raw) };
     }
 
-    /// Refuses what was seen before, and forgets the person after a gap, which it says.
+    /// Refuses frames that were received before. Forgets the person after a gap, and then returns true.
     pub(crate) fn check_order(&mut self, config: &Config, raw: &RawSkeleton) -> Result<bool, DropReason> {
         let origin = raw.header.origin;
         let same_writer = self.origin != Stamp::NONE && self.incarnation == raw.header.incarnation;
@@ -106,8 +107,8 @@ impl Session {
         Ok(gap)
     }
 
-    /// Checks a frame against those before it. What is wrong with one arm is that arm's matter: it is not used in this frame,
-    /// for the reason that is given, and the frame is.
+    /// Checks a frame against the previous ones. An error in one arm concerns that arm only: the frame is used
+    /// without it, and the result gives the reason.
     pub(crate) fn check(
         &mut self,
         config: &Config,
@@ -121,7 +122,7 @@ impl Session {
         }
         let body = Body::read(raw, person);
         if self.previous.is_some_and(|previous| body.across().dot(&previous.across()) <= 0.0) {
-            // Nobody turns by a quarter between two frames: it may be the two sides that changed places.
+            // Nobody turns by a quarter between two frames. The two sides may have been swapped.
             self.chirality = None;
         }
         let judged = std::mem::replace(&mut self.posture_at, raw.header.origin);
@@ -134,7 +135,7 @@ impl Session {
             }
         }
         if let Some(reason) = trunk {
-            // It may be the two sides that jumped.
+            // The two sides may have been swapped.
             self.chirality = None;
             self.used(&body, false, [false; 2]);
             return Err(reason);
@@ -148,7 +149,7 @@ impl Session {
         }
         let used = doubts.map(|doubt| doubt.is_none());
         self.used(&body, true, used);
-        // With no arm that is seen and right there is nothing to follow.
+        // Without a visible, right arm there is nothing to follow.
         let seen = [0, 1].map(|side| ARMS[side].iter().all(|&joint| person.has(joint)));
         let any = (0..2).any(|side| seen[side] && used[side]);
         if let (Some(reason), false) = (doubts.into_iter().flatten().next(), any) {
@@ -165,11 +166,11 @@ impl Session {
         }
     }
 
-    /// Upright at the start, and never a mirror image.
+    /// Requires an upright trunk at the start, and never a mirror image.
     fn check_posture(&mut self, person: &Person, since_ns: u64) -> Result<(), DropReason> {
         let torso = torso_rotation(&person.positions).ok_or(DropReason::Size)?;
         if !self.upright {
-            // 60 degrees: no start of a session leans further, and every wrong up-axis gives 90 or 180.
+            // 60 degrees: no session starts with a larger lean, and every wrong up-axis gives 90 or 180.
             if torso[(2, 2)] < 0.5 {
                 return Err(DropReason::NotUpright);
             }
@@ -188,8 +189,8 @@ impl Session {
         if mean.sides < SIDES_MIN || mean.front < FRONT_MIN { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
-    /// Compares with the last frame of which all else was right: one that is refused is no sign of life, and neither is an
-    /// arm that is not used.
+    /// Compares with the last frame that was otherwise right. A refused frame does not prove that the tracker
+    /// runs, and neither does an arm that is not used.
     fn check_frozen(
         &mut self,
         config: &Config,
@@ -211,20 +212,20 @@ impl Session {
         }
         let still_ns = now.since(self.frozen_since);
         if still_ns > config.learning_ns {
-            // By now everything downstream has stopped; a client may hold a frame until it is engaged anew.
+            // By now everything downstream has stopped. A client may hold a frame until it is engaged again.
             self.moved = false;
         }
-        // A client holds its first frame until it is engaged: only what moved before can freeze.
+        // A client holds its first frame until it is engaged. So only a payload that moved before can freeze.
         let frozen = config.frozen_after_ns > 0 && self.moved && still_ns >= config.frozen_after_ns;
         if frozen { Err(DropReason::Frozen) } else { Ok(()) }
     }
 
-    /// Lengths of the limbs in the newest frame, m, where they are seen.
+    /// Lengths of the limbs in the newest frame, m, where they are visible.
     pub(crate) fn lengths_m(&self) -> [Option<f64>; LIMBS] {
         self.previous.map_or([None; LIMBS], |body| body.lengths)
     }
 
-    /// Of the frames that were learnt from, m.
+    /// Mean length over the learnt frames, m.
     fn mean_length(&self, limb: usize) -> Option<f64> {
         (self.learnt > 0).then(|| self.lengths[limb] / f64::from(self.learnt))
     }
@@ -260,8 +261,8 @@ impl Session {
 }
 
 impl Session {
-    /// Learns anew when every frame of a gap's length was refused: what was learnt was wrong, or the person changed, and
-    /// nothing downstream has followed for as long.
+    /// Learns again after every frame of `learning_ns` was refused. Either the learnt lengths were wrong, or the
+    /// person changed. Nothing downstream has followed for as long.
     fn refuse_lengths(&mut self, config: &Config, origin: Stamp) {
         if self.lengths_refused_since == Stamp::NONE {
             self.lengths_refused_since = origin;
@@ -282,7 +283,7 @@ fn hash(person: &Person, joints: impl Iterator<Item = usize> + Clone) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, value| (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// What of a frame repeats if the tracker is stuck.
+/// Hashes of the data that repeats if the tracker is stuck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Payload {
     /// Elbow and wrist of each arm.

@@ -1,4 +1,4 @@
-//! What is compared from frame to frame: how far joints go and how long limbs are, of the trunk and of each arm.
+//! Checks from frame to frame, for the trunk and each arm: the motion of joints and the lengths of limbs.
 
 use crate::config::{Config, DropReason};
 use crate::limbs::ARMS;
@@ -6,19 +6,20 @@ use crate::person::Person;
 use messages::{LIMBS, RawSkeleton, Stamp};
 use nalgebra::Vector3;
 
-/// A step that noise alone may cause, m: 10 mm at each end of a bone and of the hips, three times. Frames may arrive bunched.
+/// Step that noise alone may cause, m: three times the 10 mm at each end of a bone and of the hips. Frames may
+/// arrive bunched.
 pub(crate) const NOISE_M: f64 = 0.03;
-/// Frames in a row of which a part that comes back to where it was is forgiven.
+/// Largest number of wrong frames in a row after which a part that returns to its place is used at once.
 const FORGIVEN_FRAMES: u32 = 2;
-/// Time for which a part that was forgiven is not forgiven again, ns (assumption): a tracker that errs twice in half a second
-/// errs more often than a person can be followed by.
+/// Time after such a return in which there is no second one, ns. Assumption: a tracker that errs twice in half a
+/// second errs too often to follow a person.
 const FORGIVEN_EVERY_NS: u64 = 500_000_000;
 
-/// What is compared from frame to frame.
+/// Data of one frame for the comparison with the next.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Body {
     pub(crate) origin: Stamp,
-    /// Relative to the middle of the hips, m, with NaN-free values; shoulders, elbows, wrists of both arms.
+    /// Positions relative to the middle of the hips, m, without NaN: shoulders, elbows, wrists of both arms.
     pub(crate) arms: [[Vector3<f64>; 3]; 2],
     pub(crate) lengths: [Option<f64>; LIMBS],
 }
@@ -40,16 +41,16 @@ impl Body {
         Self { origin: raw.header.origin, arms, lengths }
     }
 
-    /// From the right shoulder to the left one.
+    /// Vector from the right shoulder to the left one.
     pub(crate) fn across(&self) -> Vector3<f64> {
         self.arms[0][0] - self.arms[1][0]
     }
 }
 
-/// The parts that are judged on their own.
+/// A part that is judged on its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Which {
-    /// Both shoulders: who stands there.
+    /// Both shoulders. They tell whether the person is the same.
     Trunk,
     /// Elbow and wrist of the left (0) or right (1) arm, and the lengths of its limbs.
     Arm(usize),
@@ -65,19 +66,19 @@ impl Which {
     }
 }
 
-/// What is remembered of one part.
+/// State of one part.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Part {
-    /// Coherent frames still missing before the part is used again.
+    /// Coherent frames that are still missing before the part is used again.
     settling: u32,
-    /// The newest frame in which nothing was wrong with the part, and the frames since.
+    /// The newest frame in which the part was right, and the number of frames since.
     trusted: Option<Body>,
     doubted: u32,
     forgiven: Stamp,
 }
 
 impl Part {
-    /// What is wrong with the part in `body`, the frame after `previous`.
+    /// Returns the error of the part in `body`, the frame after `previous`.
     pub(crate) fn judge(
         &mut self,
         config: &Config,
@@ -99,8 +100,8 @@ impl Part {
         if self.settling > 0 { Some(DropReason::Teleport) } else { wrong }
     }
 
-    /// Whether a part that jumped has come back to where it was before a frame or two of something else: no further away than
-    /// it may go in a single frame, so that two wild places in a row are not taken for a way.
+    /// Returns true if a part that jumped has returned to its earlier place after a frame or two. It may be no
+    /// further away than in a single frame. So two outliers in a row do not count as motion.
     fn comes_back(&self, config: &Config, which: Which, person: &Person, previous: Stamp, body: &Body) -> bool {
         let known = self.trusted.filter(|_| (1..=FORGIVEN_FRAMES).contains(&self.doubted));
         let again = self.forgiven != Stamp::NONE && body.origin.since(self.forgiven) < FORGIVEN_EVERY_NS;
@@ -108,7 +109,7 @@ impl Part {
         was.is_some_and(|was| !again && stepped(config, which, person, &was, body).is_none())
     }
 
-    /// Remembers whether the part was used.
+    /// Notes whether the part was used.
     pub(crate) fn used(&mut self, body: &Body, used: bool) {
         if used {
             (self.trusted, self.doubted) = (Some(*body), 0);
@@ -118,7 +119,7 @@ impl Part {
     }
 }
 
-/// What is wrong with the way from `was` to `is`.
+/// Returns the error of the step from `was` to `is`.
 fn stepped(config: &Config, which: Which, person: &Person, was: &Body, is: &Body) -> Option<DropReason> {
     if jumped(config, which, person, was, is) {
         return Some(DropReason::Teleport);
@@ -129,19 +130,19 @@ fn stepped(config: &Config, which: Which, person: &Person, was: &Body, is: &Body
     }
 }
 
-/// Whether a joint went faster than its kind can, relative to the hips. The bound grows with the time between two frames, so
-/// that it is the same for every rate, and it never falls below a tracker's noise.
+/// Returns true if a joint moved faster than its kind can, relative to the hips. The bound grows with the time
+/// between two frames, so it is the same for every rate. It never falls below a tracker's noise.
 pub(crate) fn jumped(config: &Config, which: Which, person: &Person, was: &Body, is: &Body) -> bool {
     let dt_s = is.origin.since(was.origin) as f64 * 1e-9;
     which.joints().into_iter().any(|(side, place)| {
         let step_max_m = (config.speed_max_m_per_s[place] * dt_s).max(NOISE_M);
         let (from, to) = (was.arms[side][place], is.arms[side][place]);
-        // Zero stands for a joint that was not seen: it appears, it does not jump.
+        // Zero stands for a joint that was not visible. Its first appearance is no jump.
         person.has(ARMS[side][place]) && from != Vector3::zeros() && (to - from).norm() > step_max_m
     })
 }
 
-/// Whether a limb of an arm changed its length.
+/// Returns true if a limb of an arm changed its length.
 pub(crate) fn lengths_stepped(config: &Config, side: usize, was: &Body, is: &Body) -> bool {
     let limbs = 2 * side..2 * side + 2;
     was.lengths[limbs.clone()]

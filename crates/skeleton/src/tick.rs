@@ -1,4 +1,4 @@
-//! The stage: one frame of a client in, a validated person or the reason for dropping it out.
+//! The stage: it takes one frame of a client, and returns a validated person or the reason for dropping the frame.
 
 use crate::clock::ClientClock;
 use crate::config::{Config, DROP_REASONS, DropReason};
@@ -10,35 +10,35 @@ use messages::{
     CalibrationSource, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, raw_flag,
 };
 
-/// The sample of this tick.
+/// Input of this tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// The client's frame, copied once out of shared memory.
     pub raw: &'a RawSkeleton,
-    /// What was measured of this operator before, for the layout that the client sends.
+    /// Stored calibration of this operator, for the layout that the client sends.
     pub stored: Option<&'a Calibration>,
 }
 
-/// What became of the frame; exactly one of both is `Some`.
+/// Result for the frame. Exactly one of both fields is `Some`.
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
-    /// The person; `header.origin` is the client's on our clock, the rest of the header is the shell's to fill.
+    /// The person. `header.origin` is the client's on our clock. The process fills in the rest of the header.
     pub skeleton: Option<Skeleton>,
-    /// Why there is none.
+    /// Reason for dropping the frame.
     pub drop: Option<DropReason>,
 }
 
-/// 2^32 over the golden ratio: odd, so that different counts stay different.
+/// 2^32 over the golden ratio. It is odd, so different counts stay different.
 const PERSON_MIX: u32 = 0x9E37_79B1;
 
-/// Whether the person of this frame is the one of the frames before.
+/// Decides whether the person of this frame is the one of the frames before.
 #[derive(Clone, Copy, Debug)]
 struct Trust {
-    /// Counts whoever may be somebody else than the one before.
+    /// Number of times that the person may have changed.
     persons: u32,
-    /// When a frame was accepted last with nothing wrong in it.
+    /// Time at which a frame was last accepted without any error.
     accepted: Stamp,
-    /// Frames since then were refused, or an arm in them, for what they say of the person.
+    /// True if a frame since then, or an arm in one, was refused because it contradicts the person.
     contradicted: bool,
 }
 
@@ -59,11 +59,11 @@ impl Trust {
     }
 }
 
-/// Everything remembered of one client.
+/// State for one client.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     session: Option<Session>,
-    /// The newest origin that was accepted, of whatever session: a change of session there and back makes no old frame new.
+    /// The newest accepted origin of any session. If the session changes and changes back, old frames stay old.
     newest: Stamp,
     clock: ClientClock,
     trust: Trust,
@@ -78,19 +78,20 @@ impl Default for State {
 }
 
 impl State {
-    /// Nothing seen yet.
+    /// Creates the state before the first frame.
     pub const fn new() -> Self {
         let clock = ClientClock::new();
         let trust = Trust { persons: 0, accepted: Stamp::NONE, contradicted: false };
         Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
-    /// Frames dropped so far for this reason; one of which an arm alone was not used counts for each such arm.
+    /// Number of frames dropped so far for this reason. An accepted frame counts once for each arm that was not
+    /// used.
     pub const fn dropped(&self, reason: DropReason) -> u64 {
         self.dropped[reason as usize]
     }
 
-    /// Drops a frame for what was wrong with it before it came here, and counts it as [`tick`] counts its own.
+    /// Drops a frame for an error that was found earlier, and counts it as [`tick`] counts its own.
     pub fn refuse(&mut self, reason: DropReason) -> Output {
         self.trust.refuse(reason);
         let count = &mut self.dropped[reason as usize];
@@ -98,25 +99,26 @@ impl State {
         Output { skeleton: None, drop: Some(reason) }
     }
 
-    /// Where the hinges of the newest accepted frame come from.
+    /// Source of the newest accepted frame's hinges.
     pub fn calibration(&self) -> CalibrationSource {
         self.session.map_or(CalibrationSource::None, |session| session.learnt_hinges.source())
     }
 
-    /// What this session's movements say of the hinges so far.
+    /// Estimate of the hinges from this session's movements so far.
     pub fn online(&self) -> HingeCalibration {
         self.session.map_or(HingeCalibration::ZERO, |session| session.learnt_hinges.estimate())
     }
 
-    /// Frames accepted so far.
+    /// Number of frames accepted so far.
     pub const fn accepted(&self) -> u64 {
         self.accepted
     }
 }
 
-/// Checks one frame and turns it into a person. Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
+/// Checks one frame and turns it into a person. Never allocates, blocks, logs, reads a clock or panics, whatever
+/// the bits.
 ///
-/// `now` is when the frame arrived, on the same clock as its origin.
+/// `now` is the arrival time of the frame, on the clock of its origin.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     match look(config, state, now, input) {
         Ok(skeleton) => {
@@ -143,7 +145,7 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
         return Err(DropReason::SessionChanged);
     }
     let operator_id = current.operator_id;
-    // After a gap, as after frames that contradict, anybody may stand there.
+    // After a gap, as after contradicting frames, the person may be another one.
     trust.contradicted |= current.check_order(config, raw)?;
     if operator_id != raw.operator_id {
         current.forget(raw);

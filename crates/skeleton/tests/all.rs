@@ -1,4 +1,5 @@
-//! All integration tests of `skeleton` but those that count allocations: one program, so that it is linked once.
+//! All integration tests of `skeleton` except those that count allocations. They are one program, so they are
+//! linked once.
 
 mod content;
 mod limbs;

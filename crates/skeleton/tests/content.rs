@@ -1,4 +1,4 @@
-//! What a frame says: numbers that are none, bodies that are none, sides, units and axes.
+//! Contents of a frame: numbers that are not finite, impossible bodies, sides, units and axes.
 
 use crate::person;
 
@@ -8,14 +8,14 @@ use person::{feed, person, raw, read, running, standing, store};
 use proptest::prelude::*;
 use skeleton::{Config, DropReason, Input, State, tick};
 
-/// The person of a frame, if it was accepted with both arms.
+/// Returns the person of a frame, if it was accepted with both arms.
 fn take(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
     let now = raw.header.origin.plus_ns(1_000_000);
     let person = tick(&Config::default(), state, now, Input { raw, stored: None }).skeleton;
     person.filter(|person| person.flags & skeleton_flag::ALL == skeleton_flag::ALL)
 }
 
-/// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations count.
+/// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations are used.
 fn frame(i: u64) -> RawSkeleton {
     let mut frame = raw(&standing(i as f64 / 60.0), i);
     frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
@@ -23,7 +23,7 @@ fn frame(i: u64) -> RawSkeleton {
     frame
 }
 
-/// Every number of a frame that counts.
+/// All numbers of a frame that are used.
 fn numbers(frame: &mut RawSkeleton) -> Vec<&mut f32> {
     let RawSkeleton { positions, rotations, confidence, calibration, .. } = frame;
     let mut all: Vec<&mut f32> = positions[..SMPL_JOINTS].iter_mut().flatten().collect();
@@ -33,7 +33,7 @@ fn numbers(frame: &mut RawSkeleton) -> Vec<&mut f32> {
     all
 }
 
-/// Exchanges what belongs to the left and to the right for pairs of joints (index of the left one).
+/// Swaps left and right for pairs of joints (index of the left one).
 fn swap(frame: &mut RawSkeleton, pairs: &[usize]) {
     for &left in pairs {
         frame.positions.swap(left, left + 1);
@@ -111,7 +111,7 @@ fn f016_another_operator_is_another_person_at_once_and_for_good() {
         assert!(!seen.contains(&person.operator_id), "operator {operator}");
         seen.push(person.operator_id);
     }
-    // Nor does a silence, in which all is forgotten, hide that it is another one.
+    // A silence, after which everything is forgotten, does not hide that it is another person.
     let mut late = raw(&standing(3.0), 300);
     late.operator_id = 1;
     assert_eq!(feed(&mut state, &late), Some(DropReason::OperatorChanged));
@@ -146,7 +146,7 @@ fn f008_where_the_operator_walks_moves_no_arm() {
         away.positions[..SMPL_JOINTS].iter_mut().for_each(|p| p[1] += 0.12 * i as f32);
         away.positions[15][0] += 1e-4 * (i % 7) as f32;
         let person = take(&mut state, &away);
-        // The hall ends at 100 m.
+        // The range ends at 100 m.
         let inside = away.positions.iter().all(|p| p[1] <= 100.0);
         assert_eq!(person.is_some(), inside, "{} m away", 0.12 * i as f64);
         for (limb, here) in person.iter().flat_map(|person| person.limbs.iter().zip(&here)) {
@@ -171,7 +171,7 @@ fn f009_left_and_right_exchanged_are_refused_from_the_first_frame_on() {
             }
         }
     }
-    // Nor do they come through after a silence that is no gap, in which nobody saw them jump.
+    // They are also refused after a silence shorter than the gap, in which no frame showed the jump.
     for (pairs, from) in swaps.into_iter().flat_map(|pairs| [64, 68, 100].map(|from| (pairs, from))) {
         let mut state = running(60);
         for i in from..from + 120 {
@@ -196,7 +196,7 @@ fn conventions() -> impl Iterator<Item = Matrix3<f64>> {
 /// A frame as a client with these axes and this unit writes it.
 fn written(frame: &RawSkeleton, axes: &Matrix3<f64>, per_metre: f64) -> RawSkeleton {
     let mut out = *frame;
-    // What a client with mirrored axes makes of a rotation is one of the same angle about the mirrored axis.
+    // A client with mirrored axes sends a rotation of the same angle about the mirrored axis.
     let proper = axes * axes.determinant();
     let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(proper));
     for joint in 0..SMPL_JOINTS {
@@ -236,7 +236,7 @@ fn f010_every_convention_of_axes_and_units_is_refused_or_right() {
             }
         }
     }
-    // Turned about the vertical, in metres or yards; everything else is refused.
+    // Only turns about the vertical, in metres or yards, are accepted.
     assert_eq!((right, refused), (4 * 2 * 2, 48 * 6 * 2 - 16));
 }
 

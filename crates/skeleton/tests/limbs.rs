@@ -1,4 +1,4 @@
-//! Limb frames and hinges against arms of known angles.
+//! Limb frames and hinges compared with arms of known angles.
 
 use crate::person;
 
@@ -8,7 +8,7 @@ use person::{Body, about, arm, mirror, person, read, store};
 use proptest::prelude::*;
 use skeleton::{Calibrator, Hold, LimbFrames, limbs_from_positions_rotations, torso_rotation};
 
-/// Hinges of rotations that are identity in the T-pose.
+/// Hinges for rotations that are identity in the T-pose.
 fn t_pose_hinges() -> HingeCalibration {
     let mut hinges = HingeCalibration::ZERO;
     hinges.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
@@ -24,7 +24,7 @@ fn angle_deg(a: [f32; 4], b: UnitQuaternion<f64>) -> f64 {
     read(a).angle_to(&b).to_degrees()
 }
 
-/// The person seen from elsewhere: turned, moved, and with other rest orientations of the joints' rotations.
+/// The person in another world: turned, moved, and with other rest orientations of the joints' rotations.
 fn seen(body: &Body, world: UnitQuaternion<f64>, rest: [UnitQuaternion<f64>; 3]) -> Body {
     let mut out = *body;
     for (joint, position) in out.0.iter_mut().enumerate() {
@@ -86,7 +86,7 @@ fn flexing_moves_the_forearm_to_the_front_on_both_sides() {
 fn a_straight_elbow_holds_its_hinge_without_a_jump() {
     let mut hold = Hold::default();
     let mut last: Option<[f32; 4]> = None;
-    // Turned about itself by a right angle while flexed, then stretched, swung, and flexed again.
+    // The arm turns about itself by a right angle while flexed, then stretches, swings, and flexes again.
     for i in 0..=300 {
         let t = f64::from(i) / 100.0;
         let flexion = (1.2 * (1.0 - t)).max(1.2 * (t - 2.0)).max(0.0);
@@ -170,7 +170,7 @@ proptest! {
             let limbs = limbs(body, &calibration);
             prop_assert!(angle_deg(limbs.rotations[0], arm(left).0) < 0.1);
             prop_assert!(angle_deg(limbs.rotations[2], mirror(arm(right).0)) < 0.1);
-            // The forearm is right up to one constant: its own mean of pronation counts as none.
+            // The forearm is right up to a constant: its own mean of pronation counts as none.
             let offset = arm(left).1.inverse() * read(limbs.rotations[1]);
             offsets.push(2.0 * offset.j.atan2(offset.w));
             prop_assert!(offset.i.hypot(offset.k) < 1e-3);

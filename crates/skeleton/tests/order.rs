@@ -1,4 +1,4 @@
-//! When a frame was seen: stamps and sequences that run backwards, ahead, twice, or around.
+//! Order of frames: stamps and sequences that run backwards, ahead, twice, or wrap around.
 
 use crate::person;
 
@@ -18,13 +18,13 @@ proptest! {
         for (n, i) in (0..).zip(old) {
             let mut replayed = raw(&standing(i as f64 / 60.0), i);
             if other {
-                // Of another operator, another writer, or renumbered: what counts is when it was seen.
+                // Frames of another operator or writer, or renumbered: only the capture time counts.
                 (replayed.operator_id, replayed.header.incarnation, replayed.header.sequence) = (2, 5, 100 + n);
             }
             replayed.session_nonce = if nonce && i % 2 == 0 { 8 } else { 7 };
             let now = Stamp(1_000_000_000 + 60 * 16_666_667 + n * MS);
             let out = tick(&Config::default(), &mut state, now, Input { raw: &replayed, stored: None });
-            // A new session is no old frame: `Authority` in `pipeline` keeps strangers out.
+            // A frame of a new session is not old. `Authority` in `pipeline` refuses strangers.
             prop_assert!(out.skeleton.is_none() || nonce, "frame {} came through again", i);
         }
     }

@@ -1,4 +1,4 @@
-//! Whose hinges are used, and that none of them makes a limb jump.
+//! Choice of the hinges. No change between them makes a limb jump.
 
 use crate::person::{Body, about, arm, mirror, person, raw, read, store};
 
@@ -8,7 +8,7 @@ use messages::{
 use nalgebra::UnitQuaternion;
 use skeleton::{Calibration, Calibrator, Config, Input, LEAN_MAX_RAD, Pose, State, TORSO_LEAN_RAD, TPose, tick};
 
-/// Frames of a second.
+/// Frames per second.
 const RATE: u64 = 60;
 
 fn accept(state: &mut State, raw: &RawSkeleton, stored: Option<&Calibration>) -> Skeleton {
@@ -16,7 +16,7 @@ fn accept(state: &mut State, raw: &RawSkeleton, stored: Option<&Calibration>) ->
     out.skeleton.unwrap_or_else(|| panic!("frame {}: {:?}", raw.header.sequence, out.drop))
 }
 
-/// The joint angles of somebody who moves shoulders, elbows and hands, of the left and of the right arm.
+/// Joint angles of a person who moves shoulders, elbows and hands, for the left and the right arm.
 fn angles(i: u64) -> [[f64; 5]; 2] {
     let t = i as f64 / RATE as f64;
     let arm = |lag: f64| {
@@ -26,7 +26,7 @@ fn angles(i: u64) -> [[f64; 5]; 2] {
     [arm(0.0), arm(1.0)]
 }
 
-/// As a client whose joints' frames rest elsewhere sends it.
+/// The body as sent by a client whose joint frames have other rest orientations.
 fn elsewhere(body: &Body) -> Body {
     let mut out = *body;
     for (joint, rotation) in out.1.iter_mut().enumerate() {
@@ -45,7 +45,7 @@ fn degrees(a: [f32; 4], b: UnitQuaternion<f64>) -> f64 {
     read(a).angle_to(&b).to_degrees()
 }
 
-/// The largest step of a limb from frame to frame, deg.
+/// Largest step of a limb from frame to frame, deg.
 #[derive(Default)]
 struct Steps {
     before: Option<[[f32; 4]; LIMBS]>,
@@ -85,7 +85,7 @@ fn a_session_learns_its_hinges_within_ten_seconds_and_nothing_jumps() {
     }
     let learnt_at = learnt_at.expect("it learnt");
     assert!((RATE / 2..10 * RATE).contains(&learnt_at), "after {learnt_at} frames");
-    // Blending adds what 2 s may: up to 90 degrees, and the mean of what is learnt moves on.
+    // Blending adds at most 90 degrees in 2 s, and the mean of the learnt hinges moves.
     let (largest_deg, own_deg) = (steps.largest_deg, truth.largest_deg);
     assert!(largest_deg < own_deg + 1.5, "{largest_deg} deg in a frame, the person {own_deg}");
 }
@@ -98,7 +98,8 @@ fn rotations_that_do_not_move_with_the_arms_are_not_learnt_from_and_cease_to_cou
         accept(&mut state, &raw(&numb(&moving(i)), i), None);
         assert_eq!(state.calibration(), CalibrationSource::None, "frame {i}");
     }
-    // A tracker whose rotations froze after they were right: what was learnt ceases to count, and nothing jumps.
+    // A tracker whose rotations froze after they were right: the learnt hinges lose their weight, and nothing
+    // jumps.
     let mut state = State::new();
     let frozen = elsewhere(&moving(10 * RATE)).1;
     for i in 0..60 * RATE {
@@ -116,7 +117,7 @@ fn rotations_that_do_not_move_with_the_arms_are_not_learnt_from_and_cease_to_cou
     assert!(steps.largest_deg < 4.0, "{} deg in a frame", steps.largest_deg);
 }
 
-/// What a calibration of the client of [`elsewhere`] gives.
+/// Calibration of the client of [`elsewhere`].
 fn measured() -> Calibration {
     let mut calibrator = Calibrator::new();
     for i in 0..10 * RATE {
@@ -137,7 +138,7 @@ fn a_stored_calibration_holds_from_the_first_frame_for_its_own_person_unless_the
     let person = accept(&mut state, &frame, Some(&stored));
     assert_eq!(state.calibration(), CalibrationSource::Stored);
     assert!(degrees(person.limbs[0], arm(left).0) < 0.5);
-    // Somebody else's arms.
+    // Arms of another person.
     for (factor, source) in [(1.1, CalibrationSource::Stored), (1.3, CalibrationSource::None)] {
         let other = Calibration { lengths_m: stored.lengths_m.map(|length| length * factor), ..stored };
         let mut state = State::new();
@@ -147,7 +148,7 @@ fn a_stored_calibration_holds_from_the_first_frame_for_its_own_person_unless_the
     let mut state = State::new();
     accept(&mut state, &RawSkeleton { calibration: stored.hinges, ..frame }, Some(&stored));
     assert_eq!(state.calibration(), CalibrationSource::Client);
-    // Another session is another person, until it is decided anew.
+    // Another session counts as another person until a new decision.
     let mut other = raw(&elsewhere(&moving(101)), 1);
     other.session_nonce = 8;
     let out = tick(&Config::default(), &mut state, other.header.origin, Input { raw: &other, stored: None });
@@ -163,13 +164,13 @@ fn a_stored_lean_tilts_the_trunk_by_itself_and_no_further_than_any_person_leans(
         let hinges = HingeCalibration::ZERO;
         let stored = Calibration { hinges, torso_lean_rad: lean_rad, ..Calibration::NONE };
         let limbs = accept(&mut State::new(), &frame, Some(&stored)).limbs;
-        // Seen from a trunk that is believed to lean back more, an arm to the side has turned about itself.
+        // If the trunk is assumed to lean back more, an arm to the side has turned about itself.
         let turned = about(1, -effect_rad) * read(upright[0]);
         assert!(degrees(limbs[0], turned) < 0.1, "{lean_rad}: {limbs:?}");
     }
 }
 
-/// A validated frame of `body` at frame `i`, as `ingest` publishes it.
+/// A validated frame of `body` with number `i`, as `ingest` publishes it.
 fn published(body: &Body, i: u64) -> Skeleton {
     let mut skeleton = Skeleton::ZERO;
     skeleton.header.origin = raw(body, i).header.origin;
@@ -192,7 +193,7 @@ fn a_t_pose_that_is_held_gives_lengths_and_lean() {
         assert!((length - truth).abs() < 1e-4);
     }
     assert!((measured.torso_lean_rad - TORSO_LEAN_RAD).abs() < 1e-3);
-    // Somebody who moves begins anew; so does somebody who walks.
+    // A person who moves or walks restarts the measurement.
     assert_eq!(pose.add(&published(&person([0.0, 0.9, 0.0, 0.1, 0.0], [0.0; 5]), 130)), Pose::ArmsNotOut);
     assert_eq!((pose.add(&published(&t_pose(131), 131)), pose.measured().is_some()), (Pose::Held(0), true));
     let mut away = published(&t_pose(132), 132);

@@ -53,7 +53,7 @@ fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
         }),
     ];
     for (i, (reason, damage)) in cases.into_iter().enumerate() {
-        // A mirror image is refused from the start; the evidence of a running session has to change first.
+        // A mirror image is refused from the start. In a running session the evidence must change first.
         let mut state = if reason == DropReason::Chirality { State::new() } else { running(30) };
         let mut frame = raw(&standing(0.5), 30);
         damage(&mut frame);
@@ -101,7 +101,7 @@ fn a_session_must_begin_upright() {
     let mut state = State::new();
     let mut frame = raw(&standing(0.0), 0);
     for p in &mut frame.positions {
-        *p = [p[0], -p[2], p[1]]; // y up, taken for z up
+        *p = [p[0], -p[2], p[1]]; // y up, sent as z up
     }
     assert_eq!(feed(&mut state, &frame), Some(DropReason::NotUpright));
     // Once upright, a person may bend down.
@@ -129,13 +129,14 @@ fn f007_after_a_teleport_five_coherent_frames_are_needed() {
         assert_eq!(feed(&mut state, &shifted(i)), Some(DropReason::Teleport), "frame {i}");
     }
     assert_eq!(feed(&mut state, &shifted(25)), None);
-    // Walking and turning are no teleports: only what moves against the hips counts.
+    // Walking and turning are no teleports: only motion relative to the hips counts.
     let mut away = shifted(26);
     away.positions.iter_mut().for_each(|p| p[0] += 5.0);
     assert_eq!(feed(&mut state, &away), None);
 }
 
-/// A hand raised from the hip to above the head and lowered again within `s` seconds, seen so many times a second.
+/// A hand raised from the hip to above the head and lowered again within `s` seconds, at `rate_hz` frames a
+/// second.
 fn raise(s: f64, rate_hz: f64) -> impl Iterator<Item = RawSkeleton> {
     (0..(3.0 * rate_hz) as u64).map(move |i| {
         let t = i as f64 / rate_hz;
@@ -155,7 +156,7 @@ fn a_hand_that_is_raised_quickly_is_a_persons_at_every_rate() {
             let wrists: Vec<_> = raise(s, rate_hz).map(|frame| nalgebra::Vector3::from(frame.positions[20])).collect();
             wrists.windows(2).map(|pair| f64::from((pair[1] - pair[0]).norm()) * rate_hz).fold(0.0, f64::max)
         };
-        // A quarter of a second is a quick "me!"; a tenth is nobody's.
+        // A quarter of a second is a quick wave. A tenth is faster than any person.
         for (s, refused) in [(0.25, false), (0.08, true)] {
             let mut state = State::new();
             let counted = raise(s, rate_hz).filter(|frame| feed(&mut state, frame).is_some()).count();
@@ -177,7 +178,7 @@ fn f007_one_arm_that_jumps_is_not_used_and_the_other_one_is() {
         let mut frame = raw(&standing(i as f64 / 60.0), i);
         let wild = i == 25 || i == 26;
         if wild {
-            // As long as before, and elsewhere: the forearm's other end.
+            // Same length, other place: the forearm's other end.
             let jumped = person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
             (18..22).step_by(2).for_each(|joint| frame.positions[joint] = jumped.0[joint]);
         }
@@ -208,7 +209,7 @@ fn f006_limbs_keep_their_length() {
     }
     assert_eq!(reasons[0], None, "3 % off the mean, but no step");
     assert_eq!(reasons[11], Some(DropReason::LengthChange), "8 % off the mean");
-    // A lasting change is learnt anew once everything downstream has stopped.
+    // A lasting change is learnt again after everything downstream has stopped.
     let accepted = (0..120).filter(|i| feed(&mut state, &stretched(113 + i, 1.085)).is_none()).count();
     assert!((40..=80).contains(&accepted), "{accepted} of 120 frames accepted");
 }
@@ -234,7 +235,7 @@ fn f013_a_refused_frame_is_no_sign_of_life() {
     let mut accepted_last = 0;
     for i in 0..60 {
         let mut frame = raw(&standing(59.0 / 60.0), 60 + i);
-        // Now and then the arm is too long, each time by another length, and then right again: both are refused.
+        // In some frames the arm is too long, each time by another length, and then right again: both are refused.
         if i % 5 == 3 {
             frame.positions[20][1] += 0.05 + 0.001 * i as f32;
         }

@@ -1,4 +1,4 @@
-//! An arm like TIAGo's with limits of its own, and a robot whose command is what was aimed at.
+//! An arm like TIAGo's with its own limits, and a robot whose command equals the aim.
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
 use follow::arm::{Arm, ArmVector, Limbs};
@@ -11,14 +11,14 @@ use rand_pcg::Pcg64;
 use robot::Model;
 use std::f64::consts::FRAC_PI_2;
 
-/// Speeds and accelerations of these tests, whatever the robot file has: rad/s, rad/s^2.
+/// Speeds and accelerations of these tests, independent of the robot file: rad/s, rad/s^2.
 pub const V_MAX: f64 = 2.0;
 pub const A_MAX: f64 = 10.0;
 pub const FIRST: [usize; 2] = [LEFT_ARM.start, RIGHT_ARM.start];
 /// A posture away from the gimbal and from all limits.
 pub const FREE: [f64; LIMB_JOINTS] = [0.3, 0.3, 1.5, 1.0, 0.2];
 
-/// The joints of both arms that turn limbs.
+/// Joints of both arms that turn limbs.
 pub const LIMB_MASK: u32 = ((1 << LIMB_JOINTS) - 1) << FIRST[0] | ((1 << LIMB_JOINTS) - 1) << FIRST[1];
 
 pub type Way = [[[f32; 4]; LIMBS]; NODES];
@@ -38,7 +38,7 @@ pub fn bounds() -> Bounds {
     }
 }
 
-/// From rest at `q`, after a person who stands.
+/// A problem from rest at `q`, with a person who stands.
 pub fn problem(q: ArmVector, person: Limbs) -> Problem {
     Problem {
         start: ArmState { q, v: ArmVector::zeros() },
@@ -75,13 +75,13 @@ pub fn random_rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(axis * rng.random_range(0.0..3.1))
 }
 
-/// The rotation, turned by `angle` about some line.
+/// Returns the rotation, turned by `angle` about a random axis.
 pub fn turned(rng: &mut Pcg64, rotation: &UnitQuaternion<f64>, angle: f64) -> UnitQuaternion<f64> {
     let axis = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize();
     UnitQuaternion::from_scaled_axis(axis * angle) * rotation
 }
 
-/// One arm's limbs as a message has them.
+/// One arm's limbs in the message's format.
 pub fn to_message(limbs: &Limbs, arm: usize) -> [[f32; 4]; 2] {
     [limbs.upper, limbs.fore].map(|limb| {
         let [x, y, z, w] = [limb.i, limb.j, limb.k, limb.w].map(|x| x as f32);
@@ -89,7 +89,7 @@ pub fn to_message(limbs: &Limbs, arm: usize) -> [[f32; 4]; 2] {
     })
 }
 
-/// The nodes from `first` on of two persons' arms, by node.
+/// The nodes from `first` on, with the limbs of both arms at each node.
 pub fn way(first: u64, person: impl Fn(u64) -> [Limbs; 2]) -> Way {
     std::array::from_fn(|i| {
         let [left, right] = person(first + i as u64);
@@ -103,7 +103,7 @@ pub fn node_s(node: u64) -> f64 {
     (node * WAY_NODE_TICKS) as f64 * messages::TICK_S
 }
 
-/// A robot whose command is the aim of the tick before.
+/// A robot whose command is the aim of the previous tick.
 pub struct Robot {
     pub config: Config,
     pub state: State,
@@ -116,7 +116,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// At rest with both arms at `q`, which retargeting proposes as well.
+    /// Starts at rest with both arms at `q`, which retargeting proposes as well.
     pub fn at(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
         let model = model();
         let mut all = model.home;
@@ -141,12 +141,13 @@ impl Robot {
         }
     }
 
-    /// The first node that a target of the next tick has.
+    /// First node in a target of the next tick.
     pub fn next_first(&self) -> u64 {
         (self.k + 1) / WAY_NODE_TICKS + 1
     }
 
-    /// `ticks` later, with this way, of which the first node is `way_first`. In the ticks between, joints keep their speed.
+    /// Runs a tick `ticks` later, with this way from node `way_first`. In the ticks between, joints keep their
+    /// speed.
     pub fn step_after(&mut self, ticks: u64, way: &Way, way_first: u64) -> Output {
         self.k += ticks;
         for (q, v) in self.q.iter_mut().zip(&self.v) {
@@ -176,7 +177,7 @@ impl Robot {
         output
     }
 
-    /// The next tick, after this person.
+    /// Runs the next tick with this person.
     pub fn step(&mut self, person: impl Fn(u64) -> [Limbs; 2]) -> Output {
         let first = self.next_first();
         self.step_after(1, &way(first, person), first)

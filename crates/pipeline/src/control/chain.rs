@@ -1,9 +1,10 @@
-//! Where the next command continues from: the chain that `control` is sending, kept true to what the driver executes.
+//! State from which the next command continues: the chain that `control` sends, compared with what the driver
+//! executes.
 
 use driver::{Chain, ChainView, Motion, Seed};
 use messages::RobotState;
 
-/// What `control`, or whoever stands in for it, knows of the stream it sends.
+/// The sender's record of its command stream. The sender is `control`, or a test program in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
     chain: Chain,
@@ -11,19 +12,21 @@ pub struct Stream {
     last: Motion,
 }
 
-/// What to do before the command of this tick. A box for the large variant would allocate in the tick.
+/// Action before the command of this tick. The large variant is not boxed, because a box would allocate in the
+/// tick.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Continue {
     /// Continue from the own last command: the driver executes it, or still can.
     Own,
-    /// Continue from this state instead: whole-body control and the gate must take it over.
+    /// Continue from this state instead. Whole-body control and the gate must take it over.
     From(Motion),
-    /// There is nothing to continue from: no driver, a driver in motion at our start, or an index already executed.
+    /// Nothing to continue from. Either there is no driver, or it moved when this process started, or the index
+    /// was already executed.
     Nothing,
 }
 
-/// At rest for the purpose of taking over a driver: below what a certified plan leaves as rounding.
+/// Largest velocity and acceleration at which a driver counts as at rest and may be taken over.
 const REST: f64 = driver::REST_TOLERANCE;
 
 impl Stream {
@@ -31,7 +34,7 @@ impl Stream {
     pub fn prepare(stream: &mut Option<Self>, echo: Option<&RobotState>, k: u64, incarnation: u32) -> Continue {
         let Some(echo) = echo else { return Continue::Nothing };
         match *stream {
-            // Nothing this process has sent: only a driver at rest may be taken over.
+            // This process has sent nothing yet: it may take over only a driver at rest.
             None => {
                 let resting = echo.v.iter().chain(&echo.a).all(|value| value.abs() <= REST);
                 if resting { Self::begin(stream, driver::reseed(echo, k), incarnation) } else { Continue::Nothing }
@@ -39,7 +42,7 @@ impl Stream {
             Some(known) => match driver::on_chain(echo, &known.chain, known.last_k) {
                 ChainView::Lost => Self::begin(stream, driver::reseed(echo, k), incarnation),
                 ChainView::Following | ChainView::Pending if k == known.last_k + 1 => Continue::Own,
-                // Indices of our own are missing: the driver plays the plan of our last command for them.
+                // Own indices are missing: the driver plays the plan of our last command for them.
                 ChainView::Following | ChainView::Pending => {
                     let missing = k.saturating_sub(1).saturating_sub(known.last_k);
                     let mut motion = known.last;

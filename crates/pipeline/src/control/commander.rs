@@ -1,43 +1,43 @@
-//! Whole-body control proposes, the gate disposes.
+//! Whole-body control proposes a command, and the gate accepts or denies it.
 
 use driver::Motion;
 use messages::{JOINTS, PayloadRefusal, Stamp};
 use safety::{engage, gate};
 
-/// Both stages with all that they remember.
+/// Whole-body control and the gate, with their state.
 #[derive(Clone, Debug)]
 pub struct Commander {
     wbc: wbc::State,
     gate: gate::State,
 }
 
-/// What a tick of both stages results in.
+/// Result of one tick of both.
 #[derive(Clone, Copy, Debug)]
 pub struct Commanded {
-    /// What is sent.
+    /// The motion to send.
     pub motion: Motion,
-    /// Why the gate denied the proposal, if it did: then `motion` is the next point of the stored plan.
+    /// Reason of the gate's denial, if it denied the proposal. Then `motion` is the next point of the stored plan.
     pub denied: Option<gate::Denial>,
-    /// What whole-body control proposed and says of it.
+    /// The proposal of whole-body control.
     pub proposed: wbc::Output,
 }
 
 impl Commander {
-    /// Both at rest at `q` (rad, m).
+    /// Creates both at rest at `q` (rad, m).
     pub fn at_rest(config: &wbc::Config, q: [f64; JOINTS]) -> Self {
         Self { wbc: wbc::State::at_rest(config, q), gate: gate::State::at_rest(q) }
     }
 
-    /// Continues from what the driver executes. Never allocates.
+    /// Continues from the state that the driver executes. Never allocates.
     pub fn reseed(&mut self, motion: &Motion) {
         self.wbc.reseed(&planned(motion));
         self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
     }
 
-    /// What the hands carry from now on; see [`wbc::State::carry`].
+    /// Sets the payloads of the hands from now on; see [`wbc::State::carry`].
     ///
     /// # Errors
-    /// Why it is not taken.
+    /// Returns the reason of a refusal.
     pub fn carry(
         &mut self,
         config: &wbc::Config,
@@ -46,17 +46,17 @@ impl Commander {
         self.wbc.carry(config, payload)
     }
 
-    /// Whole-body control, as it stands.
+    /// Whole-body control with its present state.
     pub fn wbc(&self) -> &wbc::State {
         &self.wbc
     }
 
-    /// What the gate let through last.
+    /// The last motion that the gate returned.
     pub fn commanded(&self) -> Motion {
         Motion { q: self.gate.q(), v: self.gate.v(), a: self.gate.a(), plan: self.gate.plan() }
     }
 
-    /// A tick of whole-body control alone: a proposal that nothing has checked.
+    /// Runs a tick of whole-body control alone. The gate does not check this proposal.
     pub fn propose(
         &mut self,
         config: &wbc::Config,
@@ -73,7 +73,7 @@ impl Commander {
         wbc::tick(config, &mut self.wbc, now, wbc::Input { k, target, permit })
     }
 
-    /// The command of tick `k`. Never allocates, blocks, reads a clock or panics.
+    /// Computes the command of tick `k`. Never allocates, blocks, reads a clock or panics.
     pub fn tick(
         &mut self,
         (wbc, gate): (&wbc::Config, &gate::Config),
@@ -90,8 +90,8 @@ impl Commander {
             gate::Verdict::Deny(denial) => Some(denial),
             gate::Verdict::Accept | gate::Verdict::OnPlan => None,
         };
-        // A new motion that is the plan up to rounding is sent as the plan: the difference is too small for one tick, and would
-        // show at the end of a phase.
+        // A new motion that equals the plan up to rounding is sent as the plan. The difference is too small for
+        // one tick, and it would show at the end of a phase.
         let renamed = decision.verdict == gate::Verdict::OnPlan && proposed.candidate != wbc::Candidate::Plan;
         if denied.is_some() || renamed {
             self.wbc.reseed(&planned(&motion));

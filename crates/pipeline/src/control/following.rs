@@ -1,69 +1,70 @@
-//! How the command follows the target: by the limbs where it has a way of the person, by the joints where it has none.
+//! Following: the command follows the limbs if the target has a way of the person, else the joints.
 
 use super::status::limb_angles;
 use super::{ControlConfig, aligned};
 use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODES};
 use safety::{engage, monitor};
 
-/// Limbs that are nearer to the person's than this are aligned, rad: 2 degrees, what retargeting itself leaves.
+/// Limbs nearer to the person's than this are aligned, rad: 2 degrees. Retargeting itself leaves as much.
 const ALIGNED_LIMBS_RAD: f64 = 0.035;
 /// A limb farther from the person's than this is far behind, rad: 15 degrees.
 const BEHIND_RAD: f64 = 0.26;
 
-/// A command that moves no joint faster than this (rad/s, m/s) has settled: blocked by an obstacle it creeps along it,
-/// and in the half second for which settling is asked it comes no more than 1.4 degrees nearer.
+/// A command that moves no joint faster than this (rad/s, m/s) has settled. Blocked by an obstacle, it creeps
+/// along it. Settling is required for half a second, and in that time it comes at most 1.4 degrees nearer.
 const SETTLED_SPEED: f64 = 0.05;
-/// An error that falls is a robot that catches up. Two averages of it are compared, over these times, s (assumptions: a
-/// swing of an arm is shorter than the longer one, a reach across is longer than the shorter one).
+/// Time constants of two averages of the limb error, s. A falling error shows that the robot catches up.
+/// Assumptions: a swing of an arm is shorter than the longer one, and a reach across is longer than the shorter
+/// one.
 const AVERAGES_S: [f64; 2] = [0.5, 1.5];
-/// It does not fall any more where the shorter average is at least this share of the longer one, within
+/// The error no longer falls if the shorter average is at least this share of the longer one, within
 /// [`ALIGNED_LIMBS_RAD`].
 const FALLEN: f64 = 0.8;
 
-/// What is remembered.
+/// State of the following.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Following {
     state: follow::State,
-    /// Mean limb error over both of [`AVERAGES_S`], rad; none before the first.
+    /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick.
     averages_rad: Option<[f64; 2]>,
 }
 
-/// What whole-body control is asked for.
+/// Motion that whole-body control should reach.
 pub(super) struct Wish {
     pub(super) q: [f64; JOINTS],
     pub(super) dq: [f64; JOINTS],
     pub(super) ddq: [f64; JOINTS],
-    /// Bit j: joint j is meant.
+    /// Bit j: joint j is valid.
     pub(super) valid_mask: u32,
 }
 
 impl Wish {
-    /// The positions and velocities of a target.
+    /// Takes the positions and the valid joints of a target, with the velocities `dq`.
     fn of_target(target: &JointTarget, dq: [f64; JOINTS]) -> Self {
         Self { q: target.q, dq, ddq: [0.0; JOINTS], valid_mask: target.valid_mask }
     }
 
-    /// As whole-body control takes it.
+    /// Converts it to the input of whole-body control.
     pub(super) fn target(&self) -> wbc::Target<'_> {
         wbc::Target { q: &self.q, dq: &self.dq, ddq: &self.ddq, valid_mask: self.valid_mask }
     }
 }
 
-/// How near the command is to what is wanted.
+/// How near the command is to the target.
 pub(super) struct Closeness {
     pub(super) aligned: bool,
     pub(super) behind: bool,
     pub(super) settled: bool,
 }
 
-/// Whether the limbs are followed.
+/// Returns true if the command follows the limbs.
 fn has_way(target: &JointTarget) -> bool {
     target.way_nodes as usize == WAY_NODES
 }
 
 impl Following {
-    /// The wish of tick `k`; none while there is no target. `late`: the target is where the person was, not where they go on
-    /// to.
+    /// Returns the wish of tick `k`. `None` while there is no target. If `late`, the target is where the person
+    /// was, and its velocities are not used.
     pub(super) fn wish(
         &mut self,
         config: &ControlConfig,
@@ -109,7 +110,7 @@ impl Following {
         Some(wish)
     }
 
-    /// How near a command at `q` with velocities `v` is to the target.
+    /// Judges how near a command at `q` with velocities `v` is to the target.
     pub(super) fn closeness(
         &mut self,
         config: &ControlConfig,
@@ -145,7 +146,7 @@ impl Following {
     }
 }
 
-/// The person's limbs of a target that has a way, for what compares one target with the next.
+/// The person's limbs of a target that has a way. Used to compare one target with the next.
 pub(super) fn person(target: &JointTarget) -> Option<&[[f64; 4]; LIMBS]> {
     has_way(target).then_some(&target.human_limbs)
 }

@@ -1,20 +1,20 @@
-//! What keeps the command from the person.
+//! Limits that keep the command from the person.
 
 use driver::Motion;
 use messages::{FollowingLimit, JOINTS, LEFT_ARM, RIGHT_ARM, Status, Subject};
 use wbc::interval::Bounds;
 
-/// Share of a joint's planned speed from which it counts as its highest. Assumption.
+/// A joint is at its highest speed from this share of it. Assumption.
 const AT_SPEED: f64 = 0.95;
 
-/// So near to the end of its range a joint is at it, rad: 0.6 degrees. Assumption.
+/// A joint this near to the end of its range is at the end, rad: 0.6 degrees. Assumption.
 const AT_END_RAD: f64 = 0.01;
 
-/// So little above the least clearance two parts are as close as they may be, m. Assumption.
+/// Two parts are as close as allowed if they are this little above the least clearance, m. Assumption.
 const AT_CLEARANCE_M: f64 = 1e-3;
 
-/// Writes into `status` which limit the command `motion` is at, of those that an operator can see: the joint of an arm that is
-/// nearest to its highest speed, the nearest pair, or a joint at the end of its range.
+/// Writes into `status` the limit that the command `motion` has reached. Only limits that an operator can see
+/// count: the arm joint nearest to its highest speed, the nearest pair, or a joint at the end of its range.
 pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, bounds: &[Bounds; JOINTS], d_min_m: f64) {
     let arms = || LEFT_ARM.chain(RIGHT_ARM);
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;

@@ -1,4 +1,5 @@
-//! The control tick: engagement decides what is allowed, whole-body control proposes, the gate disposes.
+//! The control tick. Engagement decides which motion is allowed, whole-body control proposes a command, and the
+//! gate accepts or denies it.
 
 mod chain;
 mod commander;
@@ -23,19 +24,20 @@ use robot::{Frames, Model};
 use safety::engage::{self, MotionView, OperatorView, RobotView, TargetView};
 use safety::{gate, monitor};
 
-/// A command is aligned with its target when no valid joint is farther from it than this, rad: 1.1 degrees, so that the end of
-/// the blend cannot be felt. Assumption.
+/// A command is aligned with its target if no valid joint is farther from it than this, rad: 1.1 degrees. Then the
+/// end of the blend cannot be felt. Assumption.
 const ALIGNED_RAD: f64 = 0.02;
 
-/// An `ingest` that has said nothing for so long is not believed any more, ns: ten of its periods.
+/// Silence of `ingest` after which its status is ignored, ns: ten of its periods.
 const INGEST_GONE_NS: u64 = 1_000_000_000;
-/// A frame that was dropped within this time is dropped now, ns: as long as `ingest`'s own count of them goes.
+/// A frame that was dropped within this time counts as dropped now, ns. The time is as long as `ingest`'s own
+/// window.
 const DROPPED_NOW_NS: u64 = 1_000_000_000;
 
 /// Rounding of two kinematics that agree to 1e-12 over a reach of a metre, m, with a wide margin.
 const CLEARANCE_ROUNDING_M: f64 = 1e-9;
 
-/// What the control tick must know beforehand.
+/// Configuration of the control tick.
 #[derive(Clone, Debug)]
 pub struct ControlConfig {
     /// The robot.
@@ -45,17 +47,17 @@ pub struct ControlConfig {
     gate: gate::Config,
     follow: follow::Config,
     arm: ArmModel,
-    /// Known delay from a setpoint to its measurement, s: what the command is ahead by is no tracking error.
+    /// Known delay from a setpoint to its measurement, s. The command's lead over that delay is no tracking error.
     servo_lag_s: f64,
-    /// Tracking errors that stop, rad and m: the joint that is worst is the one that uses up most of them.
+    /// Tracking errors that stop, rad and m. The status names the joint with the largest share of them.
     tracking_max: [f64; 2],
     config_hash: u64,
     realtime: bool,
 }
 
 impl ControlConfig {
-    /// Everything for one instance. `realtime`: whether scheduling is real-time; without it the stale times are relaxed
-    /// as the settings say.
+    /// Builds the configuration of one instance. `realtime`: scheduling is real-time. Without it, the stale times
+    /// are relaxed by the factor of the settings.
     pub fn new(loaded: &Loaded, realtime: bool) -> Result<Self, ConfigError> {
         let model = loaded.model.clone();
         let safety = &loaded.settings.safety;
@@ -89,7 +91,7 @@ impl ControlConfig {
     }
 }
 
-/// Everything remembered between two ticks.
+/// State between two ticks.
 #[derive(Clone, Debug)]
 pub struct ControlState {
     incarnation: u32,
@@ -100,14 +102,14 @@ pub struct ControlState {
     near: monitor::Near,
     feedback: monitor::Feedback,
     movement: monitor::Movement,
-    /// How the newest robot state moved.
+    /// Movement of the newest robot state.
     moved: monitor::Moved,
     steps: monitor::TargetSteps,
     stream: Option<Stream>,
     last_k: Option<u64>,
     target: Option<(JointTarget, Stamp)>,
     robot: Option<(RobotState, Stamp)>,
-    /// Of the newest robot state: what it measured cannot be.
+    /// True if the measurement in the newest robot state is implausible.
     feedback_invalid: bool,
     ingest: Option<(InputStatus, Stamp)>,
     motion: MotionView,
@@ -115,36 +117,36 @@ pub struct ControlState {
     status: Status,
 }
 
-/// What a tick is given: only what is new since the last one.
+/// Input of a tick: only what is new since the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlInput<'a> {
-    /// Tick index; one tick per index, never twice, never back.
+    /// Tick index. Each index has one tick, and the index never goes back.
     pub k: u64,
     /// A new target.
     pub target: Option<&'a JointTarget>,
     /// A new robot state.
     pub robot: Option<&'a RobotState>,
-    /// The operator, with the edges since the last tick.
+    /// The operators, with the edges since the last tick.
     pub operator: OperatorView,
-    /// What `ingest` says of its clients; it is shown, and decides nothing.
+    /// Status of `ingest`. It is shown and influences no decision.
     pub ingest: Option<&'a InputStatus>,
-    /// Scheduling is real-time, or the settings allow to engage a simulated robot without.
+    /// Scheduling is real-time, or the settings allow a simulated robot to engage without it.
     pub realtime_ok: bool,
 }
 
-/// What a tick results in.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlOutput {
-    /// To be published; absent while there is no driver state to continue from.
+    /// Command to publish. `None` while there is no driver state to continue from.
     pub command: Option<JointCommand>,
-    /// To be published at 50 Hz.
+    /// Status to publish, at 50 Hz.
     pub status: Status,
-    /// A transition was made in this tick.
+    /// Transition of this tick, if there was one.
     pub transition: Option<messages::Transition>,
 }
 
 impl ControlState {
-    /// A control process that has just started.
+    /// Creates the state of a control process that has just started.
     pub fn new(config: &ControlConfig, incarnation: u32) -> Self {
         Self {
             incarnation,
@@ -208,7 +210,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     ControlOutput { command, status: state.status, transition: decided.transition }
 }
 
-/// Everything the state machine judges, from the newest samples.
+/// Collects the input of the state machine from the newest samples.
 fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInput<'_>, missed: u64) -> engage::Input {
     let target = state.target.map_or(TargetView::default(), |(target, received)| TargetView {
         received,
@@ -223,8 +225,8 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
     });
     let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
-        // These inhibit a start, and are what a recovery ends; in any other motion it is the certificate and
-        // `CollisionNear` that watch over the robot.
+        // These inhibit a start, and a recovery ends them. In any other motion the certificate and `CollisionNear`
+        // protect the robot.
         let may_start = matches!(state.engage.mode(), Mode::Disengaged | Mode::Recovering);
         let outside = monitor::outside_limits(&config.model, &robot.q_measured)
             .or_else(|| monitor::commanded_outside(&config.model, &robot.q))
@@ -274,14 +276,15 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
     }
 }
 
-/// The joint that asks for more than its share of the effort limit to hold the command at rest. It is beyond no position
-/// limit.
+/// Returns the joint that needs more than its share of the effort limit to hold the command at rest. It is beyond
+/// no position limit, so `by` is zero.
 fn overloaded(config: &ControlConfig, commander: &Commander, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
     commander.wbc().overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
 }
 
-/// Whether a start is refused: the measured posture is closer than servo error explains, or the commanded one is closer
-/// than any certified plan ends. A robot that came to rest at the very bound may start again: encoder noise is no reason.
+/// Returns true if a start is refused. Either the measured posture is closer than servo error explains, or the
+/// commanded one is closer than any certified plan ends. A robot at rest at the very bound may start again:
+/// encoder noise alone refuses no start.
 fn too_close_to_start(
     config: &ControlConfig,
     state: &mut ControlState,
@@ -293,14 +296,14 @@ fn too_close_to_start(
         || !commanded.is_at_least(config.model.d_min_m - CLEARANCE_ROUNDING_M)
 }
 
-/// Values that no retargeting produces: not finite, or far outside any joint's range.
+/// Returns true for values that no retargeting produces: not finite, or far outside any joint's range.
 fn implausible(target: &JointTarget) -> bool {
-    // Ten turns: no joint of a TiaGo++ makes two, and nothing a limit could be compared with is lost.
+    // Ten turns: no joint of a TiaGo++ makes two, and the comparison with limits stays exact.
     let far = 20.0 * core::f64::consts::PI;
     target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
 }
 
-/// Whole-body control proposes, the gate disposes, and the command says so.
+/// Builds the command of this tick: whole-body control proposes it, and the gate accepts or denies it.
 fn command(
     config: &ControlConfig,
     state: &mut ControlState,
@@ -309,7 +312,7 @@ fn command(
     decided: &engage::Output,
     target: Option<&JointTarget>,
 ) -> JointCommand {
-    // A late target is where the person was, not where he goes on to.
+    // A late target is where the person was, not where the person is going.
     let late = decided.reduced & reduced_flag::TARGET_LATE != 0;
     let commanded = state.commander.commanded();
     let from = (&commanded.q, &commanded.v);
@@ -339,7 +342,7 @@ fn command(
     limited::note(&mut state.status, decided.mode == Mode::Engaged, &motion, config.wbc.bounds(), config.model.d_min_m);
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     if proposed.fallbacks > 0 {
-        // A motion that was refused for the speed of a hand is about no pair.
+        // A motion that was refused for a hand's speed concerns no pair.
         let overloaded = proposed.overloaded_joint.map(|joint| Subject::Joint(joint as usize));
         state.status.refused_about = overloaded.or(proposed.refused_pair.map(Subject::Pair)).map_or(0, Subject::code);
     }
@@ -372,7 +375,8 @@ fn command(
     }
 }
 
-/// Whether every valid joint of the command is near its target, as far as the limits let the target be reached.
+/// Returns true if every valid joint of the command is near its target, as far as the limits let it reach the
+/// target.
 fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS]) -> bool {
     (0..JOINTS).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
         let limits = &model.limits[j];
@@ -381,7 +385,7 @@ fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS]) -> bool {
 }
 
 impl ControlState {
-    /// Takes a new robot state, and passes over a single sample that cannot be.
+    /// Takes a new robot state. A single implausible sample is replaced.
     fn take_robot(&mut self, config: &ControlConfig, now: Stamp, robot: &RobotState) {
         let mut robot = *robot;
         let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
@@ -404,7 +408,7 @@ impl ControlState {
         self.robot = Some((robot, now));
     }
 
-    /// What the newest measurement amounts to.
+    /// Writes the clearance and the joint outside its limits into the status.
     fn note_measured(&mut self, clearance: monitor::Clearance, outside: Option<monitor::Outside>) {
         let status = &mut self.status;
         (status.clearance_measured_m, status.nearest_pair_measured) = (clearance.distance_m, clearance.pair);
@@ -412,7 +416,8 @@ impl ControlState {
         status.outside_by = outside.map_or(0.0, |outside| outside.by);
     }
 
-    /// Names the joint that is farthest behind its command, against what stops, and the one that moves otherwise than it is sent.
+    /// Names the joint with the largest share of the tracking bound, and the joint that does not move as
+    /// commanded.
     fn note_tracking(&mut self, config: &ControlConfig, angle_rad: monitor::Farthest, length_m: monitor::Farthest) {
         let [angle_max_rad, length_max_m] = config.tracking_max;
         let by_length = length_m.error * angle_max_rad > angle_rad.error * length_max_m;

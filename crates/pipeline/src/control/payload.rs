@@ -1,4 +1,4 @@
-//! What the hands carry: what an operator says of it, and whether it is taken.
+//! Payloads of the hands: `control` takes or refuses an operator's orders.
 
 use super::{ControlConfig, ControlState};
 use messages::{Mode, PayloadOrder, PayloadRefusal, Status};
@@ -6,8 +6,8 @@ use robot::Payload;
 use safety::engage;
 
 impl ControlState {
-    /// Takes what was said of the hands, or refuses it. A payload changes only while the robot is Disengaged and at rest, so
-    /// no proof of a motion was made with another one.
+    /// Takes the operator's orders for the hands, or refuses them. A payload changes only while the robot is
+    /// Disengaged and at rest. So no motion was certified with another payload.
     pub(super) fn take_payloads(
         &mut self,
         config: &ControlConfig,
@@ -20,7 +20,7 @@ impl ControlState {
             let status = &mut self.status;
             let (count, why, joint) = match taken {
                 Ok(None) => (&mut status.payloads_taken, 0, None),
-                // It is in the hand whether the arm can hold it or not: it counts, and nothing starts.
+                // The load is in the hand whether the arm can hold it or not. It counts, and nothing starts.
                 Ok(joint) => (&mut status.payloads_taken, PayloadRefusal::Overload as u32, joint),
                 Err(why) => (&mut status.payloads_refused, why as u32, None),
             };
@@ -38,7 +38,7 @@ impl ControlState {
         decided: &engage::Output,
     ) -> Result<Option<usize>, PayloadRefusal> {
         let said = order.centre_m.map(Into::into).or(config.model.payload[hand].map(|payload| payload.center));
-        // Where nothing is, it needs no place.
+        // A mass of zero needs no centre.
         let center = said.or((order.mass_kg == 0.0).then(Default::default));
         let one = Payload::new(order.mass_kg, center.unwrap_or_default())?;
         if center.is_none() {
@@ -56,7 +56,7 @@ impl ControlState {
     }
 }
 
-/// What the hands carry, in the status.
+/// Writes the payloads of the hands into the status.
 pub(super) fn note(status: &mut Status, payload: &[Payload; 2]) {
     status.payload_kg = payload.map(|hand| hand.mass_kg);
     status.payload_centre_m = payload.map(|hand| hand.center.into());

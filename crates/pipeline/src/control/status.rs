@@ -10,7 +10,8 @@ use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
 use robot::Model;
 use serde_json::{Value, json};
 
-/// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`; none for an arm without a person.
+/// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
+/// without a person.
 pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
     for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
@@ -27,14 +28,14 @@ pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64
     angles
 }
 
-/// Their mean; zero without a person.
+/// Mean of these angles, rad. Zero without a person.
 pub(super) fn limb_error(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
     let angles = limb_angles(config, target, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }
 
-/// What the torso has yet to rise to its target, m; without a target for it, to its home position.
+/// Distance that the torso has to rise to its target, m. Without a target for it, to its home position.
 pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> f64 {
     let limits = &model.limits[TORSO];
     let aim = if target.valid_mask & 1 << TORSO != 0 { target.q[TORSO] } else { model.home[TORSO] };
@@ -42,10 +43,10 @@ pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOI
     if to_go.is_finite() { to_go } else { 0.0 }
 }
 
-/// How far the torso must be from its target to be worth a word, m: 70 ms of its largest speed.
+/// Distance of the torso from its target above which [`note`] mentions it, m: 70 ms at its highest speed.
 const TORSO_FAR_M: f64 = 0.005;
 
-/// What takes its time at the moment, in words for the operator: the torso's whole stroke takes 5 s.
+/// Names a slow motion in progress, for the operator. The torso's whole stroke takes 5 s.
 pub fn note(status: &Status) -> Option<&'static str> {
     if status.torso_to_go_m > TORSO_FAR_M {
         Some("raising torso")
@@ -56,17 +57,17 @@ pub fn note(status: &Status) -> Option<&'static str> {
     }
 }
 
-/// Why the speed is reduced.
+/// Names the reasons for a reduced speed.
 fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
 }
 
-/// What keeps the command from the person.
+/// The limit that keeps the command from the person, as JSON.
 fn limited(status: &Status, names: &Names) -> Value {
     json!({ "by": explain::limit_name(status), "about": explain::subject(Subject::of(status.limited_about), names) })
 }
 
-/// What a fault is about now, if it is a joint or a pair.
+/// Returns the joint or pair that a fault concerns now, if there is one.
 pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
     let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
     match fault {
@@ -79,17 +80,17 @@ pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
     }
 }
 
-/// Age of the newest frame, ms; `None` before the first one. An age is counted from when the frame was received, and that
-/// of no frame from the clock's zero.
+/// Age of the newest frame, ms. `None` before the first one. `control` counts an age from the reception of the
+/// frame. Without a frame it counts from the clock's zero.
 pub fn input_age_ms(status: &Status) -> Option<f64> {
     let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
     (!none).then_some(status.input_age_ns as f64 * 1e-6)
 }
 
-/// Ticks from one published `Status` to the next: 50 Hz. A change of mode is published at once.
+/// Ticks between two published `Status` messages: 50 Hz. A change of mode is published at once.
 pub const STATUS_EVERY: u64 = 30;
 
-/// A status as JSON; its keys are those of the message, and `why` says why the robot does not follow.
+/// Converts a status to JSON with the message's keys. `why` says why the robot does not follow.
 pub fn status_json(status: &Status, names: &Names) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
     let listed = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();

@@ -1,9 +1,9 @@
-//! What the publishing thread and its owner tell each other. `tests/models` looks at every interleaving of it, with atomics
+//! Values that the publishing thread and its owner share. `tests/models` checks every interleaving, with atomics
 //! of its own.
 
 use super::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Levels from the owner, counts from the thread. The counts have one writer.
+/// The owner writes levels, and the thread writes counts. The counts have one writer.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     engaged: AtomicBool,
@@ -30,7 +30,7 @@ impl Shared {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// A frame has been published, or was not taken; the counts are seen by whoever sees that it was the last.
+    /// Notes that a frame was published or not taken. A reader that sees `finished` also sees the final counts.
     pub(super) fn publish(&self, published: u64, failed: bool, finished: bool) {
         self.failures.fetch_add(u64::from(failed), Ordering::Relaxed);
         self.published.store(published, Ordering::Relaxed);

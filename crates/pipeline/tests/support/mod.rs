@@ -10,7 +10,7 @@ use robot::{Frames, Model};
 use safety::engage::OperatorView;
 use std::path::Path;
 
-/// Tick at which virtual time begins: a stamp of zero means "never".
+/// Tick at which virtual time begins. A stamp of zero means "never".
 const FIRST_K: u64 = 1500;
 
 /// The settings of the repository.
@@ -19,7 +19,7 @@ pub fn loaded() -> Loaded {
     pipeline::load(&path, Overrides::default()).expect("the settings of the repository")
 }
 
-/// Control, the robot, and an operator's hand.
+/// Control, the robot, and an operator.
 pub struct Bench {
     pub config: ControlConfig,
     control: ControlState,
@@ -28,7 +28,7 @@ pub struct Bench {
     hash: u64,
     k: u64,
     echo: Option<RobotState>,
-    /// Whether the robot has spoken since the last tick of control.
+    /// True if a new robot state has arrived since the last tick of control.
     spoke: bool,
     pub target: Option<[f64; JOINTS]>,
     pub hand: OperatorView,
@@ -36,7 +36,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// A robot at rest at `initial`, wherever that is.
+    /// Creates a robot at rest at `initial`, which may be any posture.
     pub fn new(loaded: &Loaded, initial: [f64; JOINTS], seed: u64) -> Self {
         let config = ControlConfig::new(loaded, true).expect("control");
         let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
@@ -68,19 +68,19 @@ impl Bench {
         self.robot.follower().motion
     }
 
-    /// What the robot said last.
+    /// The robot's last state.
     pub fn echo(&self) -> RobotState {
         self.echo.expect("the robot has spoken")
     }
 
-    /// Why the last transition was made.
+    /// Cause of the last transition.
     pub fn last_why(&self) -> u32 {
         let kept = messages::TRANSITIONS_KEPT;
         let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
         newest.why
     }
 
-    /// What the last transition was about, if it was a joint.
+    /// Joint of the last transition, if it concerned one.
     pub fn joint_of_last(&self) -> Option<usize> {
         let kept = messages::TRANSITIONS_KEPT;
         let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
@@ -90,17 +90,17 @@ impl Bench {
         }
     }
 
-    /// One tick of everything; edges are gone after it.
+    /// Runs one tick of everything. It clears the edges.
     pub fn step(&mut self) {
         self.tick(true, |_| {});
     }
 
-    /// One tick in which the driver does not run: it keeps its state, and says nothing.
+    /// Runs one tick without the driver. The driver keeps its state and sends nothing.
     pub fn step_without_driver(&mut self) {
         self.tick(false, |_| {});
     }
 
-    /// One tick of everything, with what `wrong` makes of the robot's state on its way to control.
+    /// Runs one tick of everything. `wrong` changes the robot's state on its way to control.
     pub fn step_measuring(&mut self, wrong: impl Fn(&mut RobotState)) {
         self.tick(true, wrong);
     }
@@ -150,7 +150,7 @@ impl Bench {
         Header { sequence: self.k, stamp: now, origin: now, config_hash: self.hash, incarnation, reserved: 0 }
     }
 
-    /// Lets the enable be seen released, and commands be taken up.
+    /// Waits until control has seen the enable released and the driver accepts commands.
     pub fn settle(&mut self) {
         for _ in 0..TICK_HZ / 4 {
             self.step();
@@ -170,14 +170,15 @@ impl Bench {
         (self.hand.release_edge, self.hand.enable_level, self.hand.recover_level) = (true, false, false);
     }
 
-    /// No step that the robot executed broke a limit, by the robot's own judgement.
+    /// Checks that no executed step broke a limit, by the robot's own checker.
     pub fn assert_no_violations(&self, context: &str) {
         let report = self.robot.report();
         assert_eq!(report.violations_total(), 0, "{context}: {:?}", report.first_violation());
     }
 }
 
-/// Distances of all checked pairs, and of what moves from all obstacles, at a posture, m, by the arithmetic of `robot`.
+/// Distances of all checked pairs, and of moving parts from all obstacles, at a posture, m, by the arithmetic of
+/// `robot`.
 pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f64> {
     model.forward(q, frames);
     let axes: Vec<_> = model
@@ -201,7 +202,7 @@ pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f
     out
 }
 
-/// The least of [`distances`].
+/// The smallest of [`distances`].
 pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> f64 {
     distances(model, frames, q).into_iter().fold(f64::INFINITY, f64::min)
 }

@@ -1,18 +1,18 @@
-//! Interleaved measurement of several ways to do the same.
+//! Interleaved measurement of several implementations of the same computation.
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Every entry is measured once in each round.
+/// Number of rounds. Each round measures every entry once.
 pub(crate) const ROUNDS: usize = 400;
-/// Passes before a measurement, that bring the weights back into the cache.
+/// Passes before a measurement. They bring the weights back into the cache.
 const WARM: usize = 5;
 /// Passes in a measurement.
 const PASSES: usize = 10;
 
-/// One way to do it.
+/// One implementation.
 pub(crate) struct Entry {
     name: String,
     run: Box<dyn FnMut()>,
@@ -20,13 +20,13 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// Computes outputs that can be compared.
+    /// Creates an entry whose outputs can be compared.
     pub(crate) fn computing(name: String, mut run: impl FnMut() -> Vec<f32> + 'static) -> Self {
         let outputs = run();
         Self { name, outputs, run: Box::new(move || drop(black_box(run()))) }
     }
 
-    /// Computes nothing of interest.
+    /// Creates an entry without outputs to compare.
     pub(crate) fn reading(name: String, mut run: impl FnMut() -> f32 + 'static) -> Self {
         Self { name, outputs: Vec::new(), run: Box::new(move || _ = black_box(run())) }
     }
@@ -43,7 +43,8 @@ impl Entry {
     }
 }
 
-/// Entries that do the same; the second is what the others are compared with in outputs, the first in time.
+/// Entries that do the same. The outputs are compared with those of the second entry, the times with that of the
+/// first.
 pub(crate) struct Contest {
     title: String,
     entries: Vec<Entry>,
@@ -82,7 +83,7 @@ impl Contest {
     }
 }
 
-/// Root of the mean squared difference, over the range of `want`.
+/// Root of the mean squared difference, relative to the range of `want`.
 fn error(got: &[f32], want: &[f32]) -> f32 {
     let square: f32 = got.iter().zip(want).map(|(got, want)| (got - want) * (got - want)).sum();
     let (low, high) = want.iter().fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
@@ -94,7 +95,7 @@ fn percentile(mut values: Vec<f64>, p: f64) -> f64 {
     values[((values.len() - 1) as f64 * p) as usize]
 }
 
-/// Reads `bytes` once, in order, by the widest loads, into eight sums.
+/// Reads `bytes` once, in order, with the widest loads, into eight sums.
 pub(crate) fn stream(bytes: &[u8]) -> f32 {
     struct Stream<'a>(&'a [u8]);
     impl WithSimd for Stream<'_> {

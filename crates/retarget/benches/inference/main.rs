@@ -1,5 +1,5 @@
-//! What a pass through the networks and a whole tick cost on this machine, beside other engines and beside reading the
-//! same weights once. Everything is measured in turn within each round, so that a busy machine slows all alike; the
+//! Cost of a pass through the networks and of a whole tick on this machine, beside other engines and beside
+//! reading the same weights once. Each round measures everything in turn, so a busy machine slows all alike. The
 //! ratios are medians over rounds.
 //!
 //! onnxruntime takes part if `ORT_DYLIB_PATH` names its shared library (1.17 or later), for example from the Python
@@ -19,7 +19,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{Dense, LATENT, Level, Perceptron, Precision};
 
-/// Some libraries read the number of threads from here, once.
+/// Environment variable from which some libraries read the number of threads, once.
 const THREADS: &str = "RAYON_NUM_THREADS";
 
 fn main() {
@@ -39,7 +39,7 @@ fn main() {
     ticks::measure();
 }
 
-/// Encoder and decoder in every engine.
+/// Measures encoder and decoder in every engine.
 fn inference<const I: usize, const O: usize, const N: usize>(library: Option<&Environment>, title: &str) {
     let mut rng = Pcg64::seed_from_u64(1);
     let networks = [network(&mut rng, I, LATENT), network(&mut rng, LATENT, O)];
@@ -73,7 +73,7 @@ fn inference<const I: usize, const O: usize, const N: usize>(library: Option<&En
     contest.run(&format!("{weights} weights"));
 }
 
-/// 6 x 128 between `inputs` and `outputs`, of unit gain.
+/// A network of 6 x 128 between `inputs` and `outputs`, of unit gain.
 fn network(rng: &mut Pcg64, inputs: usize, outputs: usize) -> Vec<Dense> {
     let widths = [inputs, 128, 128, 128, 128, 128, 128, outputs];
     widths.windows(2).map(|width| dense(rng, width[0], width[1])).collect()

@@ -1,4 +1,4 @@
-//! The same networks as an ONNX model, run by onnxruntime where its library is given.
+//! The same networks as an ONNX model, run by onnxruntime if its library is given.
 
 use crate::protobuf::Message;
 use ort::environment::Environment;
@@ -7,10 +7,10 @@ use ort::session::builder::GraphOptimizationLevel;
 use ort::value::Tensor;
 use retarget::Dense;
 
-/// Where the shared library is named.
+/// Environment variable that names the shared library.
 const LIBRARY: &str = "ORT_DYLIB_PATH";
 
-/// The library, ready; says so if there is none.
+/// Loads the library. Prints a line if there is none.
 pub(crate) fn library() -> Option<Environment> {
     let loaded = std::env::var(LIBRARY).map_err(|_| String::new()).and_then(|path| {
         let builder = ort::init_from(path).map_err(|error| format!(" ({error})"))?;
@@ -19,7 +19,7 @@ pub(crate) fn library() -> Option<Environment> {
     loaded.map_err(|reason| println!("onnxruntime: not found, set {LIBRARY}{reason}\n")).ok()
 }
 
-/// One thread, all optimisations.
+/// Creates a runtime with one thread and all optimisations.
 pub(crate) fn runtime(
     library: &Environment,
     networks: &[Vec<Dense>],
@@ -39,7 +39,7 @@ pub(crate) fn runtime(
     }
 }
 
-/// A ModelProto: Gemm, and for hidden layers Sigmoid and Mul. Field numbers of onnx.proto3, opset 17.
+/// Builds a ModelProto: Gemm, and for hidden layers Sigmoid and Mul. Field numbers of onnx.proto3, opset 17.
 fn model(networks: &[Vec<Dense>], batch: usize) -> Vec<u8> {
     let mut graph = Message::default();
     let mut last = "x".to_owned();

@@ -1,10 +1,10 @@
-//! The same networks by other libraries.
+//! The same networks in other libraries.
 
 use candle_core::{Device, Result, Tensor};
 use nalgebra::{DMatrix, DVector};
 use retarget::Dense;
 
-/// Whether SiLU follows a layer: all but the last of each network.
+/// Returns each layer with true if SiLU follows it: all but the last of each network.
 fn with_activation(networks: &[Vec<Dense>]) -> Vec<(&Dense, bool)> {
     let marked =
         networks.iter().flat_map(|layers| layers.iter().enumerate().map(|(i, layer)| (layer, i + 1 < layers.len())));

@@ -1,6 +1,6 @@
-//! Protobuf as far as an ONNX model needs it; tests that write models use this file too.
+//! Protobuf, as far as an ONNX model needs it. Tests that write models use this file too.
 
-/// A protobuf message in the making.
+/// A protobuf message under construction.
 #[derive(Default)]
 pub(crate) struct Message(pub(crate) Vec<u8>);
 

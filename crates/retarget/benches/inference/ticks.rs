@@ -14,7 +14,7 @@ use retarget::{
 use crate::contest::{Contest, Entry};
 use crate::network;
 
-/// Prints what ticks cost, and their parts.
+/// Prints the cost of ticks and of their parts.
 pub(crate) fn measure() {
     let (z, x, y) = (Vector3::z(), Vector3::x(), Vector3::y());
     let arm = ArmModel::new(
@@ -50,7 +50,7 @@ pub(crate) fn measure() {
     contest.run("12 us is what SEW-Mimic's closed form in C++ takes for two arms");
 }
 
-/// From limbs to refined postures.
+/// Computes refined postures from limbs.
 fn solve(arm: &ArmModel, network: Network, human: &[Limbs; 2], steps: u32) -> impl FnMut() -> f32 + use<> {
     let (arm, human) = (arm.clone(), *human);
     move || {
@@ -63,7 +63,7 @@ fn solve(arm: &ArmModel, network: Network, human: &[Limbs; 2], steps: u32) -> im
     }
 }
 
-/// Whole ticks, a new skeleton in one out of `every`.
+/// Runs whole ticks with a new skeleton in one out of `every`.
 fn ticks(arm: &ArmModel, layers: &Layers, human: &[Limbs; 2], every: u64) -> impl FnMut() -> f32 + use<> {
     let joints = std::array::from_fn(|j| format!("joint_{j}"));
     let identity = ArmIdentity { robot: "benchmark".into(), robot_hash: 0, joints, arm: arm.clone() };

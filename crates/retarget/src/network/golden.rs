@@ -1,20 +1,21 @@
-//! Whether the networks compute here what they are meant to: 64 fixed inputs, against a plain sum in f64. What is compared
-//! is the code for this processor's vectors, on this processor, with the weights at hand.
+//! Self-test of the networks: 64 fixed inputs are compared with a plain sum in f64. The test runs the code for
+//! this processor's vectors, on this processor, with the loaded weights.
 
 use super::{Dense, LATENT, Latent, Layers, Network, OVERREACH};
 use crate::arm::{ARM_Q, ArmQ, FEATURES};
 
-/// Inputs that are tried.
+/// Number of inputs.
 const INPUTS: usize = 64;
-/// Largest error of a latent, as a part of its size where that is above 1, and of a joint, rad: 0.06 degrees. The shipped
-/// weights err by 2e-5, which is the rounding of single precision over seven layers; a wrong sum errs by far more.
+/// Largest error: of a latent, relative to its size if that is above 1, and of a joint, rad (0.06 degrees). The
+/// shipped weights err by 2e-5, which is the rounding of single precision over seven layers. A wrong sum errs by
+/// far more.
 const ERROR_MAX: f64 = 1e-3;
 
-/// The largest error, if it is more than may be.
+/// Returns the largest error if it exceeds the bound.
 pub(crate) fn error(network: &Network, layers: &Layers) -> Result<(), f64> {
     let mut worst = 0.0_f64;
     for n in 0..INPUTS {
-        // Spread over [-1, 1], as features and normalised positions are.
+        // Spread over [-1, 1], like features and normalised positions.
         let wave = |i: usize| ((1 + n) as f64 * (1.0 + 0.37 * i as f64)).sin();
         let features: [f32; FEATURES] = std::array::from_fn(|i| wave(i) as f32);
         let q: ArmQ = std::array::from_fn(|j| network.mid[j] + network.half[j] * wave(j));
@@ -36,7 +37,7 @@ pub(crate) fn error(network: &Network, layers: &Layers) -> Result<(), f64> {
     if worst <= ERROR_MAX { Ok(()) } else { Err(worst) }
 }
 
-/// The greater of both; NaN is the greatest.
+/// Returns the greater of both. NaN is the greatest.
 fn farther(a: f64, b: f64) -> f64 {
     if b.is_nan() || b > a { b } else { a }
 }
@@ -46,7 +47,7 @@ fn latents(got: &Latent, wanted: &[f64]) -> f64 {
     (0..LATENT).map(error).fold(0.0, farther)
 }
 
-/// Every layer as a sum of products; x / (1 + e^-x) behind all but the last.
+/// Computes every layer as a sum of products. x / (1 + e^-x) follows every layer except the last.
 fn plain(layers: &[Dense], input: &[f64]) -> Vec<f64> {
     let mut x = input.to_vec();
     for (i, layer) in layers.iter().enumerate() {

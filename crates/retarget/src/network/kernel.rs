@@ -1,16 +1,16 @@
-//! One pass through packed layers, compiled once for each level of the processor.
+//! One pass through packed layers, compiled once for each vector level.
 
 use pulp::{Simd, WithSimd};
 
 use super::perceptron::{LINE, Layer, Line, panel_lines};
 
-/// Sums that run beside each other in a layer of one line, so that no addition waits for the one before.
+/// Number of parallel sums in a layer of one line, so that no addition waits for the previous one.
 const CHAINS: usize = 4;
 
 /// Activations of `N` inputs, each in a buffer of `W` numbers.
 type Rows<const N: usize, const W: usize> = [[f32; W]; N];
 
-/// Everything that a pass needs. `FUSED`: multiply-adds round once. `BF16`: a word holds two weights.
+/// Data of one pass. `FUSED`: multiply-adds round once. `BF16`: a word holds two weights.
 pub(super) struct Pass<'a, const N: usize, const W: usize, const FUSED: bool, const BF16: bool> {
     pub(super) arena: &'a [Line],
     pub(super) layers: &'a [Layer],
@@ -64,7 +64,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
             let panel = panel_lines(S::F32_LANES, layer.lines - line);
             let vectors = panel * per_line;
             let at = line * per_line;
-            // One input leaves registers for two panels.
+            // One input leaves enough registers for two panels.
             let twice = N == 1 && S::F32_LANES < LINE && vectors == 4 && line + 2 * panel <= layer.lines;
             let used = if twice { 2 } else { 1 } * vectors * layer.rows;
             let (here, rest) = weights.split_at(used);
@@ -84,7 +84,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         }
     }
 
-    /// `M` panels of `G` vectors each, for `N` inputs, summed in registers over all rows in turn.
+    /// Sums `M` panels of `G` vectors each, for `N` inputs, in registers over all rows in turn.
     #[inline(always)]
     #[expect(clippy::needless_range_loop, reason = "one index for rows of weights and for inputs")]
     fn block<const G: usize, const M: usize, const N: usize, const W: usize>(
@@ -94,7 +94,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         from: &Rows<N, W>,
         to: &mut Rows<N, W>,
     ) {
-        // The bounds that spare the checks inside.
+        // These bounds remove the checks inside the loop.
         let rows = panels[0].len().min(if BF16 { W / 2 } else { W });
         let mut sum = [[[self.0.splat_f32s(0.0); G]; M]; N];
         for sum in &mut sum {
@@ -174,8 +174,8 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         }
     }
 
-    /// Adds the products of row `r`, of one input or of two, to the sums `m`. Of two the second comes first, so that the
-    /// word outlives its product; the other way round, compilers run out of registers.
+    /// Adds the products of row `r`, for one input or two, to the sums `m`. With bf16 the second weight comes
+    /// first, so that the word outlives its product. In the other order, compilers run out of registers.
     #[inline(always)]
     fn accumulate<const G: usize, const M: usize, const N: usize, const W: usize>(
         self,
@@ -210,13 +210,13 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         if FUSED { self.0.mul_add_e_f32s(a, b, c) } else { self.0.add_f32s(self.0.mul_f32s(a, b), c) }
     }
 
-    /// x / (1 + exp(-x)), relative error below 2e-6 where multiply-adds are fused, else 1e-5; NaN passes, and
-    /// infinities.
+    /// x / (1 + exp(-x)). The relative error is below 2e-6 where multiply-adds are fused, else 1e-5. NaN and
+    /// infinities pass.
     #[inline(always)]
     fn silu(self, x: S::f32s) -> S::f32s {
         let simd = self.0;
         let splat = |value: f32| simd.splat_f32s(value);
-        // Beyond, exp(-x) is 0 or dwarfs 1; the argument's NaN need not pass because the numerator's does.
+        // Beyond 87, exp(-x) is 0 or far above 1. The clamp may drop a NaN, because the numerator keeps it.
         let t = simd.max_f32s(splat(-87.0), simd.min_f32s(splat(87.0), x));
         // exp(-t) = 2^n 2^f, n + f = -t log2(e), |f| <= 1/2.
         let scale = splat(-std::f32::consts::LOG2_E);
@@ -234,7 +234,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
     }
 }
 
-/// Where a block's outputs belong: in vectors.
+/// Position of a block's outputs, in vectors.
 #[derive(Clone, Copy)]
 struct Place<'a, V> {
     bias: &'a [V],
@@ -244,5 +244,6 @@ struct Place<'a, V> {
 
 /// 1.5 * 2^23: adding it rounds to an integer and leaves that integer in the low mantissa bits.
 const ROUND: f32 = 12_582_912.0;
-/// 2^f on [-1/2, 1/2]: the polynomial of degree 5 through the Chebyshev nodes, highest power first; relative error 1.6e-7.
+/// 2^f on [-1/2, 1/2]: the polynomial of degree 5 through the Chebyshev nodes, highest power first. Relative error
+/// 1.6e-7.
 const EXP2: [f32; 6] = [1.339_086_3e-3, 9.676_032e-3, 5.550_357e-2, 2.402_210_7e-1, 6.931_472e-1, 1.000_000_1];

@@ -5,9 +5,9 @@ use pulp::{Arch, Scalar128b, Simd};
 
 use super::kernel::Pass;
 
-/// Widest layer that the fixed buffers take, inputs included: four times the paper's 128.
+/// Widest layer that the fixed buffers hold, inputs included: four times the paper's 128.
 pub const WIDTH_MAX: usize = 512;
-/// Width up to which smaller buffers do: the paper's.
+/// Widest layer that the smaller buffers hold: the paper's.
 const WIDTH_USUAL: usize = 128;
 
 /// One fully connected layer as training writes it.
@@ -23,18 +23,18 @@ pub struct Dense {
     pub bias: Vec<f32>,
 }
 
-/// How weights are stored. Biases, activations and sums are f32 in both.
+/// Storage format of the weights. Biases, activations and sums are f32 in both.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// As given.
+    /// f32, as given.
     #[default]
     F32,
-    /// Rounded to the eight significant bits of bfloat16: half the memory to read.
+    /// Rounded to the eight significant bits of bfloat16. This halves the memory to read.
     Bf16,
 }
 
-/// Which vectors of the processor are used. The levels with fused multiply-add (all but the portable one) give the same
-/// bits; the portable one differs by rounding, below 1e-5 of the largest output.
+/// Vector instructions of the processor. All levels with fused multiply-add, which are all but the portable one,
+/// give the same bits. The portable one differs by rounding, below 1e-5 of the largest output.
 #[derive(Clone, Copy, Debug)]
 pub struct Level(Kind);
 
@@ -45,17 +45,17 @@ enum Kind {
 }
 
 impl Level {
-    /// The widest that this processor has.
+    /// Returns the widest level of this processor.
     pub fn best() -> Self {
         Self::from_arch(Arch::new())
     }
 
-    /// Compiled for every processor of the target architecture; multiply-adds are not fused.
+    /// Returns the level for every processor of the target architecture. Its multiply-adds are not fused.
     pub fn portable() -> Self {
         Self(Kind::Portable)
     }
 
-    /// All that this processor has, widest first.
+    /// Returns all levels of this processor, widest first.
     pub fn available() -> Vec<Self> {
         #[allow(unused_mut, reason = "other architectures have one level beside the portable one")]
         let mut found = vec![Self::best()];
@@ -69,7 +69,7 @@ impl Level {
         found
     }
 
-    /// What people call it.
+    /// Common name.
     pub fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -86,7 +86,7 @@ impl Level {
         Self(if matches!(arch, Arch::Scalar) { Kind::Portable } else { Kind::Detected(arch) })
     }
 
-    /// Numbers of a vector.
+    /// Numbers in a vector.
     fn lanes(self) -> usize {
         match self.name() {
             "AVX-512" => 16,
@@ -101,11 +101,12 @@ impl Level {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct Line([f32; LINE]);
 
-/// Numbers of a cache line.
+/// Numbers in a cache line.
 pub(super) const LINE: usize = 16;
 
-/// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. A row holds the weights of one
-/// input (f32) or of two (bf16: the first in the low half of each word, the second in the high half).
+/// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. With f32 a row holds the
+/// weights of one input. With bf16 it holds those of two: the first in the low half of each word, the second in
+/// the high half.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layer {
     pub(super) rows: usize,
@@ -114,8 +115,8 @@ pub(super) struct Layer {
     pub(super) hidden: bool,
 }
 
-/// A multilayer perceptron with SiLU after every layer but the last: y = W_n silu(... silu(W_1 x + b_1) ...) + b_n.
-/// Weights lie on cache lines in the order in which they are read.
+/// A multilayer perceptron with SiLU after every layer except the last: y = W_n silu(... silu(W_1 x + b_1) ...) +
+/// b_n. Weights lie on cache lines in the order of reading.
 #[derive(Clone, Debug)]
 pub struct Perceptron {
     level: Level,
@@ -131,13 +132,13 @@ impl Perceptron {
     /// Packs `layers`, from input to output, for the widest vectors of this processor.
     ///
     /// # Panics
-    /// If there is no layer, if layers do not fit together, are not full, have no input or output, or are wider than
-    /// `WIDTH_MAX`: a bug of the caller.
+    /// Panics on a bug of the caller: no layer, layers that do not fit together or are not full, layers without
+    /// input or output, or layers wider than `WIDTH_MAX`.
     pub fn new(layers: &[Dense], precision: Precision) -> Self {
         Self::at_level(layers, precision, Level::best())
     }
 
-    /// As `new`, for vectors of choice.
+    /// As `new`, for the given vectors.
     ///
     /// # Panics
     /// As `new`.
@@ -166,9 +167,9 @@ impl Perceptron {
         packed
     }
 
-    /// Outputs for `N` inputs; the weights are read once for all of them. An input alone gives the same bits as among
-    /// others. Not finite if an input or the weights are not, and all NaN if `I` and `O` are not the network's sizes.
-    /// Never allocates or panics.
+    /// Computes the outputs for `N` inputs. It reads the weights once for all of them. An input alone gives the
+    /// same bits as among others. The result is not finite if an input or the weights are not. It is all NaN if
+    /// `I` and `O` are not the network's sizes. Never allocates or panics.
     pub fn forward<const I: usize, const O: usize, const N: usize>(&self, input: &[[f32; I]; N]) -> [[f32; O]; N] {
         let mut output = [[f32::NAN; O]; N];
         if I != self.inputs || O != self.outputs {
@@ -195,17 +196,17 @@ impl Perceptron {
         self.outputs
     }
 
-    /// How the weights are stored.
+    /// Storage format of the weights.
     pub fn precision(&self) -> Precision {
         self.precision
     }
 
-    /// The vectors in use.
+    /// The vector level in use.
     pub fn level(&self) -> Level {
         self.level
     }
 
-    /// Everything that one pass reads, in that order.
+    /// All bytes that one pass reads, in that order.
     pub fn packed(&self) -> &[u8] {
         bytemuck::cast_slice(&self.arena)
     }
@@ -250,8 +251,9 @@ impl Perceptron {
     }
 }
 
-/// Lines of the next panel of a layer of which `remain` lines are left, for vectors of `lanes` numbers: eight vectors of
-/// 16 numbers, or four shorter ones, of which there are half as many.
+/// Number of lines in the next panel of a layer with `remain` lines left, for vectors of `lanes` numbers. A panel
+/// has at most eight vectors of 16 numbers, or four shorter ones. The processor has half as many registers for
+/// those.
 #[inline(always)]
 pub(super) fn panel_lines(lanes: usize, remain: usize) -> usize {
     match (lanes, remain) {
@@ -273,20 +275,21 @@ fn arena_lines(dense: &Dense, precision: Precision) -> usize {
     dense.outputs.div_ceil(LINE) * (1 + dense.inputs.div_ceil(inputs_of_row(precision)))
 }
 
-/// Two weights in one word: the low half is the first as bfloat16. The whole word, read as f32, is the second: its high
-/// half is chosen so that this is as close as it can be, which spares a mask and loses nothing.
+/// Packs two weights into one word. The low half is the first weight as bfloat16. The whole word, read as f32, is
+/// the second. Its high half is chosen so that this word is as close as possible. That avoids a mask and loses no
+/// precision.
 fn pair(first: f32, second: f32) -> f32 {
     let low = nearest(first, first.to_bits() >> 16, |half| f32::from_bits(half << 16)).to_bits() >> 16;
     nearest(second, second.to_bits() >> 16, |half| f32::from_bits(half << 16 | low))
 }
 
-/// The closest to `target` of the numbers `of` the half words around `half`.
+/// Returns the number closest to `target` among those that `of` gives for the half words around `half`.
 fn nearest(target: f32, half: u32, of: impl Fn(u32) -> f32) -> f32 {
     let candidates = [half, half.wrapping_sub(1) & 0xffff, half.wrapping_add(1) & 0xffff].map(of);
     let distance = |x: f32| (f64::from(x) - f64::from(target)).abs();
     let mut best = candidates[0];
     for x in candidates {
-        // A neighbour of the largest or of the smallest number may not be one.
+        // A neighbour of the largest or smallest number may be infinite or NaN.
         if x.is_finite() && distance(x) < distance(best) {
             best = x;
         }

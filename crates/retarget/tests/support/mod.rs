@@ -77,13 +77,13 @@ pub(crate) fn prediction() -> Prediction {
     Prediction::read(std::str::from_utf8(&manifest).expect("text"), &tensors).expect("accepted")
 }
 
-/// Its manifest and its tensors.
+/// Manifest and tensors of the shipped prediction.
 pub(crate) fn prediction_files() -> [Vec<u8>; 2] {
     let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../weights/prediction");
     ["toml", "safetensors"].map(|extension| std::fs::read(base.with_extension(extension)).expect("shipped"))
 }
 
-/// A skeleton whose two arms take the postures `q` (both arms by the model of the left one).
+/// A skeleton whose two arms have the postures `q` (both arms by the model of the left one).
 pub(crate) fn skeleton(sequence: u64, received_ns: u64, origin_ns: u64, q: &[ArmQ; 2]) -> Skeleton {
     let mut out = Skeleton { received: Stamp(received_ns), flags: skeleton_flag::ALL, ..Skeleton::ZERO };
     out.header.sequence = sequence;

@@ -1,10 +1,10 @@
-//! The bounds from frame to frame, to the frame, the nanosecond and the millimetre.
+//! Bounds from frame to frame, exact to the frame, the nanosecond and the millimetre.
 
 use super::*;
 use crate::steps::{NOISE_M, jumped, lengths_stepped};
 use messages::{HingeCalibration, Layout, SMPL_JOINTS};
 
-/// Somebody in a T-pose who looks along x, in the order of SMPL-22.
+/// A person in a T-pose who looks along x, in the order of SMPL-22.
 const T_POSE: [[f32; 3]; SMPL_JOINTS] = [
     [0.0, 0.0, 1.0],
     [0.0, 0.09, 0.93],
@@ -30,7 +30,7 @@ const T_POSE: [[f32; 3]; SMPL_JOINTS] = [
     [0.0, -0.72, 1.42],
 ];
 const MS: u64 = 1_000_000;
-/// 30 periods of half a second in all.
+/// 30 periods are half a second.
 const PERIOD_NS: u64 = 500 * MS / 30;
 
 fn person(change: impl Fn(&mut [[f32; 3]; SMPL_JOINTS])) -> Person {
@@ -49,19 +49,20 @@ fn good() -> Person {
     person(|_| {})
 }
 
-/// Feet that point backwards.
+/// A person whose feet point backwards.
 fn turned_feet() -> Person {
     person(|p| [Smpl::LeftFoot, Smpl::RightFoot].iter().for_each(|&foot| p[foot as usize][0] = -0.15))
 }
 
-/// A frame of capture time `ns` and this number.
+/// A frame with capture time `ns` and this sequence number.
 fn frame(ns: u64, sequence: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
     (raw.header.origin, raw.header.sequence, raw.header.incarnation) = (Stamp(ns), sequence, 1);
     raw
 }
 
-/// Frames of this person, from a session that has seen `before` good ones, until one is refused; its number from 1.
+/// Feeds frames of `bad` to a session after `before` good ones. Returns the number of the first refused frame,
+/// from 1.
 fn refused_after(before: u32, bad: &Person) -> u32 {
     let mut session = Session::new(&frame(0, 0));
     (0..before).for_each(|_| assert_eq!(session.check_posture(&good(), PERIOD_NS), Ok(())));
@@ -80,7 +81,7 @@ fn evidence_on_sides_is_a_mean_of_half_a_second() {
     let (by_feet, by_hips) = (below(was.front, feet.front, -1.0), below(1.0, -1.0, -0.3));
     assert_eq!((by_feet, by_hips), (Some(42), Some(31)));
     assert_eq!((refused_after(100, &turned_feet()), refused_after(100, &hips)), (42, 31));
-    // The first frame stands for all before it.
+    // The first frame counts for all before it.
     assert_eq!((refused_after(0, &turned_feet()), refused_after(0, &hips)), (1, 1));
 }
 
@@ -93,7 +94,7 @@ fn legs_that_are_not_seen_say_nothing() {
         (0..100)
             .for_each(|n| assert_eq!(session.check_posture(&bad, PERIOD_NS), Ok(()), "frame {n} without {hidden:?}"));
     }
-    // Nothing was known of them: the mean begins at 0, and is -2 + 2 (29/30)^n.
+    // Nothing is known of the legs: the mean starts at 0, and is -2 + 2 (29/30)^n.
     let refused = (1..1000).find(|_| session.check_posture(&turned_feet(), PERIOD_NS).is_err());
     assert_eq!(refused, (1..1000).find(|&n| -2.0 + 2.0 * (29.0_f64 / 30.0).powi(n) < -1.0));
 }
@@ -108,7 +109,7 @@ fn knees_that_bend_backwards_are_a_mirror_image_too() {
             }
         })
     };
-    // Thigh down and shin to the back: 1 for each leg; a foot that points down says little.
+    // Thigh down and shin to the back give 1 for each leg. A foot that points down adds little.
     let front = |person: &Person| chirality(&person.positions).expect("a trunk").front;
     let (back, forth) = (front(&bend(-0.4)), front(&bend(0.4)));
     assert!((back - forth - 4.0).abs() < 1e-6 && back > 2.0 && forth < -1.5, "{back} {forth}");
@@ -149,12 +150,12 @@ fn a_person_is_forgotten_after_more_than_the_gap_and_frames_are_not() {
     assert_eq!(session.check_order(&config, &frame(60, 8)), Ok(false));
 }
 
-/// A body whose limbs are all of this length.
+/// A body whose limbs all have this length.
 fn limbs(length: f64, ns: u64) -> Body {
     Body { origin: Stamp(ns), arms: Default::default(), lengths: [Some(length); LIMBS] }
 }
 
-/// What is said of both arms alike.
+/// Result for both arms, which must agree.
 fn both(doubts: Doubts) -> Result<(), DropReason> {
     assert_eq!(doubts[0], doubts[1]);
     doubts[0].map_or(Ok(()), Err)
@@ -171,7 +172,7 @@ fn lengths_are_learnt_in_the_first_second_and_no_longer() {
     }
     assert_eq!((see(1000, 1.0709), see(1010, 1.0711)), (Ok(()), Err(DropReason::LengthChange)));
     assert_eq!((see(1020, 0.9691), see(1030, 0.9689)), (Ok(()), Err(DropReason::LengthChange)));
-    // Ten seconds of another length, near enough, teach nothing.
+    // Ten seconds of another length within the bound change nothing.
     (0..1000).for_each(|n| assert_eq!(see(1040 + n * 10, 1.06), Ok(())));
     assert_eq!(see(20_000, 1.0711), Err(DropReason::LengthChange));
 }
@@ -239,7 +240,7 @@ fn a_step_is_bounded_by_the_speed_of_the_joint_by_length_and_by_noise() {
     }
 }
 
-/// What is said of a left arm whose wrist is so far off in each of these frames, 30 a second.
+/// Results for a left arm whose wrist is off by these distances, 30 frames a second.
 fn wrists_off(off_m: &[f64]) -> Vec<Option<DropReason>> {
     let config = Config::default();
     let mut part = Part::default();
@@ -265,12 +266,12 @@ fn a_wrist_that_is_wild_for_a_frame_or_two_is_taken_again_at_once_and_one_that_s
     let refused = |off_m: &[f64]| wrists_off(off_m).iter().map(Option::is_some).collect::<Vec<_>>();
     assert_eq!(refused(&[0.0, 0.6, 0.0, 0.0]), [false, true, false, false]);
     assert_eq!(refused(&[0.0, 0.6, -0.6, 0.0, 0.0]), [false, true, true, false, false]);
-    // Three are no accident: five frames have to agree.
+    // Three are no accident: five frames must agree.
     assert_eq!(refused(&[0.6, -0.6, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0]), [true, true, true, true, true, true, true, true]);
     assert_eq!(refused(&[0.6, -0.6, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])[8..], [false]);
-    // It stays where it jumped to.
+    // The wrist stays where it jumped to.
     assert_eq!(refused(&[0.6; 6]), [true, true, true, true, true, false]);
-    // Nor is it forgiven again within half a second: the way back is a jump, too.
+    // No second return is accepted within half a second: the way back is a jump, too.
     assert_eq!(
         refused(&[0.6, 0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])[2..],
         [true, true, true, true, true, true, false]
@@ -282,7 +283,7 @@ fn a_wrist_that_is_wild_for_a_frame_or_two_is_taken_again_at_once_and_one_that_s
     assert!(wrists_off(&[0.6]).contains(&Some(DropReason::Teleport)));
 }
 
-/// The payload of frame `n`.
+/// Payload of frame `n`.
 fn repeated(n: u64) -> Payload {
     Payload { arms: [n; 2], rest: n }
 }
@@ -320,7 +321,7 @@ fn a_payload_is_frozen_from_its_hundred_milliseconds_to_its_second() {
 fn every_bit_of_a_posture_counts() {
     let still = payload(&good());
     for bit in 0..32 {
-        // The hash begins with bits that are set: none may hide one of the payload.
+        // The hash starts with bits that are set. None of them may hide a bit of the payload.
         let flip = |x: &mut f32| *x = f32::from_bits(x.to_bits() ^ 1 << bit);
         let first = person(|p| flip(&mut p[0][0]));
         let last = person(|p| flip(&mut p[21][2]));

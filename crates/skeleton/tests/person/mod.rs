@@ -18,7 +18,7 @@ pub(crate) fn arm(q: [f64; 5]) -> (UnitQuaternion<f64>, UnitQuaternion<f64>) {
     (upper, upper * about(2, -q[3]) * about(1, -q[4]))
 }
 
-/// (x, y, z, w) -> (-x, y, -z, w): a left arm's rotation as the right arm's.
+/// Mirrors a left arm's rotation to the right arm: (x, y, z, w) -> (-x, y, -z, w).
 pub(crate) fn mirror(q: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(q.w, -q.i, q.j, -q.k))
 }
@@ -33,7 +33,7 @@ pub(crate) fn read(q: [f32; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
 }
 
-/// A person whose torso frame is the world's; both arms given as left arms.
+/// A person whose torso frame is the world's. Both arms are given as left arms.
 pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
     let lean = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
     let mut positions = [[0.0f32; 3]; SMPL_JOINTS];
@@ -76,7 +76,7 @@ pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
     (positions, rotations)
 }
 
-/// The frame of a client: number `i` at 60 Hz.
+/// Frame `i` of a client at 60 Hz.
 #[allow(dead_code)]
 pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
@@ -92,13 +92,13 @@ pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
     raw
 }
 
-/// Somebody whose arms move a little.
+/// A person whose arms move a little.
 #[allow(dead_code)]
 pub(crate) fn standing(t: f64) -> Body {
     person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
 }
 
-/// Feeds a frame on arrival and gives the reason, if it was dropped or an arm in it was not used.
+/// Feeds a frame on arrival. Returns the reason if the frame was dropped or an arm in it was not used.
 #[allow(dead_code)]
 pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
     let now = raw.header.origin.plus_ns(1_000_000);
