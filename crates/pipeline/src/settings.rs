@@ -154,7 +154,7 @@ pub struct ControlSettings {
     pub grace_us: f64,
     /// Lets a machine without real-time scheduling engage. It counts with a simulated driver only.
     pub engage_without_realtime: bool,
-    /// Who may reset an emergency stop that an operator pressed. `"anyone"` allows every operator. `"presser"` requires a
+    /// Operators that may reset an emergency stop of an operator. `"anyone"` allows every operator. `"presser"` requires a
     /// reset by every user who pressed it, or by root. SAFETY.md says more.
     pub emergency_stop_reset: EmergencyStopReset,
 }
@@ -355,7 +355,7 @@ pub struct SimSettings {
     /// Silence of the driver after which the robot reacts by itself, ms. 1 to 20 with `reaction = "play"`, otherwise 1
     /// to 1000. Assumption.
     pub watchdog_ms: f64,
-    /// What the robot does by itself then. `"play"` plays the certified stop that came with the last setpoint. Behind
+    /// Reaction of the robot by itself after that. `"play"` plays the certified stop that came with the last setpoint. Behind
     /// jtc100 no stop comes, and the joints brake alone. `"hold"` brakes each joint alone. `"damp"` lets the motors
     /// damp. Real robots differ.
     pub reaction: RobotReaction,
