@@ -166,7 +166,8 @@ impl Limits {
             // The point and the way to it were checked when the plan was accepted.
             return Ok(());
         }
-        // |a| is at most 2^52 on both sides, so the product may reach 2^53 * 1500 > 2^63. It is computed in i128. It fits an i64 once it is known to be within the jerk limit.
+        // |a| is at most 2^52 on both sides, so the product may reach 2^53 * 1500 > 2^63. It is computed in i128.
+        // It fits an i64 once it is known to be within the jerk limit.
         let jerk = i128::from(next.a - last.a) * 1500;
         if jerk.abs() > i128::from(self.jerk + JERK_SLACK) {
             return Err(Check::Jerk);
