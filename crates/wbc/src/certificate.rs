@@ -113,7 +113,7 @@ pub(crate) struct Node {
     x: [JointState; JOINTS],
     placements: Placements,
     axes: Vec<Segment>,
-    /// Which entries of `axes` are computed.
+    /// The entries of `axes` that are computed.
     known: u128,
 }
 
