@@ -1,5 +1,5 @@
-//! Decides whether the robot may move, and denies unsafe commands. It never proposes a motion, does no IO and
-//! reads no clock. A tick never allocates, locks or panics. The crate depends on no other stage.
+//! Decides whether the robot may move and denies unsafe commands, but never proposes a motion. It does no IO
+//! and reads no clock. A tick never allocates, locks or panics. The crate depends on no other stage.
 //!
 //! - [`engage`]: the state machine that grants and withdraws authority.
 //! - [`gate`]: the last check of every command, in integers. After a denial all joints play the stored stop
