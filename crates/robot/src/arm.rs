@@ -17,9 +17,9 @@ const MIRROR_TOLERANCE: f64 = 1e-9;
 /// One arm.
 ///
 /// The rotations of its limbs are in the torso frame (x forward, y left, z up). They are differences from the
-/// reference posture (the T-pose). Rot(n, w) is the rotation by w about n. Then
-/// U(q) = Rot(axes 1, q1 - ref1) Rot(axes 2, q2 - ref2) Rot(axes 3, q3 - ref3) is that of the upper arm, and
-/// F(q) = U(q) Rot(axes 4, q4 - ref4) Rot(axes 5, q5 - ref5) is that of the forearm.
+/// reference posture (the T-pose). Rot(n, w) is the rotation by w about n. Then the rotations are
+/// U(q) = Rot(axes 1, q1 - ref1) Rot(axes 2, q2 - ref2) Rot(axes 3, q3 - ref3) of the upper arm and
+/// F(q) = U(q) Rot(axes 4, q4 - ref4) Rot(axes 5, q5 - ref5) of the forearm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arm {
     /// Indices of its joints in the fixed joint order.

@@ -178,8 +178,8 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
     })
 }
 
-/// Checks that there is one root, that every other link is below exactly one joint, and that no loop lies
-/// beside the tree.
+/// Checks that there is one root, and that every other link is below exactly one joint. No loop may exist
+/// outside the tree.
 fn check_tree(file: &str, links: &[String], joints: &[UrdfJoint]) -> Result<(Vec<Option<usize>>, usize), RobotError> {
     let mut joint_above = vec![None; links.len()];
     for (at, joint) in joints.iter().enumerate() {

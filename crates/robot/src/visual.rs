@@ -132,7 +132,7 @@ impl Model {
         })
     }
 
-    /// The boxes, cylinders and spheres of the URDF's visuals; meshes are left out.
+    /// The boxes, cylinders and spheres of the URDF's visuals. Meshes are left out.
     pub fn visuals(&self) -> impl Iterator<Item = Visual> {
         self.links.iter().flat_map(|link| {
             let in_body = |visual: &Visual| Visual {

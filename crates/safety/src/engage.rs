@@ -9,7 +9,7 @@
 //!   | |  | is wrong       release         v    |                   |
 //!   | +--|--- at rest, not resumable - Holding <-------------------+
 //!   |    v                                ^
-//!   +- Recovering ------------------------+ recovery let go, or a fault of the others
+//!   +- Recovering ------------------------+ recovery released, or another fault
 //!      recovered, or no way
 //!  any -- Stop fault --> Faulted -- reset edge, cause gone, at rest, nothing held --> Disengaged
 //! ```

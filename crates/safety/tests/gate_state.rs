@@ -128,7 +128,7 @@ fn every_joint_counts() {
     }
 }
 
-/// A seed that does not come to rest is refused as a whole, whichever joint it is. The place of rest need not
+/// A seed that does not come to rest is refused as a whole, for any joint. The place of rest need not
 /// be home.
 #[test]
 fn a_seed_is_taken_or_refused_as_a_whole() {

@@ -10,9 +10,9 @@
 //!           g_s . S_s (p - p_k) >= min(-gamma l_s, push)             [for every near pair, at samples s of the plan]
 //! ```
 //!
-//! Here p_k is the end of the plan in force, and g_s the gradient of the pair's distance d_s at sample s. l_s
-//! = d_s - d_min - eps is the distance that is left there. S_s = dq_s / dp is the change of the position at
-//! the sample per change of the end. The samples are the end and three postures on the way.
+//! Here p_k is the end of the plan in force, and g_s the gradient of the pair's distance d_s at sample s.
+//! The distance that is left there is l_s = d_s - d_min - eps. S_s = dq_s / dp is the change of the position
+//! at the sample per change of the end. The samples are the end and three postures on the way.
 //!
 //! A pair with l_s > 0 may use up the share gamma of it in one tick. A pair with l_s < 0 is opened, at a
 //! share of l_s per tick, and by no more than a quarter of what the joints can do at all. So a row alone is

@@ -34,7 +34,7 @@ const PLANNED: f64 = 0.95;
 const PLANNED_BRAKE: f64 = 0.9;
 /// Share of the longest stop that is used for planning, because a tick passes until the stop begins.
 const PLANNED_TIME: f64 = 0.98;
-/// The gentlest brake, as a share of the acceleration limit, whatever the motors can give. It lets a standing
+/// The gentlest brake, as a share of the acceleration limit, even if the motors can give less. It lets a standing
 /// joint start.
 const GENTLEST: f64 = 0.05;
 

@@ -3,18 +3,21 @@
 //!
 //! # Derivation
 //!
-//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the
-//! distance of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the
-//! joints that move both alike drop out. Both axes are segments, so min and max are at their ends.
+//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most
+//! the distance of the capsules. n is fixed as seen from the deepest body that carries both (the pair's
+//! *common* body). So the joints that move both in the same way drop out. Both axes are segments, so min and
+//! max are at their ends.
 //!
-//! *Obstacles.* Planes and boxes are fixed to the base (body 0), and each is paired with every capsule that any joint
-//! moves; the common body is then the base. For a box with centre c, rotation R and half lengths h, max over B of n.x =
-//! n.c + sum_i |(R^T n)_i| h_i. For a half-space n.x <= o only its own normal has a separation, min over A of n.x - o -
-//! r_A, which is the distance itself. An obstacle does not move: B_B = 0 and L_B = 0 below.
+//! *Obstacles.* Planes and boxes are fixed to the base (body 0). Each is paired with every capsule that any
+//! joint moves, so the common body is the base. For a box with centre c, rotation R and half lengths h, max
+//! over B of n.x = n.c + sum_i |(R^T n)_i| h_i. A half-space n.x <= o has a separation only along its own
+//! normal. It is min over A of n.x - o - r_A, which is the distance itself. An obstacle does not move: B_B =
+//! 0 and L_B = 0 below.
 //!
-//! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s)
-//! / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at
-//! t1. So, with S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B, the segment is safe if for one n
+//! *Chord.* Let x(t) be a point with |x''| <= B on [t0, t1], and dt = t1 - t0. It leaves its chord at t0 + s
+//! by at most B s (dt - s) / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B
+//! at t0 and sep_n(t1) + r_A + r_B at t1. Let S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B. Then the
+//! segment is safe if for one n
 //!
 //! ```text
 //! d_min <= min over s in [0, dt] of  S0 + (S1 - S0) s / dt - B s (dt - s) / 2
@@ -26,22 +29,23 @@
 //! tried, those between the closest points at t0 and at t1. Any n is sound. So it does not matter that near
 //! parallel axes these points are ill-conditioned. Their distance is never used, only the separation along n.
 //!
-//! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
-//! distance of the point from the joint's axis over all configurations, see
-//! [`Chain::reach`](crate::chain::Chain::reach)); for a prismatic one J_k = z_k, R_k = 1. For i before k in the chain,
-//! dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute (everything after it, J_k and x, turns with it) and 0 if i is
-//! prismatic; dJ_k/dq_k = z_k x J_k if k is revolute, else 0. Hence, with |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k
-//! for a revolute, 0 for a prismatic joint,
+//! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k). Its length is at most the reach R_k,
+//! the largest distance of the point from the joint's axis over all configurations (see
+//! [`Chain::reach`](crate::chain::Chain::reach)). For a prismatic joint J_k = z_k and R_k = 1. For i before k
+//! in the chain, dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute, because everything after it, J_k and x,
+//! turns with it. It is 0 if i is prismatic. dJ_k/dq_k is z_k x J_k if k is revolute, else 0. Hence, with
+//! |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k for a revolute, 0 for a prismatic joint,
 //!
 //! ```text
 //! x'' = sum_k J_k q_k'' + sum_i sum_k dJ_k/dq_i q_i' q_k'
 //! B   = sum_k R_k a_k + sum_k R_k v_k (w_k + 2 sum_{i<k} w_i)
 //! ```
 //!
-//! A prismatic joint after revolute ones thus adds 2 v_p times the sum of their speeds; one before them adds a_p alone.
-//! Over the part of the chain that begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s, and
-//! B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an axis, and points between them are
-//! convex combinations, so R_k is the larger of the two ends'. Each side takes the s that follows the common body.
+//! So a prismatic joint after revolute ones adds 2 v_p times the sum of their speeds, and one before them
+//! adds only a_p. Over the part of the chain that begins at joint s this is a recursion from the tip: W_s =
+//! W_{s+1} + R_s v_s, and B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an
+//! axis. Points between them are convex combinations, so R_k is the larger of the two ends'. Each side takes
+//! the s that follows the common body.
 //!
 //! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in
 //! between. |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8

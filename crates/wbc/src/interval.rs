@@ -106,8 +106,8 @@ impl Bounds {
         if x.a > 0.0 && next.a < 0.0 && x.v - x.a * x.a / (2.0 * j) > self.v_max {
             return false;
         }
-        // No speed on the way exceeds v_max, and no stop takes longer than V / brake + 3 A / J. So far from
-        // the limit the stop need not be computed.
+        // No speed on the way exceeds v_max, and no stop takes longer than V / brake + 3 A / J. So the stop
+        // need not be computed far from the limit.
         let longest_s = TICK_S + self.v_max / self.brake + 3.0 * self.a_max / self.j_max;
         if x.q + self.v_max * longest_s < self.q_max {
             return true;

@@ -63,7 +63,7 @@ pub struct RobotView {
     pub commanded: bool,
     /// `state_flag::DRIVER_FAULT`.
     pub driver_fault: bool,
-    /// `state_flag::EMERGENCY_STOP`: somebody pressed the emergency stop at the robot.
+    /// `state_flag::EMERGENCY_STOP`: the emergency stop at the robot is pressed.
     pub emergency_stop: bool,
     /// The measurements are implausible.
     pub feedback_invalid: bool,

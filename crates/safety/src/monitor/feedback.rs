@@ -138,7 +138,7 @@ impl Before {
             return false;
         }
         self.sense = Some((sent, measured));
-        // A joint that was away and comes back does follow, from whichever side. It is a joint that still
+        // A joint that was away and comes back does follow, from any side. It is a joint that still
         // swings.
         let comes_back = (measured - sent).abs() <= (measured_from - sent_from).abs();
         !comes_back && (measured - measured_from) * way < SENSE_SHARE * way * way

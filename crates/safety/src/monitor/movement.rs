@@ -40,8 +40,8 @@ const REST_SHARE: f64 = ERROR_SHARE / 2.0;
 /// below the bound after 50 ms ln(64) = 0.2 s.
 const REST_MEAN_S: f64 = 0.05;
 
-/// A joint that is measured faster than this share of its largest speed is too fast. Commands reach at most
-/// 1. A servo overshoots by some percent, and the noise of the torso's speed is 0.05.
+/// A joint that is measured faster than this share of its largest speed is too fast. Commands reach at
+/// most a share of 1. A servo overshoots by some percent, and the noise of the torso's speed is 0.05.
 const FAST_SHARE: f64 = 1.25;
 
 /// Time for which a joint must be too fast, s. The first holds for its positions alone, the second if the

@@ -37,7 +37,7 @@ pub(crate) struct Curves {
     parent: [usize; JOINTS],
     prismatic: [bool; JOINTS],
     bodies: Vec<Carried>,
-    /// Bound of each entry of the mass matrix; kg m^2, kg m, kg.
+    /// Bound of each entry of the mass matrix, kg m^2, kg m or kg.
     matrix: [PerJoint; JOINTS],
 }
 

@@ -31,7 +31,7 @@
 //!
 //! So |J_k| <= R_k, |J_k'| <= R_k O1 and |J_k''| <= R_k O2, with the reach R_k of dm. R_k is the distance of
 //! the next joint's origin from axis k, plus the lengths of the later offsets, plus the distance of dm from
-//! the origin of b. If k is b's own joint, it is the distance of dm from b's axis. dJ_k/dq_i = z_i x J_k for
+//! the origin of b. If k is b's own joint, the last distance is from b's axis. dJ_k/dq_i = z_i x J_k for
 //! i <= k has the same bounds. So x'' is at most sum_k R_k c_k times a product of rotations by at most all
 //! joints to b, with
 //!
