@@ -67,7 +67,8 @@ pub struct Config {
     d_min_m: f64,
     /// Largest speed of each joint in a recovery, in units.
     recovery_v: [i64; JOINTS],
-    /// Largest speed of an elbow or a hand, m/s. None if joints within their limits cannot exceed it.
+    /// Largest speed of an elbow or a hand, m/s. None without a bound, or if joints within their limits cannot
+    /// exceed it.
     hand_speed_m_per_s: Option<f64>,
 }
 
@@ -95,7 +96,7 @@ impl Config {
         })
     }
 
-    /// Adds a bound: elbows and hands move at most at `max` in the base frame, m/s.
+    /// Adds a bound: elbows and hands move no faster than `max` in the base frame, m/s.
     pub fn with_hand_speed(self, max: f64) -> Result<Self, ConfigError> {
         // Written so that NaN is refused too.
         if !(max > 0.0 && max.is_finite()) {
