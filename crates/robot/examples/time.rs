@@ -1,4 +1,4 @@
-//! How long kinematics and clearance take: `cargo run --release -p robot --example time -- ROBOT.toml ROBOT.urdf`.
+//! Times kinematics and clearance: `cargo run --release -p robot --example time -- ROBOT.toml ROBOT.urdf`.
 
 use robot::{Frames, Model, segment_distance};
 use std::hint::black_box;
@@ -13,7 +13,7 @@ fn main() {
     let ((toml, toml_name), (urdf, urdf_name)) = (text(), text());
     let model = Model::from_text(&toml_name, &toml, &urdf_name, &urdf).unwrap_or_else(|error| panic!("{error}"));
     let mut frames = Frames::default();
-    // The least of many short runs: what the code takes when nothing interrupts it.
+    // Takes the minimum of many short runs, which is the time without interruptions.
     let least_ns = |work: &mut dyn FnMut(u32)| {
         (0..2_000)
             .map(|_| {

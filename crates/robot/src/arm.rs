@@ -1,4 +1,4 @@
-//! An arm as the retargeting sees it: two limb rotations made by five joints.
+//! An arm for the retargeting: five joints turn its two limbs.
 
 use crate::error::RobotError;
 use crate::kinematics::Frames;
@@ -8,13 +8,16 @@ use crate::pose::rotation;
 use messages::{ARM_JOINTS, JOINTS};
 use nalgebra::{Matrix3, Vector3};
 
-/// Joints of an arm that turn its two limbs.
+/// Number of joints of an arm that turn its two limbs.
 const LIMB_JOINTS: usize = 5;
-/// Mirrored axes may differ by the rounding of the URDF's angles (1e-11 rad in common files), not by more.
+/// Largest difference between mirrored axes. It allows for the rounding of the URDF's angles (1e-11 rad in
+/// common files).
 const MIRROR_TOLERANCE: f64 = 1e-9;
 
-/// One arm. With Rot(n, w) the rotation by w about n, the rotations of its limbs in the torso frame (x forward, y left,
-/// z up), as differences from the reference posture (the T-pose), are
+/// One arm.
+///
+/// The rotations of its limbs are in the torso frame (x forward, y left, z up). They are differences from the
+/// reference posture (the T-pose). Rot(n, w) is the rotation by w about n. Then the rotations are
 /// U(q) = Rot(axes 1, q1 - ref1) Rot(axes 2, q2 - ref2) Rot(axes 3, q3 - ref3) of the upper arm and
 /// F(q) = U(q) Rot(axes 4, q4 - ref4) Rot(axes 5, q5 - ref5) of the forearm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +35,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// A placeholder until the model is whole enough to derive the arm.
+    /// A placeholder until the model is complete enough to derive the arm.
     pub(crate) fn blank() -> Self {
         Self {
             joints: [0; ARM_JOINTS],
@@ -52,7 +55,8 @@ impl Arm {
 }
 
 impl Model {
-    /// The arm with these joints whose T-pose is `reference` and whose shoulder hangs on the body `torso`.
+    /// Derives the arm with these joints, whose T-pose is `reference` and whose shoulder is on the body
+    /// `torso`.
     pub(crate) fn derive_arm(&self, joints: [usize; ARM_JOINTS], reference: [f64; LIMB_JOINTS], torso: usize) -> Arm {
         let mut q = [0.0; JOINTS];
         (0..LIMB_JOINTS).for_each(|i| q[joints[i]] = reference[i]);
@@ -72,8 +76,8 @@ impl Model {
         }
     }
 
-    /// One arm model serves both arms only if the right arm is the mirror image of the left: the mirror at the plane
-    /// y = 0 takes a rotation axis (x, y, z) to (-x, y, -z) at the same angle.
+    /// Checks that the right arm is the mirror image of the left one, because one arm model serves both. The
+    /// mirror at the plane y = 0 maps a rotation axis (x, y, z) to (-x, y, -z) at the same angle.
     pub(crate) fn check_mirror(&self, file: &str) -> Result<(), RobotError> {
         let [left, right] = &self.arms;
         for i in 0..ARM_JOINTS {

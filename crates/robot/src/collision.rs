@@ -1,4 +1,4 @@
-//! Collision geometry: capsules on bodies, and which pairs of them are checked.
+//! Collision geometry: capsules on bodies, and the pairs of them that are checked.
 
 use crate::error::RobotError;
 use crate::file::{Allowed, CapsuleEntry};
@@ -8,7 +8,7 @@ use crate::segment::segment_distance;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
-/// Most capsules of a robot: their end points in the base frame fit on the stack of a tick.
+/// Largest number of capsules of a robot. Their end points in the base frame must fit on the stack of a tick.
 pub const CAPSULES_MAX: usize = 64;
 
 /// All points within `radius_m` of a segment.
@@ -26,7 +26,7 @@ pub struct Capsule {
     pub radius_m: f64,
 }
 
-/// Two capsules that are checked against each other, `a < b`.
+/// Two capsules that are checked against each other, with `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pair {
     /// Index of one capsule.
@@ -35,31 +35,32 @@ pub struct Pair {
     pub b: usize,
 }
 
-/// Why a pair is not checked.
+/// The reason why a pair is not checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AllowedReason {
-    /// Both on one body: they cannot move against each other.
+    /// Both are on one body, so they cannot move relative to each other.
     SameBody,
-    /// On two bodies with one joint between them, whose stops keep them apart.
+    /// They are on two bodies with one joint between them, whose mechanical stops keep them apart.
     Adjacent,
-    /// Proved by the collision tool to keep the clearance over the whole box of the position limits in force.
+    /// The collision tool has proved that they keep the clearance over the whole box of the position limits
+    /// in force.
     ProvedClear,
 }
 
-/// Two capsules that are not checked against each other, `a < b`.
+/// Two capsules that are not checked against each other, with `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AllowedPair {
     /// Index of one capsule.
     pub a: usize,
     /// Index of the other.
     pub b: usize,
-    /// Why.
+    /// The reason.
     pub reason: AllowedReason,
 }
 
 impl Model {
-    /// The least clearance of all checked pairs, m (negative: the capsules overlap), and the index of that pair in
-    /// `pairs`; infinite and 0 where there is no pair. No allocation.
+    /// The least clearance of all checked pairs, m, and the index of that pair in `pairs`. It is negative if
+    /// the capsules overlap. Without pairs it is infinite, and the index is 0. Never allocates.
     pub fn clearance(&self, frames: &Frames) -> (f64, usize) {
         let mut ends = [(Vector3::zeros(), Vector3::zeros()); CAPSULES_MAX];
         for (end, capsule) in ends.iter_mut().zip(&self.capsules) {
@@ -79,7 +80,7 @@ impl Model {
     }
 }
 
-/// Capsules in body frames from the entries of a robot file, which are in link frames.
+/// Converts the capsules of a robot file from link frames to body frames.
 pub(crate) fn read_capsules(
     file: &str,
     entries: &[CapsuleEntry],
@@ -105,7 +106,7 @@ pub(crate) fn read_capsules(
             name: entry.link.clone(),
             expected: "a link of the URDF".into(),
         })?;
-        // 2 m from its link and 1 m thick is no part of an arm's robot.
+        // No robot with such arms has a capsule 2 m from its link or 1 m thick.
         let refuse = |name: &str, value: f64, bound: &str| RobotError::Value {
             file: file.into(),
             key: format!("{key}: {name}"),
@@ -129,7 +130,7 @@ pub(crate) fn read_capsules(
     Ok(capsules)
 }
 
-/// Sorts every pair of capsules into checked and allowed. What no reason covers is checked.
+/// Sorts every pair of capsules into checked and allowed. A pair without a reason is checked.
 pub(crate) fn read_pairs(
     file: &str,
     capsules: &[Capsule],

@@ -1,4 +1,4 @@
-//! Limits in force: what the URDF says, what the robot file adds, and what it tightens.
+//! Limits in force: those of the URDF, with the robot file's additions and tighter values.
 
 use crate::error::RobotError;
 use crate::file::{Limits, RevoluteGroup, Tighten};
@@ -8,7 +8,7 @@ use crate::urdf::Tree;
 use messages::{ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, TORSO};
 
 impl Source<'_> {
-    /// Limits as the URDF has them, all believable.
+    /// Returns the limits of the URDF, after a check that all are plausible.
     pub(crate) fn urdf_limits(
         &self,
         at: &[usize; JOINTS],
@@ -53,8 +53,8 @@ impl Source<'_> {
         Ok(limits)
     }
 
-    /// The limits in force of joint `j`: the URDF's, inside the soft margin, with acceleration and jerk of its group, and
-    /// what the file tightens.
+    /// The limits in force of joint `j`. They are the URDF's, inside the soft margin, with acceleration and
+    /// jerk of the joint's group, and with the file's tighter values.
     pub(crate) fn effective(
         &self,
         j: usize,
@@ -93,7 +93,7 @@ impl Source<'_> {
             self.tighten(name, prismatic, tighten, &mut limits)?;
         }
         let stop_time_max_s = groups.stop_time_max_ms * 1e-3;
-        // Half a second is what the project promises; more would be a promise broken by a file.
+        // The project guarantees half a second. A longer time in a file would break this guarantee.
         if !(groups.stop_time_max_ms > 0.0 && groups.stop_time_max_ms <= 500.0) {
             let value = groups.stop_time_max_ms.to_string();
             return Err(self.value("limits.stop_time_max_ms", value, "must be above 0 and at most 500"));
@@ -160,7 +160,7 @@ impl Source<'_> {
     }
 }
 
-/// Name, soft margin, acceleration and jerk of the group that joint `j` belongs to, SI.
+/// Name, soft margin, acceleration and jerk of the group of joint `j`, SI.
 fn group_of(j: usize, groups: &Limits) -> (&'static str, f64, f64, f64) {
     let revolute = |name, group: &RevoluteGroup| {
         (name, group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3)

@@ -1,5 +1,5 @@
-//! Tables, floors and walls about the robot. They stand in the base's frame, not the torso's, which lifts; when the base
-//! moves they are void.
+//! Tables, floors and walls around the robot. They are given in the base's frame, and not in the torso's,
+//! which lifts. They are no longer valid when the base moves.
 
 use crate::error::RobotError;
 use crate::kinematics::Frames;
@@ -8,18 +8,18 @@ use crate::pose::Pose;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Most planes of an environment.
+/// Largest number of planes of an environment.
 pub const PLANES_MAX: usize = 8;
-/// Most boxes of an environment.
+/// Largest number of boxes of an environment.
 pub const BOXES_MAX: usize = 8;
-/// Most characters of the name of a plane or box.
+/// Largest number of characters in the name of a plane or box.
 pub const NAME_CHARACTERS_MAX: usize = 64;
-/// What stands farther away than this is out of any arm's reach, m.
+/// Objects farther away than this are out of any arm's reach, m.
 const FAR_M: f64 = 10.0;
-/// A normal may be so much longer or shorter than 1: a few digits in a file.
+/// Largest difference of a normal's length from 1. It allows for a few digits in a file.
 const NORMAL_TOLERANCE: f64 = 1e-3;
 
-/// What is written in the settings: everything in metres, in the base's frame.
+/// Obstacles of the settings file. All values are in metres, in the base's frame.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Environment {
@@ -31,7 +31,7 @@ pub struct Environment {
     pub boxes: Vec<BoxEntry>,
 }
 
-/// Everything at x with normal . x <= offset is solid.
+/// A solid half-space: all x with normal . x <= offset.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneEntry {
@@ -64,7 +64,7 @@ pub struct BoxEntry {
 pub enum Solid {
     /// All x with normal . x <= offset.
     HalfSpace {
-        /// Unit normal, leads out.
+        /// Unit normal that points out of the solid.
         normal: Vector3<f64>,
         /// Distance of the surface from the origin along the normal, m.
         offset_m: f64,
@@ -80,7 +80,7 @@ pub enum Solid {
     },
 }
 
-/// Something that every capsule that moves keeps clear of.
+/// An object that every moving capsule must keep clear of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Obstacle {
     /// Unique name.
@@ -90,11 +90,11 @@ pub struct Obstacle {
 }
 
 impl Solid {
-    /// Distance of the segment `a` `b` from the solid, m; 0 where it touches a box, negative below a plane. Not for a
-    /// tick.
+    /// Distance of the segment `a` `b` from the solid, m. It is 0 where it touches a box, and negative below
+    /// a plane. Do not call it in a tick.
     ///
-    /// The squared distance of a point from a box is convex and has a continuous derivative, so along a segment its
-    /// minimum is an end or where the derivative changes sign, which bisection finds.
+    /// The squared distance of a point from a box is convex and has a continuous derivative. So along a
+    /// segment its minimum is at an end, or where the derivative changes sign. Bisection finds that point.
     pub fn segment_distance(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
         match self {
             Self::HalfSpace { normal, offset_m } => normal.dot(a).min(normal.dot(b)) - offset_m,
@@ -102,7 +102,7 @@ impl Solid {
                 let (from, along) = (r.tr_mul(&(a - center)), r.tr_mul(&(b - a)));
                 let beyond = |s: f64| (from + along * s).zip_map(half_m, |x, half| x - x.clamp(-half, half));
                 let (mut low, mut high) = (0.0, 1.0);
-                // Halved 60 times, the bracket is shorter than a double at 1 can tell.
+                // After 60 halvings, the bracket is shorter than the resolution of a double at 1.
                 for _ in 0..60 {
                     let middle = 0.5 * (low + high);
                     *(if beyond(middle).dot(&along) > 0.0 { &mut high } else { &mut low }) = middle;
@@ -114,8 +114,8 @@ impl Solid {
 }
 
 impl Model {
-    /// The same robot among the obstacles of `environment`; `file` is named in errors. Refuses what is out of bounds, and
-    /// obstacles to which the home posture is closer than commands may come.
+    /// Returns the same robot among the obstacles of `environment`. Errors name `file`. It refuses values out
+    /// of bounds, and obstacles that are closer to the home posture than commands may come.
     pub fn with_environment(mut self, file: &str, environment: &Environment) -> Result<Self, RobotError> {
         self.obstacles = read(file, environment)?;
         let names = self.capsules.iter().map(|capsule| &capsule.name).collect::<Vec<_>>();
@@ -138,11 +138,11 @@ impl Model {
         Ok(self)
     }
 
-    /// The least clearance of the capsules that move from the obstacles, m, and the pair as in
-    /// [`Model::shape_name`]; infinite without obstacles.
+    /// The least clearance of the moving capsules from the obstacles, m, and the pair as in
+    /// [`Model::shape_name`]. It is infinite without obstacles.
     pub fn obstacle_clearance(&self, frames: &Frames) -> (f64, [u32; 2]) {
         let mut least = (f64::INFINITY, [0; 2]);
-        // What stands on the base cannot come closer to what stands still.
+        // A capsule on the base cannot come closer to a fixed obstacle.
         for (i, capsule) in self.capsules.iter().enumerate().filter(|(_, capsule)| capsule.body != 0) {
             let pose = &frames.base_from_body[capsule.body];
             let (a, b) = (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b));
@@ -156,7 +156,8 @@ impl Model {
         least
     }
 
-    /// Name of one side of a pair in messages: capsules come first, then the obstacles, in the order of their files.
+    /// Name of one side of a pair in messages. Capsules come first, then the obstacles, in the order of their
+    /// files.
     pub fn shape_name(&self, index: u32) -> &str {
         let index = index as usize;
         let capsule = self.capsules.get(index).map(|capsule| capsule.name.as_str());
@@ -192,13 +193,14 @@ fn read(file: &str, environment: &Environment) -> Result<Vec<Obstacle>, RobotErr
     Ok(obstacles)
 }
 
-/// Names are printed wherever a pair is named, on terminals too: neither long ones nor control characters.
+/// Checks a name. Names are printed with every pair, on terminals too. So they may be neither long nor
+/// contain control characters.
 fn name(file: &str, key: &str, text: &str) -> Result<(), RobotError> {
     let characters = text.chars().count();
     if (1..=NAME_CHARACTERS_MAX).contains(&characters) && !text.chars().any(char::is_control) {
         return Ok(());
     }
-    // No longer in the error than what is accepted.
+    // The error shows no more characters than a valid name may have.
     let shown = text.chars().take(NAME_CHARACTERS_MAX).collect::<String>().escape_debug().to_string();
     let more = if characters > NAME_CHARACTERS_MAX { "..." } else { "" };
     let bound = format!("must have 1 to {NAME_CHARACTERS_MAX} characters, no control characters, has {characters}");
@@ -222,7 +224,7 @@ fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {
 
 fn block(file: &str, entry: &BoxEntry) -> Result<Solid, RobotError> {
     let key = |name: &str| format!("environment.boxes `{}`: {name}", entry.name);
-    // A millimetre is thinner than any board, and two walls of a large room are 2 x 10 m apart.
+    // A millimetre is thinner than any board. Two walls of a large room are 2 x 10 m apart.
     let bounds = [
         ("center_m", entry.center_m, -FAR_M, FAR_M),
         ("size_m", entry.size_m, 1e-3, 2.0 * FAR_M),

@@ -1,69 +1,69 @@
-//! What can be wrong with a robot's files.
+//! Errors in a robot's files.
 
-/// Why a robot was refused. Every text names the file, the key, the value and the bound.
+/// The reason why a robot was refused. Every text names the file, the key, the value and the bound.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RobotError {
-    /// The text is longer than anything that describes a robot.
+    /// Returned if the text is longer than any description of a robot.
     #[error("{file}: length: {bytes} bytes, at most {bound} are read")]
     TooLong {
         /// File.
         file: String,
         /// Its length, bytes.
         bytes: usize,
-        /// The most that is read, bytes.
+        /// Largest accepted length, bytes.
         bound: usize,
     },
-    /// More of something than is accepted.
+    /// Returned if there are more items of a kind than accepted.
     #[error("{file}: {key}: {count}, at most {bound}")]
     TooMany {
         /// File.
         file: String,
-        /// What there is too much of.
+        /// Kind of the items.
         key: String,
-        /// How many there are.
+        /// Number of items.
         count: usize,
-        /// How many are accepted.
+        /// Largest accepted number.
         bound: usize,
     },
-    /// The text is not what its format asks for; the cause names the key.
+    /// Returned if the text does not follow its format. The cause names the key.
     #[error("{file}: {cause}")]
     Syntax {
         /// File.
         file: String,
-        /// The parser's words.
+        /// The parser's message.
         cause: String,
     },
-    /// A construct that no robot needs and that attackers like.
+    /// Returned for a construct that no robot needs and that attackers use.
     #[error("{file}: {construct} is refused")]
     Forbidden {
         /// File.
         file: String,
-        /// Which construct.
+        /// Name of the construct.
         construct: String,
     },
-    /// The same name twice.
+    /// Returned if the same name occurs twice.
     #[error("{file}: {key} `{name}` occurs twice, names must be unique")]
     Duplicate {
         /// File.
         file: String,
-        /// Kind of thing.
+        /// Kind of the named item.
         key: String,
         /// Its name.
         name: String,
     },
-    /// A name that refers to nothing.
+    /// Returned if a name refers to nothing.
     #[error("{file}: {key}: `{name}` is not {expected}")]
     Unknown {
         /// File.
         file: String,
-        /// Where the name stands.
+        /// Place of the name.
         key: String,
         /// The name.
         name: String,
-        /// What it should have been.
+        /// Description of the expected name.
         expected: String,
     },
-    /// The links are not one tree.
+    /// Returned if the links are not one tree.
     #[error("{file}: roots: {}, exactly one link may have no parent", if roots.is_empty() { "none".to_owned() } else { roots.join(", ") })]
     Roots {
         /// File.
@@ -71,7 +71,7 @@ pub enum RobotError {
         /// Links without a parent.
         roots: Vec<String>,
     },
-    /// A link that cannot be reached from the root, or that has two parents.
+    /// Returned if a link cannot be reached from the root, or has two parents.
     #[error("{file}: link `{link}` is part of a loop or has two parents, the links must form a tree")]
     Loop {
         /// File.
@@ -79,7 +79,7 @@ pub enum RobotError {
         /// The link.
         link: String,
     },
-    /// A joint of a kind that cannot be commanded.
+    /// Returned if a joint is of a kind that cannot be commanded.
     #[error("{file}: joint `{joint}`: type {value}, {bound}")]
     JointKind {
         /// File.
@@ -88,33 +88,33 @@ pub enum RobotError {
         joint: String,
         /// Its type.
         value: String,
-        /// What is accepted.
+        /// The accepted kinds.
         bound: String,
     },
-    /// A number of a joint out of its bounds.
+    /// Returned if a number of a joint is out of its bounds.
     #[error("{file}: joint `{joint}`: {key} = {value}, {bound}")]
     Joint {
         /// File.
         file: String,
         /// The joint.
         joint: String,
-        /// Which number.
+        /// Name of the number.
         key: String,
         /// Its value, SI.
         value: f64,
-        /// What is accepted.
+        /// The accepted values.
         bound: String,
     },
-    /// Any other value out of its bounds.
+    /// Returned if any other value is out of its bounds.
     #[error("{file}: {key} = {value}, {bound}")]
     Value {
         /// File.
         file: String,
-        /// Which key.
+        /// The key.
         key: String,
         /// Its value.
         value: String,
-        /// What is accepted.
+        /// The accepted values.
         bound: String,
     },
 }

@@ -1,10 +1,10 @@
-//! The robot file: what a URDF does not say. Every key is required unless it can only tighten.
+//! The robot file: data that a URDF does not contain. A key is optional only if it can just tighten a limit.
 
 use crate::error::RobotError;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// The only format that is read.
+/// The only accepted format.
 pub(crate) const FORMAT: u32 = 1;
 
 #[derive(Deserialize)]
@@ -15,12 +15,12 @@ pub(crate) struct RobotFile {
     pub(crate) urdf: String,
     pub(crate) base_link: String,
     pub(crate) torso_link: String,
-    /// Movable joints of the URDF that nothing commands; modelled at position zero.
+    /// Movable joints of the URDF that nothing commands. They are modelled at position zero.
     pub(crate) held_joints: Vec<String>,
     pub(crate) joints: JointNames,
     pub(crate) limbs: Limbs,
     pub(crate) limits: Limits,
-    /// By joint name; may only tighten.
+    /// Limits by joint name. They may only tighten.
     #[serde(default)]
     pub(crate) tighten: BTreeMap<String, Tighten>,
     pub(crate) home_m: BTreeMap<String, f64>,
@@ -28,7 +28,7 @@ pub(crate) struct RobotFile {
     pub(crate) reference_rad: BTreeMap<String, f64>,
     #[serde(default)]
     pub(crate) tasks: Tasks,
-    /// What the hands carry; empty where nothing is said.
+    /// Payload of the hands. Empty if the file has none.
     #[serde(default)]
     pub(crate) payload: Payloads,
     pub(crate) collision: Collision,
@@ -46,17 +46,17 @@ pub(crate) struct Payloads {
 #[serde(deny_unknown_fields)]
 pub(crate) struct PayloadEntry {
     pub(crate) mass_kg: f64,
-    /// In the frame of the link that the arm's last joint moves.
+    /// Centre of mass in the frame of the link that the arm's last joint moves.
     pub(crate) centre_m: [f64; 3],
 }
 
-/// What a deviation from the target costs where the robot is blocked. Never loosens a limit.
+/// Costs of a deviation from the target where the robot is blocked. They never loosen a limit.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Tasks {
     #[serde(default)]
     pub(crate) limb_orientation_weight: f64,
-    /// By joint name; 1 where a joint is not named.
+    /// Weights by joint name. The weight is 1 for a joint that is not named.
     #[serde(default)]
     pub(crate) joint_weight: BTreeMap<String, f64>,
 }
@@ -158,7 +158,7 @@ pub(crate) struct CapsuleEntry {
     pub(crate) radius_m: f64,
 }
 
-/// Pairs that are not checked, by reason; each capsule names the others.
+/// Pairs that are not checked, by reason. Each capsule lists the others.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Allowed {
@@ -188,7 +188,7 @@ impl RobotFile {
 }
 
 impl JointNames {
-    /// In the fixed joint order: torso lift, head, left arm, right arm.
+    /// Returns the names in the fixed joint order: torso lift, head, left arm, right arm.
     pub(crate) fn ordered(self) -> [String; messages::JOINTS] {
         [
             self.torso_lift,
@@ -212,7 +212,7 @@ impl JointNames {
     }
 }
 
-/// The name of the URDF that a robot file asks for: a file in the same folder.
+/// Returns the name of the URDF for a robot file. It is a file in the same folder.
 pub fn urdf_file(toml_name: &str, toml_text: &str) -> Result<String, RobotError> {
     RobotFile::parse(toml_name, toml_text).map(|file| file.urdf)
 }

@@ -1,4 +1,4 @@
-//! Masses of the 18 bodies: the inertials of the URDF's links, merged where joints are fixed or held.
+//! Masses of the 18 bodies. The inertials of the URDF's links are merged where joints are fixed or held.
 
 use crate::error::RobotError;
 use crate::model::{Link, Model};
@@ -6,11 +6,11 @@ use crate::pose::Pose;
 use messages::JOINTS;
 use nalgebra::{Matrix3, Vector3};
 
-/// No link of a robot that carries people's arms' motions is heavier, kg.
+/// Largest mass of a link, kg. No link of a robot for such motions is heavier.
 const MASS_MAX_KG: f64 = 500.0;
-/// Nor does any turn harder, kg m^2: that mass at 2 m.
+/// Largest inertia of a link, kg m^2: that mass at 2 m.
 const INERTIA_MAX_KG_M2: f64 = 2_000.0;
-/// 100 m: nothing that is one robot reaches farther.
+/// Largest distance of a link's centre, 100 m. No part of one robot reaches farther.
 const CENTER_MAX_M: f64 = 100.0;
 
 /// Mass properties of a rigid body, in its own frame.
@@ -25,12 +25,13 @@ pub struct Inertia {
 }
 
 impl Inertia {
-    /// A mass at a point, kg and m.
+    /// Creates a point mass, kg and m.
     pub fn point(mass_kg: f64, center: Vector3<f64>) -> Self {
         Self { mass_kg, center, about_center: Matrix3::zeros() }
     }
 
-    /// Both as one rigid body: centres by mass, inertias by the parallel axis theorem.
+    /// Joins both into one rigid body. Centres are weighted by mass, and inertias follow the parallel axis
+    /// theorem.
     pub fn join(&self, other: &Self) -> Self {
         let mass_kg = self.mass_kg + other.mass_kg;
         let center = if mass_kg > 0.0 {
@@ -47,14 +48,14 @@ impl Inertia {
         self.about_center + (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * self.mass_kg
     }
 
-    /// The same body seen from a frame in which its own frame is at `pose`.
+    /// Returns the same body in a frame in which its own frame has the pose `pose`.
     fn seen_from(&self, pose: &Pose) -> Self {
         let about_center = pose.r * self.about_center * pose.r.transpose();
         Self { mass_kg: self.mass_kg, center: pose.transform_point(&self.center), about_center }
     }
 }
 
-/// The inertial of a link in the link's frame; zero where the URDF states none.
+/// Reads the inertial of a link in the link's frame. It is zero if the URDF gives none.
 pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotError> {
     let (inertial, i) = (&link.inertial, &link.inertial.inertia);
     let refuse = |key: &str, value: f64, bound: String| {
@@ -80,7 +81,7 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
     Ok(Inertia { mass_kg, center: Vector3::zeros(), about_center: own }.seen_from(&pose))
 }
 
-/// The links' masses on the bodies that carry them.
+/// Sums the links' masses on the bodies that carry them.
 pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS + 1] {
     let mut bodies = [Inertia::default(); JOINTS + 1];
     for link in links {
@@ -90,7 +91,7 @@ pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS + 1] {
 }
 
 impl Model {
-    /// Masses of the bodies, each in its own frame; body 0 is the base.
+    /// Masses of the bodies, each in its own frame. Body 0 is the base.
     pub fn inertias(&self) -> [Inertia; JOINTS + 1] {
         of_bodies(&self.links)
     }

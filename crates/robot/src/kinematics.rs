@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Poses of all bodies in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frames {
-    /// Body 0 is the base, body `1 + j` moves with joint `j`.
+    /// Body 0 is the base. Body `1 + j` moves with joint `j`.
     pub base_from_body: [Pose; JOINTS + 1],
 }
 
@@ -18,12 +18,12 @@ impl Default for Frames {
     }
 }
 
-/// How a body hangs on its parent body.
+/// Connection of a body to its parent body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JointFrame {
-    /// The parent body, always with a smaller index.
+    /// The parent body. It always has a smaller index.
     pub(crate) parent: usize,
-    /// Unit axis in the body's own frame, which its own motion leaves alone.
+    /// Unit axis in the body's own frame. The joint's motion does not change it there.
     pub(crate) axis: Vector3<f64>,
     /// Origin of the body at position zero in the parent body's frame, m.
     offset: Vector3<f64>,
@@ -32,14 +32,15 @@ pub(crate) struct JointFrame {
 
 #[derive(Clone, Copy, Debug)]
 enum Motion {
-    /// R(q) = fixed + sin(q) sine + cos(q) cosine: Rodrigues' formula after the fixed rotation.
+    /// R(q) = fixed + sin(q) sine + cos(q) cosine. It is Rodrigues' formula after the fixed rotation.
     Turn { fixed: Matrix3<f64>, sine: Matrix3<f64>, cosine: Matrix3<f64> },
     /// t(q) = offset + q direction.
     Slide { rotation: Matrix3<f64>, direction: Vector3<f64> },
 }
 
 impl JointFrame {
-    /// The joint at `parent_from_joint` in body `parent`, about or along the unit `axis` of its own frame.
+    /// Creates the joint at `parent_from_joint` in body `parent`. It moves about or along the unit `axis` of
+    /// its own frame.
     pub(crate) fn new(parent: usize, parent_from_joint: &Pose, axis: Vector3<f64>, prismatic: bool) -> Self {
         let r = parent_from_joint.r;
         let motion = if prismatic {
@@ -53,7 +54,7 @@ impl JointFrame {
 }
 
 impl Model {
-    /// Poses of all bodies at the joint positions `q` (rad, m). No allocation.
+    /// Computes the poses of all bodies at the joint positions `q` (rad, m). Never allocates.
     ///
     /// base_from_body = base_from_parent * (parent_from_joint * motion(q)), parents before children.
     pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
@@ -72,11 +73,12 @@ impl Model {
         }
     }
 
-    /// Jacobian of a point that is fixed to `body` and now lies at `point` of the base frame, m: column j is the point's
-    /// linear velocity (m/s) and the body's angular velocity (rad/s) in the base frame per unit speed of joint j. No
-    /// allocation.
+    /// Jacobian of a point that is fixed to `body` and now lies at `point` of the base frame, m. Column j is
+    /// the effect of unit speed of joint j. It has the point's linear velocity (m/s) and the body's angular
+    /// velocity (rad/s) in the base frame. Never allocates.
     ///
-    /// Revolute: (w x (p - o), w); prismatic: (w, 0); zero for joints that do not carry the body.
+    /// A column is (w x (p - o), w) for a revolute joint and (w, 0) for a prismatic one. It is zero if the
+    /// joint does not carry the body.
     pub fn jacobian(&self, frames: &Frames, body: usize, point: &Vector3<f64>) -> [[f64; 6]; JOINTS] {
         let mut columns = [[0.0; 6]; JOINTS];
         let mut at = body;
@@ -100,25 +102,26 @@ impl Model {
         self.links.iter().map(|link| (link.name.as_str(), link.body, &link.body_from_link))
     }
 
-    /// Pose in the base frame of any link of the URDF, or `None` where there is no such link. Searches by name: not for
-    /// ticks.
+    /// Pose in the base frame of any link of the URDF, or `None` if there is no such link. It searches by
+    /// name, so do not call it in a tick.
     pub fn link_pose(&self, frames: &Frames, link: &str) -> Option<Pose> {
         let (body, body_from_link) = self.link_body(link)?;
         Some(frames.base_from_body[body].compose(&body_from_link))
     }
 
-    /// The body that carries a link and the link's pose in that body's frame. Searches by name: not for ticks.
+    /// The body that carries a link, and the link's pose in that body's frame. It searches by name, so do not
+    /// call it in a tick.
     pub fn link_body(&self, link: &str) -> Option<(usize, Pose)> {
         self.links.iter().find(|known| known.name == link).map(|known| (known.body, known.body_from_link))
     }
 
-    /// The body that `body` hangs on; `None` for the base.
+    /// The parent of `body`. `None` for the base.
     pub fn parent_body(&self, body: usize) -> Option<usize> {
         body.checked_sub(1).map(|j| self.joint_frames[j].parent)
     }
 
-    /// Pose of the body of joint `j` in its parent body's frame at joint position zero, and the joint's unit axis in the
-    /// body's own frame.
+    /// Pose of the body of joint `j` in its parent body's frame at joint position zero, and the joint's unit axis
+    /// in the body's own frame.
     pub fn joint_at_zero(&self, j: usize) -> (Pose, Vector3<f64>) {
         let joint = &self.joint_frames[j];
         let r = match &joint.motion {

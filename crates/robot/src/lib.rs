@@ -1,9 +1,11 @@
-//! Never reads a file, a clock or the environment, and never moves anything: text of a URDF and of a robot file in, a
-//! checked [`Model`] out, with limits, forward kinematics, Jacobians and collision geometry.
+//! Turns the texts of a URDF and of a robot file into a checked [`Model`], and never reads a file, a clock or
+//! the environment. It never moves anything. The model has limits, forward kinematics, Jacobians and
+//! collision geometry.
 //!
-//! - [`Model::from_text`] refuses what it does not understand; errors name file, key, value and bound.
-//! - Bodies: body 0 is the base, body `1 + j` is what moves with joint `j` of the 17, in the frame of that joint's link.
-//! - All positions are in metres, angles in radians, in the base frame unless a name says otherwise.
+//! - [`Model::from_text`] refuses everything that it does not understand. Errors name file, key, value and
+//!   bound.
+//! - Body 0 is the base. Body `1 + j` moves with joint `j` of the 17, in the frame of that joint's link.
+//! - Positions are in metres and angles in radians, in the base frame unless a name says otherwise.
 
 // Bounds are written as `!(value <= bound)` so that NaN is refused.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

@@ -9,21 +9,22 @@ pub struct JointLimits {
     pub q_max: f64,
     /// Highest speed in either direction, rad/s or m/s.
     pub v_max: f64,
-    /// Highest acceleration in either direction, rad/s^2 or m/s^2; infinite where a URDF names none.
+    /// Highest acceleration in either direction, rad/s^2 or m/s^2. Infinite if a URDF gives none.
     pub a_max: f64,
-    /// Highest jerk in either direction, rad/s^3 or m/s^3; infinite where a URDF names none.
+    /// Highest jerk in either direction, rad/s^3 or m/s^3. Infinite if a URDF gives none.
     pub j_max: f64,
     /// Highest torque or force in either direction, N m or N.
     pub effort_max: f64,
 }
 
 impl JointLimits {
-    /// Whether a position, rad or m, is inside. False for NaN.
+    /// Returns true if a position, rad or m, is within the limits. False for NaN.
     pub fn contains(&self, q: f64) -> bool {
         q >= self.q_min && q <= self.q_max
     }
 
-    /// Time of the jerk-limited stop from the highest speed, s: v / a + a / j (a trapezoid of acceleration).
+    /// Time of the jerk-limited stop from the highest speed, s. It is v / a + a / j (a trapezoid of
+    /// acceleration).
     pub fn stop_time_s(&self) -> f64 {
         if self.v_max * self.j_max < self.a_max * self.a_max {
             2.0 * (self.v_max / self.j_max).sqrt()
@@ -33,9 +34,9 @@ impl JointLimits {
     }
 }
 
-/// Bounds between which a limit is believed, for one kind of joint. They refuse typing errors and missing values, not
-/// strong robots: the largest arms sold as collaborative turn at 4.6 rad/s with 370 N m, lifts of mobile manipulators
-/// carry 2 kN over less than 1 m.
+/// Plausible bounds of a limit, for one kind of joint. They refuse typing errors and missing values, but not
+/// strong robots. The largest arms sold as collaborative turn at 4.6 rad/s with 370 N m. Lifts of mobile
+/// manipulators carry 2 kN over less than 1 m.
 pub(crate) struct Plausible {
     /// Largest magnitude of a position, rad or m.
     pub(crate) position: f64,
@@ -49,15 +50,15 @@ pub(crate) struct Plausible {
     pub(crate) effort: f64,
 }
 
-/// What is believed of a revolute joint: two turns either way and some.
+/// Plausible values of a revolute joint: a little more than two turns either way.
 pub(crate) const REVOLUTE: Plausible =
     Plausible { position: 13.0, speed: 20.0, acceleration: 200.0, jerk: 20_000.0, effort: 1_000.0 };
-/// What is believed of a prismatic joint.
+/// Plausible values of a prismatic joint.
 pub(crate) const PRISMATIC: Plausible =
     Plausible { position: 3.0, speed: 2.0, acceleration: 20.0, jerk: 2_000.0, effort: 10_000.0 };
 
 impl Plausible {
-    /// Of a joint of this kind.
+    /// Returns the bounds for this kind of joint.
     pub(crate) fn of(prismatic: bool) -> &'static Self {
         if prismatic { &PRISMATIC } else { &REVOLUTE }
     }

@@ -19,10 +19,11 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 use urdf_rs::JointType;
 
-/// Largest weight of a task, and the inverse of a joint's smallest: the program stays far from its rounding.
+/// Largest weight of a task, and the inverse of a joint's smallest weight. It keeps the quadratic program far
+/// from its rounding.
 const WEIGHT_MAX: f64 = 1e3;
 
-/// The two texts that a model was made of, for another reader of them.
+/// The two texts from which a model was made, for other readers.
 #[derive(Debug)]
 pub struct Texts {
     /// Name of the robot file, for error messages.
@@ -38,23 +39,23 @@ pub struct Texts {
 /// Everything about one robot that does not change while it moves.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// What it was made of.
+    /// The texts from which it was made.
     pub texts: Arc<Texts>,
-    /// Name, the same in both files.
+    /// Name of the robot. It is the same in both files.
     pub name: String,
-    /// The first 8 bytes of the SHA-256 of both texts: equal hashes, equal robots.
+    /// The first 8 bytes of the SHA-256 of both texts. Equal hashes mean equal robots.
     pub hash: u64,
     /// URDF names of the 17 joints in the fixed joint order.
     pub joint_names: [String; JOINTS],
-    /// Which joints slide (m) instead of turning (rad).
+    /// True for joints that slide (m), false for joints that turn (rad).
     pub prismatic: [bool; JOINTS],
     /// Limits in force: the URDF's, tightened by the robot file.
     pub limits: [JointLimits; JOINTS],
-    /// Limits as the URDF has them; acceleration and jerk are infinite where it names none.
+    /// Limits of the URDF. Acceleration and jerk are infinite if it gives none.
     pub urdf_limits: [JointLimits; JOINTS],
-    /// Posture of everything that nothing else determines, rad or m.
+    /// Home posture: used for every joint that has no target, rad or m.
     pub home: [f64; JOINTS],
-    /// Left and right arm; the right one is checked to be the mirror image of the left.
+    /// Left and right arm. The right one is checked to be the mirror image of the left.
     pub arms: [Arm; 2],
     /// The body whose frame is the torso frame of the limb rotations.
     pub torso_body: usize,
@@ -62,19 +63,21 @@ pub struct Model {
     pub capsules: Vec<Capsule>,
     /// The pairs that are checked, in ascending order.
     pub pairs: Vec<Pair>,
-    /// The pairs that are not, with reasons.
+    /// The pairs that are not checked, with reasons.
     pub allowed: Vec<AllowedPair>,
-    /// What stands about the robot, see [`Model::with_environment`]; every capsule that moves is checked against each.
+    /// Obstacles around the robot, see [`Model::with_environment`]. Every moving capsule is checked against
+    /// each.
     pub obstacles: Vec<Obstacle>,
-    /// What a deviation of a joint from its target costs where the robot is blocked, for one as large as its largest speed.
+    /// Cost of a joint's deviation from its target where the robot is blocked, for a deviation as large as
+    /// its largest speed.
     pub joint_weight: [f64; JOINTS],
-    /// What a deviation of a limb's angular velocity by 1 rad/s costs there; 0 leaves the limbs' rotations out.
+    /// Cost of a deviation of a limb's angular velocity by 1 rad/s there. 0 leaves the limbs' rotations out.
     pub limb_weight: f64,
-    /// What the left and the right hand carry at the start; none where the robot file says nothing of a hand.
+    /// Payload of the left and the right hand at the start. None if the robot file does not mention a hand.
     pub payload: [Option<Payload>; 2],
-    /// No stop takes longer, s.
+    /// Longest duration of a stop, s.
     pub stop_time_max_s: f64,
-    /// Commands keep every checked pair at least this far apart, m.
+    /// Least distance of every checked pair in commands, m.
     pub d_min_m: f64,
     /// Measured postures below this clearance are a fault, m.
     pub d_measured_min_m: f64,
@@ -82,24 +85,26 @@ pub struct Model {
     pub(crate) links: Vec<Link>,
 }
 
-/// Where a link of the URDF is.
+/// Position of a link of the URDF on its body.
 #[derive(Clone, Debug)]
 pub(crate) struct Link {
     pub(crate) name: String,
     pub(crate) body: usize,
     pub(crate) body_from_link: Pose,
-    /// In the link's own frame.
+    /// Shapes in the link's own frame.
     pub(crate) visuals: Vec<Visual>,
     pub(crate) meshes: Vec<MeshVisual>,
-    /// In the link's own frame.
+    /// Mass properties in the link's own frame.
     pub(crate) inertia: Inertia,
 }
 
 impl Model {
-    /// Makes a model of the text of a robot file and of a URDF; the names are those of the files, for error messages.
+    /// Makes a model from the texts of a robot file and of a URDF. The names are those of the files, for
+    /// error messages.
     ///
-    /// Refuses what would make a guarantee hollow: texts that are no tree of links, joints without believable limits,
-    /// overrides that loosen, arms that do not mirror, a home posture outside the limits or too close to itself.
+    /// It refuses everything that would weaken a guarantee: texts that are not a tree of links, joints
+    /// without plausible limits, overrides that loosen, and arms that do not mirror. It also refuses a home
+    /// posture outside the limits or with too little clearance.
     pub fn from_text(toml_name: &str, toml_text: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, RobotError> {
         let file = RobotFile::parse(toml_name, toml_text)?;
         let tree = Tree::parse(urdf_name, urdf_text)?;
@@ -124,7 +129,7 @@ fn hash(toml_text: &str, urdf_text: &str) -> u64 {
     u64::from_le_bytes(std::array::from_fn(|i| digest[i]))
 }
 
-/// Names of the two files, for the errors of whatever is built from them.
+/// Names of the two files, for error messages.
 pub(crate) struct Source<'a> {
     pub(crate) toml: &'a str,
     pub(crate) urdf: &'a str,
@@ -225,7 +230,7 @@ impl Source<'_> {
         model.check_mirror(self.urdf)
     }
 
-    /// The upper arm moves with the arm's third joint, the forearm with its fifth.
+    /// Checks that the upper arm moves with the arm's third joint, and the forearm with its fifth.
     fn check_limb(
         &self,
         side: &str,
@@ -271,7 +276,7 @@ impl Source<'_> {
         })
     }
 
-    /// The commanded joints in the tree, each of a kind that can be commanded.
+    /// Finds the commanded joints in the tree. Each must be of a kind that can be commanded.
     fn find_joints(&self, names: &[String; JOINTS], tree: &Tree) -> Result<[usize; JOINTS], RobotError> {
         let mut at = [0; JOINTS];
         for (j, name) in names.iter().enumerate() {
@@ -302,7 +307,8 @@ impl Source<'_> {
         Ok(at)
     }
 
-    /// Whatever can move is commanded or declared to be held: nothing moves unseen.
+    /// Checks that every movable joint is commanded or declared as held, so that no motion is left out of the
+    /// model.
     fn check_other_joints(&self, held: &[String], at: &[usize; JOINTS], tree: &Tree) -> Result<(), RobotError> {
         for name in held {
             let known = tree.joint(name).filter(|joint| !at.contains(joint));
@@ -325,7 +331,8 @@ impl Source<'_> {
         Ok(())
     }
 
-    /// Cuts the tree at the commanded joints: 18 bodies, and every link's place on one of them.
+    /// Cuts the tree at the commanded joints. The result is 18 bodies, and the place of every link on one of
+    /// them.
     fn split_bodies(
         &self,
         base_link: &str,
@@ -412,7 +419,7 @@ impl Source<'_> {
         Ok(reference)
     }
 
-    /// 1 mm is below what any servo holds, 200 mm is more than a forearm.
+    /// 1 mm is less than any servo can hold, and 200 mm is more than a forearm.
     fn millimetres(&self, key: &str, value: f64) -> Result<f64, RobotError> {
         if !(1.0..=200.0).contains(&value) {
             return Err(self.value(key, value.to_string(), "must be 1 to 200"));
@@ -420,7 +427,7 @@ impl Source<'_> {
         Ok(value * 1e-3)
     }
 
-    /// Home is where everything goes that nothing determines: it must be reachable and free.
+    /// Checks the home posture. Every joint without a target goes there, so it must be reachable and free.
     fn check_home(&self, model: &Model) -> Result<(), RobotError> {
         if model.d_measured_min_m > model.d_min_m {
             let value = (model.d_measured_min_m * 1e3).to_string();

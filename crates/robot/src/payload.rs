@@ -1,4 +1,4 @@
-//! What a hand carries: a mass at a point that moves with the arm's last joint.
+//! The payload of a hand: a mass at a point that moves with the arm's last joint.
 
 use crate::error::RobotError;
 use crate::file::{PayloadEntry, Payloads};
@@ -6,9 +6,10 @@ use crate::model::Source;
 use messages::PayloadRefusal;
 use nalgebra::Vector3;
 
-/// The heaviest payload of a hand, kg. Assumption: more than any motor of these arms can lift.
+/// Largest payload of a hand, kg. Assumption: more than any motor of these arms can lift.
 pub const PAYLOAD_MAX_KG: f64 = 5.0;
-/// The farthest centre of a payload from the origin of the hand's frame, m. Assumption: a tool of 0.3 m beyond the fingers.
+/// Largest distance of a payload's centre from the origin of the hand's frame, m. Assumption: a tool of 0.3 m
+/// beyond the fingers.
 pub const PAYLOAD_REACH_MAX_M: f64 = 0.5;
 
 /// A point mass in a hand. The hand's frame is that of the link that the arm's last joint moves.
@@ -24,10 +25,10 @@ impl Payload {
     /// An empty hand.
     pub const EMPTY: Self = Self { mass_kg: 0.0, center: Vector3::new(0.0, 0.0, 0.0) };
 
-    /// A payload within the bounds. Never allocates.
+    /// Creates a payload within the bounds. Never allocates.
     ///
     /// # Errors
-    /// Says which of the two is out of range.
+    /// Returns `Mass` or `Centre` for the value that is out of range.
     pub fn new(mass_kg: f64, center: Vector3<f64>) -> Result<Self, PayloadRefusal> {
         if !(0.0..=PAYLOAD_MAX_KG).contains(&mass_kg) {
             return Err(PayloadRefusal::Mass);
@@ -40,7 +41,7 @@ impl Payload {
 }
 
 impl Source<'_> {
-    /// The payloads of the left and the right hand; none where the file says nothing of a hand.
+    /// The payloads of the left and the right hand. None if the file does not mention a hand.
     pub(crate) fn payloads(&self, file: &Payloads) -> Result<[Option<Payload>; 2], RobotError> {
         Ok([self.payload("left", file.left.as_ref())?, self.payload("right", file.right.as_ref())?])
     }

@@ -7,16 +7,17 @@ use nalgebra::Vector3;
 /// A point that is fixed to a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpeedPoint {
-    /// The body: 1 + j moves with joint j.
+    /// The body. Body 1 + j moves with joint j.
     pub body: usize,
     /// The point in the body's frame, m.
     pub at: Vector3<f64>,
 }
 
 impl Model {
-    /// Elbow and hand of the left arm, then of the right one. The elbow is where the fore limb begins: the origin of the
-    /// fifth joint. The hand is the end of a capsule on the last joint's body that is farthest from that joint's origin: a
-    /// finger's end. Without such a capsule it is the origin itself.
+    /// Elbow and hand of the left arm, then of the right one. The elbow is the beginning of the forearm, at
+    /// the origin of the fifth joint. The hand is an end of a capsule on the last joint's body, the one
+    /// farthest from that joint's origin. This is the end of a finger. Without such a capsule it is the
+    /// origin itself.
     pub fn speed_points(&self) -> [SpeedPoint; 4] {
         let of_arm = |first: usize| {
             let (fore, last) = (first + ARM_JOINTS - 2, first + ARM_JOINTS);

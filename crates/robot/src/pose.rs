@@ -12,7 +12,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// No motion.
+    /// The identity: no rotation and no translation.
     pub fn identity() -> Self {
         Self { r: Matrix3::identity(), t: Vector3::zeros() }
     }
@@ -34,18 +34,18 @@ impl Pose {
         Self { r, t: Vector3::from(xyz) }
     }
 
-    /// `self` after `inner`: a_from_c = a_from_b * b_from_c.
+    /// Returns `self` composed with `inner`: a_from_c = a_from_b * b_from_c.
     pub fn compose(&self, inner: &Self) -> Self {
         Self { r: self.r * inner.r, t: self.r * inner.t + self.t }
     }
 
-    /// The other direction: b_from_a of a_from_b.
+    /// Returns the inverse: b_from_a of a_from_b.
     pub fn inverse(&self) -> Self {
         let r = self.r.transpose();
         Self { r, t: -(r * self.t) }
     }
 
-    /// Where a point given in the inner frame lies in the outer one, m.
+    /// Converts a point from the inner frame to the outer one, m.
     pub fn transform_point(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.r * point + self.t
     }

@@ -1,4 +1,4 @@
-//! Distance of two line segments: the axes of two capsules.
+//! Distance of two line segments, which are the axes of two capsules.
 
 use nalgebra::Vector3;
 
@@ -7,17 +7,19 @@ use nalgebra::Vector3;
 pub struct SegmentDistance {
     /// Their distance, m.
     pub distance_m: f64,
-    /// Place on the first segment, 0 to 1.
+    /// Position on the first segment, 0 to 1.
     pub s: f64,
-    /// Place on the second segment, 0 to 1.
+    /// Position on the second segment, 0 to 1.
     pub t: f64,
 }
 
-/// Distance of two segments, m, with the parameters of the closest points. Either may be a point. No allocation.
+/// Distance of two segments, m, with the parameters of the closest points. Either segment may be a point.
+/// Never allocates.
 ///
-/// |r + s d1 - t d2|^2 is convex in (s, t): its minimum over the unit square is the stationary point where that lies
-/// inside, else on one of the four edges. All five are tried and the least is taken, so nearly parallel axes, where the
-/// stationary point is ill-conditioned, never yield more than an end point does.
+/// |r + s d1 - t d2|^2 is convex in (s, t). If the stationary point lies inside the unit square, it is the
+/// minimum. Otherwise the minimum is on one of the four edges. All five are tried and the least is taken. For
+/// nearly parallel axes the stationary point is ill-conditioned. But even then the result is never more than
+/// that of an end point.
 pub fn segment_distance(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>, b1: &Vector3<f64>) -> SegmentDistance {
     let d1 = a1 - a0;
     let d2 = b1 - b0;
@@ -25,7 +27,7 @@ pub fn segment_distance(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>,
     let (a, b, e) = (d1.norm_squared(), d1.dot(&d2), d2.norm_squared());
     let (c, f) = (d1.dot(&r), d2.dot(&r));
 
-    // The best place on one segment for a fixed place on the other; a point has only place 0.
+    // The best place on one segment for a fixed place on the other. A point has only place 0.
     let best_t = |s: f64| {
         if e > 0.0 { ((b * s + f) / e).clamp(0.0, 1.0) } else { 0.0 }
     };

@@ -1,4 +1,5 @@
-//! The only file that names parry: an independent second opinion on distances, for tests and tools, never for a tick.
+//! The only file that uses parry. It is an independent second computation of distances, for tests and tools,
+//! never for a tick.
 
 use crate::pose::Pose as RobotPose;
 use nalgebra::Vector3;
@@ -6,7 +7,8 @@ use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
 use parry3d_f64::query;
 use parry3d_f64::shape::{ConvexPolyhedron, Segment, TriMesh};
 
-/// Distance of the segments a0 a1 and b0 b1 by parry, m. (Its GJK on capsules, `query::distance`, is only good to 1e-5.)
+/// Distance of the segments a0 a1 and b0 b1 by parry, m. Its GJK on capsules, `query::distance`, is only accurate
+/// to 1e-5.
 pub fn segment_distance_oracle(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector3<f64>, b1: &Vector3<f64>) -> f64 {
     let point = |p: &Vector3<f64>| Vector::new(p.x, p.y, p.z);
     let (first, second) = (Segment::new(point(a0), point(a1)), Segment::new(point(b0), point(b1)));
@@ -15,7 +17,7 @@ pub fn segment_distance_oracle(a0: &Vector3<f64>, a1: &Vector3<f64>, b0: &Vector
     (first.point_at(&on_first) - second.point_at(&on_second)).length()
 }
 
-/// Volume of the convex hull of points by parry, m^3. `None` where they span no volume.
+/// Volume of the convex hull of points by parry, m^3. `None` if they span no volume.
 pub fn hull_volume_oracle(points: &[Vector3<f64>]) -> Option<f64> {
     let points: Vec<Vector> = points.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
     let (vertices, triangles) = parry3d_f64::transformation::try_convex_hull(&points).ok()?;
@@ -24,12 +26,13 @@ pub fn hull_volume_oracle(points: &[Vector3<f64>]) -> Option<f64> {
     Some(triangles.iter().map(volume).sum())
 }
 
-/// A convex hull, for proofs that need less slack than capsules leave. parry's GJK may be 1e-5 of the distance too high.
+/// A convex hull, for proofs that need less slack than capsules leave. The distance by parry's GJK may be too
+/// high by 1e-5 of itself.
 #[derive(Clone)]
 pub struct Hull(ConvexPolyhedron);
 
 impl Hull {
-    /// The convex hull of points, m; `None` where they span no volume.
+    /// Creates the convex hull of points, m. `None` if they span no volume.
     pub fn new(points: &[Vector3<f64>]) -> Option<Self> {
         let points: Vec<Vector> = points.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
         ConvexPolyhedron::from_convex_hull(&points).map(Self)
@@ -40,31 +43,31 @@ impl Hull {
         self.0.points().iter().map(|p| Vector3::new(p.x, p.y, p.z)).collect()
     }
 
-    /// Distance of two hulls at these poses by parry's GJK, m; 0 where they overlap or where parry gives up.
+    /// Distance of two hulls at these poses by parry's GJK, m. It is 0 if they overlap or if parry gives up.
     pub fn distance_m(&self, pose: &RobotPose, other: &Self, other_pose: &RobotPose) -> f64 {
         query::distance(&place(pose), &self.0, &place(other_pose), &other.0).map_or(0.0, |found| found.distance)
     }
 }
 
-/// A surface of triangles, as a mesh file has it. It need not be convex or closed.
+/// A surface of triangles, as in a mesh file. It need not be convex or closed.
 pub struct Surface(TriMesh);
 
 impl Surface {
-    /// The surface of these triangles, corners in m; `None` where there are none.
+    /// Creates the surface of these triangles, corners in m. `None` if there are no triangles.
     pub fn new(triangles: &[[Vector3<f64>; 3]]) -> Option<Self> {
         let corners = triangles.iter().flatten().map(|p| Vector::new(p.x, p.y, p.z)).collect();
         let indices = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         TriMesh::new(corners, indices).ok().map(Self)
     }
 
-    /// Distance of two surfaces at these poses by parry, m; 0 where they meet or where parry gives up. A surface inside the
-    /// other, which does not meet it, has a distance too.
+    /// Distance of two surfaces at these poses by parry, m. It is 0 if they meet or if parry gives up. A
+    /// surface inside the other one, without contact, has a positive distance too.
     pub fn distance_m(&self, pose: &RobotPose, other: &Self, other_pose: &RobotPose) -> f64 {
         query::distance(&place(pose), &self.0, &place(other_pose), &other.0).map_or(0.0, |found| found.distance)
     }
 }
 
-/// A pose in parry's terms.
+/// Converts a pose to parry's type.
 fn place(pose: &RobotPose) -> Pose {
     let column = |i: usize| Vector::new(pose.r[(0, i)], pose.r[(1, i)], pose.r[(2, i)]);
     let rotation = Rotation::from_mat3(&Matrix::from_cols(column(0), column(1), column(2)));

@@ -1,4 +1,4 @@
-//! URDF text to a checked tree of links and joints.
+//! Parses URDF text into a checked tree of links and joints.
 
 use crate::error::RobotError;
 use crate::inertia::Inertia;
@@ -10,13 +10,14 @@ use quick_xml::events::Event;
 use std::collections::HashMap;
 use urdf_rs::JointType;
 
-/// Longest accepted text, bytes: a dual-arm robot with two hands has 0.2 MB.
+/// Longest accepted text, bytes. A dual-arm robot with two hands has 0.2 MB.
 pub(crate) const TEXT_BYTES_MAX: usize = 5 << 20;
-/// Most links: a dual-arm robot with two five-fingered hands has 93.
+/// Largest number of links. A dual-arm robot with two five-fingered hands has 93.
 pub(crate) const LINKS_MAX: usize = 512;
-/// Deepest nesting: robot/link/visual/material/color and extensions of simulators stay below 12; the parser recurses.
+/// Deepest nesting, because the parser recurses. robot/link/visual/material/color and extensions of
+/// simulators stay below 12.
 const DEPTH_MAX: usize = 24;
-/// A joint's axis may differ from unit length by rounding of its text, not by more.
+/// Largest difference of a joint's axis from unit length. It allows for the rounding of its text.
 const AXIS_LENGTH_TOLERANCE: f64 = 1e-6;
 
 /// One joint.
@@ -27,9 +28,9 @@ pub(crate) struct UrdfJoint {
     pub(crate) child: usize,
     /// The joint's frame in the parent link's frame.
     pub(crate) parent_from_joint: Pose,
-    /// Unit axis in the joint's frame; meaningless for a fixed joint.
+    /// Unit axis in the joint's frame. It has no meaning for a fixed joint.
     pub(crate) axis: Vector3<f64>,
-    /// As written; checked where the joint is commanded.
+    /// Limits as written. They are checked if the joint is commanded.
     pub(crate) limit: urdf_rs::JointLimit,
     pub(crate) mimics: bool,
 }
@@ -37,14 +38,14 @@ pub(crate) struct UrdfJoint {
 /// All links and joints as one tree.
 pub(crate) struct Tree {
     pub(crate) links: Vec<String>,
-    /// What is drawn of each link, in its own frame.
+    /// The shapes to draw of each link, in its own frame.
     pub(crate) visuals: Vec<Vec<Visual>>,
-    /// The mesh files that are named for each link.
+    /// The mesh files of each link.
     pub(crate) meshes: Vec<Vec<MeshVisual>>,
     /// Mass properties of each link, in its own frame.
     pub(crate) inertias: Vec<Inertia>,
     pub(crate) joints: Vec<UrdfJoint>,
-    /// The joint above each link; none above the root.
+    /// The joint above each link. None above the root.
     pub(crate) joint_above: Vec<Option<usize>>,
     pub(crate) root: usize,
 }
@@ -84,18 +85,18 @@ impl Tree {
         Ok(Self { links, visuals, meshes, inertias, joints, joint_above, root })
     }
 
-    /// The joint of that name.
+    /// Returns the index of the joint with this name.
     pub(crate) fn joint(&self, name: &str) -> Option<usize> {
         self.joints.iter().position(|joint| joint.name == name)
     }
 
-    /// The link of that name.
+    /// Returns the index of the link with this name.
     pub(crate) fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link == name)
     }
 }
 
-/// Refuses what the parsers behind this one must never see: huge or deep texts, document types, entities.
+/// Refuses texts that the next parsers must never see: huge or deep texts, document types, entities.
 fn check_text(file: &str, text: &str) -> Result<(), RobotError> {
     if text.len() > TEXT_BYTES_MAX {
         return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound: TEXT_BYTES_MAX });
@@ -154,7 +155,7 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         value,
         bound: bound.into(),
     };
-    // 100 m and 100 turns: nothing that is one robot reaches farther.
+    // No part of one robot reaches farther than 100 m or turns more than 100 times.
     let checked = |key: &str, values: [f64; 3], most: f64| {
         let wrong = values.into_iter().find(|value| !(value.abs() <= most));
         wrong.map_or(Ok(values), |value| Err(refuse(key, value, &format!("at most {most} in magnitude"))))
@@ -177,7 +178,8 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
     })
 }
 
-/// One root, every other link below exactly one joint, and no loop beside the tree.
+/// Checks that there is one root, and that every other link is below exactly one joint. No loop may exist
+/// outside the tree.
 fn check_tree(file: &str, links: &[String], joints: &[UrdfJoint]) -> Result<(Vec<Option<usize>>, usize), RobotError> {
     let mut joint_above = vec![None; links.len()];
     for (at, joint) in joints.iter().enumerate() {

@@ -1,16 +1,16 @@
-//! What the robot looks like, as far as the URDF says it without files of its own.
+//! The appearance of the robot, as far as the URDF describes it without other files.
 
 use crate::model::Model;
 use crate::pose::Pose;
 use urdf_rs::Geometry;
 
-/// Largest believable measure of a shape, m; a larger one is not drawn.
+/// Largest plausible dimension of a shape, m. A larger shape is not drawn.
 const SIZE_MAX_M: f64 = 10.0;
 
-/// A shape to be drawn. Nothing is checked for collision with it: that is what capsules are for.
+/// A shape to draw. It is not used for collision checks, which use the capsules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Visual {
-    /// The body it moves with.
+    /// The body that it moves with.
     pub body: usize,
     /// Its own frame in the body's.
     pub body_from_shape: Pose,
@@ -18,19 +18,19 @@ pub struct Visual {
     pub form: Form,
 }
 
-/// A form about the origin of its frame, in metres.
+/// A form around the origin of its frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
     /// Edge lengths along x, y and z.
     Box([f64; 3]),
-    /// Along z.
+    /// A cylinder along z.
     Cylinder {
         /// Radius, m.
         radius_m: f64,
         /// Length, m.
         length_m: f64,
     },
-    /// About the origin.
+    /// A sphere around the origin.
     Sphere {
         /// Radius, m.
         radius_m: f64,
@@ -47,26 +47,27 @@ impl Form {
     }
 }
 
-/// A mesh file that the URDF names for a link. The file itself is never read here.
+/// A mesh file that the URDF gives for a link. This crate never reads the file itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshVisual {
     /// Name of the link.
     pub link: String,
-    /// The body it moves with.
+    /// The body that it moves with.
     pub body: usize,
     /// The mesh's own frame in the body's.
     pub body_from_mesh: Pose,
     /// File name as written, such as `package://robot/meshes/arm.dae`.
     pub file: String,
-    /// Scale along the mesh's x, y and z; negative values mirror.
+    /// Scale along the mesh's x, y and z. Negative values mirror.
     pub scale: [f64; 3],
-    /// Whether the file is for collision checks, else for drawing.
+    /// True if the file is for collision checks, false if it is for drawing.
     pub is_collision: bool,
     /// Red, green and blue of the URDF's material, 0 to 1.
     pub colour: Option<[f64; 3]>,
 }
 
-/// The mesh files of a link; names and bodies are not known yet. `materials` are those of the whole robot.
+/// Reads the mesh files of a link. Names and bodies are not yet known. `materials` are those of the whole
+/// robot.
 pub(crate) fn read_meshes(link: &urdf_rs::Link, materials: &[urdf_rs::Material]) -> Vec<MeshVisual> {
     let mesh = |geometry: &Geometry, origin: &urdf_rs::Pose, colour, is_collision| {
         let Geometry::Mesh { filename, scale } = geometry else { return None };
@@ -99,7 +100,8 @@ pub(crate) fn read_meshes(link: &urdf_rs::Link, materials: &[urdf_rs::Material])
     visuals.chain(collisions).filter(drawn).collect()
 }
 
-/// The shapes of a link that need no file of their own and can be drawn; their bodies are not known yet.
+/// Reads the shapes of a link that need no file of their own and can be drawn. Their bodies are not yet
+/// known.
 pub(crate) fn read(visuals: &[urdf_rs::Visual]) -> Vec<Visual> {
     let shapes = visuals.iter().filter_map(|visual| {
         let form = match visual.geometry {
@@ -130,7 +132,7 @@ impl Model {
         })
     }
 
-    /// The boxes, cylinders and spheres of the URDF's visuals; meshes are left out.
+    /// The boxes, cylinders and spheres of the URDF's visuals. Meshes are left out.
     pub fn visuals(&self) -> impl Iterator<Item = Visual> {
         self.links.iter().flat_map(|link| {
             let in_body = |visual: &Visual| Visual {

@@ -1,4 +1,4 @@
-//! What stands about the robot: what is refused, what is named, and distances against plain sampling.
+//! Tests obstacles around the robot: the refusals, the names in them, and distances against plain sampling.
 
 use crate::support;
 
@@ -58,7 +58,7 @@ fn what_is_out_of_bounds_is_refused_with_key_value_and_bound() {
     refused(&boxes(BoxEntry { name: capsule.clone(), ..table() }), &[&capsule, "occurs twice"]);
     let many = (0..9).map(|i| PlaneEntry { name: i.to_string(), ..floor() }).collect();
     refused(&Environment { planes: many, boxes: vec![] }, &["environment.planes: 9, at most 8"]);
-    // A floor at the height of the waist.
+    // The floor is at the height of the waist.
     refused(
         &planes(PlaneEntry { offset_m: 0.8, ..floor() }),
         &["environment `floor`: clearance", "at home", "-", "mm"],
@@ -93,7 +93,7 @@ fn a_lifting_torso_moves_the_arms_against_the_table() {
     let model = model.expect("clear");
     let mut frames = Frames::default();
     let mut q = model.home;
-    // Both forearms forward over the table.
+    // Both forearms reach forward over the table.
     for arm in [LEFT_ARM, RIGHT_ARM] {
         arm.zip([1.2, 0.6, 1.5, 1.0, 0.0, 0.0, 0.0]).for_each(|(j, position)| q[j] = position);
     }

@@ -1,4 +1,4 @@
-//! Forward kinematics, Jacobians and the arms' axes.
+//! Tests forward kinematics, Jacobians and the arms' axes.
 
 use crate::support;
 
@@ -10,7 +10,7 @@ use support::{shipped, uniform};
 
 const VECTORS: &str = include_str!("data/fk_vectors.txt");
 
-/// The links that move with the 17 joints.
+/// Names of the links that move with the 17 joints.
 fn joint_links(model: &Model) -> [String; JOINTS] {
     model.joint_names.clone().map(|name| name.replace("_joint", "_link"))
 }
@@ -60,7 +60,7 @@ fn jacobian_columns_are_the_derivatives_of_the_pose() {
                 model.forward(&down, &mut minus);
                 let (p, m) = (&plus.base_from_body[body], &minus.base_from_body[body]);
                 let linear = (p.transform_point(&local) - m.transform_point(&local)) / (2.0 * step);
-                // dR R^T is the cross matrix of the angular velocity.
+                // dR R^T is the cross-product matrix of the angular velocity.
                 let spin: Matrix3<f64> = (p.r - m.r) / (2.0 * step) * frames.base_from_body[body].r.transpose();
                 let angular = Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
                 let column = Vector3::from_row_slice(&jacobian[j][..3]);
@@ -76,7 +76,8 @@ fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
     *UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), angle).to_rotation_matrix().matrix()
 }
 
-/// U = Rz(-q1) Rx(-q2) Ry(q3 - pi/2) and F = U Rz(-q4) Ry(-q5) for the left arm; the right arm is the mirror image.
+/// The limb rotations of the left arm: U = Rz(-q1) Rx(-q2) Ry(q3 - pi/2) and F = U Rz(-q4) Ry(-q5). The right
+/// arm is the mirror image.
 fn formula(q: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
     let upper = about(Vector3::z(), -q[0])
         * about(Vector3::x(), -q[1])
@@ -138,7 +139,7 @@ fn every_link_has_a_pose_and_unknown_links_have_none() {
     model.forward(&model.home, &mut frames);
     let base = model.link_pose(&frames, "base_footprint").unwrap();
     assert_eq!(base, robot::Pose::identity());
-    // A tool link is rigid on its wrist: its distance to the wrist does not depend on the posture.
+    // A tool link is rigidly fixed to its wrist, so its distance to the wrist does not depend on the posture.
     let distance = |frames: &Frames| {
         let tool = model.link_pose(frames, "hand_left_tool_link").unwrap();
         (tool.t - model.link_pose(frames, "arm_left_7_link").unwrap().t).norm()

@@ -1,10 +1,11 @@
-//! Every defect of a URDF or a robot file is refused, and the refusal names file, key, value and bound.
+//! Tests that every defect of a URDF or a robot file is refused, and that the error names file, key, value
+//! and bound.
 
 use crate::support;
 
 use support::{TOML, URDF, load};
 
-/// The shipped text with one place changed; the place must exist exactly once after `after`.
+/// The shipped text with one place changed. The place is the first one after `after`.
 fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
     let from = text.find(after).unwrap_or_else(|| panic!("{after} is not there"));
     let at = from + text[from..].find(old).unwrap_or_else(|| panic!("{old} is not after {after}"));
@@ -157,7 +158,7 @@ fn f098_an_override_may_only_tighten() {
     assert_eq!(model.urdf_limits[0].v_max, 0.07);
     let head =
         |line: &str| edit(TOML, "[tighten.head_2_joint]", "position_min_rad", &format!("{line}\nposition_min_rad"));
-    // 3 / 1 + 1 / 400 = 3.0 s for the head.
+    // The head needs 3 / 1 + 1 / 400 = 3.0 s.
     let slow = head("acceleration_max_rad_per_s2 = 1.0");
     refused(&slow, URDF, &["head_2_joint", "stop time", "3002", "500"]);
     let strong = head("acceleration_max_rad_per_s2 = 10.5");

@@ -1,4 +1,4 @@
-//! The distance of segments against parry, brute force and itself.
+//! Tests the distance of segments against parry, brute force and itself.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};

@@ -1,4 +1,4 @@
-//! The shipped robot.
+//! Tests the shipped robot.
 
 use crate::support;
 
@@ -24,8 +24,8 @@ fn home_is_five_centimetres_clear_of_itself_and_away_from_the_limits() {
     }
 }
 
-/// The commonest pose of a person. Straight down, the hands pass the base by little: that must be admissible. Five
-/// degrees away from it there must be room.
+/// Tests the most common pose of a person. When the arms hang straight down, the hands pass close to the
+/// base. This must be admissible. Five degrees away from it there must be room.
 #[test]
 fn hanging_arms_are_not_blocked() {
     let model = shipped();
@@ -65,7 +65,7 @@ fn arms_are_checked_against_the_torso() {
             assert!(named("torso_", &part.replace("{side}", side)), "{part}");
         }
     }
-    // What is not checked of the upper arms against the torso is proved, never merely assumed.
+    // Pairs of the upper arms and the torso are left unchecked only by proof, never by assumption.
     for pair in &model.allowed {
         let names = [&model.capsules[pair.a].name, &model.capsules[pair.b].name];
         let upper = |name: &&String| name.starts_with("arm_") && (name.ends_with("_2") || name.ends_with("_3"));
@@ -97,7 +97,7 @@ fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
         assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
         assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());
     }
-    // The arms have the URDF's speeds, and stop within 0.3 s where their motors can give it: v / A + 2 A / J.
+    // The arms have the URDF's speeds. They stop within 0.3 s where their motors can do so: v / A + 2 A / J.
     for (limits, urdf) in model.limits[3..].iter().zip(&model.urdf_limits[3..]) {
         assert_eq!(limits.v_max, urdf.v_max);
         let longest_s = limits.v_max / limits.a_max + 2.0 * limits.a_max / limits.j_max;
@@ -107,7 +107,7 @@ fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
     assert!((model.limits[3].q_max - (FRAC_PI_2 - 0.02)).abs() < 1e-15);
 }
 
-/// All links are on some body, and the whole weighs what the URDF's links weigh together.
+/// All links are on some body. The bodies together weigh as much as the URDF's links.
 #[test]
 fn masses_are_those_of_the_urdf() {
     let inertias = shipped().inertias();
@@ -119,7 +119,7 @@ fn masses_are_those_of_the_urdf() {
     let [left, right] = [inertias[10], inertias[17]];
     assert_eq!(left.mass_kg, right.mass_kg);
     assert!((left.center.norm() - right.center.norm()).abs() < 3e-3 && left.center.norm() > 0.1, "{left:?} {right:?}");
-    // Two points on one body: a dumb-bell.
+    // Two points on one body form a dumb-bell.
     let half = |x: f64| Inertia::point(1.5, Vector3::new(x, 0.0, 0.0));
     let both = half(-0.2).join(&half(0.4));
     assert!(both.mass_kg == 3.0 && (both.center.x - 0.1).abs() < 1e-15);
@@ -135,7 +135,7 @@ fn the_hash_tells_texts_apart_and_nothing_else() {
     assert_ne!(model.hash, load(TOML, &format!("{URDF}\n")).unwrap().hash);
 }
 
-/// The manufacturer's URDF, where this machine has it, describes the same robot.
+/// If this machine has the manufacturer's URDF, it must describe the same robot.
 #[test]
 fn the_manufacturers_urdf_has_the_same_kinematics() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/robots/tiago_dual/tiago_dual.urdf");
@@ -167,7 +167,8 @@ fn the_manufacturers_urdf_has_the_same_kinematics() {
     }
 }
 
-/// As many as the URDF has visuals, since none of them is a mesh; the wheels' box of the base is where the file says.
+/// There are as many shapes as visuals in the URDF, since none of them is a mesh. The base's box of the
+/// wheels is where the file puts it.
 #[test]
 fn every_shape_is_drawn_in_its_body() {
     let model = shipped();

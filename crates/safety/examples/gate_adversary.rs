@@ -1,6 +1,6 @@
-//! Attacks the gate for as many joint steps as asked, on all cores:
-//! `cargo run --release -p safety --example gate_adversary -- 1e7 [threads] [seed]`, and for a tenth as many with
-//! self-collision. Fails on a violation, or where a sound proposal was denied.
+//! Attacks the gate for a given number of joint steps, on all cores: `cargo run --release -p safety --example
+//! gate_adversary -- 1e7 [threads] [seed]`. Then it attacks for a tenth as many steps with self-collision. It
+//! fails on a violation, or if a sound proposal was denied.
 
 #[path = "../tests/support/mod.rs"]
 mod support;
@@ -13,7 +13,7 @@ use robot::Model;
 use support::adversary::{Adversary, Report};
 use support::model;
 
-/// The number that is the `n`th argument, or `otherwise`.
+/// Returns the `n`th argument as a number, or `otherwise`.
 fn argument(n: usize, otherwise: f64) -> f64 {
     let Some(text) = std::env::args().nth(n) else { return otherwise };
     match text.parse() {
@@ -25,7 +25,8 @@ fn argument(n: usize, otherwise: f64) -> f64 {
     }
 }
 
-/// What `ticks` of attack come to. Reports are kept short: a gate that fails often must not fill the memory.
+/// Attacks for `ticks` ticks and returns the report. The attack ends after 100 violations, so that a gate
+/// that fails often cannot fill the memory.
 fn attack(model: &Model, seed: u64, ticks: u64) -> Report {
     let mut adversary = Adversary::new(model, seed);
     for _ in 0..ticks {

@@ -1,20 +1,22 @@
-//! Distances of the capsule model, with arithmetic of its own: neither whole-body control's nor `robot`'s.
+//! Distances of the capsule model. This implementation shares no code with whole-body control or `robot`.
 
 use messages::JOINTS;
 use nalgebra::Vector3;
 use robot::{CAPSULES_MAX, Frames, Model, Pair, Solid};
 
-/// The least distance of the checked pairs, and of the capsules that move from the obstacles.
+/// The least distance over the checked pairs, and over all pairs of a moving capsule and an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clearance {
-    /// Surface to surface, m; negative where capsules overlap, NaN for a posture that is no posture.
+    /// Distance from surface to surface, m. It is negative where capsules overlap, and NaN if a position is
+    /// not finite.
     pub distance_m: f64,
-    /// Indices of the two capsules in the robot file; for an obstacle the number of capsules and its index.
+    /// Indices of the two capsules in the robot file. For an obstacle, the second is the number of capsules
+    /// plus its index.
     pub pair: [u32; 2],
 }
 
 impl Clearance {
-    /// Whether every pair is at least so far apart, m. False for NaN.
+    /// Returns true if every pair is at least `distance_m` apart, m. False for NaN.
     pub fn is_at_least(&self, distance_m: f64) -> bool {
         self.distance_m >= distance_m
     }
@@ -34,19 +36,19 @@ impl Axis {
         Self { ends: [a, b], middle: (a + b) / 2.0, half_m: (b - a).norm() / 2.0, radius_m }
     }
 
-    /// Distance of the balls around two capsules, m: never more than that of the capsules.
+    /// Distance between the balls around two capsules, m. It is never more than the distance of the capsules.
     pub(crate) fn around(&self, other: &Self) -> f64 {
         (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
     }
 
-    /// Distance of the ball around the capsule from a ball of `radius_m` about `center`, m.
+    /// Distance between the ball around the capsule and a ball of `radius_m` about `center`, m.
     pub(crate) fn around_point(&self, center: &Vector3<f64>, radius_m: f64) -> f64 {
         (self.middle - center).norm() - self.half_m - radius_m - self.radius_m
     }
 }
 
-/// Least distance of the checked pairs of `model`, and from its obstacles, at posture `q` (rad, m); `frames` is working
-/// memory. No allocation.
+/// Least distance over the checked pairs of `model` and over its obstacles, at posture `q` (rad, m). `frames`
+/// is working memory. Never allocates.
 pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clearance {
     if q.iter().any(|q| !q.is_finite()) {
         return Clearance { distance_m: f64::NAN, pair: [0; 2] };
@@ -64,7 +66,7 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
             continue;
         }
         let distance_m = between_segments(&first.ends, &second.ends) - first.radius_m - second.radius_m;
-        // NaN is taken, and stays: nothing is less than it.
+        // NaN is taken and stays, because no distance is less than NaN.
         if distance_m < least.distance_m || distance_m.is_nan() {
             least = Clearance { distance_m, pair: [pair.a as u32, pair.b as u32] };
         }
@@ -72,7 +74,7 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clear
     from_obstacles(model, &axes, least)
 }
 
-/// The pair whose balls are nearest: judged first, it leaves few others to be judged.
+/// The pair whose balls are nearest. If it is measured first, most other pairs can be skipped.
 fn nearest_balls<'a>(model: &'a Model, axes: &[Axis; CAPSULES_MAX]) -> Option<&'a Pair> {
     let (mut nearest, mut least_m) = (None, f64::INFINITY);
     for pair in &model.pairs {
@@ -84,10 +86,10 @@ fn nearest_balls<'a>(model: &'a Model, axes: &[Axis; CAPSULES_MAX]) -> Option<&'
     nearest
 }
 
-/// The lesser of `least` and the least distance of a capsule that moves from an obstacle.
+/// The lesser of `least` and the least distance between a moving capsule and an obstacle.
 fn from_obstacles(model: &Model, axes: &[Axis; CAPSULES_MAX], mut least: Clearance) -> Clearance {
     for (i, (axis, capsule)) in axes.iter().zip(&model.capsules).enumerate() {
-        // Capsules of the base stand still, as the obstacles do.
+        // Capsules of the base do not move, and neither do the obstacles.
         if capsule.body == 0 {
             continue;
         }
@@ -114,9 +116,11 @@ pub(crate) fn above_plane(ends: &[Vector3<f64>; 2], normal: &Vector3<f64>, offse
     f64::min(normal.dot(&ends[0]), normal.dot(&ends[1])) - offset_m
 }
 
-/// Distance of a segment from the box |x_i| <= half_i, m: 0 if they meet; else the least of those of its ends from the
-/// box and of the segment from the twelve edges. (If a point inside the segment is closest to a point inside a face, the
-/// segment is parallel to that face, and an end of it, or where it passes above an edge, is as close.)
+/// Distance between a segment and the box |x_i| <= half_i, m. It is 0 if they meet.
+///
+/// Otherwise it is the least distance of an end from the box, or of the segment from one of the twelve edges.
+/// Suppose that a point inside the segment is closest to a point inside a face. Then the segment is parallel
+/// to that face. So one of its ends is as close, or the point where it passes above an edge.
 pub(crate) fn from_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> f64 {
     if meets_box(ends, half) {
         return 0.0;
@@ -141,7 +145,7 @@ pub(crate) fn from_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> f64 {
     least
 }
 
-/// Whether a part of the segment lies between all three pairs of faces.
+/// Returns true if a part of the segment lies between all three pairs of faces.
 fn meets_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> bool {
     let along = ends[1] - ends[0];
     let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
@@ -159,9 +163,12 @@ fn meets_box(ends: &[Vector3<f64>; 2], half: &Vector3<f64>) -> bool {
     enters <= leaves
 }
 
-/// Distance of two segments, m: where the infinite lines are closest inside both segments, that; else the least of the
-/// four distances from an end of one to the other segment. (The distance is convex, so its least value over the square
-/// of parameters is inside or on an edge, and an edge is an end against a segment.)
+/// Distance between two segments, m.
+///
+/// If the infinite lines are closest at points inside both segments, it is the distance of these points.
+/// Otherwise it is the least of the four distances from an end of one segment to the other segment. The
+/// distance is convex in the two parameters. So its minimum over the square of parameters is inside or on an
+/// edge, and an edge is an end against a segment.
 pub(crate) fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>; 2]) -> f64 {
     let (u, w) = (first[1] - first[0], second[1] - second[0]);
     let mut squared = from_point(&first[0], second);
@@ -173,8 +180,8 @@ pub(crate) fn between_segments(first: &[Vector3<f64>; 2], second: &[Vector3<f64>
     let r = second[0] - first[0];
     let s = r.cross(&w).dot(&normal) / area;
     let t = r.cross(&u).dot(&normal) / area;
-    // Parallel lines, of which s and t are no numbers or any: an end is closest, and two points of the segments are never
-    // closer than the segments.
+    // For parallel lines s and t are NaN, infinite or arbitrary. Then an end is closest, and a pair of points
+    // of the segments is never closer than the segments.
     if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
         squared = squared.min((r + w * t - u * s).norm_squared());
     }
@@ -206,7 +213,7 @@ pub(crate) mod tests {
         for n in 0..1_000_000 {
             let first = [point(&mut rng, 1.0), point(&mut rng, 1.0)];
             let start = point(&mut rng, 1.0);
-            // Every third pair is almost parallel, every seventh has a segment that is almost a point.
+            // Every third pair is almost parallel. Every seventh has a segment that is almost a point.
             let mut along =
                 if n % 3 == 0 { (first[1] - first[0]) + point(&mut rng, 1e-7) } else { point(&mut rng, 1.0) };
             if n % 7 == 0 {
@@ -226,7 +233,8 @@ pub(crate) mod tests {
         for n in 0..100_000 {
             let half = point(&mut rng, 0.5).abs() + Vector3::repeat(1e-3);
             let mut start = point(&mut rng, 1.0);
-            // Every fifth segment begins in the plane of a face; some are points, some almost parallel to an edge.
+            // Every fifth segment begins in the plane of a face. Some are points, some are almost parallel to
+            // an edge.
             if n % 5 == 0 {
                 start[n % 3] = half[n % 3];
             }
@@ -248,7 +256,8 @@ pub(crate) mod tests {
         assert!(meeting > 1000, "{meeting}");
     }
 
-    /// Boxes and a plane about the robot, of which some are nearer than the robot to itself.
+    /// Boxes and a plane around the robot. Some are nearer to the robot than its own capsules are to each
+    /// other.
     pub(crate) fn solids(rng: &mut rand_pcg::Pcg64) -> Vec<robot::Obstacle> {
         let floor = Solid::HalfSpace { normal: Vector3::z(), offset_m: rng.random_range(-0.3..0.3) };
         let turned = nalgebra::Rotation3::from_scaled_axis(point(rng, 2.0)).into_inner();
@@ -263,7 +272,7 @@ pub(crate) mod tests {
         [floor, shelf, small].into_iter().map(named).collect()
     }
 
-    /// Every pair and every obstacle, each by the arithmetic of the other implementation: the two least.
+    /// The two least distances over all pairs and obstacles, computed by the other implementation.
     pub(crate) fn all_distances(model: &Model, frames: &Frames) -> [(f64, [u32; 2]); 2] {
         let ends: Vec<_> = (model.capsules.iter())
             .map(|capsule| {

@@ -9,22 +9,23 @@
 //!   | |  | is wrong       release         v    |                   |
 //!   | +--|--- at rest, not resumable - Holding <-------------------+
 //!   |    v                                ^
-//!   +- Recovering ------------------------+ recovery let go, or a fault of the others
+//!   +- Recovering ------------------------+ recovery released, or another fault
 //!      recovered, or no way
 //!  any -- Stop fault --> Faulted -- reset edge, cause gone, at rest, nothing held --> Disengaged
 //! ```
 //!
-//! The same from the table of all states and events, fault by fault: `tests/engage.txt`, and the diagram in
-//! ARCHITECTURE.md, which is made from it.
+//! The file `tests/engage.txt` lists the same for every state and event, fault by fault. The diagram in
+//! ARCHITECTURE.md is generated from it.
 //!
-//! A hold from Engaged by a gap alone (no skeleton, no target, no state, for 2 s at most) goes straight back to Engaged: the robot
-//! moves on from where it rests, within its limits. Every other hold ends in Engaging.
+//! A hold from Engaged may have only a gap as its cause: no skeleton, no target or no state. If the gap lasts
+//! 2 s at most, the machine goes straight back to Engaged. The robot then moves on from where it rests,
+//! within its limits. Every other hold that resumes leads to Engaging.
 //!
-//! Edges grant authority, levels withdraw it. A stop beats everything else in the same tick. No restart ever engages:
-//! a fresh `State` is Disengaged, and has yet to see the enable released.
+//! Edges grant authority, levels withdraw it. A stop overrides everything else in the same tick. A restart
+//! never engages: a new `State` is Disengaged, and must first see the enable released.
 //!
-//! While it follows, the speed may be reduced ([`SLOW`] and below) by what is not bad enough to stop: a late skeleton or
-//! target, a target that jumped, deadlines missed in a row.
+//! While the robot follows, lesser problems may reduce its speed (to [`SLOW`] or below). These are a late
+//! skeleton or target, a target that jumped, and several missed deadlines in a row.
 
 mod config;
 mod input;
@@ -41,26 +42,29 @@ pub use reduced::SLOW;
 use reduced::Reduced;
 use watch::{ModeView, Watch, charged_ns};
 
-/// Share of the velocity limits in the first second of engaging: slow enough to let go before anything has moved far.
+/// Share of the velocity limits in the first second of engaging. It is slow enough for the operator to let go
+/// before anything has moved far.
 pub const SPEED_SCALE_FIRST: f64 = 0.05;
-/// How long that lasts, ns.
+/// Duration of this first, slow part, ns.
 const FIRST_NS: u64 = 1_000_000_000;
-/// How long the ramp to full speed then takes, ns.
+/// Duration of the ramp to full speed that follows, ns.
 const RAMP_NS: u64 = 2_000_000_000;
-/// How long a blocked motion must have settled at full speed scale before the target counts as reached, ns.
+/// Time for which a blocked motion must have settled at full speed scale before the target counts as reached,
+/// ns.
 const SETTLED_NS: u64 = 500_000_000;
-/// How long an accepted reset waits for the driver to clear its own latch: the echo of a command takes two ticks, and
-/// 100 ms leave room for a loaded machine, ns.
+/// Time for which an accepted reset waits for the driver to clear its own latch, ns. The echo of a command
+/// takes two ticks. The 100 ms leave room for a loaded machine.
 const RESET_PENDING_NS: u64 = 100_000_000;
 
-/// What holds while nothing is heard of the person, or for a moment of the robot. It says nothing against either.
+/// Faults that hold while no data of the person arrives, or for a moment none of the robot. They do not mean
+/// that anything is wrong with either.
 const GAPS: Faults =
     Faults::NONE.with(Fault::InputStale).with(Fault::NoTarget).with(Fault::TargetStale).with(Fault::StateLate);
-/// After a gap no longer than this the robot follows again without engaging anew, ns. Assumption: whoever holds the enable for two
-/// seconds more expects that the robot goes on.
+/// After a gap of at most this time the robot follows again without passing through Engaging, ns. Assumption:
+/// an operator who holds the enable for two more seconds expects the robot to continue.
 const GAP_MAX_NS: u64 = 2_000_000_000;
 
-/// Internal states, with the data that exists only in them. Times count while the own process is awake.
+/// Internal states, with the data that exists only in them. Times count only while this process is awake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Disengaged,
@@ -69,8 +73,8 @@ enum Phase {
         settled_ns: u64,
     },
     Engaged,
-    /// `ended` says why it cannot resume any more, in the words of the transition that follows. `gap`: it was Engaged, and nothing
-    /// but [`GAPS`] has held it since.
+    /// `ended` is None while the hold can resume. Otherwise it is the code of the transition that follows.
+    /// `gap` is true if the hold began from Engaged and nothing but [`GAPS`] has caused it since.
     Holding {
         elapsed_ns: u64,
         ended: Option<u32>,
@@ -106,19 +110,19 @@ impl Phase {
     }
 }
 
-/// All that is remembered between ticks.
+/// State that is kept between ticks.
 #[derive(Clone, Debug)]
 pub struct State {
     phase: Phase,
     watch: Watch,
     reduced: Reduced,
     latched: Faults,
-    /// None until the driver has said which reset edge it saw last.
+    /// None until the driver has reported the last reset edge that it saw.
     reset_count: Option<u32>,
 }
 
 impl State {
-    /// Disengaged, nothing seen yet.
+    /// Starts Disengaged, with no data seen yet.
     pub fn new() -> Self {
         Self {
             phase: Phase::Disengaged,
@@ -153,14 +157,16 @@ impl Default for State {
     }
 }
 
-/// Share of the velocity limits, `elapsed_ns` after engaging began: with s = (t - 1 s) / 2 s clamped to [0, 1],
-/// 0.05 + 0.95 (3 s^2 - 2 s^3), so neither the scale nor its slope jumps.
+/// Share of the velocity limits, `elapsed_ns` after engaging began.
+///
+/// With s = (t - 1 s) / 2 s clamped to [0, 1] it is 0.05 + 0.95 (3 s^2 - 2 s^3). So neither the scale nor its
+/// slope jumps.
 pub fn speed_scale(elapsed_ns: u64) -> f64 {
     let s = elapsed_ns.saturating_sub(FIRST_NS).min(RAMP_NS) as f64 / RAMP_NS as f64;
     SPEED_SCALE_FIRST + (1.0 - SPEED_SCALE_FIRST) * s * s * (3.0 - 2.0 * s)
 }
 
-/// Judges tick `input.k`. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Judges tick `input.k`. It is deterministic, and it never allocates, blocks, logs, reads a clock or panics.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Output {
     if state.reset_count.is_none() && input.robot.received != Stamp::NONE {
         state.reset_count = Some(input.robot.reset_count);
@@ -205,7 +211,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
     }
 }
 
-/// What a phase permits at a share of the speed. Engaged is at full scale at once: it is reached aligned, or with the ramp at its end.
+/// The permit of a phase at a share of the speed. Engaged has full scale at once, because it is reached
+/// either aligned or at the end of the ramp.
 fn permit(phase: Phase, share: f64) -> Permit {
     match phase {
         Phase::Engaging { elapsed_ns, .. } => Permit::Follow { speed_scale: share * speed_scale(elapsed_ns) },
@@ -215,21 +222,21 @@ fn permit(phase: Phase, share: f64) -> Permit {
     }
 }
 
-/// A Stop fault holds: whatever else happens at this tick, the next phase is Faulted.
+/// Handles a tick at which a Stop fault holds. The next phase is Faulted, whatever else happens at this tick.
 fn stop(state: &mut State, input: &Input, stops: Faults) -> (Phase, u32) {
     if let Phase::Faulted { cause, reset_pending_ns } = state.phase {
         let only_driver = stops == Faults::NONE.with(Fault::DriverFault);
         let pending = if only_driver { waiting(state, input, reset_pending_ns) } else { None };
         return (Phase::Faulted { cause, reset_pending_ns: pending }, 0);
     }
-    // The operator's stop is named first: it is what he expects to read.
+    // The operator's stop is named first, because the operator expects to read it.
     let first = if stops.has(Fault::EmergencyStop) { Some(Fault::EmergencyStop) } else { stops.iter().next() };
     let cause = first.unwrap_or(Fault::EmergencyStop);
     (Phase::Faulted { cause, reset_pending_ns: None }, cause as u32)
 }
 
-/// The driver keeps its latch until a command carries a new reset count, so its fault alone does not refuse a reset:
-/// the reset is passed on, and Faulted is left once the driver's flag is gone.
+/// The driver keeps its latch until a command carries a new reset count. So the driver's fault alone does not
+/// refuse a reset. The reset is passed on, and Faulted is left once the driver's flag is gone.
 fn waiting(state: &mut State, input: &Input, pending_ns: Option<u64>) -> Option<u64> {
     if may_reset(input) {
         state.reset_count = state.reset_count.map(|count| count.wrapping_add(1));
@@ -243,12 +250,12 @@ fn may_reset(input: &Input) -> bool {
     input.operator.reset_edge && input.at_rest() && !held(input)
 }
 
-/// The operator holds the enable or the recovery.
+/// Returns true if the operator holds the enable or the recovery.
 fn held(input: &Input) -> bool {
     input.operator.enable_level || input.operator.recover_level
 }
 
-/// No Stop fault holds.
+/// Handles a tick at which no Stop fault holds.
 fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
@@ -276,9 +283,10 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
     }
 }
 
-/// Whether authority ends or pauses at this tick, and why. Release is judged before Hold: it is the stronger.
+/// Decides whether authority ends or pauses at this tick, and why. Release is judged before Hold, because it
+/// is the stronger.
 fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
-    // The reason is told now; at rest there is no other.
+    // The cause is reported at this transition. The later transition at rest has no other cause.
     let ended = Some(Transition::AT_REST);
     if let Some(fault) = active.of(Response::Release).iter().next() {
         return Some((Phase::holding(ended), fault as u32));
@@ -297,7 +305,7 @@ fn released(input: &Input) -> bool {
 fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) -> (Phase, u32) {
     let charged = charged_ns(input.own_gap_ns);
     let elapsed_ns = elapsed_ns.saturating_add(charged);
-    // What stands because it is made to stand has not settled.
+    // A command that stands still because its speed is reduced has not settled.
     let full_speed = elapsed_ns >= FIRST_NS + RAMP_NS && unreduced;
     let settled_ns = if full_speed && input.motion.settled { settled_ns.saturating_add(charged) } else { 0 };
     if elapsed_ns >= FIRST_NS && input.motion.aligned {

@@ -1,14 +1,21 @@
-//! The last gate: every command passes here, and what does not hold is replaced by the stored stop plan, for all joints.
+//! The last gate: every command passes here. If a command fails a check, the stored stop plan replaces it,
+//! for all joints.
 //!
-//! The gate proposes nothing and has no stop profile of its own. It judges in integers (see `fixed`): per joint that the
-//! command is finite, within position, velocity and acceleration limits also inside its tick, one tick of admissible
-//! jerk after the last one (or the next point of the stored plan), and that its plan comes to rest inside the limits. It
-//! judges by kinematics and distances of its own that the command, ten instants of the plan, and its rest posture are
-//! clear of self-collision and of the surroundings (see `way`). What lies between these is the certificate of whole-body
-//! control, which therefore may be wrong by no more than a robot can come closer and go apart between two instants.
+//! The gate proposes nothing and has no stop profile of its own. It judges in integers (see `fixed`). For
+//! each joint it checks the following:
 //!
-//! Of a recovery it admits more in place and less in speed: a joint outside its limits may be anywhere between where it
-//! was and the limit, and the least clearance may be what it was at the last command, at the recovery's speed at most.
+//! - The command is finite. It keeps the position, velocity and acceleration limits, also inside its tick.
+//! - The command is one tick of admissible jerk after the last one, or the next point of the stored plan.
+//! - The plan of the command comes to rest inside the limits.
+//!
+//! The gate has its own kinematics and distances. With them it checks that the command, ten instants of the
+//! plan, and its rest posture are clear of self-collision and of the surroundings (see `way`). The
+//! certificate of whole-body control covers what lies between these instants. So an error of that certificate
+//! is bounded by how much a robot can come closer and move apart again between two instants.
+//!
+//! In a recovery the gate allows more positions and less speed. A joint outside its limits may be anywhere
+//! between its last position and the limit. The least clearance may be that of the last command. The speed is
+//! at most the recovery's.
 
 mod body;
 #[cfg(test)]
@@ -40,17 +47,19 @@ use stop::Stop;
 use stored::{Phases, Stored, quantised_phases, write_phases};
 use way::{Asked, Ways};
 
-/// Granted to the distance routine, m: it errs by less than 1e-12 m at the size of a robot (`clearance` tests).
+/// Slack for the distance routine, m. It errs by less than 1e-12 m at the size of a robot (`clearance`
+/// tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
 
-/// Rounding of a clearance that a recovery leaves as it is, m: positions are rounded to 1e-12 rad between two ticks.
+/// Slack for the rounding of a clearance that a recovery does not change, m. Positions are rounded to 1e-12
+/// rad between two ticks.
 const RECOVERY_SLACK_M: f64 = 1e-10;
 
-/// Largest speed of a recovery, rad/s and m/s. Assumption, see `wbc`; this is the bound that holds.
+/// Largest speed of a recovery, rad/s and m/s. Assumption, see `wbc`. The gate enforces this bound.
 const RECOVERY_RAD_PER_S: f64 = 0.1;
 const RECOVERY_M_PER_S: f64 = 0.01;
 
-/// Limits and geometry, validated.
+/// Validated limits and geometry.
 #[derive(Clone, Debug)]
 pub struct Config {
     limits: [Limits; JOINTS],
@@ -58,17 +67,19 @@ pub struct Config {
     d_min_m: f64,
     /// Largest speed of each joint in a recovery, in units.
     recovery_v: [i64; JOINTS],
-    /// Largest speed of an elbow or a hand, m/s; none if no joint within its limits could break it.
+    /// Largest speed of an elbow or a hand, m/s. None without a bound, or if joints within their limits cannot
+    /// exceed it.
     hand_speed_m_per_s: Option<f64>,
 }
 
 impl Config {
-    /// The effective limits of `model`, its collision pairs and its least clearance. It executes every command at its time.
+    /// Creates the configuration from the effective limits of `model`, its collision pairs and its least
+    /// clearance. It assumes that the robot executes every command at its time.
     pub fn new(model: &Model) -> Result<Self, ConfigError> {
         Self::with_interface(model, &Interface::default())
     }
 
-    /// The same for a robot that executes the commands through `interface`.
+    /// Creates the configuration for a robot that executes the commands through `interface`.
     pub fn with_interface(model: &Model, interface: &Interface) -> Result<Self, ConfigError> {
         if !(model.d_min_m > 0.0 && model.d_min_m.is_finite()) {
             return Err(ConfigError::Clearance(model.d_min_m));
@@ -85,7 +96,7 @@ impl Config {
         })
     }
 
-    /// The same with elbows and hands no faster than `max` in the base frame, m/s.
+    /// Adds a bound: elbows and hands move no faster than `max` in the base frame, m/s.
     pub fn with_hand_speed(self, max: f64) -> Result<Self, ConfigError> {
         // Written so that NaN is refused too.
         if !(max > 0.0 && max.is_finite()) {
@@ -98,22 +109,23 @@ impl Config {
     }
 }
 
-/// What is remembered: the last state that was sent, with its plan.
+/// State of the gate: the last state that was sent, with its plan.
 #[derive(Clone, Debug)]
 pub struct State {
     stored: Stored,
-    /// Index of that state; None after a seed, which is the state of the tick before the next one.
+    /// Tick index of that state. None after a seed, which is the state of the tick before the next one.
     k: Option<u64>,
-    /// The last seed could not be used.
+    /// The gate could not use the last seed.
     seed_refused: bool,
-    /// Commands denied since start.
+    /// Number of commands denied since start.
     denials: u64,
-    /// The pair that was nearest at the last new motion: measured first.
+    /// The pair that was nearest at the last new motion. It is measured first.
     nearest: usize,
 }
 
 impl State {
-    /// At rest at `q` (rad, m). What is no position becomes zero, and nothing passes before a seed that is one.
+    /// Creates the state at rest at `q` (rad, m). A position that is not finite or too large becomes zero,
+    /// and then every command is denied until a usable seed arrives.
     pub fn at_rest(q: [f64; JOINTS]) -> Self {
         let points = q.map(|q| Point::quantised(q, 0.0, 0.0));
         let origin = points.map(Option::unwrap_or_default);
@@ -121,9 +133,9 @@ impl State {
         Self { stored: Stored::new(origin, [Phases::default(); JOINTS]), k: None, seed_refused, denials: 0, nearest: 0 }
     }
 
-    /// Continues from the state that the driver says it executes, and the stop it would play from there: the state of
-    /// the tick before the next one. A seed need not lie within the limits (the robot is where it is), but it must be
-    /// finite and come to rest; until a usable one arrives, every command is denied.
+    /// Continues from the state that the driver reports, with the stop that it would play from there. This is
+    /// the state of the tick before the next one. The robot is where it is, so a seed need not lie within the
+    /// limits. But it must be finite and come to rest. Every command is denied until a usable seed arrives.
     pub fn reseed(&mut self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS], plan: &StopPlan) {
         let mut origin = [Point::default(); JOINTS];
         let mut phases = [Phases::default(); JOINTS];
@@ -142,7 +154,7 @@ impl State {
         self.k = None;
     }
 
-    /// Commands denied since start.
+    /// Number of commands denied since start.
     pub const fn denials(&self) -> u64 {
         self.denials
     }
@@ -162,7 +174,7 @@ impl State {
         self.sent().a
     }
 
-    /// What is left of the stop from there.
+    /// The rest of the stop from there.
     pub fn plan(&self) -> StopPlan {
         self.sent().plan
     }
@@ -172,12 +184,12 @@ impl State {
     }
 }
 
-/// What whole-body control wants to send for tick `k`.
+/// Command that whole-body control proposes for tick `k`.
 #[derive(Clone, Copy, Debug)]
 pub struct Proposed {
     /// Tick index.
     pub k: u64,
-    /// What the state machine permits at this tick.
+    /// Permit of the state machine at this tick.
     pub permit: Permit,
     /// Positions, rad or m.
     pub q: [f64; JOINTS],
@@ -189,21 +201,21 @@ pub struct Proposed {
     pub plan: StopPlan,
 }
 
-/// What the gate decided.
+/// Decision of the gate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// A new motion: the proposal, rounded to the gate's units.
+    /// The command is a new motion: the proposal, rounded to the gate's units.
     Accept,
-    /// The proposal is the next point of the stored plan.
+    /// The command is the next point of the stored plan.
     OnPlan,
-    /// Denied: every joint plays the stored plan.
+    /// The command is denied, and every joint plays the stored plan.
     Deny(Denial),
 }
 
-/// What is to be sent for this tick; always a complete command.
+/// Command to send for this tick. It is always complete.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
-    /// What was decided.
+    /// Verdict on the proposal.
     pub verdict: Verdict,
     /// Positions, rad or m.
     pub q: [f64; JOINTS],
@@ -213,21 +225,23 @@ pub struct Decision {
     pub a: [f64; JOINTS],
     /// The stop from there.
     pub plan: StopPlan,
-    /// Least clearance of the command by the gate's own measure, m; NaN where a plan is played and none was taken.
+    /// Least clearance of the command by the gate's own measure, m. NaN if a plan is played and the gate
+    /// measured none.
     pub clearance_m: f64,
 }
 
 impl Decision {
-    /// Whether the proposal was sent, and not the stored plan in its stead.
+    /// Returns true if the proposal was sent, and false if the stored plan replaced it.
     pub const fn accepted(&self) -> bool {
         matches!(self.verdict, Verdict::Accept | Verdict::OnPlan)
     }
 }
 
-/// Judges the command of tick `k`. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Judges the command of tick `k`. It is deterministic, and it never allocates, blocks, logs, reads a clock
+/// or panics.
 pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed) -> Decision {
     let ticks = match state.k {
-        // Any number of ticks may lie behind a seed: it is the state of the tick before this one by agreement.
+        // A seed is by agreement the state of the tick before this one, however many ticks ago it was taken.
         None => 1,
         Some(last) => proposed.k.saturating_sub(last),
     };
@@ -240,11 +254,11 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
     });
     state.stored = passed.stored;
     state.k = Some(state.k.map_or(proposed.k, |last| last.max(proposed.k)));
-    // What is sent is what was judged: the rounded figures, not the proposal's own bits.
+    // The judged, rounded values are sent, and not the proposal's own bits.
     play(&passed.stored, passed.verdict, passed.clearance_m)
 }
 
-/// What may be sent, and why.
+/// A command that may be sent, and the verdict on it.
 struct Passed {
     verdict: Verdict,
     stored: Stored,
@@ -277,7 +291,8 @@ fn judge(
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
     }
     if all_on_plan {
-        // A denial would send the same, so there is nothing to judge, and the gate's own figures are sent.
+        // A denial would send the same command. So there is nothing to judge, and the gate's own values are
+        // sent.
         return Ok(Passed { verdict: Verdict::OnPlan, stored: *on_plan, clearance_m: f64::NAN });
     }
     let speed_scale = match proposed.permit {
@@ -303,14 +318,14 @@ fn judge(
     let mut asked = Asked { least_m: config.d_min_m - CLEARANCE_SLACK_M, interface: !recovers };
     if recovers {
         let at_last = config.ways.clearance_m(&last.map(|point| point.q as f64 / UNITS));
-        // NaN leaves d_min.
+        // If the clearance is NaN, d_min stays.
         asked.least_m = asked.least_m.min(at_last - RECOVERY_SLACK_M);
     }
     let clearance_m = config.ways.judge(&next, &stops, asked, &mut state.nearest)?;
     Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m })
 }
 
-/// The command that plays `stored`.
+/// Returns the command that plays `stored`.
 fn play(stored: &Stored, verdict: Verdict, clearance_m: f64) -> Decision {
     let mut out = Decision {
         verdict,

@@ -1,4 +1,4 @@
-//! Monitors of the measured robot: they turn measurements into what `engage` judges.
+//! Monitors of the measured robot. They turn measurements into flags for `engage`.
 
 mod feedback;
 mod movement;
@@ -12,21 +12,24 @@ pub use feedback::{Feedback, Judged, Sample};
 pub use movement::{Moved, Movement};
 pub use target::{TargetSteps, far_behind};
 
-/// How far outside its limits a joint may be measured before it counts, rad or m: a command may rest at its limit, and
-/// an encoder of 14 bits with its noise and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and more of soft margin.)
+/// Distance outside its limits at which a measured joint counts as outside, rad or m. A command may rest at
+/// its limit. The noise of an encoder of 14 bits and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and
+/// more of soft margin.)
 const OUTSIDE_MARGIN: f64 = 0.005;
 
-/// Rounding of a commanded position, rad or m, as the simulated robot's checker has it.
+/// Rounding of a commanded position, rad or m. The simulated robot's checker uses the same value.
 const COMMAND_ROUNDING: f64 = 1e-9;
 
-/// Clearance beyond d_min that a recovery ends with, m: it leaves room to begin the next motion in any direction.
+/// Clearance beyond d_min at which a recovery ends, m. It leaves room to begin the next motion in any
+/// direction.
 pub const START_MARGIN_M: f64 = 3e-3;
 
-/// What the clearance must regain above the threshold before the monitor is content again, m: ten times what the
-/// encoders' noise makes of a reach of 0.9 m.
+/// Hysteresis: the clearance must rise by this above the threshold before the monitor clears its flag, m. It
+/// is ten times the error that the encoders' noise causes at a reach of 0.9 m.
 const NEAR_HYSTERESIS_M: f64 = 0.001;
 
-/// Least distance of the checked pairs at the measured posture (rad, m); `frames` is working memory. No allocation.
+/// Least distance over the checked pairs and obstacles at the measured posture (rad, m). `frames` is working
+/// memory. Never allocates.
 pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64; JOINTS]) -> Clearance {
     crate::clearance::clearance(model, frames, q_measured)
 }
@@ -36,17 +39,19 @@ pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64;
 pub struct Outside {
     /// Its index.
     pub joint: usize,
-    /// How far beyond the limit, rad or m: below the lowest position negative, NaN for a position that is none.
+    /// Distance beyond the limit, rad or m. It is negative below the lowest position, and NaN if the position
+    /// is NaN.
     pub by: f64,
 }
 
-/// The joint that is measured farthest outside its limits, if one is by more than noise. NaN is outside.
+/// Returns the joint that is measured farthest outside its limits, if the distance is more than noise. NaN is
+/// outside.
 pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS]) -> Option<Outside> {
     farthest(model, q_measured, OUTSIDE_MARGIN)
 }
 
-/// The joint that is commanded farthest outside its limits, if one is at all: a driver that starts holds what it measures,
-/// and neither whole-body control nor the gate follows a target from there.
+/// Returns the joint that is commanded farthest outside its limits, if there is one. A driver that starts
+/// holds the measured position. Neither whole-body control nor the gate follows a target from outside.
 pub fn commanded_outside(model: &Model, q_commanded: &[f64; JOINTS]) -> Option<Outside> {
     farthest(model, q_commanded, COMMAND_ROUNDING)
 }
@@ -64,24 +69,26 @@ fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
     worst
 }
 
-/// Whether a command at `q` (rad, m) may be engaged from for good: every joint within its limits, and every checked pair
-/// d_min and [`START_MARGIN_M`] apart, by the arithmetic of this crate. What a recovery ends with.
+/// Returns true if normal engaging may begin from a command at `q` (rad, m). Every joint must be within its
+/// limits, and every checked pair d_min and [`START_MARGIN_M`] apart, by this crate's own arithmetic. A
+/// recovery ends with such a command.
 pub fn clear_to_start(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> bool {
     let inside = model.limits.iter().zip(q).all(|(limits, q)| limits.contains(*q));
     inside && crate::clearance::clearance(model, frames, q).is_at_least(model.d_min_m + START_MARGIN_M)
 }
 
-/// The largest |command - measured| of a kind of joints.
+/// The largest |command - measured| among the revolute or the prismatic joints.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Farthest {
-    /// How far, rad or m.
+    /// Size of the error, rad or m.
     pub error: f64,
-    /// Which joint.
+    /// Index of the joint.
     pub joint: usize,
 }
 
-/// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). What the command is ahead of a
-/// sound servo, v times its known lag (s), is no error; zero takes the plain difference. NaN stays NaN.
+/// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). A sound servo lags
+/// behind the command by v times its known lag (s), and that is no error. A lag of zero gives the plain
+/// difference. NaN stays NaN.
 pub fn tracking_error(
     model: &Model,
     q_command: &[f64; JOINTS],
@@ -104,19 +111,20 @@ pub fn tracking_error(
     (angle_rad, length_m)
 }
 
-/// Whether the measured posture is near a self-collision, with hysteresis. The debounce is the fault table's.
+/// Decides with hysteresis whether the measured posture is near a collision. The fault table sets the
+/// debounce.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Near {
     near: bool,
 }
 
 impl Near {
-    /// Nothing is near.
+    /// Creates the state in which nothing is near.
     pub const fn new() -> Self {
         Self { near: false }
     }
 
-    /// Judges a clearance, m. NaN is near.
+    /// Judges a clearance, m. NaN counts as near.
     pub fn update(&mut self, model: &Model, clearance_m: f64) -> bool {
         let threshold = model.d_measured_min_m + if self.near { NEAR_HYSTERESIS_M } else { 0.0 };
         self.near = clearance_m < threshold || clearance_m.is_nan();
@@ -151,7 +159,7 @@ mod tests {
                 assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
                 q[j] = model.limits[j].q_min - past;
                 assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
-                // The worst is named, with its side.
+                // The worst joint is named, with its side.
                 q[JOINTS - 1 - j] = model.limits[JOINTS - 1 - j].q_max + 0.5;
                 let worst = outside_limits(&model, &q).expect("is outside");
                 assert!(past.is_nan() || (worst.joint, worst.by > 0.4) == (JOINTS - 1 - j, true), "{worst:?}");
@@ -184,7 +192,7 @@ mod tests {
         let mut outside = model.home;
         outside[0] = model.limits[0].q_max + 1e-6;
         assert!(!clear_to_start(&model, &mut frames, &outside));
-        // From home towards postures that collide, to where the clearance is d_min and 3 mm.
+        // Goes from home towards postures that collide, to the point where the clearance is d_min and 3 mm.
         let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
         let mut met = 0;
         while met < 20 {
@@ -237,7 +245,7 @@ mod tests {
         let (angle_rad, length_m) = tracking_error(&model, &q, &still, &measured, 0.0);
         assert!((angle_rad.error - 0.3).abs() < 1e-12 && (length_m.error - 0.02).abs() < 1e-12);
         assert_eq!((angle_rad.joint, length_m.joint), (turn, lift));
-        // A servo that lags by 30 ms is 0.3 rad behind a command of 10 rad/s, and that is no error.
+        // A servo that lags by 30 ms is 0.3 rad behind a command of 10 rad/s, and this is no error.
         let mut v = still;
         v[turn] = 10.0;
         assert!(tracking_error(&model, &q, &v, &measured, 0.03).0.error < 1e-12);

@@ -1,4 +1,4 @@
-//! A tick allocates nothing.
+//! Tests that a tick never allocates.
 
 mod support;
 
@@ -13,7 +13,7 @@ use support::{Bench, model};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// Number of blocks that this thread has allocated since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }
@@ -42,7 +42,7 @@ fn ten_thousand_ticks_allocate_nothing() {
         bench.input.operator.estop_edge = k % 1000 == 0;
         bench.step();
         let mut proposed = resting(k, model.home);
-        // Both clearance checks run: the command is new, and of no use to anybody.
+        // Both clearance checks run, because the command is new. It serves no other purpose.
         proposed.a[1] = if k % 2 == 0 { 1e-7 } else { f64::from_bits(rng.next_u64()) };
         tick(&config, &mut gate, Stamp(k), proposed);
         let clearance = monitor::measured_clearance(&model, &mut frames, &proposed.q);

@@ -1,4 +1,4 @@
-//! Engagement over time: what must never happen, and when what must happen does.
+//! Tests engagement over time: what must never happen, and when required actions happen.
 
 use crate::support;
 
@@ -10,7 +10,7 @@ use support::{Bench, settings, ticks};
 fn f066_an_enable_stuck_at_boot_never_engages() {
     let mut bench = Bench::new();
     for _ in 0..ticks(10_000) {
-        // Edges without end: a chattering contact on a handle that was never seen released.
+        // Edges without end come from a chattering contact on a handle that was never seen released.
         bench.press();
         assert_eq!(bench.step().mode, Mode::Disengaged);
     }
@@ -49,7 +49,7 @@ fn the_first_second_is_slow_and_the_ramp_is_smooth() {
         assert!(n == 0 || (0.0..=0.95 * 1.5 / 3000.0 + 1e-9).contains(&step), "tick {n}: {step}");
         before = scale;
     }
-    // The machine gives exactly this, however aligned the robot is.
+    // The state machine permits exactly this scale, however well the robot is aligned.
     let mut bench = Bench::engaging();
     bench.input.motion.aligned = true;
     for _ in 0..1498 {
@@ -70,7 +70,7 @@ fn a_blocked_robot_engages_once_it_has_settled_for_half_a_second_at_full_scale()
     assert_eq!(bench.state.mode(), Mode::Engaging, "still moving, still not there");
 }
 
-/// Ticks from the last message of a stream to the mode.
+/// Number of ticks from the last message of a stream to the mode.
 fn silence(stream: fn(&mut Bench) -> &mut bool, mode: Mode) -> u64 {
     let mut bench = Bench::engaged();
     *stream(&mut bench) = false;
@@ -79,7 +79,7 @@ fn silence(stream: fn(&mut Bench) -> &mut bool, mode: Mode) -> u64 {
 
 #[test]
 fn f021_f036_f051_silence_acts_in_time_and_not_before() {
-    // The age exceeds n ms at the tick that is the first to lie after it; the stamps are a tick's rounding off.
+    // The age exceeds n ms at the first tick that lies after it. The stamps differ by the rounding of a tick.
     let cases: [(&str, u64, u64); 5] = [
         ("target", 10, silence(|b| &mut b.alive.target, Mode::Holding)),
         ("state, held", 5, silence(|b| &mut b.alive.state, Mode::Holding)),
@@ -96,7 +96,7 @@ fn f021_f036_f051_silence_acts_in_time_and_not_before() {
 #[test]
 fn own_sleep_is_charged_to_nobody() {
     let mut bench = Bench::engaged();
-    // 80 ms in which neither this process nor any other ran.
+    // For 80 ms neither this process nor any other ran.
     bench.alive.target = false;
     bench.alive.state = false;
     bench.alive.heartbeat = false;
@@ -104,7 +104,7 @@ fn own_sleep_is_charged_to_nobody() {
     bench.input.own_gap_ns = 80_666_667;
     let out = bench.step();
     assert_eq!((out.mode, out.active.is_empty()), (Mode::Engaged, true), "{:?}", out.active);
-    // From here on silence is silence.
+    // From here on a silence is a real silence.
     let taken = bench.until(Mode::Holding, 20);
     assert!(taken <= 7, "{taken}");
 }
@@ -148,13 +148,13 @@ fn f055_tracking_errors_stop() {
     }
 }
 
-/// A joint that swings through where it is sent is small there, twice in each swing.
+/// A joint that swings through its setpoint has a small error there, twice in each swing.
 #[test]
 fn f055_a_tracking_error_that_swings_stops() {
     for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0_f64] {
-        // From the amplitude on at which the error is large for a third of the time.
+        // These are amplitudes from the one on at which the error is large for a third of the time.
         for (amplitude, stops_ms) in [(0.145, Some(250)), (0.1, Some(300)), (0.065, Some(1200)), (0.055, None)] {
-            // One that is large for 100 ms at a time stops like any other that lasts.
+            // An error that is large for 100 ms at a time stops the robot, like any other that lasts.
             if stops_ms.is_none() && hz < 2.0 {
                 continue;
             }
@@ -162,7 +162,8 @@ fn f055_a_tracking_error_that_swings_stops() {
                 let mut bench = Bench::engaged();
                 let swung = |n: u64| (amplitude * (std::f64::consts::TAU * hz * n as f64 / 1500.0).sin()).abs();
                 let taken = (0..15_000).find(|&n| {
-                    // The driver sleeps for 10 ticks now and then: what it measured before stays, and is not judged again.
+                    // The driver sleeps for 10 ticks now and then. The last sample stays, and is not judged
+                    // again.
                     bench.input.robot.sample_ns = if n % every == 0 { every * 666_667 } else { 0 };
                     bench.input.robot.tracking_error_rad = swung(n - n % every);
                     bench.step().mode == Mode::Faulted
@@ -177,7 +178,7 @@ fn f055_a_tracking_error_that_swings_stops() {
     }
 }
 
-/// What is left of a tracking error that lasted does not keep a robot from being reset.
+/// The rest of a long tracking error does not prevent a reset.
 #[test]
 fn a_tracking_error_is_over_soon_after_it_is_small() {
     let mut bench = Bench::engaged();
@@ -188,7 +189,7 @@ fn a_tracking_error_is_over_soon_after_it_is_small() {
     assert!(!bench.steps(ticks(41)).active.has(Fault::TrackingError));
 }
 
-/// The command rests, and the arms swing: nothing is begun, and nothing ends.
+/// The command rests, but the arms swing. Then nothing begins, and nothing ends.
 #[test]
 fn f055_a_robot_that_swings_is_not_at_rest() {
     let swings = |mut bench: Bench| {
@@ -226,7 +227,7 @@ fn f055_a_robot_that_swings_is_not_at_rest() {
     assert_eq!(bench.step().mode, Mode::Disengaged);
 }
 
-/// What held says nothing against the person: the robot goes on from where it rests.
+/// The cause of the hold says nothing against the person. So the robot goes on from where it rests.
 #[test]
 fn a_gap_of_two_seconds_at_most_resumes_at_once() {
     let gaps: [fn(&mut Bench, bool); 3] = [
@@ -235,7 +236,7 @@ fn a_gap_of_two_seconds_at_most_resumes_at_once() {
         |bench, there| bench.alive.state = there,
     ];
     for (n, gap) in gaps.into_iter().enumerate() {
-        // A robot that is silent for longer is a fault.
+        // A longer silence of the robot is a fault.
         for (ms, mode) in [(11, Mode::Engaged), (1900, Mode::Engaged), (2100, Mode::Engaging)] {
             if n == 2 && ms > 11 {
                 continue;
@@ -249,13 +250,13 @@ fn a_gap_of_two_seconds_at_most_resumes_at_once() {
             assert_eq!(out.mode, mode, "{n}, {ms} ms");
         }
     }
-    // It had not been engaged yet.
+    // Here the robot was not yet engaged.
     let mut bench = Bench::engaging();
     bench.input.target.input_fresh = false;
     bench.until(Mode::Holding, 10);
     (bench.input.target.input_fresh, bench.input.motion.at_rest) = (true, true);
     assert_eq!(bench.step().mode, Mode::Engaging);
-    // Something else was wrong meanwhile.
+    // Here something else was wrong meanwhile.
     let mut bench = Bench::holding(true);
     bench.input.robot.collision_near = true;
     bench.steps(100);
@@ -351,7 +352,7 @@ fn a_drivers_latch_is_reset_through_the_driver() {
     bench.input.robot.driver_fault = false;
     assert_eq!(bench.step().mode, Mode::Disengaged);
 
-    // A driver that takes too long needs another press.
+    // If the driver takes too long, another press is needed.
     let mut bench = Bench::faulted();
     bench.input.motion.at_rest = true;
     bench.input.operator.enable_level = false;
@@ -377,7 +378,8 @@ fn faults_are_counted_once_each_time_they_begin() {
 
 #[test]
 fn a_recovery_is_held_to_run_and_engages_nothing() {
-    // From its reasons alone, whatever is missing of the person: it follows no target.
+    // A recovery begins from its reasons alone, whatever data of the person is missing, because it follows no
+    // target.
     let mut bench = Bench::outside();
     bench.alive.target = false;
     bench.input.target.input_fresh = false;
@@ -390,7 +392,7 @@ fn a_recovery_is_held_to_run_and_engages_nothing() {
     assert_eq!((out.mode, out.permit), (Mode::Recovering, Permit::Recover));
     bench.input.motion.at_rest = false;
     assert_eq!(bench.steps(ticks(3000)).mode, Mode::Recovering);
-    // Let go: it stops, and stays where it is.
+    // The operator lets go. The robot stops and stays where it is.
     bench.let_go();
     let out = bench.step();
     assert_eq!((out.mode, out.permit), (Mode::Holding, Permit::Stop));
@@ -401,7 +403,8 @@ fn a_recovery_is_held_to_run_and_engages_nothing() {
     bench.input.operator.recover_level = false;
     bench.press_recovery();
     assert_eq!(bench.step().mode, Mode::Recovering);
-    // Back: it ends by itself, says so, and neither the hand that still holds nor an old enable engages.
+    // The robot is back. Recovery ends by itself and reports it. Neither the held recovery nor an old enable
+    // engages.
     bench.input.robot.outside_limits = false;
     bench.input.robot.clear_to_start = true;
     bench.alive.target = true;
@@ -433,7 +436,7 @@ fn a_recovery_needs_its_reason_and_no_other() {
         b.alive.heartbeat = false;
         b.steps(ticks(250));
     });
-    // A handle that is stuck since the start is none.
+    // A handle that has been stuck since the start does not count.
     let mut bench = Bench::new();
     bench.input.robot.outside_limits = true;
     for _ in 0..ticks(1000) {

@@ -1,4 +1,5 @@
-//! Figures of the state machine at their edges: what a slip of one sign or one comparison would change.
+//! Tests the state machine's figures at their edges. They would reveal one wrong sign or one wrong
+//! comparison.
 
 use crate::support;
 
@@ -6,7 +7,7 @@ use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
 use safety::engage::{Config, Output, Permit};
 use support::{Alive, Bench, settings, ticks};
 
-/// Ticks until the mode is `mode` with all real-time patience multiplied by `factor`.
+/// Number of ticks until the mode is `mode`, with all real-time bounds multiplied by `factor`.
 fn patience(factor: f64, mode: Mode, fail: impl Fn(&mut Bench)) -> u64 {
     let mut bench = Bench::engaged();
     bench.config = Config::relaxed(&settings(), factor).expect("allowed");
@@ -83,7 +84,8 @@ fn always_as_old(bench: &mut Bench, n: usize, age_ns: u64, count: u64) -> Output
     out.expect("at least a step")
 }
 
-/// Ages are exact: a message that is as old as allowed when it comes in is not stale, one nanosecond more is.
+/// Ages are exact. A message that arrives exactly as old as allowed is not stale, and one nanosecond more is
+/// stale.
 #[test]
 fn every_age_is_allowed_to_the_nanosecond() {
     let ns = |ms: f64| (ms * 1e6) as u64;
@@ -108,7 +110,7 @@ fn every_age_is_allowed_to_the_nanosecond() {
     }
 }
 
-/// A tick that comes late by its whole length is charged in full, a longer sleep is not.
+/// A tick that is late by its whole length is charged in full, and a longer sleep is not.
 #[test]
 fn two_ticks_are_charged_and_no_more() {
     for (gap_ns, most) in [(666_667, 16), (1_333_333, 9), (50_000_000, 9)] {
@@ -122,7 +124,7 @@ fn two_ticks_are_charged_and_no_more() {
     }
 }
 
-/// A lesser tracking error is borne for as long as it says, and not a tick longer.
+/// A lesser tracking error is tolerated for exactly the configured time, and not a tick longer.
 #[test]
 fn a_tracking_error_is_borne_to_the_nanosecond() {
     let mut bench = Bench::engaged();
@@ -133,7 +135,7 @@ fn a_tracking_error_is_borne_to_the_nanosecond() {
     }
 }
 
-/// Each writer is known by itself; a client that is gone is no stranger.
+/// Each writer has an identity of its own. A client that has left does not count as a new one.
 #[test]
 fn every_writer_is_known_by_itself() {
     type Change = fn(&mut Bench);
@@ -152,7 +154,7 @@ fn every_writer_is_known_by_itself() {
     }
 }
 
-/// A millisecond, told as the own gap.
+/// Steps by one millisecond, given as the gap of this process.
 fn step_of_1_ms(bench: &mut Bench) -> Output {
     bench.input.own_gap_ns = 1_000_000;
     bench.input.robot.sample_ns = 1_000_000;
@@ -170,7 +172,7 @@ fn a_recovery_is_blocked_to_the_nanosecond() {
     }
 }
 
-/// A jump is caught up at full speed for as long as it says.
+/// After a jump the robot catches up at full speed for exactly the configured time.
 #[test]
 fn f034_a_jump_slows_to_the_nanosecond() {
     let mut bench = Bench::engaged();
@@ -183,7 +185,8 @@ fn f034_a_jump_slows_to_the_nanosecond() {
     }
 }
 
-/// Jumps are borne from the first of them on for as long as it says, also while the process is young.
+/// Jumps are tolerated for exactly the configured time from the first one on, also just after the process has
+/// started.
 #[test]
 fn f034_jumps_are_borne_to_the_nanosecond() {
     let debounce = u64::from(FAULTS[Fault::InputImplausible.index()].debounce_ticks);
@@ -201,15 +204,15 @@ fn f034_jumps_are_borne_to_the_nanosecond() {
     }
 }
 
-/// A speed that comes back to full within the tick is not reduced any more.
+/// A speed that returns to full within the tick is no longer reduced.
 #[test]
 fn full_speed_has_no_reason_to_be_slow() {
     let mut bench = Bench::engaged();
     let late_ns = (settings().input_late_ms * 1e6) as u64 + 1000;
-    // None for 50 ms, so that what comes then is both new and old.
+    // No message arrives for 50 ms, so that the next one is both new and old.
     bench.alive.input = false;
     bench.steps(75);
-    // 1 us of 50 ms: a share of 2e-5 is missing, and 10 us of 500 ms bring it back, to the bit.
+    // 1 us of 50 ms removes a share of 2e-5, and 10 us of 500 ms restore it, to the bit.
     let out = always_as_old(&mut bench, 1, late_ns, 1);
     assert_eq!((out.permit, out.reduced), (Permit::Follow { speed_scale: 0.99998 }, reduced_flag::INPUT_LATE));
     bench.alive.input = true;
@@ -218,7 +221,7 @@ fn full_speed_has_no_reason_to_be_slow() {
     assert_eq!((out.permit, out.reduced), (Permit::Follow { speed_scale: 1.0 }, 0));
 }
 
-/// While the speed comes back, what slows anew is the same reason still.
+/// If speed falls again while it returns, the reason stays the same.
 #[test]
 fn a_reason_that_comes_again_is_told() {
     let mut bench = Bench::engaged();

@@ -1,4 +1,5 @@
-//! In every state, for every combination of edges, levels and faults: stop wins, and nothing but the diagram happens.
+//! Tests every state with every combination of edges, levels and faults. A stop wins, and only transitions of
+//! the diagram occur.
 
 use crate::support;
 
@@ -8,14 +9,14 @@ use support::{Bench, ticks};
 
 const BITS: u32 = 19;
 
-/// What the operator's edge and level (bits 12 and 15) are those of.
+/// The input to which the operator's edge and level (bits 12 and 15) belong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Hand {
     Enable,
     Recovery,
 }
 
-/// One bit, one event. The debounced ones were prepared up to the tick before they act.
+/// Applies one event for each bit. The debounced ones were prepared up to the tick before they act.
 fn apply(bench: &mut Bench, hand: Hand, set: u32) {
     let has = |bit: u32| set & 1 << bit != 0;
     let input = &mut bench.input;
@@ -64,7 +65,7 @@ fn prepared(mut bench: Bench) -> Bench {
     bench
 }
 
-/// What a recovery does not mind.
+/// The faults that end a recovery.
 fn minded(out: &Output) -> Faults {
     let borne = [
         Fault::StartOutsideLimits,

@@ -1,5 +1,5 @@
-//! Every (state, event) pair of engagement, legal or not, is a line of `engage.txt`; the diagram in ARCHITECTURE.md is
-//! made from the same pairs.
+//! Tests every (state, event) pair of engagement, legal or not. Each is a line of `engage.txt`. The diagram
+//! in ARCHITECTURE.md is generated from the same pairs.
 
 use crate::support;
 
@@ -176,7 +176,8 @@ const EVENTS: [Event; 32] = [
     }),
 ];
 
-/// Brings the bench to the tick before this fault acts; debouncing and silence pass while nothing comes to rest.
+/// Brings the bench to the tick before this fault acts. Debouncing and silence pass while nothing comes to
+/// rest.
 fn raise(bench: &mut Bench, fault: Fault) {
     let at_rest = bench.input.motion.at_rest;
     if matches!(bench.state.mode(), Mode::Holding | Mode::Recovering) {
@@ -223,7 +224,8 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::HoldTimeout => 5000,
         _ => 0,
     };
-    // Silence acts once the age is above its bound: at 667 us a tick, the first tick that is not below it.
+    // Silence acts once the age exceeds its bound. At 667 us a tick this is the first tick that is not below
+    // it.
     let passing = (silence_ms * 1500_u64).div_ceil(1000).saturating_sub(1) + u64::from(fault.row().debounce_ticks - 1);
     for _ in 0..passing {
         bench.step();
@@ -247,7 +249,7 @@ fn why(transition: &Transition) -> String {
     }
 }
 
-/// Appends the line of a pair; returns the transition that it makes.
+/// Appends the line of a pair. Returns the transition that it causes.
 fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)) -> Option<Transition> {
     let mut bench = (state.1)();
     apply(&mut bench);
@@ -280,7 +282,7 @@ fn line(out: &mut String, state: &State, event: &str, apply: impl Fn(&mut Bench)
     decided.transition
 }
 
-/// The lines of all pairs, and all transitions that there are.
+/// Returns the lines of all pairs, and all transitions.
 fn pairs() -> (String, Vec<Transition>) {
     let mut out = String::from("state | event | mode -> mode (why) | permit | active | latched | notes\n");
     let mut transitions = Vec::new();
@@ -299,7 +301,7 @@ fn snapshot() -> String {
     pairs().0
 }
 
-/// What stands at an arrow: the reason, or for a fault its response.
+/// Text at an arrow: the reason, or the response of a fault.
 fn arrow(transition: &Transition) -> String {
     match Fault::from_u32(transition.why).map(|fault| fault.row().response) {
         None => why(transition),
@@ -314,7 +316,7 @@ const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ARCHITECTURE.
 const BEGIN: &str = "<!-- engagement: written by cargo test -p safety --test all engage_snapshot -- --ignored -->\n";
 const END: &str = "<!-- end of engagement -->";
 
-/// The diagram, as its block in the document stands between the two marks.
+/// Returns the diagram as the block between the two marks of the document.
 fn diagram() -> String {
     let mut arrows: BTreeMap<(u32, u32), BTreeSet<String>> = BTreeMap::new();
     for transition in pairs().1 {
@@ -329,7 +331,7 @@ fn diagram() -> String {
     out + "```\n"
 }
 
-/// The document before the block, the block, and what follows.
+/// Returns the document's text before the block, the block, and the text after it.
 fn document() -> [String; 3] {
     let text = std::fs::read_to_string(DOCUMENT).expect("ARCHITECTURE.md");
     let (before, rest) = text.split_once(BEGIN).expect("the mark before the diagram");

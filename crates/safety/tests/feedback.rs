@@ -1,4 +1,4 @@
-//! Measurements that cannot be are seen, and sound ones never are.
+//! Tests that implausible measurements are detected, and that sound ones never are.
 
 use crate::support;
 
@@ -11,10 +11,10 @@ use support::model;
 
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 
-/// What becomes of where the joints are on the way to what is measured.
+/// Turns the joints' positions into measurements.
 type Encoders<'a> = dyn Fn(&mut [f64; JOINTS]) + 'a;
 
-/// A robot that is sent somewhere tick by tick, and what its encoders make of it.
+/// A robot that is commanded tick by tick, with its encoders.
 #[derive(Clone)]
 struct Bench {
     monitor: Feedback,
@@ -28,7 +28,7 @@ impl Bench {
         Self { monitor: Feedback::default(), k: 1000, q: MODEL.home, begins: false }
     }
 
-    /// One tick later, at velocities `v`, with what `encoders` make of where the joints are.
+    /// Goes one tick further at velocities `v`. `encoders` turn the joints' positions into measurements.
     fn step(&mut self, v: &[f64; JOINTS], encoders: impl Fn(&mut [f64; JOINTS])) -> Judged {
         self.k += 1;
         for (q, v) in self.q.iter_mut().zip(v) {
@@ -71,7 +71,7 @@ proptest! {
         prop_assert!(second.invalid && !third.invalid, "an offset that stays can be reset");
     }
 
-    /// Anything within the limits, with noise, and with samples missing now and then, is believed.
+    /// Every motion within the limits is accepted, with noise, and with missing samples now and then.
     #[test]
     fn f051_f052_f053_f056_sound_measurements_are_never_invalid(
         shares in proptest::collection::vec(-1.0..1.0_f64, JOINTS), noise in 0.0..1e-3_f64, lost in 1_u64..9, begins in any::<bool>(),
@@ -104,7 +104,7 @@ fn f052_a_measurement_that_stands_while_its_joint_is_sent_on_is_invalid() {
             bench.step(&one(joint, speed), |_| {});
             let frozen = bench.q[joint];
             let taken = (1..2000).find(|_| bench.step(&one(joint, speed), |q| q[joint] = frozen).invalid);
-            // 50 ms, or 0.02 rad, whichever comes later.
+            // The bound is 50 ms or 0.02 rad, whichever comes later.
             let expected = ((travel / speed / TICK_S) as i32).max(74);
             let taken = taken.unwrap_or_else(|| panic!("joint {joint}: never seen"));
             assert!((expected..=expected + 2).contains(&taken), "joint {joint} at {speed}: {taken}, not {expected}");
@@ -136,7 +136,7 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
             let other = (joint + 7) % JOINTS;
             let wrong: [&Encoders<'_>; 2] = [
                 &|q| q[joint] = 2.0 * start - q[joint],
-                // The same posture on both sides, so that nothing jumps.
+                // The posture is the same on both sides, so that nothing jumps.
                 &|q| (q[joint], q[other]) = (start, q[other] + q[joint] - start),
             ];
             for encoders in wrong {
@@ -146,7 +146,7 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
                 let travel = (bench.q[joint] - start).abs();
                 assert!(seen.is_some() && travel < 0.02, "joint {joint}: {travel} after {seen:?}");
             }
-            // Friction that holds back a hundredth of a radian is none of them.
+            // Friction that holds back a hundredth of a radian is none of these.
             let mut bench = Bench::new();
             bench.begins = true;
             let stuck = if MODEL.prismatic[joint] { 0.002 } else { 0.01 };
@@ -161,8 +161,8 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
     }
 }
 
-/// What still swings when a motion begins comes back against the motion's sense, and is believed; a wrong sign that seems to
-/// come back does so once.
+/// A joint that still swings when a motion begins may come back against the motion's direction. It is
+/// accepted. A wrong sign may look like this only once.
 #[test]
 fn f056_a_joint_that_comes_back_is_believed_and_a_wrong_sign_for_one_way_at_most() {
     const ELBOW: usize = 10;
@@ -187,7 +187,7 @@ fn f056_a_joint_that_comes_back_is_believed_and_a_wrong_sign_for_one_way_at_most
     }
 }
 
-/// What is made of one joint's samples: index, where it is sent, and what is measured; the others rest.
+/// Judges samples of one joint: index, setpoint, speed and measurement. The other joints rest.
 fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> Vec<bool> {
     const ELBOW: usize = 10;
     let mut monitor = Feedback::default();
@@ -208,7 +208,7 @@ fn f052_a_joint_stands_to_the_tick_and_to_the_bit() {
     assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (1075, 0.02, 0.0, 0.1)]), "as far as friction holds back");
     // Two samples of one index are no later than one.
     assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (1000, 0.03, 0.0, 0.1), (1075, 0.03, 0.0, 0.1)]));
-    // A driver that counts anew begins anew.
+    // A driver that restarts its count begins from scratch.
     assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (5, 0.03, 0.0, 0.1), (79, 0.06, 0.0, 0.1)]));
     assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (5, 0.03, 0.0, 0.1), (80, 0.06, 0.0, 0.1)]));
 }
@@ -223,7 +223,7 @@ fn f056_a_sense_is_judged_to_the_bit() {
     assert_eq!(ways(&[(0.0, 0.0), (0.0149, 0.0), (0.015, 0.0)]), [false, false, true], "after 0.015 rad");
     assert_eq!(ways(&[(0.0, 0.0), (way, 0.2 * way)]), [false, false], "a fifth is enough");
     assert_eq!(ways(&[(0.0, 0.0), (way, 0.19 * way)]), [false, true], "less is not");
-    // As far away on the other side is no farther; from there it goes away.
+    // A point equally far away on the other side is no farther. From there it moves away.
     assert_eq!(ways(&[(0.0, way / 2.0), (way, way / 2.0), (2.0 * way, way / 2.0)]), [false, false, true]);
 }
 
@@ -242,7 +242,7 @@ fn f056_what_a_sound_servo_lags_behind_is_no_wrong_sense() {
 fn f053_a_joint_may_move_as_fast_as_its_bound_to_the_bit() {
     let bound = 3.0 * MODEL.limits[10].v_max * TICK_S + 0.005;
     for (to, off) in [(bound, false), (bound + 1e-12, true)] {
-        // The second of two samples in a row that are off is invalid.
+        // The second of two outliers in a row is invalid.
         assert_eq!(judged(false, 0.0, &[(1000, 0.0, 0.0, 0.0), (1001, 0.0, 0.0, to), (1001, 0.0, 0.0, to)])[2], off);
     }
 }

@@ -1,4 +1,4 @@
-//! What the gate lets through, and what it sends instead.
+//! Tests which commands the gate accepts, and what it sends in place of the others.
 
 use crate::support;
 
@@ -13,7 +13,7 @@ use support::adversary::Adversary;
 use support::model;
 use support::motion::{Joint, NO_PLAN, Stop, T, joint, play, resting, set_joint, stop_from, stop_of, store, wrong};
 
-/// The robot without collision pairs, for what concerns joints only.
+/// The robot without collision pairs, for tests of joints only.
 fn without_pairs() -> Model {
     let mut model = model();
     model.pairs.clear();
@@ -24,7 +24,7 @@ fn judge(config: &Config, state: &mut State, proposed: Proposed) -> Decision {
     tick(config, state, Stamp(0), proposed)
 }
 
-/// All joints at home and at rest but `j`, which is at `x` with the time-optimal stop.
+/// All joints rest at home except `j`, which is at `x` with the time-optimal stop.
 fn seeded(model: &Model, j: usize, x: Joint) -> (State, Stop) {
     let l = &model.limits[j];
     let stop = stop_from(x, l.a_max, l.j_max);
@@ -52,7 +52,7 @@ fn check_of(decision: &Decision) -> Option<Check> {
     }
 }
 
-/// The largest jerk above an admissible one that the judge still admits with `grant`, by halving.
+/// The largest jerk above an admissible one that the judge still accepts with `grant`, found by halving.
 fn largest(l: &JointLimits, x: Joint, stop: &Stop, inside: f64, outside: f64, grant: f64) -> f64 {
     let (mut low, mut high) = (inside, outside);
     for _ in 0..60 {
@@ -67,11 +67,11 @@ fn largest(l: &JointLimits, x: Joint, stop: &Stop, inside: f64, outside: f64, gr
     low
 }
 
-/// A state near one of the joint's limits: chosen so that its stop, or the stop's fastest point, just fits.
+/// A state near one of the joint's limits. Its stop, or the fastest point of its stop, just fits.
 fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
     let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
     let whole = [1.0 - 1e-3 * rng.random::<f64>(), rng.random_range(-1.0..1.0), 0.0][rng.random_range(0..3)];
-    // Every other state turns, in speed or in direction, within its next tick.
+    // Every other state turns within its next tick, in speed or in direction.
     let turns = rng.random_bool(0.5);
     let a = side * if turns { l.j_max * T * rng.random_range(-1.0..1.0) } else { l.a_max * whole };
     let peak = a * a.abs() / (2.0 * l.j_max);
@@ -85,7 +85,7 @@ fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
     Joint { q, ..x }
 }
 
-/// The gate admits all that the judge admits, and refuses what the judge refuses with twice the gate's slack granted.
+/// The gate accepts all that the judge accepts. It refuses what the judge refuses with twice the gate's slack.
 #[test]
 fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
     const TWICE_THE_SLACK: f64 = 128.0 / (1_u64 << 40) as f64;
@@ -113,7 +113,7 @@ fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
             assert!(decision.accepted(), "{:?} at {exact} of {l:?} from {x:?}", decision.verdict);
 
             let beyond = largest(l, x, &stop, inside, outside, TWICE_THE_SLACK);
-            // The first of ever larger steps beyond that the judge sees: where a limit is flat, `f64` needs a larger one.
+            // The first of ever larger steps that the judge sees. A flat limit needs a larger one in `f64`.
             let seen = (0..9).find_map(|n| {
                 let jerk = beyond + (outside - inside) * 1e-9 * 10_f64.powi(n);
                 let to = x.after(jerk, T);
@@ -127,13 +127,13 @@ fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
                 "acceleration" => &[Check::Acceleration],
                 "velocity" => &[Check::Velocity],
                 "position" => &[Check::Position],
-                // What the plan breaks the state at its beginning may break, too.
+                // If the plan breaks a limit, the state at its beginning may break it too.
                 "plan's velocity" | "plan's position" => &[Check::PlanLimits, Check::Velocity, Check::Position],
                 "plan's acceleration" => &[Check::PlanLimits],
                 other => panic!("{other}"),
             };
             let check = check_of(&decision);
-            // Several limits may be broken at once; then the first one in the gate's order is named.
+            // Several limits may be broken at once. Then the first one in the gate's order is named.
             let named = check.is_some_and(|check| {
                 expected.contains(&check) || matches!(check, Check::Jerk | Check::Acceleration | Check::PlanLimits)
             });
@@ -162,7 +162,7 @@ fn a_step_is_constant_jerk_to_within_the_slack() {
             let mut p = with_jerk(&model, 1, x, 10.0);
             let value = if field == 0 { &mut p.q[1] } else { &mut p.v[1] };
             *value += units * unit;
-            // The plan of a faster state ends faster by as much, which is below what counts as rest.
+            // The plan of a faster state ends faster by as much. This is below the bound of rest.
             let decision = judge(&config, &mut state.clone(), p);
             assert_eq!(decision.accepted(), accepted, "{units} {field} {:?}", decision.verdict);
             assert!(accepted || check_of(&decision) == Some(Check::Step));
@@ -187,7 +187,7 @@ fn a_plan_ends_at_rest_and_in_time() {
     assert!(with(&shorter(1e-9 / l.j_max)).accepted(), "a billionth of rad/s^2 is left");
     assert_eq!(check_of(&with(&shorter(1e-5 / l.j_max))), Some(Check::Braking));
     assert_eq!(check_of(&with(&|plan| *plan = NO_PLAN)), Some(Check::Braking), "no plan at speed");
-    // A stop so gentle that it takes longer than any stop has to; it would rest, but late.
+    // This stop is so gentle that it takes longer than any stop has to. It would come to rest, but late.
     let longest = (l.v_max / l.a_max + 2.0 * l.a_max / l.j_max).max(model.stop_time_max_s);
     let latest = 1.05 * longest + T;
     for (time, check) in [(latest * 0.999, None), (latest * 1.001, Some(Check::Braking))] {
@@ -229,7 +229,7 @@ fn a_denial_makes_all_joints_play_the_stored_plan_together() {
         assert_eq!(judge(&config, &mut state, next).verdict, Verdict::Accept, "tick {k}");
         last = next;
     }
-    // One joint's NaN: every joint leaves for its own stop, and goes on with it however long nothing good comes.
+    // One joint has NaN. Every joint begins its own stop, and continues it until a good command comes.
     for n in 1..1500 {
         let mut bad = last;
         bad.k = 59 + n;
@@ -287,7 +287,7 @@ fn nothing_gets_faster_than_the_permitted_share() {
         let decision = judge(&config, &mut state, p);
         assert_eq!(decision.accepted(), accepted, "{scale} {v} {:?}", decision.verdict);
         assert!(accepted || check_of(&decision) == Some(Check::SpeedScale));
-        // Getting slower is always allowed.
+        // Slowing down is always allowed.
         let (mut state, _) = seeded(&model, 1, x);
         let p = Proposed { permit: p.permit, ..with_jerk(&model, 1, x, -l.j_max / 2.0) };
         assert!(judge(&config, &mut state, p).accepted());
@@ -326,7 +326,7 @@ fn a_seed_that_is_none_denies_until_a_good_one_comes() {
     }
     state.reseed(&model.home, &still, &still, &NO_PLAN);
     assert!(judge(&config, &mut state, resting(7, model.home)).accepted());
-    // Outside its limits the robot is where it is: it may rest there, and move nowhere.
+    // The robot may be outside its limits. Then it may rest there, but not move.
     let mut outside = model.home;
     outside[1] = model.limits[1].q_max + 0.2;
     state.reseed(&outside, &still, &still, &NO_PLAN);
@@ -337,7 +337,7 @@ fn a_seed_that_is_none_denies_until_a_good_one_comes() {
     assert_eq!(check_of(&judge(&config, &mut state, out)), Some(Check::Position));
 }
 
-/// A clear posture, a direction, and how far along it the clearance falls to `d_min_m`.
+/// A clear posture, a direction, and the distance along it at which the clearance falls to `d_min_m`.
 fn towards_collision(model: &Model) -> ([f64; JOINTS], usize, f64, f64) {
     let mut rng = Pcg64::seed_from_u64(5);
     let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
@@ -387,7 +387,7 @@ fn f045_self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
         store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
         judge(&config, &mut state, next).verdict
     };
-    // The slack is 1 nm: half of it is granted, twice of it is not.
+    // The slack is 1 nm. Half of it is allowed, and twice of it is not.
     let (granted, denied) = (-5e-10, -2e-9);
     assert_eq!(case(granted, stop_reach), Verdict::Accept);
     assert!(matches!(case(denied, stop_reach), Verdict::Deny(Denial::ClearanceAtRest { .. })));
@@ -413,7 +413,7 @@ fn a_robot_too_close_to_itself_may_rest_but_not_move() {
 
 #[test]
 fn f041_adversarial_steps_break_nothing() {
-    // 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
+    // There are 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
     for (model, ticks, seed) in [(without_pairs(), 60_000, 1), (model(), 10_000, 2)] {
         let mut adversary = Adversary::new(&model, seed);
         for _ in 0..ticks {

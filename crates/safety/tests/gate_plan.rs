@@ -1,4 +1,4 @@
-//! A sender that plays the plan with books of its own, in `f64`, is on the plan to its end.
+//! Tests that a sender which computes the plan itself, in `f64`, stays on the plan to its end.
 
 use crate::support;
 
@@ -10,7 +10,7 @@ use safety::gate::{Config, Proposed, State, Verdict, tick};
 use support::model;
 use support::motion::{Joint, T, joint, resting, set_joint, stop_from, stop_of, store};
 
-/// One tick along the plan: durations shrink, phases are used up, and the end is exact rest.
+/// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {
     for j in 0..JOINTS {
         let (mut x, mut stop, mut left) = (joint(p, j), stop_of(&p.plan, j), T);

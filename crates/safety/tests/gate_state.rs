@@ -1,4 +1,4 @@
-//! What the gate says of itself: the state last sent, the figures of a decision, and the unit of every denial.
+//! Tests the gate's reports: the state last sent, the figures of a decision, and the unit of every denial.
 
 use crate::support;
 
@@ -9,7 +9,7 @@ use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use support::model;
 use support::motion::{Joint, NO_PLAN, T, joint, play, resting, set_joint, stop_from, stop_of, store};
 
-/// All joints in motion, each in its own way, with the stops from there.
+/// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {
     let mut p = resting(k, model.home);
     for j in 0..JOINTS {
@@ -28,7 +28,7 @@ fn seeded(p: &Proposed) -> State {
     state
 }
 
-/// As `p` a tick later: every joint goes on with zero jerk.
+/// Returns `p` one tick later. Every joint continues with zero jerk.
 fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
     let mut next = Proposed { k: p.k + 1, ..*p };
     for j in 0..JOINTS {
@@ -64,7 +64,7 @@ fn the_state_is_what_was_sent_last() {
     let expected = clearance(&model, &mut frames, &next.q).distance_m;
     assert!((decision.clearance_m - expected).abs() < 1e-12, "of the command, not of where it rests");
 
-    // Three denials: three ticks of the stored plan, and no clearance is taken.
+    // After three denials the stored plan has advanced by three ticks, and no clearance was measured.
     for n in 1..=3 {
         let bad = Proposed { k: next.k + n, q: [f64::NAN; JOINTS], ..next };
         let decision = tick(&config, &mut state, Stamp(0), bad);
@@ -94,14 +94,14 @@ fn what_comes_late_finds_the_plan_played_on() {
             let expected = play(joint(&next, j), &stop_of(&next.plan, j), late as f64 * T);
             assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
         }
-        // An index that has passed does not play the plan any further, or back.
+        // An index that has passed plays the plan neither forward nor back.
         let before = state.q();
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k, ..next });
         assert_eq!((decision.verdict, decision.q), (Verdict::Deny(Denial::Index), before));
     }
 }
 
-/// All seventeen joints count: one of them off its plan is a new motion, and one wrong joint denies all.
+/// All seventeen joints count. One joint off its plan makes a new motion, and one wrong joint denies all.
 #[test]
 fn every_joint_counts() {
     let model = model();
@@ -110,7 +110,7 @@ fn every_joint_counts() {
     for j in 0..JOINTS {
         let mut on_plan = Proposed { k: seed.k + 1, permit: Permit::Stop, ..seed };
         let mut state = seeded(&seed);
-        // What the gate itself would send is the plan's next point.
+        // The command that the gate itself would send is the plan's next point.
         let plan = tick(&config, &mut state.clone(), Stamp(0), Proposed { q: [f64::NAN; JOINTS], ..on_plan });
         (on_plan.q, on_plan.v, on_plan.a, on_plan.plan) = (plan.q, plan.v, plan.a, plan.plan);
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), on_plan).verdict, Verdict::OnPlan);
@@ -128,7 +128,8 @@ fn every_joint_counts() {
     }
 }
 
-/// A seed that does not come to rest is refused as a whole, whichever joint it is; a place to rest need not be home.
+/// A seed that does not come to rest is refused as a whole, for any joint. The place of rest need not
+/// be home.
 #[test]
 fn a_seed_is_taken_or_refused_as_a_whole() {
     let model = model();
@@ -151,7 +152,8 @@ fn a_seed_is_taken_or_refused_as_a_whole() {
     assert_eq!(verdict, Verdict::Deny(Denial::Seed), "nothing passes before a position that is one");
 }
 
-/// The step that moves joint `j` alone from rest at `q` with `jerk`, as a recovery, and where its stop rests.
+/// The recovery step that moves only joint `j`, from rest at `q` with `jerk`, and the place where its stop
+/// rests.
 fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Proposed, [f64; JOINTS]) {
     let (mut next, mut rest) = (Proposed { permit: Permit::Recover, ..resting(1, q) }, q);
     let to = Joint { q: q[j], v: 0.0, a: 0.0 }.after(jerk, T);
@@ -162,8 +164,8 @@ fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Pro
     (next, rest)
 }
 
-/// A recovery from too close may leave the least clearance as it is (a joint that has no part in it may move), and may
-/// not make it less.
+/// A recovery that begins too close may leave the least clearance as it is, and may not reduce it. So a joint
+/// that does not affect it may move.
 #[test]
 fn a_recovery_leaves_the_least_clearance_as_it_is_or_opens_it() {
     let model = model();

@@ -1,4 +1,4 @@
-//! A stop whose beginning and end are clear, and whose way is not.
+//! Tests a stop whose beginning and end are clear, but not its way.
 
 use crate::support;
 
@@ -11,7 +11,8 @@ use safety::gate::{Config, Denial, Interface, Proposed, State, Verdict, tick};
 use support::model;
 use support::motion::{Joint, T, joint, play, resting, set_joint, stop_from, stop_of, store};
 
-/// A random posture from which all joints go on at 0.9 of their speeds: the state before, and what is proposed for the tick.
+/// A random posture from which all joints continue at 0.9 of their speeds. Returns the state before it and
+/// the proposal for the tick.
 fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
     let share = |rng: &mut Pcg64| rng.random_range(0.3..0.7);
     let q = model.limits.map(|l| l.q_min + share(rng) * (l.q_max - l.q_min));
@@ -27,7 +28,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
     (before, next)
 }
 
-/// The posture `t` after a proposal.
+/// The posture at time `t` after a proposal.
 fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS] {
     std::array::from_fn(|j| play(joint(proposed, j), &stop_of(&proposed.plan, j), t).q)
 }
@@ -38,11 +39,11 @@ fn verdict(config: &Config, before: &Proposed, next: &Proposed) -> Verdict {
     tick(config, &mut state, Stamp(0), *next).verdict
 }
 
-/// A proposal that nobody certified: between two clear ends a hand passes through what stands there.
+/// The proposal is not certified. Between two clear ends a hand passes through an obstacle.
 #[test]
 fn a_stop_through_an_obstacle_is_denied_for_its_way() {
     let mut model = model();
-    // Faster than it is, so that a stop is long enough to come out of what it went into.
+    // The limits are faster than the robot's, so that a stop is long enough to leave the obstacle again.
     model.limits[3..].iter_mut().for_each(|limits| limits.v_max *= 2.0);
     let mut rng = Pcg64::seed_from_u64(41);
     let mut frames = Frames::default();
@@ -56,7 +57,7 @@ fn a_stop_through_an_obstacle_is_denied_for_its_way() {
         if verdict(&free, &before, &next) != Verdict::Accept {
             continue;
         }
-        // A grain where the outermost capsule of an arm is on the way.
+        // A small obstacle is put where an arm's outermost capsule is during the stop.
         let outermost = [9, 16].map(|j| model.capsules.iter().position(|capsule| capsule.body == j + 1));
         let capsule = &model.capsules[outermost[tried % 2].expect("a hand has capsules")];
         model.forward(&later(&next, rng.random_range(0.1..0.4)), &mut frames);
@@ -79,7 +80,8 @@ fn a_stop_through_an_obstacle_is_denied_for_its_way() {
     }
 }
 
-/// Where a pair is left what an interface may take and no more, the gate grants it to `direct` alone.
+/// If a pair has exactly the distance that an interface may take, the gate accepts the motion only for
+/// `direct`.
 #[test]
 fn what_an_interface_may_take_is_asked_beside_the_clearance() {
     let model = model();

@@ -1,4 +1,5 @@
-//! Joints that move otherwise than they are sent are seen, and so is a robot that does not stand; sound ones are left alone.
+//! Tests that joints which move otherwise than commanded are detected, and a robot that does not stand still.
+//! Sound ones are accepted.
 
 use crate::support;
 
@@ -15,15 +16,16 @@ static MODEL: LazyLock<Model> = LazyLock::new(model);
 
 /// The left elbow.
 const ELBOW: usize = 6;
-/// Standard deviation of the simulated encoders, rad or m, and that of the velocities that the drives report.
+/// Standard deviation of the simulated encoders, rad or m, and of the velocities that the drives report.
 const NOISE: f64 = 4.8e-5;
 const NOISE_V: f64 = NOISE * TAU * 15.0;
-/// The speed of which strays are judged as shares, where a joint that turns is faster, rad/s.
+/// Reference speed for the speed errors of a revolute joint that may turn faster, rad/s.
 const JUDGED: f64 = 0.82;
-/// How fast a joint may be measured on the average otherwise than it is sent, as a share of its limit or of that.
+/// Largest mean difference of measured and sent speed, as a share of the joint's limit or of the reference
+/// speed.
 const SHARE: f64 = 0.25;
 
-/// A robot that is sent somewhere, and what its encoders and drives make of it.
+/// A robot that is commanded, with its encoders and drives.
 #[derive(Clone)]
 struct Bench {
     monitor: Movement,
@@ -40,7 +42,7 @@ impl Bench {
         Self { monitor: Movement::default(), rng: Pcg64::seed_from_u64(3), k: 1000, q: MODEL.home, v, a }
     }
 
-    /// At rest for `ms`.
+    /// Stands at rest for `ms`.
     fn standing(ms: u64) -> Self {
         let mut bench = Self::new();
         for _ in 0..ms * TICK_HZ / 1000 {
@@ -49,7 +51,7 @@ impl Bench {
         bench
     }
 
-    /// `ticks` later, with what `wrong` makes of the measured positions and the reported velocities.
+    /// Goes `ticks` further. `wrong` changes the measured positions and the reported velocities.
     fn step(&mut self, ticks: u64, wrong: impl FnOnce(&mut [f64; JOINTS], &mut [f64; JOINTS])) -> Moved {
         self.k += ticks;
         let dt = ticks as f64 * TICK_S;
@@ -67,7 +69,8 @@ impl Bench {
         self.monitor.judge(&MODEL, &sample, 0.0)
     }
 
-    /// Swings joint `j` by `amplitude` about where it is sent; answers the time until that is a velocity error, s.
+    /// Swings joint `j` by `amplitude` about its setpoint. Returns the time until this is a velocity error,
+    /// s.
     fn swings(&mut self, j: usize, amplitude: f64, hz: f64, ticks: u64, within_s: f64) -> Option<f64> {
         let from = self.k;
         while (self.k - from) as f64 * TICK_S <= within_s {
@@ -85,7 +88,7 @@ impl Bench {
     }
 }
 
-/// What a window of 20 ms shows of the speed of a swing.
+/// Share of a swing's speed that a window of 20 ms shows.
 fn shown(hz: f64) -> f64 {
     (PI * hz * 0.02).sin() / (PI * hz * 0.02)
 }
@@ -104,7 +107,7 @@ fn f055_swings_of_every_frequency_are_velocity_errors_in_time() {
             if amplitude < 1.2 * least_amplitude(ELBOW, hz) {
                 continue;
             }
-            // At rest, and while the joint is sent somewhere; with samples of every tick, and of every sixth.
+            // The joint is at rest or moves. Samples come at every tick, or at every sixth.
             for (v, ticks) in [(0.0, 1), (0.5, 1), (0.0, 6), (0.5, 6)] {
                 let mut bench = Bench::standing(200);
                 bench.v[ELBOW] = v;
@@ -120,7 +123,7 @@ fn swings_below_the_bound_are_no_velocity_errors() {
     for j in [ELBOW, TORSO] {
         for hz in FREQUENCIES {
             let mut bench = Bench::standing(200);
-            // What the mean of a quarter of a second makes of half a swing of 0.5 Hz is nearly its peak.
+            // Over half a swing of 0.5 Hz, the mean of a quarter of a second is nearly the peak.
             let share = if hz < 2.0 { 0.6 } else { 0.8 };
             assert_eq!(bench.swings(j, share * least_amplitude(j, hz), hz, 1, 5.0), None, "joint {j} at {hz} Hz");
         }
@@ -171,7 +174,8 @@ fn a_single_wrong_position_is_no_velocity_error_whatever_the_gap() {
     for gap in [1, 5, 30, 300] {
         let mut bench = Bench::standing(200);
         for _ in 0..20 {
-            // The largest that is not passed over as a jump: three times what the joint can move, and 5 mrad.
+            // This is the largest spike that is not skipped as a jump: three times the distance that the
+            // joint can move, plus 5 mrad.
             let spike = 3.0 * MODEL.limits[ELBOW].v_max * gap as f64 * TICK_S + 0.005;
             let moved = bench.step(gap, |q, _| q[ELBOW] += spike);
             assert_eq!((moved.velocity_error, moved.standstill_lost), (None, None), "gap of {gap}");
@@ -183,7 +187,8 @@ fn a_single_wrong_position_is_no_velocity_error_whatever_the_gap() {
     }
 }
 
-/// Full speed to and fro with a servo that lags by 10 ms more than is known, overshoots by 5 % and is off by 3 mrad of friction.
+/// Full speed to and fro. The servo lags by 10 ms more than is known, overshoots by 5 % and errs by 3 mrad of
+/// friction.
 #[test]
 fn a_servo_that_lags_and_sticks_is_no_velocity_error() {
     let mut bench = Bench::standing(200);
@@ -215,7 +220,7 @@ fn what_is_no_number_is_a_velocity_error_at_once() {
     }
 }
 
-/// Ticks until the monitor says that the robot is at rest.
+/// Number of ticks until the monitor reports that the robot is at rest.
 fn rest_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS])) -> Option<u64> {
     (0..3 * TICK_HZ).find(|&n| bench.step(1, |q, _| wrong(n, q)).at_rest)
 }
@@ -225,8 +230,8 @@ fn f055_rest_is_a_tenth_of_a_second_of_measured_standstill() {
     let tenth = TICK_HZ / 10;
     let taken = rest_after(&mut Bench::new(), |_, _| {});
     assert!(taken.is_some_and(|n| (tenth..tenth + 3).contains(&n)), "{taken:?}");
-    // A joint that goes on at 0.67 rad/s is not at rest, nor is one that swings, faster than half of what stops or by more than
-    // 5 mrad in 100 ms.
+    // A joint that continues at 0.67 rad/s is not at rest. A joint that swings is not either, if it is faster
+    // than half of what stops or moves by more than 5 mrad in 100 ms.
     for j in [ELBOW, TORSO] {
         let share = if j == TORSO { 0.2 } else { 1.0 };
         assert_eq!(rest_after(&mut Bench::new(), |n, q| q[j] += share * 0.67 * n as f64 * TICK_S), None, "joint {j}");
@@ -241,19 +246,19 @@ fn f055_rest_is_a_tenth_of_a_second_of_measured_standstill() {
             assert_eq!(rest_after(&mut bench, |n, q| q[j] += by(n)), None, "joint {j} at {hz} Hz");
         }
     }
-    // A servo that settles at 5 Hz is, once it has.
+    // A servo that settles at 5 Hz is at rest once it has settled.
     let taken = rest_after(&mut Bench::new(), |n, q| {
         let t = n as f64 * TICK_S;
         q[ELBOW] += 0.03 * (-0.5 * TAU * 5.0 * t).exp() * (TAU * 5.0 * t).cos();
     });
     assert!(taken.is_some_and(|n| n < TICK_HZ / 2), "{taken:?}");
-    // Nor is one whose command moves.
+    // A joint whose command moves is not at rest.
     let mut bench = Bench::new();
     bench.v[ELBOW] = 1e-3;
     assert_eq!(rest_after(&mut bench, |_, _| {}), None);
 }
 
-/// Ticks until standstill is lost, within 3 s, and whether it is lost then.
+/// Number of ticks until standstill is lost, within 3 s. None if it is not lost.
 fn lost_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS])) -> Option<u64> {
     (0..3 * TICK_HZ).find(|&n| bench.step(1, |q, _| wrong(n, q)).standstill_lost.is_some())
 }
@@ -265,12 +270,12 @@ fn f055_a_robot_that_leaves_its_place_has_lost_its_standstill() {
         assert_eq!(lost_after(&mut Bench::standing(300), |_, _| {}), None);
         let creep = lost_after(&mut Bench::standing(300), |n, q| q[j] += share * 0.019 * (n as f64 / 4500.0));
         assert_eq!(creep, None, "joint {j} creeps by 19 mrad");
-        // It sinks at 0.05 rad/s: 20 mrad are 0.4 s.
+        // The joint sinks at 0.05 rad/s, so 20 mrad take 0.4 s.
         let mut bench = Bench::standing(300);
         let sunk = lost_after(&mut bench, |n, q| q[j] += share * 0.05 * n as f64 * TICK_S);
         assert!(sunk.is_some_and(|n| (590..660).contains(&n)), "joint {j}: {sunk:?}");
         assert_eq!(bench.step(1, |q, _| q[j] += share * 0.021).standstill_lost, Some(j), "and is named");
-        // It goes on sinking, at any speed above the band of a second.
+        // It keeps sinking, at any speed above what the band of a second allows.
         let sinks = |bench: &mut Bench, v: f64| {
             (1..9000).all(|n| {
                 let by = share * (0.021 + v * n as f64 * TICK_S);
@@ -278,7 +283,7 @@ fn f055_a_robot_that_leaves_its_place_has_lost_its_standstill() {
             })
         };
         assert!(sinks(&mut bench.clone(), 0.05) && sinks(&mut bench.clone(), 0.007), "joint {j}");
-        // It stands again, elsewhere: after a second that is its place.
+        // It stands again, at another place. After a second that is its place.
         let stands = (0..2 * TICK_HZ).find(|_| bench.step(1, |q, _| q[j] += share * 0.021).standstill_lost.is_none());
         assert!(stands.is_some_and(|n| (TICK_HZ * 9 / 10..TICK_HZ * 5 / 4).contains(&n)), "joint {j}: {stands:?}");
     }
@@ -292,7 +297,8 @@ fn f055_a_swing_after_a_stop_is_a_standstill_lost() {
             let taken = lost_after(&mut Bench::standing(300), |n, q| q[ELBOW] += by(n));
             assert!(taken.is_some_and(|n| n < TICK_HZ / 2), "{amplitude} rad at {hz} Hz: {taken:?}");
         }
-        // One that never comes to rest, though too small to be far from anywhere: after the time to settle.
+        // A joint never comes to rest, though its swing is too small to be far from anywhere. Standstill is
+        // lost after the time to settle.
         let by = |n: u64| 0.006 * (TAU * hz * n as f64 * TICK_S).sin();
         let taken = lost_after(&mut Bench::new(), |n, q| q[ELBOW] += by(n));
         assert!(hz < 8.0 || taken.is_some_and(|n| n <= 2 * TICK_HZ + 2), "{hz} Hz: {taken:?}");
@@ -309,7 +315,7 @@ fn a_servo_that_settles_after_a_stop_keeps_its_standstill() {
         let taken = lost_after(&mut Bench::new(), |n, q| q[ELBOW] += settles(n));
         assert_eq!(taken, None, "{hz} Hz, damping ratio {damping}");
     }
-    // Nor is one called lost that moves on because its command does.
+    // A joint that moves on because its command does is not lost.
     let mut bench = Bench::standing(300);
     bench.v[ELBOW] = 0.3;
     assert_eq!(lost_after(&mut bench, |_, _| {}), None);
@@ -330,7 +336,7 @@ fn a_sample_that_is_given_twice_or_of_another_driver_counts_nothing() {
 fn no_speed_is_taken_over_less_than_the_window() {
     let mut bench = Bench::standing(300);
     bench.k -= 200;
-    // The first sample of another driver is wrong, and nothing says so.
+    // The first sample of another driver is wrong, and nothing indicates it.
     bench.step(0, |q, _| q[ELBOW] += 0.012);
     for n in 0..TICK_HZ {
         assert_eq!(bench.step(1, |_, _| {}).velocity_error, None, "{n} ticks after it");

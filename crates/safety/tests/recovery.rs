@@ -1,4 +1,4 @@
-//! What the gate admits of a recovery: inward and apart, slowly, and nothing else.
+//! Tests which commands of a recovery the gate accepts: only slow ones that lead inward and apart.
 
 use crate::support;
 
@@ -13,7 +13,7 @@ use support::motion::{Joint, NO_PLAN, T, resting, set_joint, stop_from, store};
 const J: usize = 6;
 const JERK: f64 = 50.0;
 
-/// A tick of jerk `j` of joint `joint` from `x`, under `permit`.
+/// A tick with jerk `j` of joint `joint` from `x`, under `permit`.
 fn step(model: &Model, q: &[f64; JOINTS], joint: usize, x: Joint, j: f64, permit: Permit) -> Proposed {
     let mut proposed = Proposed { permit, plan: NO_PLAN, ..resting(1, *q) };
     let next = x.after(j, T);
@@ -38,7 +38,7 @@ fn a_joint_outside_may_only_come_back() {
         assert_eq!(judged(-JERK, Permit::Recover), Verdict::Accept);
         let outside = Denial::Joint { joint: J, check: Check::Position };
         assert_eq!(judged(JERK, Permit::Recover), Verdict::Deny(outside), "outward");
-        // 4.9e-11 rad, which would pass within the slack of every other check.
+        // This is 4.9e-11 rad, which would pass within the slack of every other check.
         assert_eq!(judged(1.0, Permit::Recover), Verdict::Deny(outside), "outward by rounding");
         let follow = Permit::Follow { speed_scale: 1.0 };
         assert_eq!(judged(-JERK, follow), Verdict::Deny(outside), "inward, but nobody recovers");
@@ -55,7 +55,7 @@ fn a_recovery_is_slow_for_every_joint() {
         let mut state = State::at_rest(model.home);
         let (mut x, mut fastest, mut denied) = (Joint { q: model.home[j], v: 0.0, a: 0.0 }, 0.0_f64, None);
         for k in 1..1000 {
-            // Towards the farther limit, with a tenth of the jerk limit, until it is denied.
+            // Moves towards the farther limit, with a tenth of the jerk limit, until the gate denies it.
             let away = model.limits[j].q_max - model.home[j] > model.home[j] - model.limits[j].q_min;
             let jerk = if away { 0.1 } else { -0.1 } * model.limits[j].j_max;
             let jerk = if x.a.abs() > 0.1 * model.limits[j].a_max { 0.0 } else { jerk };
@@ -82,7 +82,7 @@ fn a_pair_that_is_too_close_may_only_be_opened() {
     let model = model();
     let mut frames = Frames::default();
     let mut least = |q: &[f64; JOINTS]| monitor::measured_clearance(&model, &mut frames, q).distance_m;
-    // Both hands towards the middle until they, or something else, are too close.
+    // Moves both hands towards the middle until a pair is too close.
     let mut q = model.home;
     let mut joint = None;
     'search: for j in messages::LEFT_ARM.rev() {

@@ -1,4 +1,4 @@
-//! Reduced speed: what is not bad enough to stop makes the robot slow, and nothing else does.
+//! Tests reduced speed: problems that need not stop the robot make it slow, and nothing else does.
 
 use crate::support;
 
@@ -52,7 +52,7 @@ fn f020_a_skeleton_that_returns_in_time_lets_the_speed_rise_slowly() {
             (out.mode, out.reduced),
             (Mode::Engaged, if scale(&out) < 1.0 { reduced_flag::INPUT_LATE } else { 0 })
         );
-        // From nothing to full speed in half a second.
+        // The speed rises from zero to full in half a second.
         assert!(scale(&out) > before && scale(&out) - before < 1.0 / 749.0, "{before} {}", scale(&out));
         before = scale(&out);
         taken += 1;
@@ -63,7 +63,7 @@ fn f020_a_skeleton_that_returns_in_time_lets_the_speed_rise_slowly() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Cameras of 30 Hz and more whose frames come up to 16 ms late never slow anything.
+    /// Cameras of 30 Hz and more whose frames are up to 16 ms late never slow the robot.
     #[test]
     fn f020_jitter_of_a_camera_slows_nothing(rate_hz in 30.0..240.0_f64, late_ms in proptest::collection::vec(0.0..16.0_f64, 40)) {
         let mut bench = Bench::engaged();
@@ -82,7 +82,8 @@ proptest! {
         }
     }
 
-    /// Whatever comes and goes: the scale stays within [0, 1], falls as it must and rises at its pace.
+    /// Whatever comes and goes, the scale stays within [0, 1], falls as required, and rises at its fixed
+    /// rate.
     #[test]
     fn f020_f034_f035_f078_the_scale_never_rises_faster_than_its_pace(
         weather in proptest::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>(), 0_u32..5, 1_u64..90), 40),
@@ -130,7 +131,7 @@ fn f035_a_late_target_slows_from_the_third_tick_and_holds_at_ten_milliseconds() 
 #[test]
 fn f034_a_target_that_jumped_and_stays_far_away_is_followed_slowly() {
     let mut bench = Bench::engaged();
-    // A person who is faster than the robot: behind for as long as he likes.
+    // A person may be faster than the robot, and the robot may be behind for any time.
     bench.input.motion.behind = true;
     assert_eq!(scale(&bench.steps(ticks(3000))), 1.0);
     bench.input.target.jumped = true;
@@ -143,11 +144,11 @@ fn f034_a_target_that_jumped_and_stays_far_away_is_followed_slowly() {
     let slow = (Permit::Follow { speed_scale: SLOW }, reduced_flag::TARGET_JUMPED);
     let out = bench.steps(ticks(700));
     assert_eq!((out.permit, out.reduced), slow);
-    // A second after the jump it is the person who moves, whom the robot may never catch up with.
+    // A second after the jump, the motion is the person's. The robot may never catch up with it.
     let out = bench.steps(ticks(600));
     assert!(scale(&out) > SLOW, "{:?}", out.permit);
     assert_eq!(scale(&bench.steps(ticks(500))), 1.0, "still behind, without a jump");
-    // Another jump slows it again, until it has caught up.
+    // Another jump slows the robot again, until it has caught up.
     bench.input.target.jumped = true;
     bench.step();
     bench.input.target.jumped = false;
@@ -157,7 +158,7 @@ fn f034_a_target_that_jumped_and_stays_far_away_is_followed_slowly() {
     let out = bench.step();
     assert!(scale(&out) > SLOW && out.reduced != 0);
     assert_eq!(scale(&bench.steps(ticks(500))), 1.0, "caught up");
-    // A jump that is caught up in time slows nothing.
+    // If the robot catches up with a jump in time, nothing slows it.
     bench.input.target.jumped = true;
     bench.step();
     bench.input.target.jumped = false;
@@ -178,7 +179,7 @@ fn f034_a_target_that_jumps_on_and_on_holds_after_a_second() {
         }
         assert!(n < 2000, "never held");
     }
-    // A jump every 150 ms is no stream of them.
+    // Jumps every 150 ms are not one stream of jumps.
     let mut bench = Bench::engaged();
     for n in 1_u64..6000 {
         bench.input.target.jumped = n % 225 == 1;
@@ -206,7 +207,7 @@ fn f078_missed_deadlines_are_counted_slow_hold_and_stop() {
     assert_eq!((scale(&out), out.reduced), (SLOW, reduced_flag::DEADLINES_LATE), "three in a row are slow");
     assert_eq!(scale(&bench.steps(ticks(990))), SLOW, "for a second");
     assert_eq!(scale(&bench.steps(ticks(600))), 1.0);
-    // Nine late ticks within a second are borne, ten are not.
+    // Nine late ticks within a second are tolerated, ten are not.
     for (count, mode) in [(9, Mode::Engaged), (10, Mode::Holding)] {
         let mut bench = Bench::engaged();
         for _ in 1..count {
@@ -216,7 +217,7 @@ fn f078_missed_deadlines_are_counted_slow_hold_and_stop() {
         let out = missed(&mut bench, 1);
         assert_eq!((out.mode, out.active.has(Fault::DeadlinesLate)), (mode, mode == Mode::Holding), "{count}");
     }
-    // Ten within a second and a half never count together.
+    // Ten late ticks within a second and a half never count together.
     let mut bench = Bench::engaged();
     for _ in 0..40 {
         assert_eq!(missed(&mut bench, 1).mode, Mode::Engaged);
@@ -243,7 +244,7 @@ fn f035_a_robot_that_is_made_to_stand_has_not_settled() {
     bench.steps(ticks(3000));
     bench.input.motion.settled = true;
     for n in 0..ticks(3000) {
-        // A skeleton every 90 ms: the scale never comes back to one.
+        // A skeleton arrives every 90 ms, so the scale never returns to one.
         bench.alive.input = n % 135 == 0;
         assert_eq!(bench.step().mode, Mode::Engaging, "tick {n}");
     }
@@ -254,7 +255,7 @@ fn f035_a_robot_that_is_made_to_stand_has_not_settled() {
 #[test]
 fn f060_f062_a_stop_at_the_robot_is_one_event_and_cannot_be_reset_while_it_is_pressed() {
     let mut bench = Bench::engaged();
-    // The contact chatters, and the operator tries everything while the robot is still moving.
+    // The contact chatters, and the operator sends every request while the robot still moves.
     for n in 0..ticks(300) {
         bench.input.robot.emergency_stop = n % 3 != 1;
         bench.input.operator.reset_edge = n % 2 == 0;
@@ -300,7 +301,7 @@ fn f072_a_reset_that_is_held_is_one_reset() {
     bench.input.operator.enable_level = false;
     let mut resets = 0;
     for n in 0..ticks(1000) {
-        // The socket counts presses: one press is one edge, however long it lasts.
+        // The socket counts presses. One press is one edge, however long it lasts.
         bench.input.operator.reset_edge = n == 0;
         let out = bench.step();
         resets += u32::from(out.transition.is_some());

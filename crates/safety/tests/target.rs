@@ -1,4 +1,4 @@
-//! Targets that jump are told from people who are fast, joint by joint or limb by limb.
+//! Tests that jumps of a target are distinguished from fast people, joint by joint or limb by limb.
 
 use crate::support;
 
@@ -12,18 +12,18 @@ use support::model;
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 const ELBOW: usize = LEFT_ARM.start + 3;
 const ALL: u32 = (1 << JOINTS) - 1;
-/// rad/s and m/s; rad and m.
+/// In rad/s and m/s, then in rad and m.
 const FASTEST: [(usize, f64); 2] = [(ELBOW, 40.0), (TORSO, 10.0)];
 const FAR: [(usize, f64); 2] = [(ELBOW, 0.26), (TORSO, 0.05)];
 
-/// The home posture with one joint so far from its lower limit.
+/// The home posture, with one joint at `above` over its lower limit.
 fn posture(joint: usize, above: f64) -> [f64; JOINTS] {
     let mut q = MODEL.home;
     q[joint] = MODEL.limits[joint].q_min + above;
     q
 }
 
-/// Whether the second of two targets jumped.
+/// Returns true if the second of two targets jumped.
 fn jumped([k, then]: [u64; 2], joint: usize, [from, to]: [f64; 2], [mask, then_mask]: [u32; 2]) -> bool {
     let mut steps = TargetSteps::default();
     assert!(!steps.jumped(&MODEL, k, &posture(joint, from), mask, None), "the first is compared with nothing");
@@ -40,9 +40,9 @@ fn f034_a_target_jumps_beyond_the_speed_of_people_for_the_time_that_passed() {
                 assert_eq!(jumped([90, 90 + ticks], joint, [by, 0.0], [ALL; 2]), is, "joint {joint} down by {by}");
             }
         }
-        // An index that runs back is one tick later.
+        // An index that runs back counts as one tick later.
         assert!(jumped([90, 10], joint, [0.0, 1.01 * fastest * TICK_S], [ALL; 2]));
-        // Each is compared with the one before it, not with the first.
+        // Each target is compared with the previous one, not with the first.
         let (mut steps, step) = (TargetSteps::default(), 0.9 * fastest * TICK_S);
         assert!((0..4).all(|n| !steps.jumped(&MODEL, 90 + n, &posture(joint, n as f64 * step), ALL, None)));
     }
@@ -50,7 +50,7 @@ fn f034_a_target_jumps_beyond_the_speed_of_people_for_the_time_that_passed() {
 
 #[test]
 fn f034_the_speed_of_people_is_met_to_the_bit() {
-    // Of the home posture's joints this one is moved from zero, so that nothing is rounded.
+    // This joint of the home posture starts at zero, so that nothing is rounded.
     let q = |to: f64| {
         let mut q = MODEL.home;
         q[LEFT_ARM.start + 6] = to;
@@ -90,7 +90,7 @@ fn f034_far_behind_is_farther_than_any_tracking_is_off() {
         }
         assert!(!far_behind(&MODEL, &at(3.0 * far), ALL & !(1 << joint), &at(0.0)), "it is not meant");
         assert!(far_behind(&MODEL, &at(3.0 * far), 1 << joint, &at(0.0)), "it alone is meant");
-        // Where no limit lets it be reached, the limit is where it can be.
+        // If the limits do not let the target be reached, the limit takes its place.
         assert!(!far_behind(&MODEL, &at(-9.0), ALL, &at(0.0)));
     }
 }
@@ -98,20 +98,20 @@ fn f034_far_behind_is_farther_than_any_tracking_is_off() {
 type LimbsOf = [[f64; 4]; LIMBS];
 const NONE: [f64; 4] = [0.0; 4];
 
-/// A limb (x y z w) turned by an angle about some line.
+/// A limb (x y z w) turned by an angle about some axis.
 fn limb(angle: f64) -> [f64; 4] {
     let (sin, cos) = (0.5 * angle).sin_cos();
     [0.6 * sin, 0.0, -0.8 * sin, cos]
 }
 
-/// All limbs still, but one.
+/// All limbs are still except one.
 fn limbs(which: usize, is: [f64; 4]) -> LimbsOf {
     let mut limbs = [limb(0.3); LIMBS];
     limbs[which] = is;
     limbs
 }
 
-/// Whether the second of two targets jumped, whose joints jump by `by` at the elbow.
+/// Returns true if the second of two targets jumped. Its elbow joint jumps by `by`.
 fn limbs_jumped([k, then]: [u64; 2], by: f64, before: &LimbsOf, now: Option<&LimbsOf>) -> bool {
     let mut steps = TargetSteps::default();
     assert!(!steps.jumped(&MODEL, k, &posture(ELBOW, 0.0), ALL, Some(before)), "the first is compared with nothing");
@@ -141,12 +141,12 @@ fn f034_a_limb_jumps_beyond_the_turn_of_people_for_the_time_that_passed() {
 fn f034_joints_that_spin_about_a_limb_that_stands_are_no_jump() {
     let still = limbs(0, limb(0.3));
     assert!(!limbs_jumped([1, 2], 2.0, &still, Some(&still)), "the limbs stand");
-    // What of the limbs is not known is judged by its joints.
+    // If the limbs are unknown, the joints are compared.
     assert!(limbs_jumped([1, 2], 2.0, &still, None), "only joints are followed now");
     let mut steps = TargetSteps::default();
     steps.jumped(&MODEL, 1, &posture(ELBOW, 0.0), ALL, None);
     assert!(steps.jumped(&MODEL, 2, &posture(ELBOW, 2.0), ALL, Some(&still)), "only joints were followed before");
-    // And the joints of one that is followed by its limbs count again once it is not.
+    // The joints count again once a target is no longer followed by its limbs.
     assert!(!steps.jumped(&MODEL, 3, &posture(ELBOW, 0.0), ALL, Some(&still)));
     assert!(steps.jumped(&MODEL, 4, &posture(ELBOW, 2.0), ALL, None));
 }
@@ -154,7 +154,7 @@ fn f034_joints_that_spin_about_a_limb_that_stands_are_no_jump() {
 #[test]
 fn f034_half_a_turn_of_a_limb_takes_people_their_time_and_no_limb_is_none() {
     let (from, to) = (limbs(1, limb(0.0)), limbs(1, limb(PI)));
-    // Half a turn at 40 rad/s lasts 118 ticks; nothing is farther away than half a turn.
+    // Half a turn at 40 rad/s lasts 118 ticks. Nothing is farther away than half a turn.
     for (ticks, is) in [(1, true), (117, true), (118, false), (1000, false), (u64::MAX - 1, false)] {
         assert_eq!(limbs_jumped([1, 1 + ticks], 0.0, &from, Some(&to)), is, "{ticks} ticks");
     }

@@ -1,5 +1,5 @@
-//! Attacks the stage for many ticks and judges every command: `adversarial --ticks N --seed S [--robot FILE] [--dense
-//! EVERY] [--without-certificate] [--smooth]`. Exits with 1 if a promise was broken.
+//! Attacks the stage for many ticks and judges every command: `adversarial --ticks N --seed S [--robot FILE]
+//! [--dense EVERY] [--without-certificate] [--smooth]`. Exits with 1 if a guarantee was broken.
 
 #[path = "../tests/support/mod.rs"]
 mod support;

@@ -1,7 +1,8 @@
-//! Where the stop may go: the wished jerks, changed as little as possible so that no near pair's stop comes too close.
+//! The barrier changes the wanted jerks as little as possible, so that no near pair comes too close in the
+//! stop.
 //!
-//! Every jerk of a tick is a place p where the joint would then come to rest, and p grows with the jerk. The program in
-//! these *stop positions* is
+//! Every jerk of a tick leads to a position p where the joint would then come to rest, and p grows with the
+//! jerk. The program in these *stop positions* is
 //!
 //! ```text
 //! minimise  (p - p_ref)^T M (p - p_ref)
@@ -9,19 +10,22 @@
 //!           g_s . S_s (p - p_k) >= min(-gamma l_s, push)             [for every near pair, at samples s of the plan]
 //! ```
 //!
-//! with p_k the end of the plan in force, g_s the gradient of the pair's distance d_s at sample s, l_s = d_s - d_min -
-//! eps what is left there, and S_s = dq_s / dp how far a change of the end shows at the sample. The samples are the end
-//! and three postures on the way. A pair with l_s > 0 may use up the share gamma of it in one tick; one with l_s < 0 is
-//! opened, at a share of l_s per tick and by no more than a quarter of what the joints can do at all, so that a row alone
-//! is always feasible. Because the rows speak of where the robot *stops*, a joint that moves along an obstacle keeps its
-//! speed, and one that moves towards it has been told to brake while there still was room.
+//! Here p_k is the end of the plan in force, and g_s the gradient of the pair's distance d_s at sample s.
+//! The distance that is left there is l_s = d_s - d_min - eps. S_s = dq_s / dp is the change of the position
+//! at the sample per change of the end. The samples are the end and three postures on the way.
 //!
-//! The unknowns are scaled to jerks: z = (p - p_k) k / J with k the secant slope dj/dp over [j_lo, j_hi]. M is given by
-//! what a deviation costs in joint velocities, weighted per joint over its largest speed, and, where the robot file asks
-//! for it, in angular velocities of the limbs: then a blocked arm gives up the joints that turn no limb (wrist, lift)
-//! first, and keeps its limbs' directions as well as it can.
+//! A pair with l_s > 0 may use up the share gamma of it in one tick. A pair with l_s < 0 is opened, at a
+//! share of l_s per tick, and by no more than a quarter of what the joints can do at all. So a row alone is
+//! always feasible. The rows limit where the robot *stops*. So a joint that moves along an obstacle keeps its
+//! speed. A joint that moves towards it brakes while there is still room.
 //!
-//! Nothing here is trusted: what comes out is a proposal, and the certificate decides.
+//! The unknowns are scaled to jerks: z = (p - p_k) k / J, with k the secant slope dj/dp over [j_lo, j_hi]. M
+//! is the cost of a deviation in joint velocities, with a weight per joint over its largest speed. If the
+//! robot file asks for it, M also contains the cost in angular velocities of the limbs. Then a blocked arm
+//! first gives up the joints that turn no limb (wrist, lift). It keeps the directions of its limbs as well as
+//! it can.
+//!
+//! Nothing here is trusted. The result is a proposal, and the certificate decides.
 
 use crate::clearance::Anchor;
 use crate::config::Config;
@@ -33,59 +37,61 @@ use crate::plan::{JointState, JointStop};
 use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 
-/// Share of what is left of a pair's distance that a tick may use up: with it the stop comes within 1 % of the boundary
-/// in 16 ticks, and far enough from 1 that the error of linearisation is made good in the next tick.
+/// Share of a pair's remaining distance that a tick may use up. With it the stop comes within 1 % of the
+/// boundary in 16 ticks. It is far enough from 1 for the next tick to correct the error of linearisation.
 const GAMMA: f64 = 0.25;
-/// Distance beyond d_min that stops keep, m: what engaging asks for, and six times the certificate's own slack, so that
-/// an arm that slides does not run on the certificate.
+/// Distance beyond d_min that stops keep, m. Engaging requires the same. It is six times the certificate's
+/// own slack, so that an arm that slides does not depend on the certificate.
 const EPS_M: f64 = 3e-3;
-/// Share of a missing distance that is opened in a tick: 15 1/s, half the bandwidth of the position loop.
+/// Share of a missing distance that opens in a tick. It is 15 1/s, half the bandwidth of the position loop.
 const OPEN: f64 = 0.01;
-/// Share of what the joints can do at most in a tick that opening may ask for.
+/// Largest opening per tick, as a share of what the joints can do at most in a tick.
 const OPEN_SHARE: f64 = 0.25;
-/// Pairs farther apart than this at the end of the plan, and now, have no rows, m. A tick moves a stop by v_max h and by
-/// the change of its length, 3 mrad a joint or 15 mm for a stretched arm, a quarter of which would be 60 mm.
+/// Pairs farther apart than this, both now and at the end of the plan, have no rows, m. A tick moves a stop
+/// by v_max h and by the change of its length. This is 3 mrad a joint or 15 mm for a stretched arm. A tick
+/// may use a quarter of the remaining distance, so a row can bind only below 60 mm.
 const NEAR_M: f64 = 0.15;
-/// Samples on the way, as shares of the time to rest; the end itself is the fourth.
+/// Samples on the way, as shares of the time to rest. The end itself is the fourth sample.
 const ON_THE_WAY: [f64; 3] = [0.25, 0.5, 0.75];
-/// Halvings of a bracket in which a jerk is looked for; secant steps usually need four.
+/// Halvings of a bracket in the search for a jerk. The secant usually needs four steps.
 const INVERSION_STEPS: u32 = 12;
-/// Accuracy of that, as a share of the bracket: below what the rows' linearisation neglects.
+/// Accuracy of this search, as a share of the bracket. It is below the error of the rows' linearisation.
 const INVERSION_SHARE: f64 = 1e-3;
 
-/// A z this close to the wish's is the wish: rounding of the solver.
+/// A z that differs from the wanted one by less than this is unchanged. The difference is rounding of the
+/// solver.
 const UNCHANGED: f64 = 1e-10;
 
-/// How the program ended.
+/// Result of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Program {
-    /// There was nothing to solve: the wishes break no row.
+    /// There was nothing to solve, because the wanted jerks break no row.
     Idle,
-    /// Solved: the wishes were changed.
+    /// The program was solved, and the wanted jerks were changed.
     Solved,
-    /// No solution; the robot holds to its plan.
+    /// There is no solution, so the robot keeps to its plan.
     Infeasible,
 }
 
-/// A joint's wish and what it may do in this tick.
+/// The wanted jerk of a joint, and the range for this tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wish {
     /// The state before the tick.
     pub x: JointState,
     /// Bounds of the tick.
     pub bounds: Bounds,
-    /// The jerk it would like, not limited.
+    /// The wanted jerk, not limited.
     pub wanted: f64,
     /// The admissible jerk nearest to it.
     pub jerk: f64,
 }
 
-/// The jerks between which a joint may choose, and where it stops for them.
+/// The range of jerks of a joint, and the positions where it stops for them.
 #[derive(Clone, Copy, Debug, Default)]
 struct Span {
     jerk: [f64; 2],
     stop: [f64; 2],
-    /// Where the plan stops.
+    /// The position where the plan stops.
     plan_stop: f64,
     /// z of both ends.
     z: [f64; 2],
@@ -101,12 +107,12 @@ struct Key {
     sample: usize,
 }
 
-/// Working memory, and what was active at the last solution.
+/// Working memory, and the active constraints of the last solution.
 #[derive(Clone, Debug)]
 pub(crate) struct Barrier {
     way: [Anchor; 3],
     end: Anchor,
-    /// The pair and the sample of each row, and what is left there, m.
+    /// The pair and the sample of each row, and the distance that is left there, m.
     rows: Nearest<Key>,
     problem: Problem,
     spans: [Span; JOINTS],
@@ -128,8 +134,8 @@ impl Barrier {
         }
     }
 
-    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, `plan` the plan in
-    /// force there.
+    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, and
+    /// `plan` is the plan in force there.
     pub(crate) fn apply(
         &mut self,
         config: &Config,
@@ -159,7 +165,7 @@ impl Barrier {
         Program::Solved
     }
 
-    /// Poses the samples and lists the pairs that are near, the ones with least left first.
+    /// Poses the samples and lists the near pairs. The ones with the least distance left come first.
     fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Motion) {
         let end_s = plan.end_s();
         self.rows.clear();
@@ -191,7 +197,7 @@ impl Barrier {
         }
     }
 
-    /// What each joint may choose between; a joint without a wish stays on its plan.
+    /// Sets the range of each joint. A joint without a wanted jerk stays on its plan.
     fn span(&mut self, wishes: &[Option<Wish>; JOINTS], plan: &Motion) {
         for j in 0..JOINTS {
             let plan_stop = plan.joints[j].at(f64::INFINITY).q;
@@ -202,7 +208,7 @@ impl Barrier {
         }
     }
 
-    /// Drops the rows that no choice can break: the distance changes by at most the sum of reach times change.
+    /// Drops the rows that no choice can break. A distance changes by at most the sum of reach times change.
     fn keep_reachable(&mut self, geometry: &Geometry) {
         let most: [f64; JOINTS] =
             std::array::from_fn(|j| self.spans[j].scale * self.spans[j].z[1].max(-self.spans[j].z[0]));
@@ -246,7 +252,7 @@ impl Barrier {
         (0..p.row_count).any(|k| (0..JOINTS).map(|j| p.rows[k][j] * wished[j]).sum::<f64>() < p.least[k])
     }
 
-    /// H: what a deviation costs.
+    /// Computes H, the cost of a deviation.
     fn weigh(&mut self, config: &Config, now: &Anchor) {
         let h = &mut self.problem.hessian;
         *h = [[0.0; JOINTS]; JOINTS];
@@ -261,7 +267,7 @@ impl Barrier {
         for (arm, bodies) in [LEFT_ARM, RIGHT_ARM].into_iter().zip(config.tasks.limb_bodies) {
             for body in bodies {
                 let moved = config.geometry.chain.ancestors(body);
-                // The lift and the base do not turn a limb; the head is no ancestor of one.
+                // The lift and the base do not turn a limb. The head is not an ancestor of any limb.
                 for i in arm.clone().filter(|i| moved & 1 << i != 0) {
                     for k in arm.clone().filter(|k| moved & 1 << k != 0) {
                         let (first, second) = (now.axis(&config.geometry, i), now.axis(&config.geometry, k));
@@ -272,7 +278,7 @@ impl Barrier {
         }
     }
 
-    /// The solution; where opening asks for too much, the one that only comes no closer.
+    /// Returns the solution. If the opening is infeasible, returns the one in which no pair comes closer.
     fn solve(&mut self) -> Option<[f64; JOINTS]> {
         let mut warm = self.active.bounds_only();
         for k in 0..self.problem.row_count {
@@ -305,7 +311,7 @@ impl Wish {
         (next, JointStop::new(next.v, next.a, self.bounds.brake, self.bounds.j_max))
     }
 
-    /// Where the joint stops after a tick of jerk `j`.
+    /// Position where the joint stops after a tick of jerk `j`.
     #[inline]
     fn stop_after(&self, j: f64) -> f64 {
         let (next, stop) = self.tick(j);
@@ -320,17 +326,18 @@ impl Span {
         };
         let motion = jerk.map(|j| JointMotion::tick_then_stop(wish.x, j, &wish.tick(j).1));
         let stop = motion.map(|motion| motion.at(f64::INFINITY).q);
-        // At least a billionth of the jerk limit, and a stop that moves at all: else there is nothing to choose.
+        // There is nothing to choose unless the range is at least a billionth of the jerk limit, and the stop
+        // moves at all.
         if jerk[1] - jerk[0] < 1e-9 * wish.bounds.j_max || stop[1] <= stop[0] {
             return Self::default();
         }
         let scale = (stop[1] - stop[0]) / (jerk[1] - jerk[0]) * wish.bounds.j_max;
-        // The plan may not be a constant jerk over the tick; to stay on it is always allowed.
+        // The plan need not have a constant jerk over the tick. Staying on it is always allowed.
         let z = [((stop[0] - plan_stop) / scale).min(0.0), ((stop[1] - plan_stop) / scale).max(0.0)];
         Self { jerk, stop, plan_stop, z, scale, motion }
     }
 
-    /// S: the change of the position at `time` per change of the stop.
+    /// S, the change of the position at `time` per change of the stop.
     fn shown_at(&self, time: f64) -> f64 {
         if time == f64::INFINITY || self.scale == 0.0 {
             return 1.0;
@@ -342,13 +349,14 @@ impl Span {
         if self.scale == 0.0 { 0.0 } else { (wish.stop_after(jerk) - self.plan_stop) / self.scale }
     }
 
-    /// z of the wish; beyond what is admissible it goes on as jerk does, so that a wish that is far from possible weighs
-    /// as much as it would in velocities.
+    /// z of the wanted jerk. Beyond the admissible range, z continues linearly in the jerk. So a wanted jerk
+    /// far outside the range weighs as much as it would in velocities.
     fn reference(&self, wish: &Wish) -> f64 {
         self.z_at(wish, wish.jerk) + (wish.wanted - wish.jerk) / wish.bounds.j_max
     }
 
-    /// The jerk whose stop is at `z`: a bracketed secant. The wish itself where it already stops there.
+    /// The jerk whose stop is at `z`, found by a bracketed secant. Returns the given jerk if it already stops
+    /// there.
     fn jerk_at(&self, wish: &Wish, z: f64) -> f64 {
         if self.scale == 0.0 || (z - self.z_at(wish, wish.jerk)).abs() < UNCHANGED {
             return wish.jerk;

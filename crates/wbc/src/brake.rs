@@ -1,19 +1,22 @@
-//! How hard an arm may brake and accelerate where its motors have little to spare: a proposal, which the proof of
-//! [`torque`](crate::torque) judges.
+//! Computes how hard an arm may brake and accelerate where its motors have little to spare. This is a
+//! proposal, and the proof of [`torque`](crate::torque) judges it.
 //!
-//! A stop that brakes with all that the limits allow asks of joint j, beside what carries the arm, h_j, at most
+//! Let h_j be the torque of joint j that carries the arm. A stop that brakes with all that the limits allow
+//! needs in addition at most
 //!
 //! ```text
 //! e_j = sum_k max(0, +-M_jk p_k),    p_k = min(A_k, sqrt(J_k |c_k|)) against the coasting velocity c_k
 //! ```
 //!
-//! whichever of the joints brake at a time. So the joints that ask j for torque can brake with the share b = (limit_j -
-//! |h_j|) / e_j of it, and each joint with the least share of those that it loads. h is taken where the robot is, moving and
-//! at rest, and where its plan comes to rest. A gentler stop takes longer; none may take longer than the robot file says, so
-//! no brake is gentler than that, and no joint is asked to be faster than it could be stopped with the share.
+//! at any instant, whichever joints brake at the time. So the joints that load j can brake with the share b =
+//! (limit_j - |h_j|) / e_j of it. Each joint takes the least share of the joints that it loads. h is computed
+//! where the robot is, in motion and at rest, and where its plan comes to rest.
 //!
-//! Accelerations are held back in the same way: of the step from the plan's to the wished ones the share is taken that
-//! keeps h + M a within the limits.
+//! A gentler stop takes longer. The robot file gives the longest duration. So no brake is gentler than that
+//! duration allows. And no joint may be faster than it can be stopped with its share.
+//!
+//! Accelerations are limited in the same way. Of the step from the plan's accelerations to the wanted ones,
+//! the arm takes the share that keeps h + M a within the limits.
 
 use crate::chain::{JointSet, Placements};
 use crate::choose::{LEFT, RIGHT};
@@ -23,27 +26,29 @@ use crate::plan::{JointState, Planned};
 use crate::torque::{Load, joints};
 use messages::{JOINTS, TICK_S};
 
-/// Share of the limits that is planned with: what M and h change on the way, and what a bound between samples adds.
+/// Share of the limits that is used for planning. The rest is for changes of M and h on the way, and for the
+/// proof's bound between samples.
 const PLANNED: f64 = 0.95;
-/// The same of a brake: while it stops, an arm comes to postures in which other joints load a motor. At 0.95 the proof refused
-/// 1.9 % of the motions towards random postures, at 0.9 it refuses 0.8 %.
+/// The same share for a brake. While an arm stops, it reaches postures in which other joints load a motor. At
+/// 0.95 the proof refused 1.9 % of the motions towards random postures, at 0.9 it refuses 0.8 %.
 const PLANNED_BRAKE: f64 = 0.9;
-/// Share of the longest stop that is planned with: a tick passes until it begins.
+/// Share of the longest stop that is used for planning, because a tick passes until the stop begins.
 const PLANNED_TIME: f64 = 0.98;
-/// The gentlest brake, as a share of the acceleration limit, whatever the motors can give: a joint that stands can start.
+/// The gentlest brake, as a share of the acceleration limit, even if the motors can give less. It lets a standing
+/// joint start.
 const GENTLEST: f64 = 0.05;
 
-/// What the motors bear in the state before a tick.
+/// Load on the motors in the state before a tick.
 #[derive(Clone, Debug)]
 pub(crate) struct Bearing {
     matrix: [PerJoint; JOINTS],
-    /// h: in motion, at rest here, and where the plan ends.
+    /// h in motion, at rest here, and at the end of the plan.
     moving: PerJoint,
     still: PerJoint,
     ended: PerJoint,
-    /// The share of its brake that each joint can have.
+    /// The share of its brake that each joint may use.
     share: PerJoint,
-    /// The deceleration that each joint's stop reaches if nothing holds it back.
+    /// The deceleration that each joint's stop reaches if no motor limits it.
     peak: PerJoint,
 }
 
@@ -74,8 +79,8 @@ impl Bearing {
         bearing
     }
 
-    /// Sets the shares of the brakes that the joints of an arm can have: where a motor has too little to spare, those joints
-    /// brake more gently that ask it for more, and the others as they can.
+    /// Sets the brake shares of an arm's joints. If a motor has too little to spare, the joints that load it
+    /// brake more gently. The other joints are not affected.
     fn take_shares(&mut self, load: &Load, arm: JointSet) {
         for j in joints(arm) {
             let room = |sign: f64| {
@@ -110,7 +115,7 @@ impl Bearing {
         })
     }
 
-    /// The share of its largest speed from which each joint can be stopped.
+    /// Share of its largest speed from which each joint can still be stopped.
     pub(crate) fn speeds(&self, config: &Config) -> PerJoint {
         std::array::from_fn(|j| {
             let bounds = &config.bounds[j];
@@ -119,7 +124,7 @@ impl Bearing {
         })
     }
 
-    /// The share of the step from the accelerations `plan` to `wished` that an arm can take.
+    /// Share of the step from the accelerations `plan` to `wished` that an arm can take.
     pub(crate) fn step(&self, load: &Load, arm: JointSet, plan: &PerJoint, wished: &PerJoint) -> f64 {
         let mut share = 1.0_f64;
         for j in joints(arm) {
@@ -138,8 +143,8 @@ impl Bearing {
     }
 }
 
-/// How long a stop may take from the moment when the brake is on to the moment when it is released, s: the longest stop,
-/// less what it takes to lose the acceleration and to release the brake.
+/// Longest time from the moment when the brake is on to the moment when it is released, s. It is the longest
+/// stop, minus the time to lose the acceleration and to release the brake.
 fn braking_time_s(config: &Config, j: usize) -> f64 {
     let bounds = &config.bounds[j];
     let time = PLANNED_TIME * config.stop_time_max_s - 2.0 * bounds.a_max / bounds.j_max;

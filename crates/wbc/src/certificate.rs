@@ -1,20 +1,23 @@
-//! Proof that a planned motion keeps every checked pair, and capsules and obstacles, apart at every instant, not only at
-//! samples.
+//! Proof that a planned motion keeps every checked pair, and every pair of a capsule and an obstacle, apart
+//! at every instant, not only at samples.
 //!
 //! # Derivation
 //!
-//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most the
-//! distance of the capsules. Seen from the deepest body that carries both (the pair's *common* body), n is fixed; the
-//! joints that move both alike drop out. Both axes are segments, so min and max are at their ends.
+//! *Separation.* For a unit vector n, sep_n(t) = min over A of n.x - max over B of n.x - r_A - r_B is at most
+//! the distance of the capsules. n is fixed as seen from the deepest body that carries both (the pair's
+//! *common* body). So the joints that move both in the same way drop out. Both axes are segments, so min and
+//! max are at their ends.
 //!
-//! *Obstacles.* Planes and boxes are fixed to the base (body 0), and each is paired with every capsule that any joint
-//! moves; the common body is then the base. For a box with centre c, rotation R and half lengths h, max over B of n.x =
-//! n.c + sum_i |(R^T n)_i| h_i. For a half-space n.x <= o only its own normal has a separation, min over A of n.x - o -
-//! r_A, which is the distance itself. An obstacle does not move: B_B = 0 and L_B = 0 below.
+//! *Obstacles.* Planes and boxes are fixed to the base (body 0). Each is paired with every capsule that any
+//! joint moves, so the common body is the base. For a box with centre c, rotation R and half lengths h, max
+//! over B of n.x = n.c + sum_i |(R^T n)_i| h_i. A half-space n.x <= o has a separation only along its own
+//! normal. It is min over A of n.x - o - r_A, which is the distance itself. An obstacle does not move: B_B =
+//! 0 and L_B = 0 below.
 //!
-//! *Chord.* A point x(t) with |x''| <= B on [t0, t1], dt = t1 - t0, leaves its chord at t0 + s by at most B s (dt - s)
-//! / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B at t0 and sep_n(t1) + r_A + r_B at
-//! t1. So, with S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B, the segment is safe if for one n
+//! *Chord.* Let x(t) be a point with |x''| <= B on [t0, t1], and dt = t1 - t0. It leaves its chord at t0 + s
+//! by at most B s (dt - s) / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B
+//! at t0 and sep_n(t1) + r_A + r_B at t1. Let S0 = sep_n(t0), S1 = sep_n(t1) and B = B_A + B_B. Then the
+//! segment is safe if for one n
 //!
 //! ```text
 //! d_min <= min over s in [0, dt] of  S0 + (S1 - S0) s / dt - B s (dt - s) / 2
@@ -22,55 +25,61 @@
 //!          (S0 + S1) / 2 - c - (S1 - S0)^2 / (16 c)      else, with c = B dt^2 / 8
 //! ```
 //!
-//! which is at least min(S0, S1) - B dt^2 / 8, and lets a motion begin at d_min if it leads away. Two n are tried, those
-//! between the closest points at t0 and at t1. Any n is sound, so it does not matter that near parallel axes these
-//! points are ill-conditioned: their distance is never used, only the separation along n.
+//! This is at least min(S0, S1) - B dt^2 / 8, and it lets a motion begin at d_min if it leads away. Two n are
+//! tried, those between the closest points at t0 and at t1. Any n is sound. So it does not matter that near
+//! parallel axes these points are ill-conditioned. Their distance is never used, only the separation along n.
 //!
-//! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k), whose length is at most the reach R_k (largest
-//! distance of the point from the joint's axis over all configurations, see
-//! [`Chain::reach`](crate::chain::Chain::reach)); for a prismatic one J_k = z_k, R_k = 1. For i before k in the chain,
-//! dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute (everything after it, J_k and x, turns with it) and 0 if i is
-//! prismatic; dJ_k/dq_k = z_k x J_k if k is revolute, else 0. Hence, with |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k
-//! for a revolute, 0 for a prismatic joint,
+//! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k). Its length is at most the reach R_k,
+//! the largest distance of the point from the joint's axis over all configurations (see
+//! [`Chain::reach`](crate::chain::Chain::reach)). For a prismatic joint J_k = z_k and R_k = 1. For i before k
+//! in the chain, dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute, because everything after it, J_k and x,
+//! turns with it. It is 0 if i is prismatic. dJ_k/dq_k is z_k x J_k if k is revolute, else 0. Hence, with
+//! |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k for a revolute, 0 for a prismatic joint,
 //!
 //! ```text
 //! x'' = sum_k J_k q_k'' + sum_i sum_k dJ_k/dq_i q_i' q_k'
 //! B   = sum_k R_k a_k + sum_k R_k v_k (w_k + 2 sum_{i<k} w_i)
 //! ```
 //!
-//! A prismatic joint after revolute ones thus adds 2 v_p times the sum of their speeds; one before them adds a_p alone.
-//! Over the part of the chain that begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s, and
-//! B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an axis, and points between them are
-//! convex combinations, so R_k is the larger of the two ends'. Each side takes the s that follows the common body.
+//! So a prismatic joint after revolute ones adds 2 v_p times the sum of their speeds, and one before them
+//! adds only a_p. Over the part of the chain that begins at joint s this is a recursion from the tip: W_s =
+//! W_{s+1} + R_s v_s, and B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an
+//! axis. Points between them are convex combinations, so R_k is the larger of the two ends'. Each side takes
+//! the s that follows the common body.
 //!
-//! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in between;
-//! |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8 (its chord), the lesser
-//! of which is added. See [`JointMotion::swing`](crate::motion::JointMotion::swing).
+//! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in
+//! between. |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8
+//! (its chord). The lesser of the two is added. See
+//! [`JointMotion::swing`](crate::motion::JointMotion::swing).
 //!
-//! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k (of both
-//! sides); a pair with more to spare than that needs no further proof. L_k is v_k dt on a segment. For the whole motion
-//! it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, in which that is exact; pieces are split
-//! where the acceleration vanishes, and a piece in which the velocity changes its sign counts max |v| dt, which is more
-//! than its path. (The difference of the positions at the ends of a tick alone could fall short of the path by what a
-//! reversal inside it hides, up to J h^3 / 8; no such difference is taken.) What is culled by starts from the anchor's
-//! separation, which is one along an n or the distance of bounding spheres, never more than the distance.
+//! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k
+//! (of both sides). A pair with more to spare needs no further proof. L_k is v_k dt on a segment. For the
+//! whole motion it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, where this is
+//! exact. Pieces are split where the acceleration vanishes. A piece in which the velocity changes its sign
+//! counts max |v| dt, which is more than its path. (The difference of the positions at the ends of a tick
+//! alone could be less than the path, by up to J h^3 / 8, if a reversal lies inside. No such difference is
+//! used.) Culling starts from the anchor's separation. It is either one along an n or the distance of
+//! bounding spheres, so it is never more than the distance.
 //!
-//! *Interface.* A robot that executes the command with skewed delays and through splines may come closer than the
-//! command. Where it is told so, the certificate adds the [`deviation`](crate::interface) to d_min: in each segment with
-//! v_k and a_k from above, at its ends with speed and acceleration there. It is a function of the command at that instant
-//! alone, so it changes nothing in what follows. A recovery, which is slow and starts below d_min, leaves it out.
+//! *Interface.* A robot that executes the command with skewed delays and through splines may come closer than
+//! the command. If such an interface is configured, the certificate adds the [`deviation`](crate::interface)
+//! to d_min. In each segment it uses v_k and a_k from above, and at the ends the speed and acceleration
+//! there. The deviation is a function of the command at that instant alone, so nothing changes below. A
+//! recovery is slow and starts below d_min, so it leaves the deviation out.
 //!
-//! *Rounding.* Separations are sums of products of numbers below 4 m, off by less than 1e-14 m; positions of the plan
-//! are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour: what is proved is proved anew from the
-//! present state whenever a joint takes a decision. Commands keep 1 um more than the model's d_min, which holds all of
-//! that and the rounding of the gate, whose clearance is computed by other code.
+//! *Rounding.* Separations are sums of products of numbers below 4 m, and err by less than 1e-14 m. Positions
+//! of the plan are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour. The proof is
+//! repeated from the present state whenever a joint takes a decision. Commands keep 1 um more than the
+//! model's d_min. This covers all of that and the rounding of the gate, which computes the clearance with
+//! other code.
 //!
-//! *Induction.* At rest with clearance the constant plan is certified. A motion is accepted if it is proved from now to
-//! rest, and then its remainder is proved too, tick by tick, because the proof covers every instant; if it is not, the
-//! remainder of the last accepted one is played. A pair that no fresh joint moves keeps the proof of that one.
+//! *Induction.* At rest with clearance the constant plan is certified. A motion is accepted if it is proved
+//! from now to rest. Then its remainder is proved too, tick by tick, because the proof covers every instant.
+//! If a motion is not accepted, the remainder of the last accepted one is played. A pair that no fresh joint
+//! moves keeps the proof of that one.
 //!
-//! Segments are halved until they are safe, and the motion is rejected once they would be shorter than 1.5 ms or after
-//! 80 evaluations of the kinematics: fewer proofs, never false ones.
+//! Segments are halved until they are safe. The motion is rejected once they would be shorter than 1.5 ms, or
+//! after 80 evaluations of the kinematics. This can give fewer proofs, but never false ones.
 
 use crate::chain::{JointSet, Placement, Placements};
 use crate::clearance::Anchor;
@@ -84,19 +93,21 @@ use nalgebra::Vector3;
 const SHORTEST_S: f64 = 1.5e-3;
 /// Evaluations of the kinematics after which a motion is rejected: bounds the tick.
 const EVALUATIONS_MAX: u32 = 80;
-/// What a pair must have to spare beyond its path to be culled, m: far above the rounding of the kinematics.
+/// Distance that a pair must have to spare beyond its path to be culled, m. It is far above the rounding of
+/// the kinematics.
 const CULL_MARGIN_M: f64 = 1e-9;
-/// Where a new decision may bring a pair to rest: d_min and this, m; where less is left, not closer than it is. On the
-/// way there half of what is left may be used. A motion that starts at its own bound could not be proved even if it
-/// leads away, because its chord sags by B dt^2 / 8 (0.0003 mm for the shortest one), and the arm could never leave.
+/// A new decision may bring a pair to rest at d_min plus this, m. If less is left, the pair may not rest
+/// closer than it is. On the way there, half of what is left may be used. A motion that starts at its own
+/// bound could not be proved even if it leads away. Its chord sags by B dt^2 / 8 (0.0003 mm for the shortest
+/// one), and the arm could never leave.
 const SLACK_M: f64 = 5e-4;
-/// Rounding of a distance that a motion leaves unchanged, m; at 1500 decisions a second it could add up to 5 um an
-/// hour.
+/// Rounding of a distance that a motion leaves unchanged, m. At 1500 decisions a second it could add up to 5
+/// um an hour.
 const REST_ROUNDING_M: f64 = 1e-12;
 /// Halvings: 1.5 ms * 2^11 = 3 s, longer than any stop.
 const DEPTH_MAX: usize = 12;
-/// Pairs in flight at all depths; a motion that needs more is rejected. 322 pairs at full depth need far fewer, since
-/// each halving keeps only the near ones.
+/// Pairs in flight at all depths. A motion that needs more is rejected. 322 pairs at full depth need far
+/// fewer, since each halving keeps only the near ones.
 const ENTRIES: usize = 2048;
 
 /// Kinematics at one instant of the motion.
@@ -106,7 +117,7 @@ pub(crate) struct Node {
     x: [JointState; JOINTS],
     placements: Placements,
     axes: Vec<Segment>,
-    /// Which entries of `axes` are computed.
+    /// The entries of `axes` that are computed.
     known: u128,
 }
 
@@ -132,14 +143,14 @@ impl Node {
     }
 }
 
-/// A pair that is not yet proved on a segment: the directions at both ends, in the common body's frame, and the
-/// separations there.
+/// A pair that is not yet proved on a segment. It has the directions at both ends, in the common body's
+/// frame, and the separations there.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     pair: usize,
     n: [Vector3<f64>; 2],
     sep: [f64; 2],
-    /// The distance to keep on the way and at rest, m: see [`floors`].
+    /// The distance to keep on the way and at rest, m. See [`floors`].
     floor: f64,
     rest_floor: f64,
 }
@@ -147,7 +158,7 @@ struct Entry {
 /// Bounds on the motion of one capsule over a segment, per first joint of the chain's rest.
 #[derive(Clone, Copy, Debug, Default)]
 struct Reach {
-    /// Which segment they belong to.
+    /// The segment that they belong to.
     segment: u64,
     /// B_s, m/s^2.
     curve: [f64; JOINTS + 1],
@@ -185,27 +196,27 @@ impl Scratch {
     }
 }
 
-/// What the certificate found.
+/// Result of the certificate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Verdict {
-    /// The pair that could not be proved, if any: none means that the motion is safe at every instant.
+    /// The pair that could not be proved, if any. None means that the motion is safe at every instant.
     pub blamed: Option<usize>,
     /// Evaluations of the kinematics.
     pub evaluations: u32,
 }
 
-/// What a motion is certified for.
+/// Purpose of the motion to certify.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Purpose {
     /// A decision like any other.
     Decision,
-    /// Bringing a robot back: a pair that is closer than d_min keeps the distance that it has, but for
-    /// [`RECOVERY_SAG_M`] on the way, and the deviation of the robot's interface is left out.
+    /// Recovery of a robot. A pair closer than d_min keeps its present distance, except for
+    /// [`RECOVERY_SAG_M`] on the way. The deviation of the robot's interface is left out.
     Recovery,
 }
 
-/// Certifies `motion`, whose first posture is that of `anchor`. Pairs whose distance none of the joints `fresh` changes
-/// are not checked: they continue a certified plan.
+/// Certifies `motion`, whose first posture is that of `anchor`. Pairs whose distance no joint of `fresh`
+/// changes are not checked, because they continue a certified plan.
 pub(crate) fn certify(
     geometry: &Geometry,
     motion: &Motion,
@@ -219,11 +230,12 @@ pub(crate) fn certify(
     Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
 }
 
-/// What the chord of a recovery may sag, m: a motion from rest begins at its own bound, and B dt^2 / 8 of the shortest
-/// segment is 3 um at the accelerations of a recovery. At the ticks themselves nothing may come closer, see `recover`.
+/// Allowed sag of a recovery's chord, m. A motion from rest begins at its own bound, and B dt^2 / 8 of the
+/// shortest segment is 3 um at the accelerations of a recovery. At the ticks themselves nothing may come
+/// closer, see `recover`.
 const RECOVERY_SAG_M: f64 = 2e-5;
 
-/// The floors of a recovery: those of any decision, and below d_min what there is.
+/// The floors of a recovery. They are those of any decision, and below d_min the present distance.
 fn recovery_floors(d_min: f64, separation: f64) -> (f64, f64) {
     if separation >= d_min + SLACK_M {
         return floors(d_min, separation);
@@ -231,8 +243,8 @@ fn recovery_floors(d_min: f64, separation: f64) -> (f64, f64) {
     (separation.min(d_min + 0.5 * SLACK_M) - RECOVERY_SAG_M, separation - REST_ROUNDING_M)
 }
 
-/// What a new decision keeps on its way and where it comes to rest, m, for a pair that is now `separation` apart: see
-/// [`SLACK_M`].
+/// The distances that a new decision keeps on its way and at rest, m, for a pair that is now `separation`
+/// apart. See [`SLACK_M`].
 #[inline]
 fn floors(d_min: f64, separation: f64) -> (f64, f64) {
     let slack = (separation - d_min).clamp(0.0, SLACK_M);
@@ -259,7 +271,7 @@ struct Proof<'a> {
 }
 
 impl Proof<'_> {
-    /// The whole motion: culls by path, then proves what is left from the anchor to rest.
+    /// Proves the whole motion. It first culls by path, then proves the other pairs from the anchor to rest.
     fn whole(&mut self, fresh: JointSet, anchor: &Anchor) -> bool {
         self.s.evaluations = 0;
         self.s.top = 0;
@@ -307,7 +319,7 @@ impl Proof<'_> {
         self.prove(0, 1, 0, 0)
     }
 
-    /// Proves the pairs `first..top` between two nodes; on return they are consumed.
+    /// Proves the pairs `first..top` between two nodes. On return they are consumed.
     fn prove(&mut self, from: usize, to: usize, depth: usize, first: usize) -> bool {
         let (needed, kept) = self.keep_unproved(from, to, first);
         self.s.top = kept;
@@ -339,8 +351,8 @@ impl Proof<'_> {
         self.prove(middle, to, depth + 1, first)
     }
 
-    /// Drops the pairs of `first..top` that are proved between two nodes; returns the joints that the others need, and
-    /// the end of their range.
+    /// Drops the pairs of `first..top` that are proved between two nodes. Returns the joints that the others
+    /// need, and the end of their range.
     fn keep_unproved(&mut self, from: usize, to: usize, first: usize) -> (JointSet, usize) {
         self.begin_segment();
         let (t0, t1) = (self.s.nodes[from].t, self.s.nodes[to].t);
@@ -386,7 +398,7 @@ impl Proof<'_> {
         lowest(other, entry.sep[1], sag) >= floor
     }
 
-    /// What the robot's interface may take from a pair while `speed` bounds the joints, m.
+    /// Largest distance that the robot's interface may take from a pair while `speed` bounds the joints, m.
     #[inline]
     fn deviation(&self, pair: usize, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         match &self.geometry.deviation {

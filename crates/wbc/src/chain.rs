@@ -1,6 +1,7 @@
-//! The kinematic tree as the certificate needs it: forward kinematics of any subset of bodies, and reach bounds.
+//! The kinematic tree for the certificate: forward kinematics of any subset of bodies, and bounds on the
+//! reach.
 //!
-//! Body 0 is the base, body 1 + j is what moves with joint j. A joint's parent always has a smaller index.
+//! Body 0 is the base. Body 1 + j moves with joint j. A joint's parent always has a smaller index.
 
 use crate::config::WbcError;
 use messages::JOINTS;
@@ -9,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Number of bodies.
 pub const BODIES: usize = JOINTS + 1;
 
-/// Set of joints: bit j is joint j.
+/// Set of joints. Bit j is joint j.
 pub type JointSet = u32;
 
 /// A rigid pose: x in the reference frame is `r` x + `t`.
@@ -27,13 +28,13 @@ impl Placement {
         Self { r: Matrix3::identity(), t: Vector3::zeros() }
     }
 
-    /// The point of the reference frame that `p` of the moving frame lies at.
+    /// Returns the point `p` of the moving frame in the reference frame.
     #[inline]
     pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.r * p + self.t
     }
 
-    /// `self` after `inner`: a_from_c = a_from_b.then(b_from_c).
+    /// Returns `self` composed with `inner`: a_from_c = a_from_b.then(b_from_c).
     pub fn then(&self, inner: &Self) -> Self {
         Self { r: self.r * inner.r, t: self.r * inner.t + self.t }
     }
@@ -48,19 +49,20 @@ impl Placement {
 /// One joint of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
-    /// Body that the joint moves against.
+    /// Body relative to which the joint moves.
     pub parent: usize,
-    /// Pose of the joint's own body in its parent's frame at position zero; its origin lies on the axis.
+    /// Pose of the joint's own body in its parent's frame at position zero. Its origin lies on the axis.
     pub parent_from_body: Placement,
     /// Unit axis in the joint's own frame.
     pub axis: Vector3<f64>,
-    /// Whether it slides along the axis instead of turning about it.
+    /// True if the joint slides along the axis, false if it turns about it.
     pub prismatic: bool,
-    /// Largest magnitude of its position: bounds the reach of a prismatic joint, m.
+    /// Largest magnitude of its position, m. It bounds the reach of a prismatic joint.
     pub stroke: f64,
 }
 
-/// Joint j's rotation is m0 + sin(q) m1 + (1 - cos(q)) m2: the fixed offset and Rodrigues' formula in one.
+/// Joint j's rotation is m0 + sin(q) m1 + (1 - cos(q)) m2. This combines the fixed offset and Rodrigues'
+/// formula.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     m0: Matrix3<f64>,
@@ -68,7 +70,7 @@ struct Turn {
     m2: Matrix3<f64>,
 }
 
-/// The tree, with what its forward kinematics precomputes.
+/// The tree, with precomputed values for its forward kinematics.
 #[derive(Clone, Debug)]
 pub struct Chain {
     links: [Link; JOINTS],
@@ -81,7 +83,7 @@ pub struct Chain {
 pub type Placements = [Placement; BODIES];
 
 impl Chain {
-    /// The tree of these joints; each parent must be a body of smaller index than the joint's own.
+    /// Creates the tree of these joints. Each parent must be a body of smaller index than the joint's own.
     pub fn new(links: [Link; JOINTS]) -> Result<Self, WbcError> {
         let turns = links.map(|link| {
             let r = link.parent_from_body.r;
@@ -112,8 +114,8 @@ impl Chain {
         self.ancestors[body]
     }
 
-    /// Poses in the base frame of the bodies that the joints of `set` move; `set` must contain the ancestors of each of
-    /// its joints. Other entries of `out` stay as they are.
+    /// Computes the poses in the base frame of the bodies that the joints of `set` move. `set` must contain
+    /// the ancestors of each of its joints. Other entries of `out` stay as they are.
     pub fn forward(&self, q: &[f64; JOINTS], set: JointSet, out: &mut Placements) {
         let mut left = set;
         while left != 0 {
@@ -145,11 +147,12 @@ impl Chain {
         if shared == 0 { 0 } else { JOINTS_BITS - shared.leading_zeros() as usize }
     }
 
-    /// Reach of joint `joint` to a point of `body` (one of those it moves): the largest distance of the point from the
-    /// joint's axis over all configurations; 1 for a prismatic joint.
+    /// Reach of joint `joint` to a point of `body`, a body that the joint moves. It is the largest distance
+    /// of the point from the joint's axis over all configurations. For a prismatic joint it is 1.
     ///
-    /// For a revolute joint it is at most the distance from the axis of the next joint's origin (a fixed point of its
-    /// body) plus the lengths of all later offsets, strokes, and the point's distance from its own body's origin.
+    /// For a revolute joint it is at most a sum of lengths. The first is the distance of the next joint's
+    /// origin, a fixed point of the joint's body, from the axis. The others are all later offsets, the
+    /// strokes, and the point's distance from its own body's origin.
     pub fn reach(&self, joint: usize, body: usize, point: &Vector3<f64>) -> f64 {
         let own = &self.links[joint];
         if own.prismatic {

@@ -1,4 +1,5 @@
-//! The decision of one tick: what each joint would like, what it may, and the first candidate that is proved.
+//! The decision of one tick: the wanted and the admissible motion of each joint, and the first candidate that
+//! is proved.
 
 use crate::barrier::{Barrier, Program, Wish};
 use crate::brake::Bearing;
@@ -15,11 +16,11 @@ use crate::torque::{self, Load, TorqueScratch, joints};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
 use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 
-/// Share of the way from the plan's jerk to the wanted one that a candidate is tried with. The share 0 is the plan
-/// itself, which needs no proof.
+/// Shares of the way from the plan's jerk to the wanted one that are tried. The share 0 is the plan itself,
+/// which needs no proof.
 const STEPS: [f64; 2] = [1.0, 0.4];
 
-/// What a speed may exceed the scale's by without counting as faster: rounding, of which a tick adds 1e-15.
+/// Slack by which a speed may exceed the scale's. It is for rounding, and a tick adds 1e-15.
 const SCALE_ROUNDING: f64 = 1e-9;
 
 pub(crate) const LEFT: JointSet = bits(LEFT_ARM.start, LEFT_ARM.end);
@@ -29,19 +30,20 @@ const fn bits(from: usize, to: usize) -> JointSet {
     ((1 << to) - 1) & !((1 << from) - 1)
 }
 
-/// What the joints should do: per joint an aim, none to hold.
+/// The aim of each joint. None means that the joint holds.
 pub(crate) type Aims = [Option<JointAim>; JOINTS];
 
-/// A decision, certified.
+/// A certified decision.
 pub(crate) struct Choice {
     pub(crate) next: Planned,
     pub(crate) candidate: Candidate,
     pub(crate) fresh: JointSet,
     pub(crate) program: Program,
     pub(crate) fallbacks: u32,
-    /// The pair for which the first motion of this decision that was wanted could not be proved.
+    /// The pair that could not be proved in the first wanted motion of this decision.
     pub(crate) refused: Option<usize>,
-    /// The joint whose torque could not be, in the first motion where that was the reason, and how many there were.
+    /// The joint whose torque could not be proved, in the first motion refused for this reason, and the
+    /// number of such motions.
     pub(crate) overloaded: Option<usize>,
     pub(crate) overloads: u32,
     pub(crate) evaluations: u32,
@@ -63,13 +65,13 @@ impl Choice {
     }
 
     fn taken(self, attempt: &Attempt, candidate: Candidate) -> Self {
-        // Without a new decision it is the plan, whatever it was called.
+        // Without a new decision it is the plan, whatever the candidate was called.
         let candidate = if attempt.fresh == 0 { Candidate::Plan } else { candidate };
         Self { next: attempt.next, candidate, fresh: attempt.fresh, ..self }
     }
 }
 
-/// Per joint the aim of this tick, within its limits.
+/// The aim of each joint in this tick, within its limits.
 pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
     let Some(target) = input.target else {
         return [None; JOINTS];
@@ -85,7 +87,8 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
     })
 }
 
-/// What every joint would like at its share `scales` of its speed; none: it plays its plan.
+/// The wanted jerk of every joint at its share `scales` of its speed. None means that the joint plays its
+/// plan.
 fn wishes(
     config: &Config,
     before: &Planned,
@@ -98,18 +101,19 @@ fn wishes(
         let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
         let nominal = Bounds { brake: brakes[j], ..config.bounds[j] };
         let bounds = relaxed(&nominal, config.hard_range[j], scale, x, &stop);
-        // The speed asked for is what the scale allows, not what the state makes unavoidable.
+        // The requested speed is limited by the scale, not by the speed that the state makes unavoidable.
         let asked = Bounds { v_max: scale * config.bounds[j].v_max, ..config.bounds[j] };
         let fastest = x.v.abs().max(x.coasting_velocity(asked.j_max).abs());
         if fastest > asked.v_max * (1.0 + SCALE_ROUNDING) && x.v * x.a > 0.0 {
-            // Too fast for a scale that fell, and still gaining: nothing brakes sooner than the plan.
+            // The joint is too fast for a scale that fell, and still gains speed. Nothing brakes sooner than
+            // the plan.
             return None;
         }
         let aim = aims[j]?;
-        // Towards a far target no faster than it can be stopped there.
+        // Towards a far target, the joint is no faster than it can be stopped there.
         let approach = Bounds { a_max: brakes[j], ..asked };
         let Some(velocity) = wanted_velocity(x, aim, &approach) else {
-            // It stays where it rests, unless it has to make room.
+            // The joint stays where it rests, unless it must make room.
             return (x.v == 0.0 && x.a == 0.0).then_some(Wish { x, bounds, wanted: 0.0, jerk: 0.0 });
         };
         let wanted = wanted_jerk(x, velocity, aim.ddq, &asked);
@@ -118,7 +122,7 @@ fn wishes(
     })
 }
 
-/// One attempt: a group of joints takes jerks, the others play the plan.
+/// One attempt: a group of joints takes new jerks, and the others play the plan.
 struct Attempt {
     next: Planned,
     motion: Motion,
@@ -140,10 +144,10 @@ impl Attempt {
     }
 }
 
-/// The stages of a decision, with the memory that they work in.
+/// The stages of a decision, with their working memory.
 pub(crate) struct Chooser<'a> {
     pub(crate) config: &'a Config,
-    /// Masses and motors with what the hands carry now.
+    /// Masses and motors, with the present payload of the hands.
     pub(crate) load: Option<&'a Load>,
     pub(crate) anchor: &'a Anchor,
     pub(crate) barrier: &'a mut Barrier,
@@ -152,8 +156,8 @@ pub(crate) struct Chooser<'a> {
 }
 
 impl Chooser<'_> {
-    /// The first candidate that is proved: all joints as they wish, changed where a pair is near; at a smaller step;
-    /// then each arm alone; then the plan.
+    /// Returns the first candidate that is proved. The first is all joints as wanted, with changes where a
+    /// pair is near. Then comes a smaller step, then each arm alone, and then the plan.
     pub(crate) fn choose(&mut self, before: &Planned, on_plan: &Planned, aims: &Aims, scale: f64) -> Choice {
         let plan = Motion::stops(before);
         self.torque.begin_tick();
@@ -188,7 +192,7 @@ impl Chooser<'_> {
             first = Some(between);
         }
         for (candidate, group) in [(Candidate::Left, LEFT), (Candidate::Right, RIGHT)] {
-            // What failed and depends on this group alone would fail again.
+            // An attempt that failed and depends only on this group would fail again.
             if first.is_some_and(|between| between & !group == 0) {
                 continue;
             }
@@ -203,7 +207,8 @@ impl Chooser<'_> {
         choice
     }
 
-    /// Each joint's share of its speed: the scale, or what keeps the bound on elbows and hands if that is less.
+    /// Each joint's share of its speed. It is the scale, or less if the bound on elbows and hands requires
+    /// it.
     fn scales(&self, before: &Planned, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
         let bounds = &self.config.bounds;
         let scales = bearing.map_or([1.0; JOINTS], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));
@@ -219,7 +224,7 @@ impl Chooser<'_> {
         })
     }
 
-    /// Whether an attempt would have an elbow or a hand too fast.
+    /// Returns true if an elbow or a hand would be too fast in an attempt.
     fn too_fast(&self, choice: &mut Choice, attempt: &Attempt) -> bool {
         let (chain, places) = (&self.config.geometry.chain, &self.anchor.placements);
         let too_fast = self.config.hand.as_ref().is_some_and(|hand| !hand.is_kept(chain, places, &attempt.motion));
@@ -227,7 +232,7 @@ impl Chooser<'_> {
         too_fast
     }
 
-    /// The joints on which depends what could not be proved of an attempt, if anything.
+    /// Returns the joints on which the failed proof of an attempt depends. None if everything is proved.
     fn blamed(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<JointSet> {
         let overloaded = self.overloaded(choice, attempt);
         if overloaded.is_some() || !self.config.certificate {
@@ -241,11 +246,11 @@ impl Chooser<'_> {
         verdict.blamed.map(|pair| self.config.geometry.pairs[pair].between)
     }
 
-    /// The joints on which a torque depends that could not be proved, if any.
+    /// Returns the joints on which an unproved torque depends, if there is one.
     fn overloaded(&mut self, choice: &mut Choice, attempt: &Attempt) -> Option<JointSet> {
         let load = self.load?;
         let Attempt { motion, fresh, .. } = attempt;
-        // A gentle brake may not make a stop longer than was promised.
+        // A gentle brake may not make a stop longer than allowed.
         let late = joints(*fresh).find(|&j| motion.joints[j].end_s() > self.config.stop_time_max_s + TICK_S);
         let verdict = late.or_else(|| {
             let verdict = torque::prove(load, &self.config.geometry.chain, motion, *fresh, self.torque);
@@ -259,7 +264,7 @@ impl Chooser<'_> {
     }
 }
 
-/// Takes the accelerations of each arm's wishes back to what its motors can give.
+/// Reduces the accelerations of each arm's wanted jerks to what its motors can give.
 fn hold_back(load: &Load, bearing: &Bearing, on_plan: &Planned, wishes: &mut [Option<Wish>; JOINTS]) {
     let mut wished = on_plan.a;
     for j in 0..JOINTS {
@@ -289,8 +294,8 @@ fn stepped(wish: &Wish, plan_a: f64, step: f64) -> Option<f64> {
     wish.bounds.nearest_admissible(wish.x, plan + step * (wish.jerk - plan))
 }
 
-/// The bounds of this tick: where the plan already reaches further than the planned range or the scaled speed (a
-/// posture at its limit, a scale that fell), not beyond the plan, and never beyond the limits themselves.
+/// The bounds of this tick. The plan may already go beyond the planned range or the scaled speed, at a limit
+/// or after the scale fell. Then the bounds reach as far as the plan, but never beyond the limits themselves.
 fn relaxed(nominal: &Bounds, hard: [f64; 2], scale: f64, x: JointState, stop: &JointStop) -> Bounds {
     let fastest = x.v.abs().max(x.coasting_velocity(nominal.j_max).abs());
     let (low, high) = stop.extremes(x);

@@ -1,12 +1,12 @@
-//! Distances of all checked pairs at one posture: where every certificate of a tick begins.
+//! Distances of all checked pairs at one posture. Every certificate of a tick begins there.
 
 use crate::chain::{BODIES, Placement, Placements};
 use crate::geometry::{Geometry, Segment};
 use messages::JOINTS;
 use nalgebra::Vector3;
 
-/// Pairs farther apart than this by their bounding spheres keep the spheres' distance: no stop reaches that far often,
-/// and where one does, the certificate looks closer.
+/// Pairs whose bounding spheres are farther apart than this keep the spheres' distance. A stop rarely reaches
+/// that far. If one does, the certificate measures more exactly.
 const FAR_M: f64 = 0.15;
 
 /// A posture with its placements and separations.
@@ -15,7 +15,8 @@ pub(crate) struct Anchor {
     pub(crate) q: [f64; JOINTS],
     pub(crate) placements: Placements,
     axes: Vec<Segment>,
-    /// For each pair a lower bound of its distance, m; the distance itself but for rounding where it is near.
+    /// For each pair a lower bound of its distance, m. For near pairs it is the distance itself, except for
+    /// rounding.
     pub(crate) separation: Vec<f64>,
     /// Smallest distance of all pairs, m, and the pair.
     pub(crate) clearance_m: f64,
@@ -53,7 +54,7 @@ impl Anchor {
         }
     }
 
-    /// Moves the kinematics alone to posture `q`: the separations stay what they were.
+    /// Moves only the kinematics to posture `q`. The separations stay as they were.
     pub(crate) fn pose(&mut self, geometry: &Geometry, q: [f64; JOINTS]) {
         self.q = q;
         geometry.chain.forward(&q, (1 << JOINTS) - 1, &mut self.placements);
@@ -62,7 +63,7 @@ impl Anchor {
         }
     }
 
-    /// Becomes `other`, without allocating.
+    /// Copies `other` without allocating.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         (self.q, self.placements) = (other.q, other.placements);
         self.axes.copy_from_slice(&other.axes);
@@ -75,14 +76,14 @@ impl Anchor {
         self.placements[j + 1].r * geometry.chain.links()[j].axis
     }
 
-    /// The distance of one pair at the posture, m, whatever its separation was found to be.
+    /// Measures the distance of one pair at the posture, m, independent of its stored separation.
     pub(crate) fn measure(&self, geometry: &Geometry, pair: usize) -> f64 {
         let pair = &geometry.pairs[pair];
         geometry.normal(pair, &self.axes[pair.a.capsule], &self.axes[pair.b.capsule]).1
     }
 
-    /// Gradient of a pair's distance by the joint positions, m per rad or m: for each joint between them the velocity
-    /// of the closest point that it carries, along the direction from B to A.
+    /// Gradient of a pair's distance by the joint positions, m per rad or m. For each joint between the
+    /// bodies it is the velocity of the closest point that it carries, along the direction from B to A.
     pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS] {
         let pair = &geometry.pairs[pair];
         let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);

@@ -1,4 +1,5 @@
-//! What the stage is built from: limits with the planning margin, the collision model, and the switches of the tests.
+//! Configuration of the stage: limits with the planning margin, the collision model, and the switches for
+//! tests.
 
 use crate::chain::{BODIES, Chain};
 use crate::dynamics::Mass;
@@ -11,40 +12,44 @@ use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use robot::{Payload, Solid};
 use thiserror::Error;
 
-/// Share of acceleration and jerk limits that is planned with, so that rounding at the gate never denies an honest command.
+/// Share of acceleration and jerk limits that is used for planning. With it, rounding at the gate never
+/// denies an honest command.
 pub const PLANNED_SHARE: f64 = 0.995;
-/// The same of velocity limits, less what a servo overshoots that the other joints push: the simulated one was seen to exceed a
-/// speed by 5 %, which is what its judge grants.
+/// The same share of velocity limits. It allows for the overshoot of a servo that other joints push. The
+/// simulated one was seen to exceed a speed by 5 %, which its judge allows.
 pub const PLANNED_SPEED_SHARE: f64 = 0.98;
-/// The same behind the forearm. Wrists are light, and the arm pushes them: planned with 0.90 a simulated one reached 1.0513 of its
-/// limit under `torture` (one sample in ten million ticks), so 1.05 - (1.0513 - 0.90), and 0.02 less for what is rarer still.
+/// The same share behind the forearm. Wrists are light, and the arm pushes them. Planned with 0.90, a
+/// simulated wrist reached 1.0513 of its limit under `torture` (one sample in ten million ticks). So the
+/// share is 1.05 - (1.0513 - 0.90), and 0.02 less for rarer events.
 pub const PLANNED_WRIST_SPEED_SHARE: f64 = 0.88;
-/// Joints of an arm before its wrist.
+/// Number of joints of an arm before its wrist.
 const BEFORE_WRIST: usize = 4;
-/// Distance kept from position limits, rad or m: far above the rounding of a stop's end, far below any encoder.
+/// Distance kept from position limits, rad or m. It is far above the rounding of a stop's end, and far below
+/// any encoder's resolution.
 const POSITION_INSET: f64 = 1e-6;
-/// The same behind the forearm, rad. The arm pushes wrists out of their limits too: a simulated one went 4.02 mrad beyond the
-/// position it was told under `torture` (once in 4 million ticks), where the robot's judge grants 4. Half of that again.
+/// The same behind the forearm, rad. The arm pushes wrists out of their limits too. Under `torture` a
+/// simulated wrist went 4.02 mrad beyond its commanded position (once in 4 million ticks), and the robot's
+/// judge allows 4. This value is half of that again.
 const WRIST_POSITION_INSET: f64 = 2e-3;
-/// Added to d_min, m: rounding and quantisation at the gate, which checks clearance with arithmetic of its own.
+/// Added to d_min, m, for rounding and quantisation at the gate, which computes clearance with its own code.
 const CLEARANCE_INSET_M: f64 = 1e-6;
 /// Clearance beyond d_min that a resting posture must have before the robot may engage, m.
 pub const ENGAGE_MARGIN_M: f64 = 3e-3;
 
-/// Why a configuration was refused.
+/// The reason why a configuration was refused.
 #[derive(Debug, Error, PartialEq)]
 pub enum WbcError {
-    /// A limit that bounds motion is missing or not positive.
+    /// Returned if a limit that bounds motion is not finite and positive.
     #[error("joint {joint}: {limit} = {value}, must be finite and above zero")]
     Limit {
         /// Index of the joint.
         joint: usize,
-        /// Which limit.
+        /// Name of the limit.
         limit: &'static str,
         /// Its value, SI.
         value: f64,
     },
-    /// A position range without room.
+    /// Returned if a position range is empty.
     #[error("joint {joint}: position range [{q_min}, {q_max}] is empty")]
     Range {
         /// Index of the joint.
@@ -54,7 +59,7 @@ pub enum WbcError {
         /// Highest position.
         q_max: f64,
     },
-    /// The home posture lies outside the limits.
+    /// Returned if the home posture lies outside the limits.
     #[error("joint {joint}: home = {value} lies outside [{q_min}, {q_max}]")]
     Home {
         /// Index of the joint.
@@ -66,53 +71,55 @@ pub enum WbcError {
         /// Highest position.
         q_max: f64,
     },
-    /// The kinematics are not a tree of 17 joints in order, or were not reproduced.
+    /// Returned if the kinematics are not a tree of 17 joints in order, or could not be reproduced.
     #[error("joint {joint}: {what}")]
     Kinematics {
         /// Index of the joint.
         joint: usize,
-        /// What is wrong.
+        /// Description of the error.
         what: &'static str,
     },
-    /// A capsule or a pair that the certificate cannot hold.
+    /// Returned if the certificate cannot hold a capsule or a pair.
     #[error("collision model: {what} = {value}, at most {bound}")]
     Collision {
-        /// What is too large.
+        /// The quantity that is too large.
         what: &'static str,
         /// Its value.
         value: usize,
         /// The bound.
         bound: usize,
     },
-    /// An interface that no robot has, or whose deviation is too large.
+    /// Returned if a figure of the interface is outside its bound, or if the interface's deviation is too
+    /// large.
     #[error("interface: {key} = {value}, must be 0 to {bound}")]
     Interface {
-        /// Which figure.
+        /// Name of the figure.
         key: &'static str,
         /// Its value, SI.
         value: f64,
         /// The bound.
         bound: f64,
     },
-    /// A bound on the speed of hands that leaves no motion.
+    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be
+    /// left.
     #[error("hand speed = {0} m/s, must be finite and above zero")]
     HandSpeed(f64),
-    /// Masses or motors that no proof can be made with.
+    /// Returned if a figure of masses or motors does not allow a proof.
     #[error("body of joint {joint}: {what} = {value}, must be finite and not below zero")]
     Mass {
         /// Index of the joint that the body moves with.
         joint: usize,
-        /// Which figure.
+        /// Name of the figure.
         what: &'static str,
         /// Its value, SI.
         value: f64,
     },
-    /// The distance to keep is not a positive length.
+    /// Returned if the distance to keep is not finite and positive.
     #[error("d_min_m = {0}, must be finite and above zero")]
     Clearance(f64),
 }
 
-/// Switches. The default is what a robot runs.
+/// Switches. A robot runs with the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     certificate: bool,
@@ -128,22 +135,22 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Without the certificate, so that a test can show that it is what prevents collisions.
+    /// Switches the certificate off, so that a test can show that it prevents collisions.
     pub fn without_certificate_for_tests() -> Self {
         Self { certificate: false, ..Self::default() }
     }
 
-    /// Without the proof of torques, so that a test can show that it is what keeps motors from being overloaded.
+    /// Switches the proof of torques off, so that a test can show that it prevents overloaded motors.
     pub fn without_torque_for_tests() -> Self {
         Self { torque: false, ..Self::default() }
     }
 
-    /// For a robot that executes the commands through `interface`.
+    /// Sets the interface through which the robot executes the commands.
     pub fn interface(self, interface: Interface) -> Self {
         Self { interface, ..self }
     }
 
-    /// Elbows and hands no faster than this in the base frame, m/s.
+    /// Sets the largest speed of elbows and hands in the base frame, m/s.
     pub fn hand_speed_m_per_s(self, max: f64) -> Self {
         Self { hand_speed_m_per_s: Some(max), ..self }
     }
@@ -153,26 +160,26 @@ impl Options {
     }
 }
 
-/// What a deviation from the wish costs where the robot cannot do as it would like.
+/// Costs of a deviation where the robot cannot move as wanted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tasks {
-    /// Per joint, for a deviation as large as its largest speed; above zero.
+    /// Per joint, the cost of a deviation as large as its largest speed. It must be above zero.
     pub joint_weight: [f64; JOINTS],
-    /// For a deviation of a limb's angular velocity by 1 rad/s; 0 leaves the limbs out.
+    /// Cost of a deviation of a limb's angular velocity by 1 rad/s. 0 leaves the limbs out.
     pub limb_weight: f64,
-    /// Bodies whose rotations are the limbs: of each arm the upper and the fore one.
+    /// Bodies whose rotations are the limbs: the upper arm and the forearm of each arm.
     pub limb_bodies: [[usize; 2]; 2],
 }
 
 impl Tasks {
-    /// Every joint counts the same, limbs do not.
+    /// Every joint has the same cost, limbs have none.
     pub const JOINTS_ALIKE: Self = Self { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] };
 }
 
 /// Validated, immutable configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// What each joint is planned within.
+    /// The bounds within which each joint is planned.
     pub(crate) bounds: [Bounds; JOINTS],
     /// The position limits themselves.
     pub(crate) hard_range: [[f64; 2]; JOINTS],
@@ -180,11 +187,11 @@ pub struct Config {
     pub(crate) geometry: Geometry,
     pub(crate) tasks: Tasks,
     pub(crate) certificate: bool,
-    /// Masses and motors, with what the hands carry at the start; none if nothing is to be proved of them.
+    /// Masses and motors, with the payload of the hands at the start. None if no torque is to be proved.
     pub(crate) load: Option<Load>,
-    /// No stop takes longer, s.
+    /// Longest duration of a stop, s.
     pub(crate) stop_time_max_s: f64,
-    /// The bound on elbows and hands; none if no motion within the limits could break it.
+    /// The bound on elbows and hands. None if no motion within the limits could exceed it.
     pub(crate) hand: Option<HandSpeed>,
 }
 
@@ -201,24 +208,24 @@ pub struct Parts {
     pub capsules: Vec<BodyCapsule>,
     /// Pairs of capsule indices that must stay apart.
     pub pairs: Vec<[usize; 2]>,
-    /// Solids on the base that every capsule that moves must stay apart from.
+    /// Solids on the base. Every moving capsule must stay apart from them.
     pub obstacles: Vec<Solid>,
     /// Distance that they keep, m.
     pub d_min_m: f64,
-    /// What deviations cost.
+    /// Costs of deviations.
     pub tasks: Tasks,
-    /// Masses of the bodies; the base's does not matter.
+    /// Masses of the bodies. The base's mass does not matter.
     pub masses: [Mass; BODIES],
-    /// What the left and the right hand carry at the start.
+    /// Payload of the left and the right hand at the start.
     pub payload: [Payload; 2],
-    /// Largest torque or force of each motor, N m or N; infinite where it does not matter.
+    /// Largest torque or force of each motor, N m or N. Infinite where it does not matter.
     pub effort_max: [f64; JOINTS],
-    /// No stop takes longer, s.
+    /// Longest duration of a stop, s.
     pub stop_time_max_s: f64,
 }
 
 impl Config {
-    /// The configuration of a robot given by its parts.
+    /// Creates the configuration of a robot from its parts.
     pub fn from_parts(parts: Parts, options: Options) -> Result<Self, WbcError> {
         for (joint, limits) in parts.limits.iter().enumerate() {
             check_limits(joint, limits, parts.home[joint])?;
@@ -245,19 +252,20 @@ impl Config {
         })
     }
 
-    /// What each joint is planned within: position limits less a micrometre or microradian (a wrist's 2 mrad), speeds times
-    /// [`PLANNED_SPEED_SHARE`] or [`PLANNED_WRIST_SPEED_SHARE`], the others times [`PLANNED_SHARE`].
+    /// The bounds within which each joint is planned. Position limits are reduced by a micrometre or
+    /// microradian (a wrist's by 2 mrad). Speeds are multiplied by [`PLANNED_SPEED_SHARE`] or
+    /// [`PLANNED_WRIST_SPEED_SHARE`], and the others by [`PLANNED_SHARE`].
     pub fn bounds(&self) -> &[Bounds; JOINTS] {
         &self.bounds
     }
 
-    /// The collision model that is certified.
+    /// The collision model of the certificate.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 }
 
-/// What joint `j` is planned within.
+/// The bounds within which joint `j` is planned.
 fn planned(j: usize, l: &Bounds) -> Bounds {
     let wrist = [LEFT_ARM, RIGHT_ARM].iter().any(|arm| arm.contains(&j) && j >= arm.start + BEFORE_WRIST);
     let (speed_share, inset) = match wrist {

@@ -1,7 +1,8 @@
 //! Inverse dynamics of any subset of the tree by the recursive Newton-Euler algorithm, and the mass matrix.
 //!
-//! Featherstone, Rigid Body Dynamics Algorithms (2008), sections 5.3 and 6.2. Quantities of a body are in its own frame
-//! and about its own origin. With R the rotation from a joint's body to its parent's, r its origin there, z its axis:
+//! Source: Featherstone, Rigid Body Dynamics Algorithms (2008), sections 5.3 and 6.2. A body's quantities are
+//! in its own frame and about its own origin. R is the rotation from a joint's body to its parent's, r its
+//! origin there, and z its axis:
 //!
 //! ```text
 //! w = R^T w_p + z v,   w' = R^T w'_p + z a + w x z v,   x'' = R^T (x''_p + w'_p x r + w_p x (w_p x r))     [turns]
@@ -9,8 +10,8 @@
 //! f = m x'' + w' x h + w x (w x h),   n = I w' + w x I w + h x x'',   h = m c
 //! ```
 //!
-//! The base accelerates upwards by g, which stands for gravity. A joint's torque is the moment, or force, along its axis
-//! of all that it carries.
+//! The base accelerates upwards by g, which represents gravity. A joint's torque is the moment (or force)
+//! along its axis of all bodies that it carries.
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::plan::JointState;
@@ -21,13 +22,13 @@ use robot::Payload;
 /// Standard gravity, m/s^2 (3rd General Conference on Weights and Measures, 1901).
 pub const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
-/// The bodies of the left and the right hand: what the last joint of each arm moves.
+/// The bodies of the left and the right hand. The last joint of each arm moves them.
 pub(crate) const HANDS: [usize; 2] = [LEFT_ARM.end, RIGHT_ARM.end];
 
 /// One number per joint.
 pub type PerJoint = [f64; JOINTS];
 
-/// Mass of a body: of all that moves with one joint, in that joint's frame.
+/// Mass of everything that moves with one joint, in that joint's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mass {
     /// Mass, kg.
@@ -50,7 +51,7 @@ struct Moments {
 #[derive(Clone, Debug)]
 pub(crate) struct Dynamics {
     bodies: [Moments; BODIES],
-    /// Those of the hands without what they carry.
+    /// Moments of the hands without their payload.
     empty: [Moments; 2],
 }
 
@@ -86,7 +87,7 @@ impl Dynamics {
         Self { bodies, empty: HANDS.map(|hand| bodies[hand]) }
     }
 
-    /// What the hands carry from now on. Never allocates.
+    /// Sets the payload of the hands. Never allocates.
     pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
         for ((hand, empty), Payload { mass_kg, center }) in HANDS.into_iter().zip(&self.empty).zip(payload) {
             self.bodies[hand] = Moments {
@@ -97,8 +98,8 @@ impl Dynamics {
         }
     }
 
-    /// Torques (N m, N) of the joints of `set` in the motion `x`; `set` contains the ancestors and all that hangs on each
-    /// joint whose torque is asked for. Others are left as they are.
+    /// Torques (N m, N) of the joints of `set` in the motion `x`. For each joint whose torque is needed,
+    /// `set` must contain its ancestors and everything that hangs on it. Other entries stay as they are.
     pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS], set: JointSet, out: &mut PerJoint) {
         let mut turned = [Turned::default(); JOINTS];
         let mut carried = [Carried::default(); BODIES];
@@ -140,8 +141,8 @@ impl Dynamics {
         }
     }
 
-    /// The mass matrix (kg m^2, kg m, kg) of the joints of `set` among each other at `places`, by composite bodies in the
-    /// base frame; other entries are zero. `set` contains all that hangs on each of its joints.
+    /// The mass matrix (kg m^2, kg m, kg) of the joints of `set` at `places`, by composite bodies in the base
+    /// frame. Other entries are zero. `set` must contain everything that hangs on each of its joints.
     pub(crate) fn mass_matrix(&self, chain: &Chain, places: &Placements, set: JointSet) -> [PerJoint; JOINTS] {
         let mut composite = [Moments::default(); BODIES];
         let mut matrix = [[0.0; JOINTS]; JOINTS];
@@ -152,7 +153,8 @@ impl Dynamics {
             let (place, own) = (&places[j + 1], &self.bodies[j + 1]);
             let t = place.t;
             let first = place.r * own.first;
-            // About the base's origin: I + 2 (t.h) - h t^T - t h^T + m (t.t - t t^T), h about the body's own.
+            // The inertia about the base's origin is I + 2 (t.h) - h t^T - t h^T + m (t.t - t t^T), with h
+            // about the body's own origin.
             let mixed = t * first.transpose();
             let second = place.r * own.second * place.r.transpose()
                 + Matrix3::from_diagonal_element(2.0 * t.dot(&first))

@@ -1,5 +1,5 @@
-//! The collision model, laid out for the certificate: capsules on bodies, solids on the base, the pairs that must stay
-//! apart, and for each pair which joints change its distance.
+//! The collision model for the certificate: capsules on bodies, solids on the base, and the pairs that must
+//! stay apart. For each pair it lists the joints that change its distance.
 
 use crate::chain::{BODIES, Chain, JointSet, Placements};
 use crate::config::WbcError;
@@ -14,7 +14,7 @@ use robot::Solid;
 /// A capsule in the frame of its body, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyCapsule {
-    /// Body, 0 is the base.
+    /// Body. 0 is the base.
     pub body: usize,
     /// One end of the axis.
     pub a: Vector3<f64>,
@@ -33,10 +33,11 @@ pub struct Segment {
     pub b: Vector3<f64>,
 }
 
-/// A capsule's side of a pair: the joints `from..` of its body's chain move it against the pair's common body.
+/// A capsule's side of a pair. The joints `from..` of its body's chain move it relative to the pair's common
+/// body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Side {
-    /// Index of the capsule, or the number of capsules and the index of the obstacle.
+    /// Index of the capsule. For an obstacle it is the number of capsules plus its index.
     pub(crate) capsule: usize,
     /// Index into the chain of the capsule's body.
     pub(crate) from: usize,
@@ -47,21 +48,24 @@ pub(crate) struct Side {
 pub(crate) struct CheckedPair {
     pub(crate) a: Side,
     pub(crate) b: Side,
-    /// Which obstacle B is, if it is no capsule.
+    /// Index of the obstacle, if B is not a capsule.
     pub(crate) obstacle: Option<usize>,
     /// Sum of the capsules' radii, m.
     pub(crate) radii: f64,
-    /// The deepest body that carries both. A motion that moves both alike cannot change their distance.
+    /// The deepest body that carries both. A motion that moves both in the same way cannot change their
+    /// distance.
     pub(crate) common: usize,
-    /// Whether a revolute joint lies between the base and `common`, so that a direction fixed in `common` turns.
+    /// True if a revolute joint lies between the base and `common`, so that a direction fixed in `common`
+    /// turns.
     pub(crate) turns: bool,
     /// The joints that change the distance.
     pub(crate) between: JointSet,
-    /// Those, and all before them: the joints whose placements the distance is computed from.
+    /// These joints and all before them. The distance is computed from their placements.
     pub(crate) needed: JointSet,
 }
 
-/// One capsule with the reach of each joint of its chain; an obstacle's is a point on the base, which no joint reaches.
+/// One capsule with the reach of each joint of its chain. An obstacle has a point on the base, which no joint
+/// reaches.
 #[derive(Clone, Debug)]
 pub(crate) struct Shape {
     pub(crate) capsule: BodyCapsule,
@@ -69,14 +73,14 @@ pub(crate) struct Shape {
     pub(crate) chain: Vec<usize>,
     /// Reach of each of them to the points of the axis, m (1 for a prismatic joint).
     pub(crate) reach: Vec<f64>,
-    /// Radius of the sphere about the axis' middle that contains the capsule, m.
+    /// Radius of the sphere about the middle of the axis that contains the capsule, m.
     pub(crate) sphere: f64,
 }
 
 impl Shape {
-    /// For each first joint s of the rest of the chain: the bound B_s on the acceleration of any point of the axis
-    /// (m/s^2), and the bound on its path (m), against the body that carries joint s. The recursion of
-    /// [`certificate`](crate::certificate).
+    /// Computes two bounds for each first joint s of the rest of the chain, relative to the body that carries
+    /// joint s. They are B_s on the acceleration of any point of the axis (m/s^2), and the bound on its path
+    /// (m). The recursion is that of [`certificate`](crate::certificate).
     #[inline]
     pub(crate) fn curves(
         &self,
@@ -106,17 +110,17 @@ pub struct Geometry {
     pub(crate) shapes: Vec<Shape>,
     pub(crate) pairs: Vec<CheckedPair>,
     pub(crate) obstacles: Vec<Solid>,
-    /// What the robot's interface may take from a pair; none if it executes what is commanded.
+    /// Deviation by the robot's interface. None if it executes exactly what is commanded.
     pub(crate) deviation: Option<Deviation>,
     /// Distance that every pair keeps, m.
     pub(crate) d_min_m: f64,
 }
 
-/// Capsules and obstacles that the certificate can hold: its marks are bits of a u128.
+/// Largest number of capsules and obstacles. The certificate's marks are bits of a u128.
 pub const CAPSULES_MAX: usize = 128;
 
 impl Geometry {
-    /// The model of these capsules on `chain`; `pairs` are indices into `capsules`.
+    /// Creates the model of these capsules on `chain`. `pairs` are indices into `capsules`.
     pub fn new(chain: Chain, capsules: &[BodyCapsule], pairs: &[[usize; 2]], d_min_m: f64) -> Result<Self, WbcError> {
         let at_most = |what, value, bound| {
             if value <= bound { Ok(()) } else { Err(WbcError::Collision { what, value, bound }) }
@@ -129,7 +133,7 @@ impl Geometry {
         let mut checked = Vec::with_capacity(pairs.len());
         for &[a, b] in pairs {
             at_most("capsule of a pair", a.max(b), capsules.len().saturating_sub(1))?;
-            // Capsules of one body never move against each other: there is nothing to certify.
+            // Capsules of one body never move relative to each other, so there is nothing to certify.
             if capsules[a].body != capsules[b].body {
                 checked.push(checked_pair(&chain, &shapes, a, b));
             }
@@ -137,7 +141,7 @@ impl Geometry {
         Ok(Self { chain, shapes, pairs: checked, obstacles: Vec::new(), deviation: None, d_min_m })
     }
 
-    /// The same model among solids that stand on the base. Every capsule that moves must stay apart from each.
+    /// Adds solids that stand on the base. Every moving capsule must stay apart from each.
     pub fn with_obstacles(mut self, obstacles: &[Solid]) -> Result<Self, WbcError> {
         let (capsules, value) = (self.shapes.len(), self.shapes.len() + obstacles.len());
         if value > CAPSULES_MAX {
@@ -156,7 +160,7 @@ impl Geometry {
         Ok(self)
     }
 
-    /// The same model for a robot that executes commands within `limits` through `interface`; obstacles come first.
+    /// Sets the interface through which the robot executes commands within `limits`. Add obstacles first.
     pub fn with_interface(mut self, interface: &Interface, limits: &[Bounds; JOINTS]) -> Result<Self, WbcError> {
         self.deviation = Deviation::new(interface, limits, &self)?;
         Ok(self)
@@ -175,7 +179,7 @@ impl Geometry {
         self.pairs.len()
     }
 
-    /// Capsule indices of pair `i`; for an obstacle the number of capsules and its index.
+    /// Capsule indices of pair `i`. For an obstacle the second is the number of capsules plus its index.
     pub fn pair(&self, i: usize) -> [usize; 2] {
         [self.pairs[i].a.capsule, self.pairs[i].b.capsule]
     }
@@ -188,7 +192,7 @@ impl Geometry {
         Segment { a: body.point(&c.a), b: body.point(&c.b) }
     }
 
-    /// The closest points of a pair whose axes are `a` and `b` (of an obstacle, whatever its shape's axis is).
+    /// The closest points of a pair whose axes are `a` and `b`. For an obstacle `b` is not used.
     #[inline]
     pub(crate) fn closest_points(&self, pair: &CheckedPair, a: &Segment, b: &Segment) -> (Vector3<f64>, Vector3<f64>) {
         pair.obstacle.map_or_else(|| closest_points(a, b), |k| solid::closest_points(a, &self.obstacles[k]))
@@ -209,7 +213,8 @@ impl Geometry {
     }
 }
 
-/// A place in the list of shapes for an obstacle. Its sphere holds a box; nothing holds a half-space.
+/// Creates an entry in the list of shapes for an obstacle. Its sphere contains a box, but no sphere contains
+/// a half-space.
 fn obstacle(solid: &Solid) -> Shape {
     let (center, sphere) = match solid {
         Solid::HalfSpace { normal, offset_m } => (normal * *offset_m, f64::INFINITY),
@@ -247,13 +252,14 @@ fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedP
     }
 }
 
-/// The points of two segments that are closest to each other. Bounded work, no allocation; near parallel axes the
-/// points may be off the optimum, so callers use the direction between them and never their distance.
+/// The points of two segments that are closest to each other. The work is bounded, and nothing is allocated.
+/// Near parallel axes the points may be off the optimum. So callers use the direction between them and never
+/// their distance.
 #[inline]
 pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3<f64>) {
     let (d1, d2, r) = (p.b - p.a, q.b - q.a, p.a - q.a);
     let (a, e, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
-    // A point-like axis: below a nanometre its direction means nothing.
+    // An axis this short is a point. Below a nanometre its direction means nothing.
     const POINT: f64 = 1e-18;
     let (s, t) = if a <= POINT {
         (0.0, if e <= POINT { 0.0 } else { (f / e).clamp(0.0, 1.0) })
@@ -278,13 +284,14 @@ pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3
     (p.a + d1 * s, q.a + d2 * t)
 }
 
-/// Separation of two axes along `n` (from B to A), less nothing: min over A of n.x minus max over B of n.x.
+/// Separation of two axes along `n` (from B to A): min over A of n.x minus max over B of n.x.
 #[inline]
 pub(crate) fn separation(n: &Vector3<f64>, a: &Segment, b: &Segment) -> f64 {
     n.dot(&a.a).min(n.dot(&a.b)) - n.dot(&b.a).max(n.dot(&b.b))
 }
 
-/// The unit direction from the closest point of B to that of A, and the separation along it: at most the distance.
+/// The unit direction from the closest point of B to that of A, and the separation along it. The separation
+/// is at most the distance.
 #[inline]
 pub(crate) fn normal(a: &Segment, b: &Segment) -> (Vector3<f64>, f64) {
     let (x, y) = closest_points(a, b);

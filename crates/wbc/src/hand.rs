@@ -1,19 +1,22 @@
-//! The speed of elbows and hands in the base frame.
+//! Limits the speed of elbows and hands in the base frame.
 //!
-//! A point p of an arm moves with p' = sum_k J_k q_k': J_k = z_k x (p - o_k) for a joint that turns about z_k through o_k, and
-//! z_k for one that slides. A tick with its stop is taken only if one of two bounds keeps every point slow enough.
+//! A point p of an arm moves with p' = sum_k J_k q_k'. For a revolute joint about z_k through o_k, J_k = z_k
+//! x (p - o_k). For a prismatic joint, J_k = z_k. A tick with its stop is accepted only if one of two bounds
+//! proves that every point is slow enough.
 //!
-//! *By levers.* The length of J_k is the distance l_k of the point from the joint's axis, and 1 for a joint that slides. While
-//! the joints after k move by L_i, that distance grows by at most the sum of R_i L_i, with the reaches R_i of
-//! [`Chain::reach`]; joints before k carry point and axis alike, and k itself turns the point about the axis. So, with V_k
-//! the largest speed of joint k on the way, |p'| <= sum_k (l_k + sum_{i after k} R_i L_i) V_k at every instant. This needs no
-//! kinematics, and counts joints that move the point in opposite directions as if they moved it in the same one.
+//! *By levers.* The length of J_k is the distance l_k of the point from the joint's axis, and 1 for a
+//! prismatic joint. While the joints after k move by L_i, that distance grows by at most the sum of R_i L_i,
+//! with the reaches R_i of [`Chain::reach`]. Joints before k carry both the point and the axis, and k itself
+//! turns the point about the axis. Let V_k be the largest speed of joint k on the way. Then |p'| <= sum_k
+//! (l_k + sum_{i after k} R_i L_i) V_k at every instant. This needs no kinematics. It counts joints that move
+//! the point in opposite directions as if they moved it in the same one.
 //!
 //! *By segments.* On a segment of dt the point's acceleration is at most B (see
-//! [`certificate`](crate::certificate)), so |p'| is at most (|p'_0| + |p'_1| + B dt) / 2 with the speeds at its ends.
-//! Segments are halved until that is enough, or too short.
+//! [`certificate`](crate::certificate)). So |p'| is at most (|p'_0| + |p'_1| + B dt) / 2 with the speeds at
+//! its ends. Segments are halved until that is enough, or until they are too short.
 //!
-//! So that it is, joints are asked for the share of their wanted velocities w that keeps |sum_k J_k w_k| below the bound.
+//! To make this succeed, joints get only a share of their wanted velocities w. The share keeps |sum_k J_k
+//! w_k| below the bound.
 
 use crate::chain::{Chain, Placements};
 use crate::interval::Bounds;
@@ -22,13 +25,14 @@ use crate::plan::JointState;
 use messages::JOINTS;
 use nalgebra::Vector3;
 
-/// What is planned with stays below the bound by so much, m/s: the velocities that are asked for are reached some 11 ms later
-/// (the velocity gain of `track`), in which 10 rad/s^2 at 0.9 m add this. Of a small bound it keeps at least the share
-/// below, with which one tick in a thousand falls back at 0.25 m/s (one in thirty at 0.9).
+/// Planning stays below the bound by this, m/s. The wanted velocities are reached some 11 ms later (the
+/// velocity gain of `track`). In this time 10 rad/s^2 at 0.9 m add this much. Of a small bound, planning
+/// keeps at least the share below. With it one tick in a thousand falls back at 0.25 m/s (one in thirty at
+/// 0.9).
 const MARGIN_M_PER_S: f64 = 0.1;
 const SHARE_MIN: f64 = 0.75;
-/// Longest and shortest segment, s, and how often the kinematics are evaluated at most: the longest stop has 25 of the
-/// longest ones.
+/// Longest and shortest segment, s, and the largest number of evaluations of the kinematics. The longest stop
+/// has 25 of the longest segments.
 const SEGMENT_S: f64 = 20e-3;
 const SHORTEST_S: f64 = 2e-3;
 const EVALUATIONS_MAX: usize = 48;
@@ -41,11 +45,11 @@ struct Point {
     body: usize,
     at: Vector3<f64>,
     joints: Vec<usize>,
-    /// Of each of them, m (1 for a joint that slides).
+    /// Reach of each of these joints, m (1 for a prismatic joint).
     reach: Vec<f64>,
 }
 
-/// The bound, and the points that keep it.
+/// The bound, and the points that must keep it.
 #[derive(Clone, Debug)]
 pub(crate) struct HandSpeed {
     max_m_per_s: f64,
@@ -53,8 +57,8 @@ pub(crate) struct HandSpeed {
 }
 
 impl HandSpeed {
-    /// None where joints within `limits` cannot move a point faster than `max_m_per_s`. A point is a body and a place in
-    /// its frame, m.
+    /// Returns None if joints within `limits` cannot move a point faster than `max_m_per_s`. A point is a
+    /// body and a place in its frame, m.
     pub(crate) fn new(
         chain: &Chain,
         limits: &[Bounds; JOINTS],
@@ -73,8 +77,8 @@ impl HandSpeed {
         (!points.is_empty()).then_some(Self { max_m_per_s, points })
     }
 
-    /// The share of the velocities `wanted` that keeps the bound at `places`, per joint: one for those that move no point that
-    /// would be too fast.
+    /// Share of the velocities `wanted` that keeps the bound at `places`, per joint. It is one for joints
+    /// that do not move a point which would be too fast.
     pub(crate) fn shares(&self, chain: &Chain, places: &Placements, wanted: &[f64; JOINTS]) -> [f64; JOINTS] {
         let mut shares = [1.0; JOINTS];
         let planned = (self.max_m_per_s - MARGIN_M_PER_S).max(SHARE_MIN * self.max_m_per_s);
@@ -89,7 +93,7 @@ impl HandSpeed {
         shares
     }
 
-    /// Whether every point keeps the bound at every instant of `motion`, which begins at `places`.
+    /// Returns true if every point keeps the bound at every instant of `motion`, which begins at `places`.
     pub(crate) fn is_kept(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
         let paths = paths(motion);
         let fastest: [f64; JOINTS] = std::array::from_fn(|j| motion.joints[j].fastest());
@@ -143,7 +147,7 @@ fn paths(motion: &Motion) -> [f64; JOINTS] {
 }
 
 impl Point {
-    /// The bound above, m/s, while joint j is no faster than `speed(j)` and moves by `paths`.
+    /// The bound by levers, m/s, while joint j is no faster than `speed(j)` and moves by `paths`.
     fn fastest(&self, chain: &Chain, places: &Placements, paths: &[f64; JOINTS], speed: impl Fn(usize) -> f64) -> f64 {
         let at = places[self.body].point(&self.at);
         let (mut sum, mut after) = (0.0, 0.0);
@@ -156,7 +160,7 @@ impl Point {
         sum
     }
 
-    /// p', m/s.
+    /// The velocity p', m/s.
     fn velocity(&self, chain: &Chain, places: &Placements, speed: impl Fn(usize) -> f64) -> Vector3<f64> {
         let at = places[self.body].point(&self.at);
         self.joints.iter().fold(Vector3::zeros(), |sum, &j| {
@@ -166,10 +170,10 @@ impl Point {
         })
     }
 
-    /// B: the bound on |p''| while joints are no faster and accelerate no harder than `swings`, m/s^2.
+    /// The bound B on |p''|, m/s^2, while speeds and accelerations of the joints stay within `swings`.
     fn acceleration(&self, chain: &Chain, swings: &[Swing; JOINTS]) -> f64 {
         let (mut bound, mut turning) = (0.0, 0.0);
-        // From the base to the tip: turning is the sum of the speeds of the joints before.
+        // Goes from the base to the tip. `turning` is the sum of the speeds of the joints before.
         for (&j, reach) in self.joints.iter().zip(&self.reach) {
             let Swing { v, a, .. } = swings[j];
             let own = if chain.links()[j].prismatic { 0.0 } else { v };

@@ -1,34 +1,38 @@
-//! What a robot's own interface makes of the commands, and the distance that it may cost.
+//! The effect of a robot's own interface on the commands, and the distance that it may cost.
 //!
-//! A robot with several controllers that are not synchronised and sample at a period h of their own does not execute the
-//! commanded q(t). Joint k of the controller g (torso, head, left arm, right arm) is at time t at
+//! A robot may have several controllers that are not synchronised, and that sample with their own period h.
+//! Such a robot does not execute the commanded q(t). Joint k of the controller g (torso, head, left arm,
+//! right arm) is at time t at
 //!
 //! ```text
 //! y_k(t) = q_k(t - d_g) + u_k,   |u_k| <= e_k,   0 <= d_g - D <= s
 //! ```
 //!
-//! with a delay D that all have in common, an unknown *skew* of each controller that may change from one instant to the
-//! next, and the error u_k of the spline that the controller lays through its samples.
+//! The delay D is common to all controllers. Each controller has an unknown *skew*, which may change from one
+//! instant to the next. u_k is the error of the spline that the controller puts through its samples.
 //!
-//! *Skew.* Let t' be the commanded time of the controller that is least delayed. Joints of the others are where the
-//! command was at most s earlier. With |q'''| <= J, and speed v_k and acceleration a_k at t', Taylor's formula gives
+//! *Skew.* Let t' be the commanded time of the controller that is least delayed. Joints of the others are
+//! where the command was at most s earlier. With |q'''| <= J, and speed v_k and acceleration a_k at t',
+//! Taylor's formula gives
 //!
 //! ```text
 //! |q_k(t') - q_k(t' - d)| <= |v_k| s + |a_k| s^2 / 2 + J_k s^3 / 6      for 0 <= d <= s
 //! ```
 //!
-//! and a point of a capsule's axis is moved by at most R_k (see [`certificate`](crate::certificate)) times that. Which
-//! controller is least delayed is not known, so of the sums over the joints of each controller between a pair's capsules
-//! all but the least count. A pair between whose capsules all joints have one controller loses nothing by skew.
+//! A point of a capsule's axis is moved by at most R_k (see [`certificate`](crate::certificate)) times that.
+//! Nobody knows which controller is least delayed. So of the sums over the joints of each controller between
+//! a pair's capsules, all but the least count. If one controller moves all joints between a pair's capsules,
+//! the pair loses nothing by skew.
 //!
-//! *Spline.* For |q''| <= A, a chord leaves q by at most A h^2 / 8. For |q'''| <= J, the cubic through positions and
-//! velocities of the samples leaves it by at most J h^3 / 96: the integral of the magnitude of its Peano kernel, largest
-//! in the middle of the period. All joints count.
+//! *Spline.* For |q''| <= A, a chord leaves q by at most A h^2 / 8. For |q'''| <= J, the cubic through
+//! positions and velocities of the samples leaves it by at most J h^3 / 96. This is the integral of the
+//! magnitude of its Peano kernel, which is largest in the middle of the period. All joints count.
 //!
-//! The certificate asks at every instant t' for the clearance and the sum of these, the *deviation*. It is a function of
-//! the command at t' alone, not of decisions that come after or that came before, so what is left of a certified plan is
-//! certified, as without it. It takes the past's jerk limit from the limits, which every command keeps. At rest what
-//! remains is the constant part, sum of R_k (J_k s^3 / 6 + e_k), for which [`REST_MAX_M`] is the bound.
+//! At every instant t' the certificate requires the clearance plus the sum of these, the *deviation*. The
+//! deviation is a function of the command at t' alone, and not of later or earlier decisions. So the rest of
+//! a certified plan is certified, as without an interface. The past's jerk limit is the limit that every
+//! command keeps. At rest the constant part remains, sum of R_k (J_k s^3 / 6 + e_k). Its bound is
+//! [`REST_MAX_M`].
 
 use crate::chain::JointSet;
 use crate::config::WbcError;
@@ -36,10 +40,10 @@ use crate::geometry::{CheckedPair, Geometry};
 use crate::interval::Bounds;
 use messages::JOINTS;
 
-/// Most that a deviation at rest may be, m: less than what engaging asks for beyond d_min, or a robot that engaged could
-/// not move.
+/// Largest deviation at rest, m. It is less than the distance beyond d_min that engaging requires. Otherwise
+/// a robot could engage but not move.
 pub const REST_MAX_M: f64 = 2e-3;
-/// Longest skew and period, s: more than one period of the slowest interface.
+/// Longest skew and period, s. It is more than one period of the slowest interface.
 const LONGEST_S: f64 = 0.05;
 
 /// Number of controllers.
@@ -47,7 +51,7 @@ const CONTROLLERS: usize = 4;
 /// Joints of torso, head, left arm and right arm.
 const JOINTS_OF: [JointSet; CONTROLLERS] = [1, 0b110, 0x7f << 3, 0x7f << 10];
 
-/// What a controller lays through its samples of the command.
+/// The curve that a controller puts through its samples of the command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Interpolation {
     /// The command itself.
@@ -64,14 +68,15 @@ pub enum Interpolation {
 pub struct Interface {
     /// Largest difference between the delays of two controllers (torso, head, left arm, right arm), s.
     pub skew_s: f64,
-    /// Time between two samples of the command, s; not used where interpolation is exact.
+    /// Time between two samples of the command, s. It is not used if interpolation is exact.
     pub period_s: f64,
-    /// What is laid through the samples.
+    /// The curve through the samples.
     pub interpolation: Interpolation,
 }
 
 impl Interface {
-    /// Four joint trajectory controllers at 100 Hz, each with its own phase: a skew of a period, cubic splines.
+    /// Four joint trajectory controllers at 100 Hz, each with its own phase. The skew is one period, and the
+    /// splines are cubic.
     pub const JTC_100_HZ: Self = Self { skew_s: 0.01, period_s: 0.01, interpolation: Interpolation::CubicHermite };
 
     fn check(&self) -> Result<(), WbcError> {
@@ -83,7 +88,7 @@ impl Interface {
         Ok(())
     }
 
-    /// e of one joint, rad or m.
+    /// The error e of one joint, rad or m.
     fn spline_error(&self, limits: &Bounds) -> f64 {
         let h = self.period_s;
         match self.interpolation {
@@ -94,7 +99,7 @@ impl Interface {
     }
 }
 
-/// The deviation's figures per joint.
+/// Values of the deviation for each joint.
 #[derive(Clone, Debug)]
 pub(crate) struct Deviation {
     skew_s: f64,
@@ -105,14 +110,15 @@ pub(crate) struct Deviation {
 struct JointDeviation {
     /// J s^3 / 6.
     still: f64,
-    /// e.
+    /// The spline error e.
     spline: f64,
     /// Largest speed and acceleration.
     fastest: [f64; 2],
 }
 
 impl Deviation {
-    /// Of the model `geometry` with these limits; none where the interface executes what is commanded.
+    /// Creates the deviation of the model `geometry` with these limits. Returns None if the interface
+    /// executes exactly what is commanded.
     pub(crate) fn new(
         interface: &Interface,
         limits: &[Bounds; JOINTS],
@@ -137,7 +143,7 @@ impl Deviation {
         Ok(Some(deviation))
     }
 
-    /// What a pair may lose, m, while `speed` bounds |velocity| and |acceleration| of each joint.
+    /// Largest loss of a pair, m, while `speed` bounds |velocity| and |acceleration| of each joint.
     #[inline]
     pub(crate) fn of(&self, geometry: &Geometry, pair: &CheckedPair, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         let s = self.skew_s;
@@ -160,7 +166,7 @@ impl Deviation {
         spline + if total > 0.0 { total - least } else { 0.0 }
     }
 
-    /// What a pair may lose at most, m.
+    /// Largest loss of a pair at any speed and acceleration, m.
     pub(crate) fn largest(&self, geometry: &Geometry, pair: &CheckedPair) -> f64 {
         self.of(geometry, pair, |j| self.joints[j].fastest)
     }

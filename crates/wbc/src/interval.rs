@@ -1,4 +1,4 @@
-//! The jerks that one joint may take for one tick: all those after which its stop still respects every limit.
+//! The jerks that one joint may take for one tick. After each of them its stop still keeps every limit.
 //!
 //! With x' the state after a tick of jerk j, the upper conditions are
 //!
@@ -7,17 +7,18 @@
 //! max(position in the tick and along S(x')) <= q_max
 //! ```
 //!
-//! and the lower ones their mirror image. Position, velocity and acceleration at every instant grow with j, so the
-//! upper conditions hold up to some j_hi and the lower ones from some j_lo on. Bisection finds the ends; what it
-//! returns has itself been checked, so safety does not rest on that monotonicity, only tightness does.
+//! The lower conditions are their mirror image. Position, velocity and acceleration at every instant grow
+//! with j. So the upper conditions hold up to some j_hi, and the lower ones from some j_lo on. Bisection
+//! finds the ends. The returned jerks have themselves been checked. So safety does not depend on that
+//! monotonicity, and only tightness does.
 
 use crate::plan::{JointState, JointStop, highest_of_phase, negated};
 use messages::TICK_S;
 
-/// Halvings of an interval of at most 2 J: its end is found to 2 J / 2^32, below 1e-9 of J.
+/// Halvings of an interval of at most 2 J. They find its end to 2 J / 2^32, below 1e-9 of J.
 const HALVINGS: u32 = 32;
 
-/// What one joint is planned within: SI units, rad or m.
+/// The bounds within which one joint is planned. SI units, rad or m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Lowest position.
@@ -39,12 +40,12 @@ impl Bounds {
         Self { q_min: -self.q_max, q_max: -self.q_min, ..*self }
     }
 
-    /// Whether a tick of jerk `j` from `x`, and the stop after it, respect every limit.
+    /// Returns true if a tick of jerk `j` from `x`, and the stop after it, keep every limit.
     pub fn admits(&self, x: JointState, j: f64) -> bool {
         j.abs() <= self.j_max && self.admits_above(x, j) && self.mirrored().admits_above(negated(x), -j)
     }
 
-    /// The admissible jerk nearest to `wanted`, or none if no jerk is admissible.
+    /// Returns the admissible jerk nearest to `wanted`, or None if no jerk is admissible.
     pub fn nearest_admissible(&self, x: JointState, wanted: f64) -> Option<f64> {
         let wanted = wanted.clamp(-self.j_max, self.j_max);
         let mirrored = self.mirrored();
@@ -64,7 +65,7 @@ impl Bounds {
         }
     }
 
-    /// The interval [j_lo, j_hi] of admissible jerks, or none if it is empty.
+    /// Returns the interval [j_lo, j_hi] of admissible jerks, or None if it is empty.
     pub fn interval(&self, x: JointState) -> Option<[f64; 2]> {
         let high = self.highest_jerk(x, self.j_max)?;
         let low = -self.mirrored().highest_jerk(negated(x), self.j_max)?;
@@ -73,7 +74,7 @@ impl Bounds {
 
     /// The largest jerk in [-J, `top`] that keeps the upper conditions.
     fn highest_jerk(&self, x: JointState, top: f64) -> Option<f64> {
-        // The acceleration's own bound is exact: it saves halvings and never excludes an admissible jerk.
+        // The acceleration's own bound is exact. It saves halvings and never excludes an admissible jerk.
         let top = top.min((self.a_max - x.a) / TICK_S).max(-self.j_max);
         if self.admits_above(x, top) {
             return Some(top);
@@ -93,19 +94,20 @@ impl Bounds {
         Some(good)
     }
 
-    /// The upper conditions.
+    /// Returns true if the upper conditions hold.
     #[inline]
     fn admits_above(&self, x: JointState, j: f64) -> bool {
         let next = x.after(j, TICK_S);
-        // At the acceleration limit (A - a) / h * h may round up by an ulp; the plan's margin of 0.5 % covers it.
+        // At the acceleration limit (A - a) / h * h may round up by an ulp. The plan's margin of 0.5 % covers
+        // it.
         if next.a > self.a_max * (1.0 + 1e-12) || next.coasting_velocity(self.j_max) > self.v_max {
             return false;
         }
         if x.a > 0.0 && next.a < 0.0 && x.v - x.a * x.a / (2.0 * j) > self.v_max {
             return false;
         }
-        // No speed on the way exceeds v_max, and no stop takes longer than V / brake + 3 A / J, so far from the limit
-        // the stop need not be computed.
+        // No speed on the way exceeds v_max, and no stop takes longer than V / brake + 3 A / J. So the stop
+        // need not be computed far from the limit.
         let longest_s = TICK_S + self.v_max / self.brake + 3.0 * self.a_max / self.j_max;
         if x.q + self.v_max * longest_s < self.q_max {
             return true;

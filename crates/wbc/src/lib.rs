@@ -1,25 +1,31 @@
 //! Whole-body control with a certified stop plan. Never performs IO, never reads a clock, and a tick never allocates,
 //! locks, blocks or panics.
 //!
-//! Every tick proposes a new jerk for each joint and accepts it only if the tick and the stop after it are proved to
-//! keep all limits and the clearance of the collision model at every instant. Otherwise the robot continues the plan
-//! that was proved before. At rest the plan is to stay, so there is always a proved plan, and it travels with every
-//! command.
+//! Every tick proposes a new jerk for each joint. It accepts it only with a proof that covers the tick and
+//! the stop after it. The proof shows that they keep all limits, and the clearance of the collision model, at
+//! every instant. Otherwise the robot continues the plan that was proved before. At rest the plan is to stay.
+//! So there is always a proved plan, and every command carries it.
 //!
-//! - [`plan`]: the stop of a joint in closed form, and playing it.
-//! - [`interval`]: the jerks a joint may take.
-//! - [`track`]: the jerk it would like to take.
-//! - `barrier`: what it would like instead where a pair is near; [`qp`]: the program that this takes.
+//! - [`plan`]: the stop of a joint in closed form, and how to play it.
+//! - [`interval`]: the jerks that a joint may take.
+//! - [`track`]: the jerk that it wants to take.
+//! - `barrier`: changes the wanted jerks where a pair is near. [`qp`]: the quadratic program for this.
 //! - `brake`: how hard an arm may brake where its motors have little to spare.
-//! - `choose`: the decision, from wish to proof.
-//! - `recover`: the way back from outside the limits, or from too close.
-//! - [`chain`], [`geometry`]: kinematics and the collision model as the proof needs them.
-//! - [`motion`]: the motion that is to be proved.
-//! - [`torque`]: the proof that the motors can give it, with its derivation; [`dynamics`]: what it computes with.
-//! - [`certificate`]: the proof of clearance, with its derivation; [`interface`]: what a robot's own controllers take from it.
+//! - `choose`: the decision, from the wanted jerk to the proof.
+//! - `recover`: the way back from outside the limits, or from too little clearance.
+//! - [`chain`], [`geometry`]: kinematics and the collision model for the proof.
+//! - [`motion`]: the motion to be proved.
+//! - [`torque`]: the proof that the motors can perform it, with its derivation. [`dynamics`]: the dynamics
+//!   that it uses.
+//! - [`certificate`]: the proof of clearance, with its derivation. [`interface`]: the distance that a robot's
+//!   own controllers may take from it.
 //!
-//! Words: a *stop* brings a joint to rest; a *plan* is the stops of all joints, started together; *fresh* is a joint
-//! that took a new decision in this tick; an *anchor* is the posture with the distances that a proof starts from.
+//! Terms:
+//!
+//! - A *stop* brings a joint to rest.
+//! - A *plan* is the stops of all joints, started together.
+//! - A joint is *fresh* if it took a new decision in this tick.
+//! - An *anchor* is the posture, with its distances, at which a proof starts.
 
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 

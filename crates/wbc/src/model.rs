@@ -1,4 +1,4 @@
-//! The parts of a robot model that this stage needs.
+//! Extracts the parts of a robot model that this stage needs.
 
 use crate::chain::{Chain, Link, Placement};
 use crate::config::{Config, Options, Parts, Tasks, WbcError};
@@ -9,12 +9,13 @@ use crate::interval::Bounds;
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use robot::{Frames, Inertia, Model};
 
-/// Largest disagreement of this crate's kinematics with the model's, m and entries of rotations: rounding of a chain of
-/// eight joints is below 1e-14.
+/// Largest difference between this crate's kinematics and the model's, m and entries of rotations. The
+/// rounding of a chain of eight joints is below 1e-14.
 const KINEMATICS_TOLERANCE: f64 = 1e-12;
 
 impl Config {
-    /// The configuration for a robot. Its kinematics are checked against the model's at three postures.
+    /// Creates the configuration for a robot. Its kinematics are checked against the model's at three
+    /// postures.
     pub fn new(model: &Model, options: Options) -> Result<Self, WbcError> {
         let parts = Parts::of(model)?;
         check_kinematics(model, &parts.chain)?;
@@ -30,7 +31,7 @@ impl Config {
 }
 
 impl Parts {
-    /// The parts of a robot model.
+    /// Extracts the parts of a robot model.
     pub fn of(model: &Model) -> Result<Self, WbcError> {
         let limits = model.limits.each_ref().map(|l| Bounds {
             q_min: l.q_min,
@@ -88,9 +89,9 @@ fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
 }
 
 impl Tasks {
-    /// What the robot file says.
+    /// Returns the costs that the robot file gives.
     fn of(model: &Model) -> Self {
-        // An upper arm moves with the arm's third joint, a forearm with its fifth.
+        // An upper arm moves with the arm's third joint, and a forearm with its fifth.
         let limbs = |start: usize| [start + 3, start + 5];
         Self {
             joint_weight: model.joint_weight,

@@ -1,4 +1,5 @@
-//! The motion that a candidate would set going: a tick, then the stop; per joint a chain of constant-jerk pieces.
+//! The motion that a candidate would start: a tick, then the stop. Each joint has a chain of constant-jerk
+//! pieces.
 
 use crate::plan::{JointState, JointStop, Planned};
 use messages::{JOINTS, TICK_S};
@@ -34,8 +35,8 @@ pub struct Swing {
     pub path: f64,
 }
 
-/// Bounds of one joint over a segment of time, with what its acceleration does beside its chord there; rad or m, and
-/// seconds.
+/// Bounds of one joint over a segment of time, and the difference between its acceleration and the chord
+/// there. Rad or m, and seconds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arc {
     /// Largest speed.
@@ -48,21 +49,21 @@ pub struct Arc {
     pub chord: f64,
     /// Magnitude of the chord's slope.
     pub slope: f64,
-    /// How far the acceleration leaves its chord.
+    /// Largest difference between the acceleration and its chord.
     pub kink: f64,
-    /// Where it does, s.
+    /// Time of this largest difference, s.
     pub kink_t: f64,
 }
 
 impl JointMotion {
-    /// A tick of jerk `j` from `x`, then `stop`.
+    /// Creates the motion of a tick of jerk `j` from `x`, then `stop`.
     pub fn tick_then_stop(x: JointState, j: f64, stop: &JointStop) -> Self {
         let mut motion = Self::default();
         let next = motion.push(x, j, TICK_S);
         motion.finish(next, stop)
     }
 
-    /// `stop` from `x`.
+    /// Creates the motion of `stop` from `x`.
     pub fn stop(x: JointState, stop: &JointStop) -> Self {
         Self::default().finish(x, stop)
     }
@@ -93,7 +94,7 @@ impl JointMotion {
         self
     }
 
-    /// When the joint comes to rest, s from now.
+    /// Time at which the joint comes to rest, s from now.
     #[inline]
     pub fn end_s(&self) -> f64 {
         self.knots[self.len - 1].t
@@ -112,8 +113,8 @@ impl JointMotion {
 
     /// Bounds over [t0, t1], with `x0` and `x1` the states at its ends.
     ///
-    /// Acceleration is linear between knots, so its largest value is at an end or a knot. A velocity leaves the nearer
-    /// end's by at most a dt / 2, and its chord by at most max|jerk| dt^2 / 8.
+    /// Acceleration is linear between knots, so its largest value is at an end or a knot. A velocity differs
+    /// from the nearer end's by at most a dt / 2, and from its chord by at most max|jerk| dt^2 / 8.
     #[inline]
     pub fn swing(&self, t0: f64, t1: f64, x0: JointState, x1: JointState) -> Swing {
         let mut a = x0.a.abs().max(x1.a.abs());
@@ -127,8 +128,8 @@ impl JointMotion {
         Swing { v, a, path: v * dt }
     }
 
-    /// Bounds over [t0, t1], with `x0` and `x1` the states at its ends: see [`swing`](Self::swing). The acceleration leaves
-    /// its chord most at a knot.
+    /// Bounds over [t0, t1], with `x0` and `x1` the states at its ends. See [`swing`](Self::swing). The
+    /// acceleration leaves its chord most at a knot.
     #[inline]
     pub fn arc(&self, t0: f64, t1: f64, x0: JointState, x1: JointState) -> Arc {
         let dt = t1 - t0;
@@ -152,7 +153,7 @@ impl JointMotion {
         Arc { v, a, jerk, chord: x0.a.abs().max(x1.a.abs()), slope: slope.abs(), kink, kink_t }
     }
 
-    /// The largest speed on the way: at the ends of the pieces, or inside one where its acceleration vanishes.
+    /// Largest speed on the way. It is at an end of a piece, or inside one where its acceleration vanishes.
     pub fn fastest(&self) -> f64 {
         let mut fastest = 0.0_f64;
         for (i, knot) in self.knots[..self.len].iter().enumerate() {
@@ -165,9 +166,9 @@ impl JointMotion {
         fastest
     }
 
-    /// Length of the whole path to rest. In a piece whose velocity keeps its sign it is |q1 - q0|; a piece is split
-    /// where its acceleration vanishes, so that the velocity is monotone, and a half whose velocity changes sign counts
-    /// as max|v| dt.
+    /// Length of the whole path to rest. In a piece whose velocity keeps its sign it is |q1 - q0|. A piece is
+    /// split where its acceleration vanishes, so that the velocity is monotone. A half whose velocity changes
+    /// sign counts as max|v| dt.
     pub fn path(&self) -> f64 {
         let mut path = 0.0;
         for pair in self.knots[..self.len].windows(2) {
@@ -198,12 +199,12 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// All joints on their stops.
+    /// Creates the motion of all joints on their stops.
     pub fn stops(planned: &Planned) -> Self {
         Self { joints: std::array::from_fn(|j| JointMotion::stop(planned.joint(j), &JointStop::of(&planned.plan, j))) }
     }
 
-    /// When the last joint comes to rest, s from now.
+    /// Time at which the last joint comes to rest, s from now.
     pub fn end_s(&self) -> f64 {
         self.joints.iter().fold(0.0, |end, joint| f64::max(end, joint.end_s()))
     }

@@ -1,8 +1,8 @@
-//! The few that have least left, in that order: what a program has rows for.
+//! A sorted list of the keys with the least distance left. A program has rows for these.
 
 use crate::qp::ROWS_MAX;
 
-/// At most [`ROWS_MAX`] keys, sorted by what each has left, m. The first `len` count.
+/// At most [`ROWS_MAX`] keys, sorted by the distance that each has left, m. The first `len` are valid.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest<K> {
     pub(crate) left: [f64; ROWS_MAX],
@@ -19,7 +19,7 @@ impl<K: Copy + Default> Nearest<K> {
         self.len = 0;
     }
 
-    /// Puts `key` in its place; the one with most left falls out where there is no room.
+    /// Inserts `key` in its place. If the list is full, the key with the most distance left is dropped.
     pub(crate) fn insert(&mut self, left: f64, key: K) {
         let mut at = self.len;
         if at == ROWS_MAX {
@@ -37,7 +37,7 @@ impl<K: Copy + Default> Nearest<K> {
         (self.left[at], self.keys[at]) = (left, key);
     }
 
-    /// Drops those that `keep` does not want.
+    /// Drops the keys for which `keep` returns false.
     pub(crate) fn retain(&mut self, keep: impl Fn(f64, K) -> bool) {
         let mut kept = 0;
         for k in 0..self.len {

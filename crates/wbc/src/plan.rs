@@ -1,8 +1,8 @@
 //! The stop of one joint: three phases of constant jerk, in closed form.
 //!
-//! With the jerk bound J and the acceleration cap A, a joint at (v, a) that only brings its acceleration to zero ends
-//! at the velocity v_c = v + a |a| / (2 J). The time-optimal stop brakes against the sign s of v_c. In coordinates
-//! where s = +1:
+//! The jerk bound is J and the acceleration cap A. A joint at (v, a) that only brings its acceleration to
+//! zero ends at the velocity v_c = v + a |a| / (2 J). The time-optimal stop brakes against the sign s of v_c.
+//! In coordinates where s = +1:
 //!
 //! ```text
 //! phase 1: a -> -a_p     a_p = min(A, sqrt(J v + a^2 / 2)),   t1 = |a + a_p| / J
@@ -10,12 +10,12 @@
 //! phase 3: -a_p -> 0     t3 = a_p / J
 //! ```
 //!
-//! a_p without the cap follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal, so what is left of it after
-//! a while is the stop of the state then: a tick along the plan never lengthens it.
+//! Without the cap, a_p follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal. So the rest of it
+//! after some time is the stop of the state at that time, and a tick along the plan never lengthens it.
 
 use messages::{JOINTS, StopPlan};
 
-/// Position, velocity and acceleration of one joint; rad or m, and seconds.
+/// Position, velocity and acceleration of one joint. Rad or m, and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointState {
     /// Position, rad or m.
@@ -46,21 +46,21 @@ impl JointState {
         }
     }
 
-    /// The velocity that is left when the acceleration has been brought to zero at jerk `j_max`.
+    /// Velocity that is left after the acceleration has been brought to zero at jerk `j_max`.
     #[inline]
     pub fn coasting_velocity(self, j_max: f64) -> f64 {
         self.v + self.a * self.a.abs() / (2.0 * j_max)
     }
 
-    /// Whether velocity and acceleration are exactly zero.
+    /// Returns true if velocity and acceleration are exactly zero.
     pub fn is_at_rest(self) -> bool {
         self.v == 0.0 && self.a == 0.0
     }
 }
 
 impl JointStop {
-    /// The time-optimal stop from velocity `v` and acceleration `a` with |jerk| <= `j_max` and |acceleration| <=
-    /// `a_max` (an acceleration beyond `a_max` is first brought back to it).
+    /// The time-optimal stop from velocity `v` and acceleration `a` with |jerk| <= `j_max` and |acceleration|
+    /// <= `a_max`. An acceleration beyond `a_max` is first brought back to it.
     #[inline]
     pub fn new(v: f64, a: f64, a_max: f64, j_max: f64) -> Self {
         let coasting = v + a * a.abs() / (2.0 * j_max);
@@ -79,7 +79,7 @@ impl JointStop {
         Self { jerk: [s * first_jerk, 0.0, s * j_max], duration_s: [first, cruise, peak / j_max] }
     }
 
-    /// Joint `j` of a plan.
+    /// Reads the stop of joint `j` from a plan.
     pub fn of(plan: &StopPlan, j: usize) -> Self {
         Self { jerk: plan.jerk[j], duration_s: plan.duration_s[j] }
     }
@@ -95,13 +95,13 @@ impl JointStop {
         self.duration_s[0] + self.duration_s[1] + self.duration_s[2]
     }
 
-    /// Whether nothing is left to play.
+    /// Returns true if nothing is left to play.
     pub fn is_done(&self) -> bool {
         self.duration_s == [0.0; 3]
     }
 
-    /// Plays `dt` seconds of the stop: the state then, and what is left. At the end velocity and acceleration are set
-    /// to zero, because what remains there is rounding and would drift.
+    /// Plays `dt` seconds of the stop. Returns the state then, and the rest of the stop. At the end, velocity
+    /// and acceleration are set to zero, because only rounding remains there and would drift.
     pub fn advance(mut self, mut x: JointState, dt: f64) -> (JointState, Self) {
         let mut left = dt;
         for phase in 0..3 {
@@ -119,7 +119,7 @@ impl JointStop {
         (x, self)
     }
 
-    /// Where the stop from `x` ends.
+    /// Position at which the stop from `x` ends.
     #[inline]
     pub fn stop_position(&self, x: JointState) -> f64 {
         let mut x = x;
@@ -149,14 +149,14 @@ impl JointStop {
     }
 }
 
-/// The state seen from the other direction.
+/// Returns the state seen from the other direction.
 #[inline]
 pub(crate) fn negated(x: JointState) -> JointState {
     JointState { q: -x.q, v: -x.v, a: -x.a }
 }
 
-/// The largest position within `t` seconds of constant jerk `j` from `x`, and the state at the end: the ends, and the
-/// points of zero velocity in between.
+/// Largest position within `t` seconds of constant jerk `j` from `x`, and the state at the end. The
+/// candidates are the ends, and the points of zero velocity between them.
 #[inline]
 pub(crate) fn highest_of_phase(x: JointState, j: f64, t: f64) -> (f64, JointState) {
     let end = x.after(j, t);
@@ -172,7 +172,7 @@ pub(crate) fn highest_of_phase(x: JointState, j: f64, t: f64) -> (f64, JointStat
     (highest, end)
 }
 
-/// Both times at which v + a t + j t^2 / 2 = 0; NaN or infinite where there is none.
+/// Both times at which v + a t + j t^2 / 2 = 0. NaN or infinite if there is no such time.
 #[inline]
 fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
     let discriminant = a * a - 2.0 * j * v;
@@ -181,7 +181,7 @@ fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
     [shifted / j, 2.0 * v / shifted]
 }
 
-/// Motion of all joints at one instant with the stop that follows: what a command carries.
+/// Motion of all joints at one instant with the stop that follows. A command carries it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned {
     /// Joint positions, rad or m.
@@ -195,7 +195,7 @@ pub struct Planned {
 }
 
 impl Planned {
-    /// At rest at `q`.
+    /// Creates the plan of a robot at rest at `q`.
     pub const fn at_rest(q: [f64; JOINTS]) -> Self {
         const NOTHING: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
         Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NOTHING }
@@ -224,12 +224,12 @@ impl Planned {
         next
     }
 
-    /// Where the plan comes to rest.
+    /// Posture at which the plan comes to rest.
     pub fn rest_posture(&self) -> [f64; JOINTS] {
         std::array::from_fn(|j| JointStop::of(&self.plan, j).stop_position(self.joint(j)))
     }
 
-    /// Whether every joint stands still and nothing is left to play.
+    /// Returns true if every joint stands still and nothing is left to play.
     pub fn is_at_rest(&self) -> bool {
         (0..JOINTS).all(|j| self.joint(j).is_at_rest() && JointStop::of(&self.plan, j).is_done())
     }
@@ -258,7 +258,7 @@ mod tests {
                 out.push((v, a, a_max, j_max));
             }
             for _ in 0..100 {
-                // Exactly on the curve where only the acceleration has to vanish.
+                // These states lie exactly on the curve where only the acceleration has to vanish.
                 let a = rng.random_range(-1.0..=1.0) * a_max;
                 out.push((-a * a.abs() / (2.0 * j_max), a, a_max, j_max));
             }

@@ -5,44 +5,47 @@
 //! such that lower <= z <= upper  and  g_k . z >= c_k for up to 24 rows k
 //! ```
 //!
-//! Method: Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic programs",
-//! Mathematical Programming 27 (1983). With H = L L^T it begins at the unconstrained optimum r with the basis
-//! J = L^-T and adds one violated constraint after another; each step keeps the multipliers of the active ones at zero
-//! or above, so every iterate is the optimum of the constraints seen so far. J is kept such that the first columns span
-//! the active normals (J1, with J1^T N = R upper triangular) and the rest, J2, their complement: for a violated
-//! constraint with normal n, d = J^T n gives the step in z, J2 d2, and in the multipliers, R^-1 d1. Rotations add and
-//! drop a constraint in O(17^2).
+//! Method: Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic
+//! programs", Mathematical Programming 27 (1983). With H = L L^T it begins at the unconstrained optimum r
+//! with the basis J = L^-T, and adds one violated constraint after another. Each step keeps the multipliers
+//! of the active ones at zero or above. So every iterate is the optimum of the constraints seen so far.
 //!
-//! Warm start: constraints that were active at the last solution are considered first, so that where little has changed
-//! the final set is found without detours. Bounded work, no allocation, no panic; what cannot be solved is a [`Status`].
+//! The first columns of J span the active normals (J1, with J1^T N = R upper triangular). The other columns,
+//! J2, span their complement. For a violated constraint with normal n, let d = J^T n. The step in z is J2 d2,
+//! and the step in the multipliers is R^-1 d1. Rotations add and drop a constraint in O(17^2).
+//!
+//! Warm start: constraints that were active at the last solution are considered first. So if little has
+//! changed, the final set is found without detours. The work is bounded, and nothing allocates or panics. A
+//! failure is reported as a [`Status`].
 
 #![allow(clippy::indexing_slicing, reason = "all indices run over arrays of fixed size")]
 
 use messages::JOINTS;
 
-/// Unknowns.
+/// Number of unknowns.
 pub const UNKNOWNS: usize = JOINTS;
-/// Most rows.
+/// Largest number of rows.
 pub const ROWS_MAX: usize = 24;
-/// Lower bounds, upper bounds, rows: in this order.
+/// Number of lower bounds, upper bounds and rows, in this order.
 const CONSTRAINTS: usize = 2 * UNKNOWNS + ROWS_MAX;
-/// Steps after which a program is given up. Each constraint enters or leaves in one step, so all of them could do so
-/// more than once; random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below the limit).
+/// Steps after which the solver gives up. Each constraint enters or leaves in one step, so all of them could
+/// do so more than once. Random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below
+/// the limit).
 pub const STEPS_MAX: u32 = 160;
-/// Violation that counts as rounding, relative to the largest bound or reference times the normal, which is what z is
-/// computed from: far above 1e-16 times the condition of a program of limbs (1e3), so that constraints which say the same,
-/// like the two bounds of an unknown that is fixed, do not contradict each other.
+/// Violation that counts as rounding, relative to the largest bound or reference times the normal, from which
+/// z is computed. It is far above 1e-16 times the condition of a program of limbs (1e3). So equivalent
+/// constraints, like the two bounds of a fixed unknown, do not contradict each other.
 const ROUNDING: f64 = 1e-12;
-/// A normal counts as a combination of the active ones if what is left of it, squared, is below this share of it: an
-/// angle of 1e-10, far above rounding (1e-16 times the condition of H).
+/// A normal counts as a combination of the active ones if its remainder, squared, is below this share of it.
+/// This is an angle of 1e-10, far above rounding (1e-16 times the condition of H).
 const DEPENDENT: f64 = 1e-20;
 
 type Vector = [f64; UNKNOWNS];
 
-/// A program. Every entry must be finite, `lower <= upper`, H symmetric and positive definite.
+/// A program. Every entry must be finite, `lower <= upper`, and H symmetric and positive definite.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    /// H.
+    /// The matrix H.
     pub hessian: [Vector; UNKNOWNS],
     /// r, the optimum without constraints.
     pub reference: Vector,
@@ -50,11 +53,11 @@ pub struct Problem {
     pub lower: Vector,
     /// Upper bounds of z.
     pub upper: Vector,
-    /// g_k.
+    /// The normals g_k.
     pub rows: [Vector; ROWS_MAX],
-    /// c_k.
+    /// The bounds c_k.
     pub least: [f64; ROWS_MAX],
-    /// How many rows count.
+    /// Number of valid rows.
     pub row_count: usize,
 }
 
@@ -76,21 +79,21 @@ impl Default for Problem {
     }
 }
 
-/// How a solution ended.
+/// Result of the solver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// `z` is the optimum.
     Optimal,
     /// No z meets all constraints.
     Infeasible,
-    /// Given up after [`STEPS_MAX`] steps, or H is not positive definite.
+    /// The solver gave up after [`STEPS_MAX`] steps, or H is not positive definite.
     Unsolved,
 }
 
-/// What the solver found.
+/// Solution of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
-    /// How it ended; `z` means nothing unless it is optimal.
+    /// Result. `z` is valid only if it is optimal.
     pub status: Status,
     /// The unknowns.
     pub z: Vector,
@@ -103,23 +106,24 @@ pub struct Solution {
 pub struct ActiveSet(u64);
 
 impl ActiveSet {
-    /// Whether row `k` of the problem is in it.
+    /// Returns true if row `k` of the problem is in the set.
     pub fn has_row(self, k: usize) -> bool {
         self.0 & 1 << (2 * UNKNOWNS + k) != 0
     }
 
-    /// Puts row `k` into it.
+    /// Adds row `k` to the set.
     pub fn add_row(&mut self, k: usize) {
         self.0 |= 1 << (2 * UNKNOWNS + k);
     }
 
-    /// The same without rows: for a problem whose bounds are those of the last one and whose rows are not.
+    /// Returns the set without rows. Use it if a problem has the same bounds as the last one, but other rows.
     pub fn bounds_only(self) -> Self {
         Self(self.0 & ((1 << (2 * UNKNOWNS)) - 1))
     }
 }
 
-/// Solves `problem`; `warm` is what was active before, and becomes what is active now.
+/// Solves `problem`. `warm` holds the constraints that were active before, and is set to those that are
+/// active now.
 pub fn solve(problem: &Problem, warm: &mut ActiveSet) -> Solution {
     let mut work = Work::new(problem);
     let unsolved = |work: &Work<'_>, status| Solution { status, z: work.z, steps: work.steps };
@@ -171,7 +175,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// J = L^-T: column c of J is row c of L^-1. False unless H is positive definite.
+    /// Sets J = L^-T: column c of J is row c of L^-1. Returns false if H is not positive definite.
     fn factorise(&mut self) -> bool {
         let mut l = [[0.0; UNKNOWNS]; UNKNOWNS];
         for i in 0..UNKNOWNS {
@@ -179,7 +183,7 @@ impl<'a> Work<'a> {
                 let sum: f64 = (0..k).map(|m| l[i][m] * l[k][m]).sum();
                 let left = self.problem.hessian[i][k] - sum;
                 if i == k {
-                    // Also false for NaN.
+                    // The condition is also false for NaN.
                     if !(left > 0.0 && left.is_finite()) {
                         return false;
                     }
@@ -198,7 +202,7 @@ impl<'a> Work<'a> {
         true
     }
 
-    /// n . z - b of a constraint, and the size of what rounding may do to it.
+    /// Returns n . z - b of a constraint, and the size of its possible rounding error.
     fn slack(&self, constraint: usize) -> (f64, f64) {
         let p = self.problem;
         let (value, bound, normal) = if constraint < UNKNOWNS {
@@ -217,7 +221,7 @@ impl<'a> Work<'a> {
         (value - bound, ROUNDING * (normal * self.scale + bound.abs()))
     }
 
-    /// d = J^T n.
+    /// Returns d = J^T n.
     fn project(&self, constraint: usize) -> Vector {
         let mut d = [0.0; UNKNOWNS];
         for (c, d) in d.iter_mut().enumerate() {
@@ -234,7 +238,7 @@ impl<'a> Work<'a> {
         d
     }
 
-    /// The constraint that is violated most, first among those of `warm`.
+    /// Returns the most violated constraint. It looks first among those of `warm`.
     fn most_violated(&self, warm: ActiveSet) -> Option<usize> {
         let count = 2 * UNKNOWNS + self.problem.row_count.min(ROWS_MAX);
         let worst = |among: u64| {
@@ -253,7 +257,8 @@ impl<'a> Work<'a> {
         worst(warm.0).or_else(|| worst(u64::MAX))
     }
 
-    /// Moves to the optimum with `constraint` added, dropping active ones whose multiplier would fall below zero.
+    /// Moves to the optimum with `constraint` added. Active constraints whose multiplier would fall below
+    /// zero are dropped.
     fn enforce(&mut self, constraint: usize) -> Status {
         let mut own = 0.0;
         loop {
@@ -301,7 +306,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// R^-1 d1.
+    /// Returns R^-1 d1.
     fn dual_direction(&self, d: &Vector) -> Vector {
         let mut along = [0.0; UNKNOWNS];
         for row in (0..self.len).rev() {
@@ -358,7 +363,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The rotation that takes (a, b) to (length, 0); none where b is zero already.
+/// The rotation that takes (a, b) to (length, 0). None if b is zero already.
 fn rotation(a: f64, b: f64) -> Option<(f64, f64)> {
     if b == 0.0 {
         return None;

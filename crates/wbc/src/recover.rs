@@ -1,7 +1,9 @@
-//! The way back for a robot that stands outside its limits or too close to itself: slow, inward and apart only.
+//! The way back for a robot that stands outside its limits or without enough clearance. The motion is slow,
+//! and leads only inward and apart.
 //!
-//! Joints beyond their range turn inward at the recovery's speed; every other joint may move if that takes near pairs
-//! apart. With u the joint velocities in shares of that speed, n the pairs with least left and g their gradients,
+//! Joints beyond their range move inward at the recovery's speed. Every other joint may move if that takes
+//! near pairs apart. Let u be the joint velocities in shares of that speed, n the pairs with the least
+//! distance left, and g their gradients. Then
 //!
 //! ```text
 //! minimise  |u - u_ref|^2        u_ref: +-1 inward for a joint outside, else 0
@@ -10,11 +12,14 @@
 //!           |u| <= 1, and less towards a limit
 //! ```
 //!
-//! All joints approach their velocities by the same linear law, a critically damped second order with jerk = w^2 (v_u -
-//! v) - 2 w a, and stop in proportion (jerk of a stop ~ its speed), so that from rest the whole motion keeps the
-//! direction u, in which every near pair's distance grows; a joint that braked sooner than the others would not. Nothing
-//! of that is trusted: a motion counts only if, at every tick from now to rest, no joint outside goes further out, no
-//! near pair comes closer, and the certificate holds with each near pair's present distance in place of d_min.
+//! All joints approach their velocities by the same linear law, a critically damped second order with jerk =
+//! w^2 (v_u - v) - 2 w a. They stop in proportion (jerk of a stop ~ its speed). So from rest the whole motion
+//! keeps the direction u, in which every near pair's distance grows. If one joint braked sooner than the
+//! others, the motion would leave this direction.
+//!
+//! Nothing of that is trusted. A motion is accepted only if all of this holds at every tick from now to rest:
+//! no joint outside moves further out, and no near pair comes closer. Also, the certificate must hold with
+//! each near pair's present distance in place of d_min.
 
 use crate::certificate::{Purpose, Scratch, certify};
 use crate::choose::Choice;
@@ -31,59 +36,63 @@ use crate::torque::{self, Load, TorqueScratch};
 use messages::{ALL_JOINTS, JOINTS, TICK_S};
 use robot::Solid;
 
-/// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s, below the 250 mm/s that
-/// ISO 10218-1 asks of manual motion at reduced speed even if three joints add up.
+/// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s. This is below
+/// the 250 mm/s that ISO 10218-1 requires of manual motion at reduced speed, even if three joints add up.
 const SPEED_RAD_PER_S: f64 = 0.1;
 const SPEED_M_PER_S: f64 = 0.01;
-/// Share of it that is aimed for: the rest is for changes of direction.
+/// Share of this speed that is used for planning. The rest is for changes of direction.
 const AIMED_SHARE: f64 = 0.9;
-/// w of the law, 1/s: a change of speed takes 0.15 s, and w^2 times twice the speed stays below an arm's jerk limit (180 of
-/// 320 rad/s^3). The lift's is lower: where it binds, the motion is not in proportion, and is dropped if a pair closes.
+/// w of the law, 1/s. A change of speed takes 0.15 s. w^2 times twice the speed stays below an arm's jerk
+/// limit (180 of 320 rad/s^3). The lift's limit is lower. Where it binds, the motion is not in proportion,
+/// and is dropped if a pair closes.
 const BANDWIDTH_PER_S: f64 = 30.0;
-/// How long a stop from steady motion takes, s: 4 v / D^2 is its jerk, 60 rad/s^3 at the largest speed.
+/// Duration of a stop from steady motion, s. Its jerk is 4 v / D^2, 60 rad/s^3 at the largest speed.
 const STOP_S: f64 = 0.08;
-/// Least share of the jerk limit that a stop is made with, so that one from almost no speed ends.
+/// Least share of the jerk limit in a stop, so that a stop from almost no speed ends.
 const STOP_JERK_SHARE: f64 = 1e-3;
-/// Ticks that a stop may take: two and a half times [`STOP_S`].
+/// Largest number of ticks of a stop: two and a half times [`STOP_S`].
 const STOP_TICKS_MAX: usize = 300;
-/// What pairs are opened to beyond d_min: what engaging asks for, and some for another kinematics' rounding, m.
+/// Distance beyond d_min to which pairs are opened, m. It is the distance that engaging requires, and a
+/// little more for the rounding of other kinematics.
 const GOAL_M: f64 = ENGAGE_MARGIN_M + 1e-4;
-/// How far beyond the goal the opening aims, so that it does not creep into it, m.
+/// Distance beyond the goal at which the opening aims, m. So the motion does not creep into the goal.
 const BEYOND_M: f64 = 5e-4;
-/// Opening and approach per distance, 1/s.
+/// Rate of opening and approach per distance, 1/s.
 const RATE_PER_S: f64 = 10.0;
-/// Share of what the joints could do for a pair that its opening asks for.
+/// Opening of a pair, as a share of what the joints could do for it.
 const OPENING_SHARE: f64 = 0.5;
-/// Pairs farther from the goal than this have no row, m: a second at 0.1 m/s.
+/// Pairs farther from the goal than this have no row, m. It is a second at 0.1 m/s.
 const NEAR_M: f64 = 0.1;
-/// Approach to a position limit, 1/s: from 18 mrad on the speed falls.
+/// Rate of approach to a position limit, 1/s. The speed falls from a distance of 18 mrad on.
 const LIMIT_RATE_PER_S: f64 = 5.0;
-/// Rounding of a distance that stays, m.
+/// Rounding of a distance that does not change, m.
 const ROUNDING_M: f64 = 1e-12;
 /// Shares of the velocities that are tried.
 const SHARES: [f64; 3] = [1.0, 0.4, 0.1];
-/// Shares of the opening that are asked for, where all of it is too much; at the last one nothing comes closer.
+/// Shares of the opening that are tried, if the whole opening is infeasible. At the last one nothing comes
+/// closer.
 const OPENINGS: [f64; 3] = [1.0, 0.2, 0.0];
 
 /// Working memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Recovery {
     problem: Problem,
-    /// The pair of each row, and what it has beyond the goal, m.
+    /// The pair of each row, and its distance beyond the goal, m.
     rows: Nearest<usize>,
-    /// Every pair nearer than the goal, with its distance at the tick before; the first `near_count` count.
+    /// Every pair nearer than the goal, with its distance at the previous tick. The first `near_count` are
+    /// valid.
     near: Vec<(usize, f64)>,
     near_count: usize,
     probe: Anchor,
 }
 
-/// A joint as it is to be moved.
+/// State and range of a joint that may move.
 #[derive(Clone, Copy, Debug)]
 struct Reach {
     x: JointState,
-    /// Range of this tick: where the joint is outside, not beyond where it is.
+    /// Range of this tick. If the joint is outside, the range ends at its position.
     q: [f64; 2],
-    /// Speed of the recovery.
+    /// Largest speed of the recovery.
     speed: f64,
 }
 
@@ -98,7 +107,8 @@ impl Recovery {
         }
     }
 
-    /// The next step of the way back; the plan if there is nothing to do, or no step that is proved.
+    /// Returns the next step of the way back. Returns the plan if there is nothing to do, or if no step can
+    /// be proved.
     pub(crate) fn choose(
         &mut self,
         config: &Config,
@@ -151,7 +161,7 @@ impl Recovery {
         choice
     }
 
-    /// The velocities that lead back, rad/s or m/s; none if nothing is outside or near.
+    /// The velocities that lead back, rad/s or m/s. None if no joint is outside and no pair is near.
     fn velocities(&mut self, config: &Config, anchor: &Anchor, reach: &[Reach; JOINTS]) -> Option<[f64; JOINTS]> {
         let mut needed = false;
         for j in 0..JOINTS {
@@ -165,7 +175,7 @@ impl Recovery {
         }
         self.find_near(&config.geometry, anchor);
         needed |= self.near_count > 0;
-        // Within a box every depth is the same distance, so nothing says which way leads out.
+        // Within a box every depth has the same distance, so the gradient shows no way out.
         let lost = self.near[..self.near_count].iter().any(|&(pair, _)| is_within_box(&config.geometry, anchor, pair));
         if !needed || lost {
             return None;
@@ -180,7 +190,8 @@ impl Recovery {
             .map(|u| std::array::from_fn(|j| AIMED_SHARE * reach[j].speed * u[j].clamp(-1.0, 1.0)))
     }
 
-    /// Lists all pairs that are nearer than the goal; and for the rows those with least left beyond it, in that order.
+    /// Lists all pairs that are nearer than the goal. The rows get the pairs with the least distance beyond
+    /// it, in that order.
     fn find_near(&mut self, geometry: &Geometry, anchor: &Anchor) {
         self.rows.clear();
         self.near_count = 0;
@@ -197,7 +208,7 @@ impl Recovery {
         self.problem.row_count = self.rows.len;
     }
 
-    /// The program with a share of the opening; none if it has no solution.
+    /// Solves the program with a share of the opening. None if it has no solution.
     fn solve(&mut self, opening: f64) -> Option<[f64; JOINTS]> {
         let p = &mut self.problem;
         for k in 0..p.row_count {
@@ -213,14 +224,14 @@ impl Recovery {
         (solution.status == Status::Optimal).then_some(solution.z)
     }
 
-    /// Whether, tick by tick to rest, no pair nearer than the goal comes closer.
+    /// Returns true if no pair nearer than the goal comes closer at any tick to rest.
     fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Motion) -> bool {
         let goal = geometry.d_min_m + GOAL_M;
         let near = &mut self.near[..self.near_count];
         if near.is_empty() {
             return true;
         }
-        // A smaller share of the velocities begins where the one before it began.
+        // A smaller share of the velocities begins where the previous one began.
         for (pair, last) in near.iter_mut() {
             *last = anchor.measure(geometry, *pair);
         }
@@ -231,7 +242,7 @@ impl Recovery {
         for tick in 1..=ticks {
             self.probe.pose(geometry, motion.posture(tick as f64 * TICK_S));
             for (pair, last) in near.iter_mut() {
-                // What is beyond the goal may come back to it.
+                // A distance beyond the goal may come back to it.
                 let distance = self.probe.measure(geometry, *pair).min(goal);
                 if distance < *last - ROUNDING_M {
                     return false;
@@ -243,7 +254,7 @@ impl Recovery {
     }
 }
 
-/// Whether the axis of a capsule meets a box of the surroundings.
+/// Returns true if the axis of a capsule meets a box of the surroundings.
 fn is_within_box(geometry: &Geometry, anchor: &Anchor, pair: usize) -> bool {
     let checked = &geometry.pairs[pair];
     let is_box = checked.obstacle.is_some_and(|k| matches!(geometry.obstacles[k], Solid::Box { .. }));
@@ -259,7 +270,7 @@ fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS] {
     })
 }
 
-/// One attempt.
+/// One attempt of a recovery step.
 struct Attempt {
     next: Planned,
     motion: Motion,
@@ -267,7 +278,8 @@ struct Attempt {
 }
 
 impl Attempt {
-    /// A tick towards the velocities; none if a joint would leave its range or its speed on the way to rest.
+    /// Creates a tick towards the velocities. None if a joint would leave its range or exceed its speed on
+    /// the way to rest.
     fn new(
         config: &Config,
         reach: &[Reach; JOINTS],
@@ -284,7 +296,8 @@ impl Attempt {
             let w = BANDWIDTH_PER_S;
             let jerk = (w * w * (wanted[j] - x.v) - 2.0 * w * x.a).clamp(-bounds.j_max, bounds.j_max);
             let after = x.after(jerk, TICK_S);
-            // Of the first degree in (v, a), so that proportional motions stop in proportion.
+            // The stop's jerk is of the first degree in (v, a), so that proportional motions stop in
+            // proportion.
             let j_stop = 4.0 * after.v.abs() / (STOP_S * STOP_S) + 4.0 * after.a.abs() / STOP_S;
             let j_stop = j_stop.clamp(STOP_JERK_SHARE * bounds.j_max, bounds.j_max);
             let stop = JointStop::new(after.v, after.a, bounds.a_max, j_stop);

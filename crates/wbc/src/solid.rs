@@ -1,15 +1,17 @@
-//! Axes of capsules against the solids that stand about the robot: closest points, and separation along a direction.
+//! Computes closest points of a capsule's axis and a solid around the robot, and their separation along a
+//! direction.
 
 use crate::geometry::Segment;
 use nalgebra::Vector3;
 use robot::Solid;
 
-/// The point of the axis that is closest to the solid, and the point of the solid closest to that.
+/// Returns the point of the axis that is closest to the solid, and the point of the solid closest to it.
 ///
-/// Along the axis a + s d, in the frame of a box of half lengths h, the squared distance f(s) = sum_i e_i^2, e_i = x_i -
-/// clamp(x_i, -h_i, h_i), is convex, and f'(s) / 2 = sum_i e_i d_i is continuous, does not fall, and is linear between
-/// the at most six places where a coordinate enters or leaves its range: these bracket its zero, and in the bracket it
-/// is found exactly. Bounded work, no allocation.
+/// Let a + s d be the axis in the frame of a box of half lengths h. The squared distance is f(s) = sum_i
+/// e_i^2 with e_i = x_i - clamp(x_i, -h_i, h_i), and it is convex. Its slope f'(s) / 2 = sum_i e_i d_i is
+/// continuous and does not fall. It is linear between the at most six places where a coordinate enters or
+/// leaves its range. These places bracket its zero, and in the bracket the zero is computed exactly. The work
+/// is bounded, and nothing is allocated.
 #[inline]
 pub(crate) fn closest_points(axis: &Segment, solid: &Solid) -> (Vector3<f64>, Vector3<f64>) {
     match solid {
@@ -52,8 +54,9 @@ fn closest_to_box(a: &Vector3<f64>, d: &Vector3<f64>, half: &Vector3<f64>) -> f6
     low + (high - low) * (falls / (falls - rises))
 }
 
-/// Separation of the axis from the solid along the unit direction `n`, which leads away from it: min over the axis of
-/// n.x minus max over the solid of n.x. A half-space has one only along its own normal, which is what is taken.
+/// Separation of the axis from the solid along the unit direction `n`, which leads away from the solid. It is
+/// min over the axis of n.x minus max over the solid of n.x. A half-space has a separation only along its own
+/// normal, so that one is used.
 #[inline]
 pub(crate) fn separation(n: &Vector3<f64>, axis: &Segment, solid: &Solid) -> f64 {
     match solid {
@@ -65,8 +68,8 @@ pub(crate) fn separation(n: &Vector3<f64>, axis: &Segment, solid: &Solid) -> f64
     }
 }
 
-/// The unit direction from the solid to the axis, and the separation along it: at most the distance. Where the axis is
-/// inside a box, the direction of the face it is least deep under, and 0.
+/// The unit direction from the solid to the axis, and the separation along it, which is at most the distance.
+/// If the axis is inside a box, returns the direction of the nearest face, and 0.
 #[inline]
 pub(crate) fn normal(axis: &Segment, solid: &Solid) -> (Vector3<f64>, f64) {
     let (center, r, half_m) = match solid {
@@ -96,7 +99,8 @@ mod tests {
         Vector3::from_fn(|_, _| rng.random_range(-size..=size))
     }
 
-    /// Boxes turned and not, axes that are points, that are parallel to an edge, that begin on a face or a corner.
+    /// Boxes that are turned or not. Axes that are points, are parallel to an edge, or begin on a face or a
+    /// corner.
     fn case(rng: &mut Pcg64, n: usize) -> (Segment, Solid) {
         let r = if n.is_multiple_of(3) { Rotation3::identity() } else { Rotation3::new(point(rng, 3.0)) };
         if n.is_multiple_of(5) {
@@ -128,7 +132,8 @@ mod tests {
             let (direction, sep) = normal(&axis, &solid);
             assert!(((x - y).norm() - exact.abs()).abs() < 1e-9, "{n}: {} {exact} {axis:?} {solid:?}", (x - y).norm());
             assert!((direction.norm() - 1.0).abs() < 1e-9);
-            // A direction between points less than a micrometre apart is made of their rounding.
+            // If two points are less than a micrometre apart, the direction between them consists of
+            // rounding.
             assert!(sep <= exact + 1e-12 && (sep - exact).abs() < 1e-9 || exact.abs() < 1e-6, "{n}: {sep} {exact}");
             overlapping += usize::from(exact <= 0.0);
         }

@@ -1,5 +1,5 @@
-//! One period of whole-body control: what each joint would like, what it may, and what all of them together are proved
-//! to survive.
+//! One period of whole-body control: the wanted motion of each joint, its admissible range, and a motion of
+//! all joints that is proved.
 
 use crate::barrier::{Barrier, Program};
 use crate::certificate::{Purpose, Scratch, Verdict, certify};
@@ -14,50 +14,51 @@ use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
 use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, command_flag};
 use robot::Payload;
 
-/// A joint within this of its target counts as on target, rad or m; half the limb error that a viewer can see.
+/// A joint within this distance of its target counts as on target, rad or m. It is half the limb error that a
+/// viewer can see.
 const ON_TARGET: f64 = 0.01;
 
-/// Where the joints should be; any values, not even finite ones are required.
+/// Target of the joints. Any values are accepted, even those that are not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target<'a> {
     /// Positions, rad or m.
     pub q: &'a [f64; JOINTS],
     /// Velocities, rad/s or m/s.
     pub dq: &'a [f64; JOINTS],
-    /// Accelerations of the way that is followed, rad/s^2 or m/s^2; zero where none is known.
+    /// Accelerations of the target's path, rad/s^2 or m/s^2. Zero if unknown.
     pub ddq: &'a [f64; JOINTS],
-    /// Bit j: joint j is meant; the others go to the home posture.
+    /// Bit j is set if joint j has a target. The other joints go to the home posture.
     pub valid_mask: u32,
 }
 
-/// Whether the joints may move.
+/// Permission for the joints to move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Permit {
-    /// Towards the target.
+    /// Move towards the target.
     Follow {
-        /// Share of each joint's largest speed, (0, 1]; anything that is not above zero stops. While a joint is faster
-        /// than a scale that fell, it does not get faster.
+        /// Share of each joint's largest speed, (0, 1]. Anything that is not above zero stops. If the scale
+        /// falls below a joint's present speed, the joint does not get faster.
         speed_scale: f64,
     },
-    /// Back inside the limits and away from near pairs, slowly, whatever the target is.
+    /// Move slowly back inside the limits and away from near pairs, whatever the target is.
     Recover,
-    /// Play the stop and stay.
+    /// Play the stop and stay at its end.
     Stop,
 }
 
-/// What a tick is given.
+/// Input of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input<'a> {
     /// Index of the tick.
     pub k: u64,
-    /// None: hold.
+    /// Target of the joints. None means that they hold.
     pub target: Option<Target<'a>>,
-    /// Whether the joints may move.
+    /// Permission for the joints to move.
     pub permit: Permit,
 }
 
-/// Which joints took a new decision; all others play the plan. Torso and head belong to no arm: they move only with
-/// `All`, so that a blocked arm never moves the other one's base.
+/// The joints that took a new decision. All others play the plan. Torso and head belong to no arm. They move
+/// only with `All`, so that a blocked arm never moves the other one's base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Candidate {
     /// All joints.
@@ -66,11 +67,11 @@ pub enum Candidate {
     Left,
     /// The right arm.
     Right,
-    /// None.
+    /// No joint.
     Plan,
 }
 
-/// What a tick decides: the command of tick k, complete in every case.
+/// Decision of a tick: the command of tick k, complete in every case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
     /// Joint positions, rad or m.
@@ -81,42 +82,43 @@ pub struct Output {
     pub a: [f64; JOINTS],
     /// The certified stop from there.
     pub plan: StopPlan,
-    /// Which joints took a new decision.
+    /// The joints that took a new decision.
     pub candidate: Candidate,
-    /// Bit j: joint j is the next point of the plan before it, not a new decision.
+    /// Bit j is set if joint j is at the next point of the previous plan, without a new decision.
     pub on_plan: u32,
-    /// Smallest distance of the checked pairs and from obstacles at this command, m.
+    /// Smallest distance over the checked pairs and obstacles at this command, m.
     pub clearance_m: f64,
-    /// Indices of the capsules of that pair; for an obstacle the number of capsules and its index.
+    /// Indices of the capsules of that pair. For an obstacle the second is the number of capsules plus its
+    /// index.
     pub nearest_pair: [u32; 2],
     /// Every joint stands still.
     pub at_rest: bool,
-    /// Every joint is within 0.01 rad (m) of its target; false without one.
+    /// Every joint is within 0.01 rad (m) of its target. False without a target.
     pub on_target: bool,
     /// `at_rest` or `on_target`.
     pub settled: bool,
-    /// Whether the wishes were changed because pairs are near.
+    /// Result of the program that changes the wanted jerks near other pairs.
     pub program: Program,
-    /// Motions that were wanted but not certified in this tick.
+    /// Number of wanted motions that were not certified in this tick.
     pub fallbacks: u32,
-    /// The pair for which the first of them could not be, as `nearest_pair`.
+    /// The pair that could not be certified in the first of them, as `nearest_pair`.
     pub refused_pair: Option<[u32; 2]>,
-    /// Motions among them whose torques could not be proved, and the joint of the first.
+    /// Number of motions among them whose torques could not be proved.
     pub overloads: u32,
-    /// See `overloads`.
+    /// The joint in the first of the `overloads`.
     pub overloaded_joint: Option<u32>,
-    /// Evaluations of the kinematics and of the dynamics.
+    /// Number of evaluations of the kinematics and of the dynamics.
     pub evaluations: u32,
 }
 
 impl Output {
-    /// The flags of the command of this tick. A gate that `denied` it has all joints play the plan.
+    /// The flags of this tick's command. If the gate `denied` it, all joints play the plan.
     pub fn command_flags(&self, denied: bool) -> u32 {
         if denied || self.candidate == Candidate::Plan { command_flag::ON_PLAN } else { 0 }
     }
 }
 
-/// Everything that the stage remembers: the last command with its certified plan, and working memory.
+/// State of the stage: the last command with its certified plan, and working memory.
 #[derive(Clone, Debug)]
 pub struct State {
     planned: Planned,
@@ -125,12 +127,12 @@ pub struct State {
     recovery: Recovery,
     scratch: Scratch,
     torque: TorqueScratch,
-    /// Masses and motors with what the hands carry; none if nothing is to be proved of them.
+    /// Masses and motors, with the payload of the hands. None if no torque is to be proved.
     load: Option<Load>,
 }
 
 impl State {
-    /// At rest at `q`.
+    /// Creates the state of a robot at rest at `q`.
     pub fn at_rest(config: &Config, q: [f64; JOINTS]) -> Self {
         Self {
             planned: Planned::at_rest(q),
@@ -143,16 +145,17 @@ impl State {
         }
     }
 
-    /// Continues from another state with its certified plan: what the driver says it executes. Never allocates.
+    /// Continues from another state with its certified plan, as reported by the driver. Never allocates.
     pub fn reseed(&mut self, planned: &Planned) {
         self.planned = *planned;
     }
 
-    /// What the hands carry from now on, if the robot is at rest. The joint that asks for more than its share to hold the posture
-    /// with it, if any: then no decision is taken. Never allocates.
+    /// Sets the payload of the hands, if the robot is at rest. Returns the joint that needs more than its
+    /// share to hold the posture with it, if any. Then the stage takes no decision. Never allocates.
     ///
     /// # Errors
-    /// `Moving` where the last command or its plan is not at rest. Then what they carried before stays in force.
+    /// Returns `Moving` if the last command or its plan is not at rest. Then the previous payload stays in
+    /// force.
     pub fn carry(&mut self, config: &Config, payload: &[Payload; 2]) -> Result<Option<usize>, PayloadRefusal> {
         if !self.planned.is_at_rest() {
             return Err(PayloadRefusal::Moving);
@@ -162,12 +165,12 @@ impl State {
         Ok(load.overloaded_at_rest(&config.geometry.chain, &self.planned.q).map(|(joint, ..)| joint))
     }
 
-    /// What the hands carry; of a configuration that proves nothing of torques, nothing.
+    /// Payload of the hands. It is empty if the configuration proves no torques.
     pub fn payload(&self) -> [Payload; 2] {
         self.load.as_ref().map_or([Payload::EMPTY; 2], |load| *load.payload())
     }
 
-    /// As the function of that name, with what the hands carry now.
+    /// Like the function `overloaded_at_rest`, but with the present payload of the hands.
     pub fn overloaded_at_rest(&self, config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
         self.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
     }
@@ -178,7 +181,8 @@ impl State {
     }
 }
 
-/// Advances the stage by one period. Deterministic; never allocates, blocks, logs, reads a clock or panics.
+/// Advances the stage by one period. It is deterministic, and it never allocates, blocks, logs, reads a clock
+/// or panics.
 pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -> Output {
     let geometry = &config.geometry;
     if state.anchor.q != state.planned.q {
@@ -203,34 +207,37 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
     output(config, state, &choice, &aims)
 }
 
-/// Whether `q`, held at rest, is clear enough to engage: every pair keeps d_min and 3 mm. Also the smallest distance
-/// (m) and the capsules of that pair. Not for a tick: it allocates.
+/// Checks that `q`, held at rest, is clear enough to engage: every pair must keep d_min and 3 mm. Returns
+/// also the smallest distance (m) and the capsules of that pair. Do not call it in a tick, because it
+/// allocates.
 pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2]) {
     let anchor = Anchor::new(&config.geometry, *q);
     let clear = anchor.clearance_m >= config.geometry.d_min_m + ENGAGE_MARGIN_M;
     (clear, anchor.clearance_m, nearest_pair(config, &anchor))
 }
 
-/// Whether a plan is proved to keep d_min from now to rest, whatever it was made by. Not for a tick: it allocates.
+/// Proves that a plan keeps d_min from now to rest, whatever computed it. Do not call it in a tick, because
+/// it allocates.
 pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
     certify(&config.geometry, &Motion::stops(planned), Purpose::Decision, ALL_JOINTS, &anchor, &mut scratch)
 }
 
-/// The joint that asks for more than its share of the effort limit to hold `q` at rest, if any, with its torque and the
-/// limit, N m or N. Of the hands as they are at the start.
+/// The joint that needs more than its share of the effort limit to hold `q` at rest, if any, with its torque
+/// and the limit, N m or N. It uses the payload of the hands at the start.
 pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
     config.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
 }
 
-/// Torques of the links in a motion (rad, m, and seconds), N m or N; none of a configuration that proves nothing of them.
+/// Torques of the links in a motion (rad, m, and seconds), N m or N. None if the configuration proves no
+/// torques.
 pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Option<PerJoint> {
     let x = std::array::from_fn(|j| JointState { q: q[j], v: v[j], a: a[j] });
     config.load.as_ref().map(|load| load.torques(&config.geometry.chain, &x))
 }
 
-/// Whether the torques of a plan are proved to keep their limits from now to rest, whatever it was made by.
+/// Proves that the torques of a plan keep their limits from now to rest, whatever computed it.
 pub fn certify_torque(config: &Config, planned: &Planned) -> TorqueVerdict {
     let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
     let mut scratch = TorqueScratch::new();

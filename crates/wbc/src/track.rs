@@ -1,6 +1,7 @@
-//! The tracking law: which jerk a joint would like to take.
+//! The tracking law: the jerk that a joint wants to take.
 //!
-//! With e = target - q, A the acceleration it may use, v_ff and a_ff the target's velocity and acceleration:
+//! Let e = target - q, A the acceleration that it may use, and v_ff and a_ff the target's velocity and
+//! acceleration. Then
 //!
 //! ```text
 //! e0    = 0.55 A / 30^2
@@ -16,21 +17,22 @@ use crate::interval::Bounds;
 use crate::plan::JointState;
 use messages::TICK_S;
 
-/// Position gain near the target, 1/s: far below the tick rate, and enough to track smooth motion to 0.3 mrad RMS
-/// (`adversarial --smooth`).
+/// Position gain near the target, 1/s. It is far below the tick rate, and enough to track smooth motion to
+/// 0.3 mrad RMS (`adversarial --smooth`).
 const POSITION_GAIN_PER_S: f64 = 30.0;
-/// Velocity gain, 1/s: three times the position gain, so that the position loop does not ring.
+/// Velocity gain, 1/s. It is three times the position gain, so that the position loop does not ring.
 const VELOCITY_GAIN_PER_S: f64 = 90.0;
-/// Share of the acceleration that the approach to a far target counts on; the rest is left for the jerk's ramps.
+/// Share of the acceleration that is used for the approach to a far target. The rest is for the jerk's ramps.
 const APPROACH_SHARE: f64 = 0.55;
 
-/// Below these a joint counts as arrived and plays its stop, which ends in exact rest: a position error that no encoder
-/// resolves (rad or m), a speed and an acceleration that the law itself would remove within a few ticks.
+/// Below these bounds a joint counts as arrived and plays its stop, which ends in exact rest. The position
+/// error (rad or m) is below the resolution of any encoder. The law itself would remove the speed and the
+/// acceleration within a few ticks.
 const ARRIVED_ERROR: f64 = 1e-9;
 const ARRIVED_SPEED: f64 = 1e-8;
 const ARRIVED_ACCELERATION: f64 = 1e-6;
 
-/// What one joint should follow.
+/// Target that one joint follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointAim {
     /// Position, rad or m.
@@ -42,7 +44,8 @@ pub struct JointAim {
 }
 
 impl JointAim {
-    /// The aim within the joint's position limits: at a limit it does not point further out. None unless it is finite.
+    /// Returns the aim within the joint's position limits. At a limit it does not point further out. None if
+    /// it is not finite.
     pub fn within(self, bounds: &Bounds) -> Option<Self> {
         if !self.q.is_finite() || !self.dq.is_finite() || !self.ddq.is_finite() {
             return None;
@@ -53,7 +56,7 @@ impl JointAim {
     }
 }
 
-/// The speed that the law asks for, v_ff + v_fb, rad/s or m/s, within `bounds.v_max`; none where the joint has arrived
+/// Wanted speed by the law, v_ff + v_fb, rad/s or m/s, within `bounds.v_max`. None if the joint has arrived
 /// and its own stop brings it to exact rest.
 pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<f64> {
     let e = aim.q - x.q;
@@ -70,7 +73,7 @@ pub fn wanted_velocity(x: JointState, aim: JointAim, bounds: &Bounds) -> Option<
     Some((aim.dq + v_fb).clamp(-bounds.v_max, bounds.v_max))
 }
 
-/// The jerk towards a wanted velocity, rad/s^3 or m/s^3, not yet limited.
+/// Wanted jerk towards a velocity, rad/s^3 or m/s^3, not yet limited.
 pub fn wanted_jerk(x: JointState, velocity: f64, acceleration: f64, bounds: &Bounds) -> f64 {
     let a_ref = (acceleration + VELOCITY_GAIN_PER_S * (velocity - x.v)).clamp(-bounds.a_max, bounds.a_max);
     (a_ref - x.a) / TICK_S

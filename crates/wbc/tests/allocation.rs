@@ -1,4 +1,4 @@
-//! No tick allocates, whatever it is asked.
+//! Tests that no tick allocates, whatever its input.
 
 mod support;
 
@@ -10,7 +10,7 @@ use wbc::{Input, Options, State, Target, tick};
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
-/// New blocks of this thread since it is watched.
+/// Number of blocks that this thread has allocated since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

@@ -1,4 +1,4 @@
-//! What the stage promises, against targets that try to break it.
+//! Tests the stage's guarantees against targets that try to break them.
 
 use crate::support;
 
@@ -55,7 +55,7 @@ fn without_the_certificate_the_same_attack_succeeds() {
     assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
 }
 
-/// A random motion of all joints with its stop, near the limits of speed and acceleration.
+/// A random motion of all joints, with its stop, near the limits of speed and acceleration.
 fn random_plan(rng: &mut Pcg64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS]);
     for (j, l) in limits().iter().enumerate() {
@@ -94,7 +94,7 @@ fn a_certified_plan_is_clear_at_every_sample() {
 
 fn wave(t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
     let w = |j: usize| 1.5 + 0.15 * j as f64;
-    // The lift is slow: its sine stays below 0.07 m/s.
+    // The lift is slow, so its sine stays below 0.07 m/s.
     let size = |j: usize| if j == 0 { 0.01 } else { 0.12 };
     (
         std::array::from_fn(|j| home()[j] + size(j) * (w(j) * t).sin()),
@@ -204,7 +204,7 @@ fn a_blocked_arm_leaves_the_other_free() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let mut q = home();
-    // The left hand into the chest.
+    // The target takes the left hand into the chest.
     (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
     q[13] += 0.5;
     let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };

@@ -1,5 +1,5 @@
-//! The bound B on the acceleration of a body's points, against finite differences on random chains of revolute and
-//! prismatic joints.
+//! Tests the bound B on the acceleration of a body's points against finite differences, on random chains of
+//! revolute and prismatic joints.
 
 use messages::JOINTS;
 use nalgebra::{Rotation3, UnitVector3, Vector3};
@@ -13,7 +13,7 @@ fn vector(rng: &mut Pcg64, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..=size))
 }
 
-/// One serial chain; the offsets of joints that do not matter here are zero.
+/// One serial chain. The offsets of joints that do not matter here are zero.
 fn links(rng: &mut Pcg64) -> [Link; JOINTS] {
     let straight = rng.random_bool(0.3);
     std::array::from_fn(|j| {
@@ -21,7 +21,7 @@ fn links(rng: &mut Pcg64) -> [Link; JOINTS] {
         let mut turn = Rotation3::new(vector(rng, 3.0));
         let mut offset = vector(rng, 0.3);
         if straight {
-            // Stretched out in a plane, where the bound is attained.
+            // The chain is stretched out in a plane, where the bound is attained.
             (axis, turn, offset) = (Vector3::z_axis(), Rotation3::identity(), Vector3::new(0.3, 0.0, 0.0));
         }
         let prismatic = rng.random_bool(0.3);
@@ -65,7 +65,8 @@ fn no_point_accelerates_more_than_the_bound() {
         };
         let h = 1e-4;
         let acceleration = ((at(h) - at(0.0)) - (at(0.0) - at(-h))).norm() / (h * h);
-        // The difference quotient's own error: rounding 1e-16 / h^2, and fourth derivatives times h^2.
+        // The difference quotient has an error of its own: rounding 1e-16 / h^2, and fourth derivatives times
+        // h^2.
         assert!(acceleration <= bound * (1.0 + 1e-5) + 1e-5, "{acceleration} > {bound}");
         if bound > 0.1 {
             worst = worst.max(acceleration / bound);
@@ -75,6 +76,6 @@ fn no_point_accelerates_more_than_the_bound() {
             }
         }
     }
-    // Were a term of B dropped, these would pass 1.
+    // Without one of the terms of B, these ratios would exceed 1.
     assert!(worst > 0.9 && worst_mixed > 0.9, "never near the bound: {worst} {worst_mixed}");
 }

@@ -1,4 +1,4 @@
-//! The speed of elbows and hands.
+//! Tests the bound on the speed of elbows and hands.
 
 use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
@@ -22,7 +22,7 @@ fn points(model: &Model, q: &[f64; JOINTS]) -> [nalgebra::Vector3<f64>; 4] {
     model.speed_points().map(|point| frames.base_from_body[point.body].transform_point(&point.at))
 }
 
-/// The fastest point of a plan, m/s, by the way that it makes in a quarter of a tick.
+/// Speed of the fastest point of a plan, m/s, from its displacement in a quarter of a tick.
 fn fastest(model: &Model, planned: &Planned) -> f64 {
     let dt = TICK_S / 4.0;
     let mut last = points(model, &planned.q);
@@ -39,7 +39,8 @@ fn fastest(model: &Model, planned: &Planned) -> f64 {
     most
 }
 
-/// What came of following random postures: ticks with a fallback, ticks with a decision, the fastest point, and goals reached.
+/// Result of following random postures: ticks with a fallback, ticks with a decision, the fastest point, and
+/// goals reached.
 struct Run {
     fallbacks: u32,
     fresh: u32,
@@ -56,7 +57,7 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
     let mut run = Run { fallbacks: 0, fresh: 0, fastest: 0.0, rolled: 0.0, reached: 0 };
     let (mut last, mut k) = (points(&model, &model.home), 0);
     for goal in 0..goals {
-        // Postures about home, most of them free.
+        // Postures are around home, and most of them are free.
         let size = if goal % 2 == 0 { 0.0 } else { 0.5 };
         let q: [f64; JOINTS] = std::array::from_fn(|j| {
             let l = &model.limits[j];

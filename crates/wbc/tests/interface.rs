@@ -1,4 +1,5 @@
-//! What a robot executes whose controllers are not synchronised and lay splines through samples of the command.
+//! Tests the executed motion of a robot whose controllers are not synchronised and put splines through
+//! samples of the command.
 
 use crate::support;
 
@@ -12,23 +13,23 @@ use wbc::{
     Config, Input, Interface, Interpolation, Options, Permit, Planned, State, Target, WbcError, certify_rest, tick,
 };
 
-/// First and one past the last joint of each controller.
+/// First joint, and one past the last joint, of each controller.
 const CONTROLLERS: [[usize; 2]; 4] = [[0, 1], [1, 3], [3, 10], [10, 17]];
 
 const TICKS: u64 = 5000;
 
-/// Positions, velocities, which joints are meant, permit.
+/// Positions, velocities, mask of valid joints, and permit.
 type Wish = ([f64; JOINTS], [f64; JOINTS], u32, Permit);
 
-/// Joints of either arm in a posture of the made-up robot whose hands are 15 mm apart and reach forward, side by side: if
-/// one shoulder turns by 0.05 rad alone, they touch.
+/// Joints of either arm in a posture of the invented robot. Its hands are 15 mm apart and reach forward, side
+/// by side. If one shoulder alone turns by 0.05 rad, they touch.
 const SIDE_BY_SIDE: [f64; 7] = [0.6574, 0.7151, 0.8337, 1.5033, -0.4189, 0.1196, -0.4295];
 
-/// The commands of one run, each a tick after the one before.
+/// The commands of one run, one for each tick.
 struct Trace(Vec<Planned>);
 
 impl Trace {
-    /// Under attack.
+    /// Records a run under attack.
     fn attacked(subject: &Subject, options: Options, seed: u64) -> Self {
         let mut attacker = Attacker::new(subject, seed);
         Self::new(subject, options, subject.home, |k, seen, checker| {
@@ -37,7 +38,8 @@ impl Trace {
         })
     }
 
-    /// Both hands side by side, close together, swing to and fro with their shoulders: one in the way of the other.
+    /// Records a run in which both hands, close together and side by side, swing to and fro with their
+    /// shoulders. Each hand is in the way of the other.
     fn chased(subject: &Subject, options: Options, _: u64) -> Self {
         let mut start = subject.home;
         start[3..10].copy_from_slice(&SIDE_BY_SIDE);
@@ -77,15 +79,15 @@ impl Trace {
         (self.0.len() - 1) as f64 * TICK_S
     }
 
-    /// Position and velocity of joint `j` at `t`. Between two commands a cubic through positions and velocities, which
-    /// leaves the motion by at most J T^3 / 96 = 1e-9 rad.
+    /// Position and velocity of joint `j` at `t`. Between two commands a cubic goes through positions and
+    /// velocities. It differs from the motion by at most J T^3 / 96 = 1e-9 rad.
     fn at(&self, j: usize, t: f64) -> [f64; 2] {
         let k = ((t / TICK_S) as usize).min(self.0.len() - 2);
         let (from, to) = (&self.0[k], &self.0[k + 1]);
         cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], TICK_S, t / TICK_S - k as f64)
     }
 
-    /// What a controller makes of it that samples at `phase` and every period.
+    /// Position that a controller executes if it samples at `phase` and then every period.
     fn executed(&self, interface: &Interface, j: usize, t: f64, phase: f64) -> f64 {
         let h = interface.period_s;
         if interface.interpolation == Interpolation::Exact {
@@ -101,15 +103,15 @@ impl Trace {
     }
 }
 
-/// The cubic with these positions and velocities at the ends of `h` seconds, at a share of them.
+/// The cubic with these positions and velocities at the ends of `h` seconds, at share `s` of this time.
 fn cubic(from: [f64; 2], to: [f64; 2], h: f64, s: f64) -> [f64; 2] {
     let (d, a, b) = (to[0] - from[0], h * from[1], h * to[1]);
     let (c2, c3) = (3.0 * d - 2.0 * a - b, a + b - 2.0 * d);
     [from[0] + s * (a + s * (c2 + s * c3)), (a + s * (2.0 * c2 + s * 3.0 * c3)) / h]
 }
 
-/// Least clearance of what is executed, m: at every tick with several delays per controller, at the ends of their range
-/// and within it.
+/// Least clearance of the executed motion, m. It is measured at every tick, with several delays per
+/// controller, at the ends of their range and within it.
 fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed: u64) -> f64 {
     let checker = Checker::new(subject, &trace.0[0]);
     let mut rng = Pcg64::seed_from_u64(seed);

@@ -1,4 +1,4 @@
-//! The jerk interval against brute force: what it admits is safe, and nothing beyond its ends is.
+//! Tests the jerk interval against brute force. Every admitted jerk is safe, and no jerk beyond its ends is.
 
 use crate::support;
 
@@ -9,7 +9,8 @@ use support::limits;
 use wbc::interval::Bounds;
 use wbc::{JointState, JointStop};
 
-/// Samples a path, and between samples the instants where, by linear interpolation, velocity or acceleration vanish.
+/// Samples a path. Between samples it adds the instants where, by linear interpolation, velocity or
+/// acceleration vanish.
 fn judge_path(total: f64, samples: u32, at: &mut dyn FnMut(f64) -> JointState, judge: &mut dyn FnMut(f64, f64, f64)) {
     let mut before: Option<(f64, JointState)> = None;
     for i in 0..=samples {
@@ -28,7 +29,7 @@ fn judge_path(total: f64, samples: u32, at: &mut dyn FnMut(f64) -> JointState, j
     }
 }
 
-/// Judges a jerk by sampling the tick and the stop after it.
+/// Judges a jerk by samples of the tick and of the stop after it.
 fn admissible(b: &Bounds, x: JointState, j: f64) -> bool {
     let mut fits = j.abs() <= b.j_max;
     let mut judge = |q: f64, v: f64, a: f64| {
@@ -50,12 +51,12 @@ fn state(rng: &mut Pcg64, b: &Bounds) -> Option<JointState> {
     let mut a = b.a_max * share(rng);
     let mut v = b.v_max * share(rng);
     match rng.random_range(0..4) {
-        // About to reach the highest speed within this tick.
+        // The joint is about to reach the highest speed within this tick.
         0 => {
             a = 1.5 * b.j_max * TICK_S * rng.random_range(0.0..1.0);
             v = b.v_max - a * a / (2.0 * b.j_max) - 1e-9;
         }
-        // About to turn round.
+        // The joint is about to reverse.
         1 => v = -0.6 * a * a.abs() / (2.0 * b.j_max) * rng.random_range(0.0..1.0),
         _ => {}
     }
@@ -93,7 +94,8 @@ fn ends_are_admissible_and_nothing_beyond_them_is() {
         };
         assert!(admissible(&b, x, low) && admissible(&b, x, high), "[{low}, {high}] of {x:?} in {b:?}");
         assert!(b.admits(x, low) && b.admits(x, high) && b.admits(x, 0.5 * (low + high)));
-        // Sampling sees a violation later than the exact test, by the position that a parabola hides between samples.
+        // Sampling detects a violation later than the exact test, because a parabola may hide between
+        // samples.
         let beyond = 2e-2 * b.j_max;
         for j in grid.chain([low - beyond, high + beyond]) {
             let outside = j < low - beyond * 0.999 || j > high + beyond * 0.999;

@@ -1,4 +1,4 @@
-//! The quadratic program against another solver, and against the conditions of optimality.
+//! Tests the quadratic program against another solver, and against the conditions of optimality.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
@@ -6,7 +6,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use wbc::qp::{ActiveSet, Problem, ROWS_MAX, STEPS_MAX, Solution, Status, UNKNOWNS, solve};
 
-/// The shape of a control tick: two blocks of limbs over a diagonal, bounds around zero, rows that mostly hold at zero.
+/// A problem shaped like that of a control tick: two blocks of limbs over a diagonal, bounds around zero, and
+/// rows that mostly hold at zero.
 fn random(rng: &mut Pcg64) -> Problem {
     let mut problem = Problem::default();
     for i in 0..UNKNOWNS {
@@ -32,7 +33,7 @@ fn random(rng: &mut Pcg64) -> Problem {
     let zero_is_feasible = rng.random_range(0.0..1.0) < 0.9;
     for k in 0..problem.row_count {
         problem.rows[k] = std::array::from_fn(|i| {
-            // A pair on one arm does not see the other one.
+            // A pair on one arm does not depend on the other arm.
             let seen = !(3..10).contains(&i) || k % 3 != 0;
             if seen { rng.random_range(-1.0..1.0) } else { 0.0 }
         });
@@ -115,14 +116,15 @@ fn f047_ten_thousand_problems_agree_with_another_solver() {
         feasible += 1;
         bound += usize::from(own.steps > 0);
         assert!(violation(&problem, &own.z) < 1e-12, "problem {n}: {:e}", violation(&problem, &own.z));
-        // An interior point may stop outside by its tolerance; ours may then cost more by as much, but no more.
+        // An interior point may stop outside by its tolerance. Then ours may cost more by as much, but no
+        // more.
         let (ours, theirs) = (cost(&problem, &own.z), cost(&problem, &z));
         let off = (0..UNKNOWNS).fold(0.0_f64, |off, i| off.max((own.z[i] - z[i]).abs()));
         if status == SolverStatus::Solved {
             assert!((ours - theirs).abs() <= 1e-9 * (1.0 + theirs), "problem {n}: cost {ours} against {theirs}");
             assert!(off <= 1e-6, "problem {n}: solutions {off:e} apart");
         } else {
-            // The other solver gave up before it converged: then ours is feasible and costs no more.
+            // The other solver gave up before it converged. Then ours is feasible and costs no more.
             gave_up += 1;
             assert!(ours <= theirs + 1e-9, "problem {n}: cost {ours} against {theirs} ({status:?})");
         }

@@ -1,4 +1,5 @@
-//! The way back: from random postures outside the limits and in collision, judged by the tests' own kinematics.
+//! Tests recovery from random postures outside the limits and in collision. The tests' own kinematics judge
+//! them.
 
 use crate::support;
 
@@ -10,7 +11,7 @@ use support::checker::Checker;
 use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, Planned, State, tick};
 
 const POSTURES: usize = 60;
-/// Ticks of a recovery, and of the stop after it.
+/// Number of ticks of a recovery, and of the stop after it.
 const TICKS: u64 = 900;
 const STOP_TICKS: u64 = 375;
 
@@ -31,7 +32,7 @@ fn nothing_goes_further_out_or_closer_and_most_come_back() {
         let checker = Checker::new(&subject, &planned);
         let goal = subject.d_min_m + ENGAGE_MARGIN_M;
         let mut least = checker.clearance(&start);
-        // Deeper than any start that a robot could be found in.
+        // This overlap is deeper than any at which a real robot could start.
         if least < -0.05 {
             continue;
         }

@@ -1,5 +1,6 @@
-//! The stored plan of random ticks, rolled to rest in steps of a tenth of a millisecond and judged by code that shares
-//! nothing with the certificate: parry's segments for the capsules, and the collision meshes themselves.
+//! Plays the stored plan of random ticks to rest in steps of a tenth of a millisecond. The judges share no
+//! code with the certificate. They are parry's segments for the capsules, and the collision meshes
+//! themselves.
 
 use crate::support;
 
@@ -15,8 +16,8 @@ use support::checker::{Checker, play};
 use wbc::{Input, Options, Planned, State, Target, tick};
 
 const STEP_S: f64 = 1e-4;
-/// Rounding of positions along a plan that another formula plays, and of the other distance: 1e-9 m, far below the
-/// micrometre that commands keep beyond d_min.
+/// Rounding of positions along a plan that another formula plays, and of the other distance. It is 1e-9 m,
+/// far below the micrometre that commands keep beyond d_min.
 const ROUNDING_M: f64 = 1e-9;
 
 fn model() -> Model {
@@ -30,7 +31,7 @@ fn model() -> Model {
         .expect("the shipped robot on a floor")
 }
 
-/// Plans of random ticks under attack.
+/// Returns plans of random ticks under attack.
 fn plans(model: &Model, seed: u64, ticks: u64, count: usize) -> Vec<Planned> {
     let subject = Subject::of(model.clone());
     let config = subject.config(Options::default());
@@ -50,14 +51,14 @@ fn plans(model: &Model, seed: u64, ticks: u64, count: usize) -> Vec<Planned> {
     plans
 }
 
-/// Every posture of a plan from now to rest.
+/// Returns every posture of a plan from now to rest.
 fn rollout(planned: &Planned) -> impl Iterator<Item = [f64; JOINTS]> + '_ {
     let end = (0..JOINTS).map(|j| planned.plan.duration_s[j].iter().sum()).fold(0.0, f64::max);
     let steps = (end / STEP_S).ceil() as u32 + 1;
     (0..=steps).map(|i| std::array::from_fn(|j| play(planned, j, f64::from(i) * STEP_S).0))
 }
 
-/// Least distance of the checked pairs by parry's segments, and of the capsules that move from the floor.
+/// Least distance over the checked pairs by parry's segments, and of the moving capsules from the floor.
 fn clearance(model: &Model, frames: &Frames, least_so_far: f64) -> f64 {
     let ends: Vec<[Vector3<f64>; 2]> =
         model.capsules.iter().map(|c| [c.a, c.b].map(|p| frames.base_from_body[c.body].transform_point(&p))).collect();
@@ -96,7 +97,7 @@ fn every_plan_keeps_the_clearance_to_rest() {
     assert!(least < model.d_min_m + 2e-3, "never close: {least} m");
 }
 
-/// One link's collision mesh in the frame of its body, with a convex hull and a sphere that contain it.
+/// The collision mesh of one link in the frame of its body, with a convex hull and a sphere that contain it.
 struct Solid {
     link: String,
     body: usize,
@@ -106,7 +107,7 @@ struct Solid {
     radius_m: f64,
 }
 
-/// Meshes of all links of the description in `folder`; none if it is not there.
+/// Returns the meshes of all links of the description in `folder`. None if it does not exist.
 fn solids(model: &Model, folder: &Path) -> Option<Vec<Solid>> {
     let text = std::fs::read_to_string(folder.join("tiago_dual.urdf")).ok()?;
     let description = urdf_rs::read_from_string(&text).expect("a description");
@@ -133,7 +134,8 @@ fn solids(model: &Model, folder: &Path) -> Option<Vec<Solid>> {
     Some(solids)
 }
 
-/// Whether the capsules of two bodies are all checked or proved clear: bodies with one joint between them may touch.
+/// Returns true if all capsules of two bodies are checked or proved clear. Bodies with one joint between them
+/// may touch.
 fn kept_apart(model: &Model, a: usize, b: usize) -> bool {
     a != b
         && !model.allowed.iter().any(|pair| {
@@ -164,7 +166,8 @@ fn no_meshes_meet_on_the_way_to_rest() {
             for (a, b) in &pairs {
                 let (pose_a, pose_b) = (&frames.base_from_body[a.body], &frames.base_from_body[b.body]);
                 let between = pose_a.transform_point(&a.center) - pose_b.transform_point(&b.center);
-                // The torso is hollow at the shoulders: an arm may be inside its hull and far from its surface.
+                // The torso is hollow at the shoulders. An arm may be inside its hull and far from its
+                // surface.
                 let apart = between.norm() - a.radius_m - b.radius_m >= least
                     || a.hull.distance_m(pose_a, &b.hull, pose_b) >= least;
                 if !apart {

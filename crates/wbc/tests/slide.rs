@@ -1,4 +1,4 @@
-//! What an arm does where it is blocked: it slides, and gives up what the robot file says is worth least.
+//! Tests a blocked arm: it slides, and gives up what has the least cost in the robot file.
 
 use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS, LEFT_ARM, Stamp};
 use nalgebra::{Matrix3, Rotation3};
@@ -23,7 +23,7 @@ fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
     Config::from_parts(parts, Options::default()).expect("whole-body control")
 }
 
-/// Follows `q` for `ticks`; calls `see` with every output.
+/// Follows `q` for `ticks`, and calls `see` with every output.
 fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut see: impl FnMut(&wbc::Output)) {
     for k in 0..ticks {
         let target = Target { q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
@@ -32,7 +32,8 @@ fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut
     }
 }
 
-/// Postures of the left arm that are in collision, the right arm at home: what a person asks for who has other hips.
+/// Returns postures with the left arm in collision and the right arm at home. A person with other hips may
+/// request them.
 fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
     loop {
         let mut q = model.home;
@@ -46,7 +47,7 @@ fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
     }
 }
 
-/// The angles by which the left arm's limbs are off, summed, rad.
+/// Sum of the angles between the left arm's limbs and the wanted ones, rad.
 fn limb_error(model: &Model, q: &[f64; JOINTS], wanted: &[f64; JOINTS]) -> f64 {
     let limbs = |q: &[f64; JOINTS]| {
         let arm: [f64; ARM_JOINTS] = std::array::from_fn(|i| q[LEFT_ARM.start + i]);
@@ -57,13 +58,13 @@ fn limb_error(model: &Model, q: &[f64; JOINTS], wanted: &[f64; JOINTS]) -> f64 {
     angle(own.0, theirs.0) + angle(own.1, theirs.1)
 }
 
-/// What became of blocked targets.
+/// Result of following blocked targets.
 #[derive(Debug, Default)]
 struct Outcome {
-    /// Mean limb error when the program first changed a wish, and 5 s after the target was set, rad.
+    /// Mean limb error when the program first changed a wanted jerk, and 5 s after the target was set, rad.
     first_rad: f64,
     last_rad: f64,
-    /// Ticks whose wishes the program changed, and those for which it had no solution.
+    /// Number of ticks in which the program changed wanted jerks, and of those in which it had no solution.
     solved: u64,
     infeasible: u64,
 }
@@ -95,11 +96,12 @@ fn slide(model: &Model, config: &Config) -> Outcome {
 fn a_blocked_arm_slides_on_whatever_deviations_cost() {
     let model = model();
     let alike = slide(&model, &config(&model, |tasks| tasks.limb_weight = 0.0));
-    // A joint's deviation counts as a share of its speed, 2 rad/s: so a limb's counts half as much as a joint's.
+    // A joint's deviation counts as a share of its speed, 2 rad/s. So a limb's deviation counts half as much
+    // as a joint's.
     let limbs = slide(&model, &config(&model, |tasks| tasks.limb_weight = 0.12));
     println!("joints alike {alike:?}\nlimbs weighed {limbs:?}");
     for outcome in [&alike, &limbs] {
-        // What the rows ask for is always possible: at worst to come no closer.
+        // The rows are always feasible: at worst, no pair comes closer.
         assert_eq!(outcome.infeasible, 0, "{outcome:?}");
         assert!(outcome.solved > 7500, "{outcome:?}");
         assert!(outcome.last_rad < 0.6 * outcome.first_rad, "the arms stopped instead of sliding: {outcome:?}");

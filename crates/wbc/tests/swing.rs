@@ -1,4 +1,5 @@
-//! The certificate on a motion whose clearance is known: an arm that sweeps along an arc past a post just outside it.
+//! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just
+//! outside it.
 
 use messages::JOINTS;
 use nalgebra::{Matrix3, Vector3};
@@ -10,10 +11,12 @@ use wbc::{Config, JointState, JointStop, Options, Parts, Planned, certify_plan};
 const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
 const D_MIN_M: f64 = 0.01;
-/// Fast and hardly braked: nearly all of the acceleration is centripetal, so B is nearly attained.
+/// The swing is fast and hardly brakes. Nearly all of the acceleration is centripetal, so B is nearly
+/// attained.
 const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, brake: 20.0, j_max: 4000.0 };
 
-/// Joint 0 turns a carrier, joint 1 on it swings a ball about the same kind of axis; the post stands on body `post`.
+/// Joint 0 turns a carrier, and joint 1 on it swings a ball about the same kind of axis. The post stands on
+/// body `post`.
 fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
     let links = std::array::from_fn(|j| Link {
         parent: usize::from(j == 1),
@@ -42,7 +45,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
     Config::from_parts(parts, Options::default()).unwrap()
 }
 
-/// A swing at the highest speed from -0.4 rad, with the carrier turning too.
+/// A swing at the highest speed from -0.4 rad, while the carrier turns too.
 fn swing(carrier: f64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS]);
     for (j, q, v) in [(0, 0.3, carrier), (1, -0.4, BOUNDS.v_max)] {
@@ -56,9 +59,9 @@ fn a_post_outside_an_arc_is_certified_exactly_as_far_as_it_is_clear() {
     for (post, carrier) in [(0, 0.0), (1, 0.0), (1, 5.0)] {
         let planned = swing(carrier);
         let mut tightest = f64::INFINITY;
-        // The post stands where the ball passes: its clearance is the gap, known without any sampling.
+        // The post stands where the ball passes. Its clearance is the gap, which is known without sampling.
         for angle in [-0.3, -0.2, 0.0, 0.3] {
-            // The carrier at rest is turned by 0.3 rad against a post on the base.
+            // The carrier at rest is turned by 0.3 rad relative to a post on the base.
             let seen = if post == 0 { angle + 0.3 } else { angle };
             for i in -40..=40 {
                 let gap = D_MIN_M + f64::from(i) * 1e-4;

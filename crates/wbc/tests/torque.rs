@@ -1,5 +1,5 @@
-//! No motion asks for more than its share of the effort limits: every plan is sampled with the dynamics of `collision`,
-//! which shares no code with this crate.
+//! Tests that no motion needs more than its share of the effort limits. Every plan is sampled with the
+//! dynamics of `collision`, which shares no code with this crate.
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp};
@@ -11,7 +11,7 @@ use wbc::{Config, Input, Options, Parts, Permit, Planned, State, Target, certify
 
 const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
-/// Between two instants at which a plan is sampled, s.
+/// Time between two samples of a plan, s.
 const STEP_S: f64 = 2e-3;
 
 fn shipped() -> (Model, urdf_rs::Robot) {
@@ -19,14 +19,14 @@ fn shipped() -> (Model, urdf_rs::Robot) {
     (model, urdf_rs::read_from_string(URDF).expect("the shipped URDF"))
 }
 
-/// The largest torque over its effort limit, with its joint.
+/// The largest ratio of a torque to its effort limit, with its joint.
 fn share(model: &Model, dynamics: &Dynamics<'_>, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> (f64, usize) {
     let torques = dynamics.at(q).torques(v, a, GRAVITY_M_PER_S2);
     let shares = torques.iter().zip(&model.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
     shares.enumerate().fold((0.0, 0), |most, (j, share)| if share > most.0 { (share, j) } else { most })
 }
 
-/// The largest share on the way of a plan.
+/// The largest ratio on the way of a plan.
 fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &Planned) -> f64 {
     let mut most = 0.0_f64;
     for n in 0..400 {
@@ -57,7 +57,7 @@ fn torques_are_those_of_another_implementation() {
     }
 }
 
-/// What came of following postures that jump.
+/// Result of following postures that jump.
 #[derive(Debug, Default)]
 struct Run {
     executed: f64,
@@ -69,13 +69,13 @@ struct Run {
     longest_s: f64,
 }
 
-/// Both hands with so much where they grasp, by the dynamics of `collision`.
+/// Both hands with this payload where they grasp, for the dynamics of `collision`.
 fn hands(mass_kg: f64) -> Vec<collision::dynamics::Payload> {
     let links = ["hand_left_grasping_frame", "hand_right_grasping_frame"];
     links.map(|link| collision::dynamics::Payload { link: link.into(), mass_kg }).into()
 }
 
-/// The same, as the stage is told it.
+/// The same payload in the form that the stage uses.
 fn told(model: &Model, mass_kg: f64) -> [Payload; 2] {
     ["hand_left_grasping_frame", "hand_right_grasping_frame"].map(|link| {
         let (_, pose) = model.link_body(link).expect("a link of the URDF");
@@ -83,8 +83,8 @@ fn told(model: &Model, mass_kg: f64) -> [Payload; 2] {
     })
 }
 
-/// Postures anywhere within the limits, or stretched out, each for as long as it takes or for a moment. The hands truly carry
-/// `true_kg`, and the stage is told of `told_kg`.
+/// Follows postures anywhere within the limits or stretched out, each until it is reached or for a moment.
+/// The hands really carry `true_kg`, and the stage uses `told_kg`.
 fn follow_laden(
     model: &Model,
     urdf: &urdf_rs::Robot,
@@ -138,7 +138,7 @@ fn no_plan_asks_for_more_than_its_share() {
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
     assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
-    // A motion that is refused costs a tick of braking; few are.
+    // A refused motion costs a tick of braking. Few are refused.
     assert!(run.refused * 100 < run.ticks, "{run:?}");
 }
 
@@ -149,7 +149,7 @@ fn without_the_proof_motors_are_overloaded() {
     assert!(run.planned > 1.0, "{run:?}");
 }
 
-/// The shipped robot with so much more in its hands that holding them out is too much.
+/// The shipped robot with so much more mass in its hands that it cannot hold them out.
 fn laden(model: &Model, mass_kg: f64) -> Config {
     let mut parts = Parts::of(model).unwrap();
     for body in [10, 17] {
@@ -158,7 +158,7 @@ fn laden(model: &Model, mass_kg: f64) -> Config {
     Config::from_parts(parts, Options::default()).unwrap()
 }
 
-/// Arms out to the sides, level.
+/// The arms reach out to the sides, level.
 fn stretched(model: &Model) -> PerJoint {
     let mut q = model.home;
     for arm in [3, 10] {
@@ -167,7 +167,7 @@ fn stretched(model: &Model) -> PerJoint {
     q
 }
 
-/// With empty hands every posture can be held; a posture that cannot is named.
+/// With empty hands every posture can be held. A posture that cannot be held is reported with its joint.
 #[test]
 fn postures_that_cannot_be_held_are_named() {
     let (model, _) = shipped();
@@ -187,7 +187,7 @@ fn postures_that_cannot_be_held_are_named() {
     assert!(torque.abs() > limit && (limit - SHARE * 43.0).abs() < 1e-12, "{torque} {limit}");
 }
 
-/// A robot that cannot be held takes no decision, not even to recover.
+/// If the robot's posture cannot be held, the stage takes no decision, not even to recover.
 #[test]
 fn an_overloaded_robot_is_not_moved() {
     let (model, _) = shipped();
@@ -211,7 +211,7 @@ fn a_plan_that_asks_for_too_much_is_not_certified() {
     let bounds = &config.bounds()[4];
     let mut planned = Planned::at_rest(stretched(&model));
     assert_eq!(certify_torque(&config, &planned).blamed, None);
-    // Down at half the speed, and then as sharp a stop as the limits allow.
+    // The joint moves down at half the speed, and then stops as sharply as the limits allow.
     let x = wbc::JointState { q: planned.q[4], v: 1.0, a: 0.0 };
     planned.set_joint(4, x, wbc::JointStop::new(x.v, x.a, bounds.a_max, bounds.j_max));
     let down = certify_torque(&config, &planned).blamed;
@@ -240,7 +240,8 @@ fn a_payload_that_is_not_told_is_not_proved() {
     assert!(run.planned > 1.0, "{run:?}");
 }
 
-/// What is told at run time is what the robot file would have said: the same torques, and the same decisions bit by bit.
+/// A payload set at run time has the same effect as one in the robot file: the same torques, and the same
+/// decisions bit by bit.
 #[test]
 fn a_payload_told_at_run_time_is_that_of_the_robot_file() {
     let (model, urdf) = shipped();

@@ -1,4 +1,4 @@
-//! What the tests of this crate share.
+//! Common parts of this crate's tests.
 #![allow(dead_code, unreachable_pub)]
 
 use messages::JOINTS;
@@ -15,7 +15,7 @@ pub const GRIPPER_TOML: &str = include_str!("../../../../config/robots/tiago_dua
 /// Its URDF.
 pub const GRIPPER_URDF: &str = include_str!("../../../../config/robots/tiago_dual_pal_gripper.urdf");
 
-/// A model of these texts.
+/// Creates a model from these texts.
 pub fn load(toml: &str, urdf: &str) -> Result<Model, RobotError> {
     Model::from_text("tiago_dual.toml", toml, "tiago_dual.urdf", urdf)
 }
@@ -25,7 +25,7 @@ pub fn shipped() -> Model {
     load(TOML, URDF).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A configuration uniform in the URDF's limits, rad and m.
+/// A configuration that is uniformly distributed within the URDF's limits, rad and m.
 pub fn uniform(model: &Model, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS] {
     std::array::from_fn(|j| rng.random_range(model.urdf_limits[j].q_min..model.urdf_limits[j].q_max))
 }

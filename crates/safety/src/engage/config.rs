@@ -1,11 +1,12 @@
-//! Thresholds of the state machine: validated once, bounded by ceilings that no configuration can loosen.
+//! Thresholds of the state machine. They are validated once, and no configuration can loosen them beyond
+//! fixed ceilings.
 
 use thiserror::Error;
 
-/// A setting that is refused.
+/// Returned for a setting that is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ConfigError {
-    /// Outside what the program allows.
+    /// Returned if a value is outside the range that the program allows.
     #[error("safety.{key} = {value}: must lie in [{min}, {max}]")]
     OutOfRange {
         /// Key of the configuration file.
@@ -17,7 +18,7 @@ pub enum ConfigError {
         /// Largest value allowed.
         max: f64,
     },
-    /// Two settings contradict each other.
+    /// Returned if two settings contradict each other.
     #[error("safety.{lesser} = {lesser_value} must be below safety.{greater} = {greater_value}")]
     Order {
         /// Key that must be smaller.
@@ -31,46 +32,49 @@ pub enum ConfigError {
     },
 }
 
-/// What the configuration file says; the names are its keys. There is no default: every value is the integrator's.
+/// Values of the configuration file, named as its keys. There are no defaults: the integrator sets every
+/// value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Silence of `retarget` that holds, ms.
+    /// Longest silence of `retarget` before the robot holds, ms.
     pub target_stale_ms: f64,
-    /// Silence of `retarget` from which on the speed falls, to zero where it holds, ms.
+    /// Silence of `retarget` after which the speed begins to fall, ms. It reaches zero where the robot holds.
     pub target_late_ms: f64,
-    /// Silence of the driver that holds, ms.
+    /// Longest silence of the driver before the robot holds, ms.
     pub state_late_ms: f64,
-    /// Silence of the driver that stops, ms.
+    /// Longest silence of the driver before the robot stops, ms.
     pub state_stale_ms: f64,
-    /// Silence of the human's skeleton from which on the speed falls, to zero where it holds, ms.
+    /// Silence of the person's skeleton after which the speed begins to fall, ms. It reaches zero where the
+    /// robot holds.
     pub input_late_ms: f64,
-    /// Silence of the human's skeleton that holds, ms.
+    /// Longest silence of the person's skeleton before the robot holds, ms.
     pub input_stale_ms: f64,
-    /// Silence of the operator's heartbeat that releases, ms.
+    /// Longest silence of the operator's heartbeat before authority is released, ms.
     pub operator_silent_ms: f64,
-    /// How long the enable must have been seen released since start before an edge counts, ms.
+    /// Time for which the enable must have been seen released since start before an edge counts, ms.
     pub enable_released_ms: f64,
-    /// How long Holding may last, ms.
+    /// Longest duration of Holding, ms.
     pub hold_timeout_ms: f64,
-    /// Largest |command - measured| of a revolute joint that is tolerated for longer than `tracking_error_ms`, rad.
+    /// Largest |command - measured| of a revolute joint that is tolerated for longer than
+    /// `tracking_error_ms`, rad.
     pub tracking_error_rad: f64,
     /// Largest |command - measured| of a revolute joint that is tolerated at all, rad.
     pub tracking_error_now_rad: f64,
-    /// As `tracking_error_rad`, prismatic joints, m.
+    /// As `tracking_error_rad`, but of prismatic joints, m.
     pub tracking_error_m: f64,
-    /// As `tracking_error_now_rad`, prismatic joints, m.
+    /// As `tracking_error_now_rad`, but of prismatic joints, m.
     pub tracking_error_now_m: f64,
-    /// How long the lesser tracking error is tolerated, ms.
+    /// Time for which a tracking error above the lesser bound is tolerated, ms.
     pub tracking_error_ms: f64,
-    /// How long the command may be far behind a target that jumped before it is followed slowly, ms.
+    /// Time for which the command may be far behind a target that jumped before the robot follows slowly, ms.
     pub target_jump_slow_ms: f64,
-    /// How long a target may jump again and again before it holds, ms.
+    /// Time for which a target may jump repeatedly before the robot holds, ms.
     pub target_jump_hold_ms: f64,
-    /// Missed deadlines in a row that make slow.
+    /// Number of missed deadlines in a row that reduces the speed.
     pub deadlines_missed_slow: u32,
-    /// Missed deadlines in a row that stop.
+    /// Number of missed deadlines in a row that stops the robot.
     pub deadlines_missed_max: u32,
-    /// Late ticks within a second that hold.
+    /// Number of late ticks within a second that makes the robot hold.
     pub deadlines_late_per_s_max: u32,
 }
 
@@ -98,13 +102,13 @@ pub struct Config {
     pub(super) deadlines_late_per_s_max: u32,
 }
 
-/// Relaxation of the real-time streams where scheduling is not real-time: a 2-core machine under load was seen to
-/// oversleep by tens of ms (2026-11), and a factor of 100 would already be a second.
+/// Largest relaxation of the real-time streams where scheduling is not real-time. A 2-core machine under load
+/// was seen to oversleep by tens of ms (2026-11). A factor of 100 would already be a second.
 const RELAX_MAX: f64 = 100.0;
 
 impl Settings {
-    /// (key, value, least, most). The ceilings are twice to ten times the shipped figures: a configuration may
-    /// adapt to a robot, not switch a monitor off.
+    /// Returns (key, value, least, most). The ceilings are two to ten times the shipped values. A
+    /// configuration may adapt a monitor to a robot, but may not switch it off.
     fn bounds(&self) -> [(&'static str, f64, f64, f64); 19] {
         [
             ("target_stale_ms", self.target_stale_ms, 1.0, 50.0),
@@ -129,7 +133,7 @@ impl Settings {
         ]
     }
 
-    /// Checks every value against its bounds and its partner; NaN is outside all bounds.
+    /// Checks every value against its bounds and against its partner. NaN is outside all bounds.
     pub fn validate(&self) -> Result<(), ConfigError> {
         for (key, value, min, max) in self.bounds() {
             if !(min..=max).contains(&value) {
@@ -156,7 +160,8 @@ impl Settings {
 }
 
 impl Config {
-    /// Bounds of the tracking error times `factor`, for a simulated robot with drives that are softer than real ones.
+    /// Multiplies the bounds of the tracking error by `factor`, for a simulated robot whose drives are softer
+    /// than real ones.
     #[must_use]
     pub fn with_tracking_factor(self, factor: f64) -> Self {
         Self {
@@ -168,20 +173,21 @@ impl Config {
         }
     }
 
-    /// Thresholds for real-time scheduling.
+    /// Creates the thresholds for real-time scheduling.
     pub fn new(settings: &Settings) -> Result<Self, ConfigError> {
         Self::relaxed(settings, 1.0)
     }
 
-    /// Thresholds with `factor` (1 to 100) times the patience towards the 1500 Hz streams and the own deadlines, for a
-    /// simulated driver without real-time scheduling. Human-scale times and tracking bounds are not.
+    /// Creates the thresholds for a simulated driver without real-time scheduling. Times of the 1500 Hz
+    /// streams and of this process's own deadlines are `factor` (1 to 100) times as long. Human-scale times
+    /// and tracking bounds stay as they are.
     pub fn relaxed(settings: &Settings, factor: f64) -> Result<Self, ConfigError> {
         settings.validate()?;
         if !(1.0..=RELAX_MAX).contains(&factor) {
             let key = "stale_factor_without_realtime";
             return Err(ConfigError::OutOfRange { key, value: factor, min: 1.0, max: RELAX_MAX });
         }
-        // Bounded above: 60 s times 100 is 6e12 ns.
+        // No value overflows: the largest is 60 s times 100, which is 6e12 ns.
         let ns = |ms: f64| (ms * 1e6) as u64;
         Ok(Self {
             target_stale_ns: ns(settings.target_stale_ms * factor),

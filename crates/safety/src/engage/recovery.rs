@@ -1,15 +1,16 @@
-//! Recovery: a slow motion, held to run, that brings a robot back which stands outside its limits or too close to itself.
+//! Recovery: a slow, hold-to-run motion. It brings back a robot that stands outside its limits or without
+//! enough clearance.
 
 use messages::{Fault, Faults, Response, Transition};
 
 use super::watch::charged_ns;
 use super::{Input, Phase};
 
-/// Why a recovery is needed.
+/// The faults that make a recovery necessary.
 const REASONS: Faults = Faults::NONE.with(Fault::StartOutsideLimits).with(Fault::StartInCollision);
 
-/// What a recovery does not mind: its reasons, what the measured posture means besides, and everything about targets,
-/// because it follows none.
+/// Faults that do not end a recovery: its reasons, other effects of the measured posture, and all faults of
+/// the target, because a recovery follows none.
 const BORNE: Faults = REASONS
     .with(Fault::CollisionNear)
     .with(Fault::NoTarget)
@@ -17,22 +18,24 @@ const BORNE: Faults = REASONS
     .with(Fault::InputImplausible)
     .with(Fault::TargetStale);
 
-/// How long a recovery may stand still before it says that it finds no way, ns. Its motions begin within a tick.
+/// Time for which a recovery may stand still before it reports that it finds no way, ns. Its motions begin
+/// within a tick.
 const BLOCKED_NS: u64 = 500_000_000;
 
-/// The faults that a recovery minds.
+/// The faults that end a recovery.
 fn minded(active: Faults) -> Faults {
     Faults(active.0 & !BORNE.0)
 }
 
-/// Whether the recovery is asked for and needed, and nothing else stands in the way.
+/// Returns true if the operator requests a recovery, the robot needs it, and no other fault prevents it.
 pub(super) fn begins(input: &Input, active: Faults) -> bool {
     let operator = &input.operator;
     let asked = operator.recover_edge && operator.recover_level && !operator.enable_level && !operator.release_edge;
     asked && active.0 & REASONS.0 != 0 && minded(active).is_empty()
 }
 
-/// No Stop fault holds while recovering. Whoever lets go, and every fault that is minded, ends it: it never resumes.
+/// Handles a tick of a recovery at which no Stop fault holds. Recovery ends if the operator lets go, or at
+/// any fault outside [`BORNE`]. It never resumes.
 pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u32) {
     let minded = minded(active);
     let withdrawn = minded.of(Response::Release).iter().next().or_else(|| minded.of(Response::Hold).iter().next());
@@ -47,7 +50,7 @@ pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u3
     }
     let blocked_ns = blocked_ns.saturating_add(charged_ns(input.own_gap_ns));
     if !input.robot.at_rest {
-        // The command rests already, the robot not yet.
+        // The command rests already, but the robot does not yet.
         (Phase::Recovering { blocked_ns }, 0)
     } else if input.robot.clear_to_start {
         (Phase::Disengaged, Transition::RECOVERED)

@@ -1,31 +1,33 @@
-//! Reduced speed: what is not bad enough to stop the robot makes it slow.
+//! Reduced speed: problems that need not stop the robot make it slow.
 
 use messages::{TICK_HZ, reduced_flag};
 
 use super::watch::charged_ns;
 use super::{Config, Input};
 
-/// Share of each velocity limit that is left of a doubtful motion: shoulder (1.95 rad/s, 0.9 m from the hand) and elbow
-/// (2.35 rad/s, 0.45 m) together then move a hand at 0.25 m/s, which ISO 10218-1 calls reduced speed.
+/// Share of each velocity limit that is left for a doubtful motion. Shoulder (1.95 rad/s, 0.9 m from the
+/// hand) and elbow (2.35 rad/s, 0.45 m) together then move a hand at 0.25 m/s. ISO 10218-1 calls this reduced
+/// speed.
 pub const SLOW: f64 = 0.09;
 
-/// How long the speed takes to come back from zero to full, ns: the time in which the wish to move on is felt as one.
+/// Time in which the speed returns from zero to full, ns. The operator then feels the return as one motion.
 const RISE_NS: f64 = 500e6;
 
-/// How long the robot stays slow after deadlines were missed in a row, ns.
+/// Time for which the robot stays slow after several missed deadlines in a row, ns.
 const AFTER_DEADLINES_NS: u64 = 1_000_000_000;
 
-/// Jumps that follow each other this closely are one stream of jumps, ns: three frames of the slowest camera (30 Hz).
+/// Jumps that follow each other within this time are one stream of jumps, ns. It is three frames of the
+/// slowest camera (30 Hz).
 const JUMPS_APART_NS: u64 = 100_000_000;
 
-/// Ages of the streams by which speed is judged, ns.
+/// Ages of the streams that determine the speed, ns.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Ages {
     pub(super) target_ns: u64,
     pub(super) input_ns: u64,
 }
 
-/// What is remembered of the reasons to be slow.
+/// State of the reasons to be slow.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reduced {
     share: f64,
@@ -40,15 +42,15 @@ impl Default for Reduced {
     }
 }
 
-/// 1 up to the age `from_ns`, then falling linearly to 0 at `to_ns`.
+/// Returns 1 up to the age `from_ns`, then a value that falls linearly to 0 at `to_ns`.
 fn ramp(age_ns: u64, from_ns: u64, to_ns: u64) -> f64 {
     let left = to_ns.saturating_sub(age_ns) as f64 / to_ns.saturating_sub(from_ns).max(1) as f64;
     left.min(1.0)
 }
 
 impl Reduced {
-    /// Share of the speed that this tick allows, 0 to 1, and why it is not 1 (bits of `reduced_flag`). It falls at once
-    /// and rises slowly. Call exactly once a tick.
+    /// Share of the speed that this tick allows, 0 to 1, and the reasons if it is not 1 (bits of
+    /// `reduced_flag`). It falls at once and rises slowly. Call exactly once a tick.
     pub(super) fn judge(&mut self, config: &Config, ages: Ages, input: &Input) -> (f64, u32) {
         let charged = charged_ns(input.own_gap_ns);
         self.deadlines_ns = if input.deadlines_missed >= config.deadlines_missed_slow {
@@ -70,41 +72,42 @@ impl Reduced {
         }
         let risen = self.share + charged as f64 / RISE_NS;
         if share > risen {
-            // On its way up it is what it was.
+            // While the share rises, the earlier reasons stay.
             (share, why) = (risen, why | self.why);
         }
         (self.share, self.why) = (share, why);
         (share, why)
     }
 
-    /// Whether nothing reduces the speed.
+    /// Returns true if nothing reduces the speed.
     pub(super) fn is_full(&self) -> bool {
         self.share >= 1.0
     }
 
-    /// Notes what the target did; true once it has jumped on and on for too long.
+    /// Notes whether the target jumped. Returns true once it has jumped repeatedly for too long.
     pub(super) fn jumps_on(&mut self, config: &Config, input: &Input) -> bool {
         self.jumps.note(config, input, charged_ns(input.own_gap_ns));
         self.jumps.jumping_ns > config.target_jump_hold_ns
     }
 }
 
-/// Jumps of the target. A person who is faster than the robot makes none, however far behind the robot falls.
+/// Jumps of the target. A person who moves faster than the robot causes none, however far behind the robot
+/// falls.
 #[derive(Clone, Copy, Debug, Default)]
 struct Jumps {
     jumped: bool,
-    /// How long the command has been far from a target that had jumped.
+    /// Time for which the command has been far from a target that had jumped.
     behind_ns: u64,
     since_last_ns: u64,
-    /// How long jumps have been following each other.
+    /// Time for which jumps have been following each other.
     jumping_ns: u64,
 }
 
 impl Jumps {
     fn note(&mut self, config: &Config, input: &Input, charged_ns: u64) {
         let jumps = input.target.jumped;
-        // What is known of being behind is of the tick before, so it says nothing of a jump that comes now.
-        // A person who goes on without a jump is the person, and may be one whom the robot never catches up with.
+        // `motion.behind` is of the previous tick, so it says nothing about a jump at this tick. A target
+        // that goes on without a jump is the person, even one so fast that the robot never catches up.
         let doubtful = self.since_last_ns <= config.target_jump_hold_ns;
         let behind = jumps || self.jumped && doubtful && input.motion.behind;
         self.behind_ns = if behind { self.behind_ns.saturating_add(charged_ns) } else { 0 };
@@ -115,24 +118,25 @@ impl Jumps {
     }
 }
 
-/// Parts of a second over which late ticks are counted.
+/// Number of parts of a second over which late ticks are counted.
 const PARTS: usize = 10;
-/// Ticks of a part.
+/// Ticks in each part.
 const PART_TICKS: u64 = TICK_HZ / PARTS as u64;
 
-/// How often the own process was late within the last second, which is rounded up by at most a tenth.
+/// Counts how often this process was late within the last second. The second is rounded up by at most a
+/// tenth.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lateness {
     counts: [u32; PARTS],
-    /// Part of time that is counted now.
+    /// The part that is counted now.
     part: u64,
 }
 
 impl Lateness {
-    /// Notes tick `k`; returns how many ticks came late within the second before it.
+    /// Notes tick `k`. Returns the number of late ticks within the last second.
     pub(super) fn note(&mut self, k: u64, late: bool) -> u32 {
         let part = k / PART_TICKS;
-        // A gap of a second and more clears every part.
+        // A gap of a second or more clears every part.
         for passed in 1..=part.saturating_sub(self.part).min(PARTS as u64) {
             self.counts[((self.part + passed) % PARTS as u64) as usize] = 0;
         }

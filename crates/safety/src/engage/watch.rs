@@ -1,23 +1,24 @@
-//! From what is seen at a tick to the set of faults that hold: ages by the own clock, restarts, and debouncing.
+//! Judges the input of a tick and returns the set of faults that hold. It keeps ages by this machine's clock,
+//! detects restarts and debounces.
 
 use messages::{FAULTS, Fault, Faults, Stamp, TICK_HZ};
 
 use super::reduced::{Ages, Lateness};
 use super::{Config, Input};
 
-/// What a stamp may lie ahead of the tick's own reading of the same clock: another process took it while this one was
-/// on its way, and two readings of one clock differ by scheduling alone.
+/// Longest time that a stamp may lie ahead of the tick's own reading of the same clock. Another process may
+/// take a stamp after this one read the clock. Readings of one clock differ by scheduling alone.
 const FUTURE_TOLERANCE_NS: u64 = 2_000_000;
 
-/// Longest part of the own gap that may be charged to a writer: two ticks, so that a tick which starts late by its
-/// whole length still counts in full.
+/// Longest part of this process's own gap that may be charged to a writer. It is two ticks, so that a tick
+/// that starts late by its whole length still counts in full.
 const CHARGE_MAX_NS: u64 = 2 * 1_000_000_000 / TICK_HZ;
 
-/// Longest time that one sample of the robot's state counts for, ns: as long as its silence may last. Nobody knows what was
-/// while it was missing.
+/// Longest time that one sample of the robot's state counts for, ns. It equals the longest allowed silence of
+/// the driver. Nothing is known of the robot while samples were missing.
 const SAMPLE_MAX_NS: u64 = 20_000_000;
 
-/// Age of a stream, counted only while the own process was awake.
+/// Age of a stream, counted only while this process was awake.
 #[derive(Clone, Copy, Debug, Default)]
 struct StreamAge {
     newest: Stamp,
@@ -25,8 +26,8 @@ struct StreamAge {
 }
 
 impl StreamAge {
-    /// Age at `now` of the newest message, ns; `u64::MAX` before the first. A stamp from the future and a stamp that
-    /// runs backwards refresh nothing.
+    /// Age of the newest message at `now`, ns, or `u64::MAX` before the first. A stamp from the future or one
+    /// that runs backwards does not refresh it.
     fn judge(&mut self, now: Stamp, received: Stamp, charged_ns: u64, slept_ns: u64) -> u64 {
         let is_new = received > self.newest && received <= now.plus_ns(FUTURE_TOLERANCE_NS);
         if is_new {
@@ -43,12 +44,12 @@ impl StreamAge {
     }
 }
 
-/// Remembers who writes; notices when it is somebody else.
+/// Remembers the identity of a writer, and notices a change.
 #[derive(Clone, Copy, Debug, Default)]
 struct Identity(Option<u64>);
 
 impl Identity {
-    /// Whether `id` differs from the one seen before. A stranger is known from the next tick on.
+    /// Returns true if `id` differs from the previous one. The new one counts as known from the next tick on.
     fn changed(&mut self, id: u64) -> bool {
         let changed = self.0.is_some_and(|known| known != id);
         self.0 = Some(id);
@@ -56,18 +57,18 @@ impl Identity {
     }
 }
 
-/// What the state machine needs to know of its own mode to judge faults that exist only in some modes.
+/// The properties of the mode that the faults of some modes depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ModeView {
-    /// An operator holds authority, or can resume.
+    /// An operator holds authority or can resume.
     pub(super) has_authority: bool,
-    /// Holding has lasted longer than it may.
+    /// Holding has lasted longer than allowed.
     pub(super) hold_expired: bool,
-    /// The target has jumped again and again.
+    /// The target has jumped repeatedly for too long.
     pub(super) jumps_on: bool,
 }
 
-/// The memory of the monitors.
+/// State of the monitors.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     target: StreamAge,
@@ -88,18 +89,18 @@ pub(super) struct Watch {
     pub(super) operator_alive: bool,
 }
 
-/// Part of the own gap that counts, ns.
+/// The part of this process's own gap that counts, ns.
 pub(super) fn charged_ns(own_gap_ns: u64) -> u64 {
     own_gap_ns.min(CHARGE_MAX_NS)
 }
 
 impl Watch {
-    /// Whether the enable has been seen released for long enough since start.
+    /// Returns true if the enable has been seen released for long enough since start.
     pub(super) fn armed(&self) -> bool {
         self.enable_was_released
     }
 
-    /// The faults that hold at this tick, debounced. Call exactly once a tick.
+    /// The debounced faults that hold at this tick. Call exactly once a tick.
     pub(super) fn judge(&mut self, config: &Config, mode: ModeView, now: Stamp, input: &Input) -> Faults {
         self.note_enable(config, input);
         let late = self.lateness.note(input.k, input.deadlines_missed > 0);
@@ -170,22 +171,26 @@ impl Watch {
         seen
     }
 
-    /// Nobody has enabled a process that restarted.
+    /// Returns true if a writer restarted, because the operator has not enabled the new process.
     fn writer_restarted(&mut self, input: &Input) -> bool {
         let target = self.target.seen() && self.target_writer.changed(u64::from(input.target.incarnation));
         let driver = self.state.seen() && self.driver.changed(u64::from(input.robot.incarnation));
         target || driver
     }
 
-    /// Nobody has enabled another person. A session is one person of one client of one run of `ingest`.
+    /// Returns true if the person changed, because the operator has not enabled the new one. A session is one
+    /// person of one client in one run of `ingest`.
     fn person_changed(&mut self, input: &Input) -> bool {
         input.target.session_nonce != 0 && self.session.changed(input.target.session_nonce)
     }
 
-    /// Counts the time of a large error, by the samples' own distance, and takes half the time of a small one off again. So a
-    /// joint that swings through where it is sent is not well again each time it comes by: with amplitude A and bound b the
-    /// error is large for the share s = (2 / pi) acos(b / A) of the time, and the count grows if s > (1 - s) / 2, which is
-    /// from A = b / cos(pi / 6) = 1.15 b on. Written so that NaN counts as lost.
+    /// Returns true if the tracking error is too large, or has been large for too long.
+    ///
+    /// It adds the time between samples while the error is large, and subtracts half of it while the error is
+    /// small. So a joint that swings through its setpoint does not clear the count each time it passes. With
+    /// amplitude A and bound b the error is large for the share s = (2 / pi) acos(b / A) of the time. The
+    /// count grows if s > (1 - s) / 2, so from A = b / cos(pi / 6) = 1.15 b on. Written so that NaN counts as
+    /// lost.
     fn tracking_lost(&mut self, config: &Config, input: &Input) -> bool {
         let (angle, length) = (input.robot.tracking_error_rad, input.robot.tracking_error_m);
         let small = angle <= config.tracking_error_rad && length <= config.tracking_error_m;
@@ -230,15 +235,16 @@ mod tests {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         age.judge(now, now, MS, 0);
-        // Slept 50 ms while the writer slept too: only a tick is charged, and then tick by tick.
+        // This process and the writer slept for 50 ms. Only the charged maximum counts at once, then each
+        // further tick.
         assert_eq!(
             age.judge(now.plus_ns(50 * MS), now, charged_ns(50 * MS), 50 * MS - charged_ns(50 * MS)),
             CHARGE_MAX_NS
         );
         assert_eq!(age.judge(now.plus_ns(51 * MS), now, MS, 0), CHARGE_MAX_NS + MS);
-        // A message that came in during the sleep is not old because of the sleep.
+        // A message that arrived during the sleep does not age by the sleep.
         assert_eq!(age.judge(now.plus_ns(101 * MS), now.plus_ns(60 * MS), CHARGE_MAX_NS, 49 * MS), 0);
-        // But one that was old before the sleep stays old.
+        // A message that was old before the sleep stays old.
         assert_eq!(age.judge(now.plus_ns(300 * MS), now.plus_ns(61 * MS), CHARGE_MAX_NS, 9 * MS), 230 * MS);
     }
 

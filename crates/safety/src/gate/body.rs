@@ -1,23 +1,26 @@
-//! The robot's body by the gate's own kinematics. It takes origins, axes and parents from the model, and no arithmetic.
+//! The robot's body by the gate's own kinematics. It takes origins, axes and parents from the model, but none
+//! of the model's arithmetic.
 //!
-//! Every body's frame is turned beforehand so that its joint moves about or along z. With A_j the pose of joint j's frame
-//! in its parent's at position zero,
+//! Every body's frame is first turned so that its joint moves about or along z. A_j is the pose of joint j's
+//! frame in its parent's frame at position zero. Then
 //!
 //! ```text
 //! base_from_j(q) = base_from_parent(q) A_j Rz(q_j)     for a joint that turns
 //! base_from_j(q) = base_from_parent(q) A_j Tz(q_j)     for a joint that slides
 //! ```
 //!
-//! and Rz changes two columns only.
+//! Rz changes only two columns.
 //!
 //! # Levers
 //!
-//! The *lever* R_k of joint k on a capsule is the largest distance of a point of the capsule's axis from the joint's axis
-//! over all postures. It is at most the next joint's distance from the axis, and the lengths of all later offsets; it is 1
-//! for a joint that slides. A posture that differs from another one by d_k in joint k, and in no other, has the capsule's
-//! points moved by at most R_k |d_k|: the straight way between the two is a turn by d_k about one axis. Taken joint by
-//! joint, the distance of two capsules changes by at most sum_k R_k |d_k|. Only joints between their bodies count: a joint
-//! that carries both moves them as one.
+//! Take a point of the capsule's axis and its distance from the axis of joint k. The *lever* R_k of joint k
+//! on the capsule is the largest such distance over all points and all postures. It is at most the next
+//! joint's distance from the axis plus the lengths of all later offsets. For a prismatic joint it is 1.
+//!
+//! Let two postures differ by d_k in joint k, and in no other joint. Then the points of the capsule differ by
+//! at most R_k |d_k|, because one posture becomes the other by a turn of d_k about one axis. Joint by joint,
+//! the distance of two capsules changes by at most sum_k R_k |d_k|. Only joints between their bodies count,
+//! because a joint that carries both moves them as one.
 
 use messages::JOINTS;
 use nalgebra::{Matrix3, Vector3};
@@ -25,19 +28,20 @@ use robot::{CAPSULES_MAX, Model, Solid};
 
 use crate::clearance::{Axis, above_plane, between_segments, from_box};
 
-/// Set of joints: bit j is joint j.
+/// Set of joints. Bit j is joint j.
 pub(super) type JointSet = u32;
 
 /// A joint with its frame turned so that it moves about or along z.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
-    /// Body that it hangs on: 0 is the base, 1 + j moves with joint j. Always a smaller index.
+    /// Parent body: 0 is the base, and 1 + j moves with joint j. Its index is always smaller than that of
+    /// this joint's body.
     parent: usize,
-    /// A_j: rotation and translation (m).
+    /// A_j: rotation, and translation (m).
     r: Matrix3<f64>,
     t: Vector3<f64>,
     slides: bool,
-    /// Largest magnitude of the position, for a joint that slides, m.
+    /// Largest magnitude of the position of a prismatic joint, m.
     stroke_m: f64,
 }
 
@@ -51,7 +55,7 @@ pub(super) struct Placed {
 /// Poses of all bodies.
 pub(super) type Places = [Placed; JOINTS + 1];
 
-/// All bodies at the base.
+/// Returns all bodies at the base.
 pub(super) fn unplaced() -> Places {
     [Placed { r: Matrix3::identity(), t: Vector3::zeros() }; JOINTS + 1]
 }
@@ -62,31 +66,34 @@ struct Capsule {
     body: usize,
     ends: [Vector3<f64>; 2],
     radius_m: f64,
-    /// The joints that carry it, from the base on, each with its lever (m, or 1).
+    /// The joints that carry the capsule, from the base on, each with its lever (m, or 1 for a prismatic
+    /// joint).
     carried: Vec<(usize, f64)>,
 }
 
-/// What a capsule is kept away from.
+/// The second member of a pair: the capsule or solid from which a capsule must stay apart.
 #[derive(Clone, Copy, Debug)]
 enum Other {
-    /// Another capsule, moved against the common body by the joints from this place of its list on.
+    /// Another capsule, with a place in its list of joints. The joints from this place on move it relative to
+    /// the common body.
     Capsule(usize, usize),
-    /// A solid on the base.
+    /// A solid that is fixed to the base.
     Obstacle(usize),
 }
 
-/// Two that must stay apart.
+/// A pair that must stay apart.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     a: usize,
-    /// Joints of `a` from this place of its list on move it against the common body.
+    /// Place in the list of joints of `a`. The joints from this place on move `a` relative to the common
+    /// body.
     from: usize,
     other: Other,
-    /// All joints, and the capsules (bit i is capsule i), that its distance is computed from.
+    /// All joints, and all capsules (bit i is capsule i), that the pair's distance depends on.
     needed: (JointSet, u64),
 }
 
-/// How far each capsule may be moved, m: by the joints from a place of its list on.
+/// Largest displacement of each capsule by the joints from a place of its list on, m.
 pub(super) type Moved = [[f64; JOINTS + 1]; CAPSULES_MAX];
 
 /// Bodies, capsules, obstacles and checked pairs of one robot.
@@ -96,14 +103,14 @@ pub(super) struct Body {
     capsules: Vec<Capsule>,
     obstacles: Vec<Solid>,
     pairs: Vec<Pair>,
-    /// Elbows and hands, whose speed is bounded: capsules that are points.
+    /// Elbows and hands, whose speed is bounded. They are capsules of which both ends are one point.
     points: Vec<Capsule>,
 }
 
-/// A rotation whose third column is `axis`.
+/// Returns a rotation whose third column is `axis`.
 fn with_third(axis: &Vector3<f64>) -> Matrix3<f64> {
     let along = axis.normalize();
-    // The coordinate axis that is least along it, so that the product below is far from zero.
+    // The coordinate axis that is farthest from parallel to it, so that the product below is far from zero.
     let least = along.iamin();
     let first = along.cross(&Vector3::ith(least, 1.0)).normalize();
     Matrix3::from_columns(&[first, along.cross(&first), along])
@@ -150,12 +157,12 @@ impl Body {
 
     fn pair(&self, a: usize, b: usize) -> Pair {
         let sets = [a, b].map(|i| self.ancestors(self.capsules[i].body));
-        // A parent has a smaller index than its child, so the joints that both have stand first in both lists.
+        // A parent has a smaller index than its child. So the joints that both lists share are first in both.
         let from = (sets[0] & sets[1]).count_ones() as usize;
         Pair { a, from, other: Other::Capsule(b, from), needed: (sets[0] | sets[1], 1 << a | 1 << b) }
     }
 
-    /// The joints between the base and `body`.
+    /// Returns the joints between the base and `body`.
     fn ancestors(&self, body: usize) -> JointSet {
         let (mut set, mut at) = (0, body);
         while at != 0 {
@@ -165,13 +172,13 @@ impl Body {
         set
     }
 
-    /// The same, from the base on.
+    /// Returns the same joints in order, from the base on.
     fn carriers(&self, body: usize) -> impl Iterator<Item = usize> {
         let set = self.ancestors(body);
         (0..JOINTS).filter(move |j| set & 1 << j != 0)
     }
 
-    /// The lever of joint `j` on a point of `body`, which it carries.
+    /// Returns the lever of joint `j` on a point of `body`, which the joint carries.
     fn lever(&self, j: usize, body: usize, point: &Vector3<f64>) -> f64 {
         if self.joints[j].slides {
             return 1.0;
@@ -185,8 +192,8 @@ impl Body {
         first.x.hypot(first.y) + beyond
     }
 
-    /// Poses of the bodies that the joints of `set` move, at the positions `q` (rad, m). `set` holds the ancestors of each
-    /// of its joints. The other entries stay as they are.
+    /// Computes the poses of the bodies that the joints of `set` move, at the positions `q` (rad, m). `set`
+    /// must contain the ancestors of each of its joints. The other entries stay as they are.
     pub(super) fn place(&self, q: &[f64; JOINTS], set: JointSet, places: &mut Places) {
         for (j, joint) in self.joints.iter().enumerate().filter(|(j, _)| set & 1 << j != 0) {
             let parent = places[joint.parent];
@@ -212,12 +219,13 @@ impl Body {
         self.pairs.len()
     }
 
-    /// The joints and the capsules that a pair's distance is computed from.
+    /// Returns the joints and the capsules that a pair's distance depends on.
     pub(super) fn needed(&self, pair: usize) -> (JointSet, u64) {
         self.pairs[pair].needed
     }
 
-    /// Indices of a pair's capsules in the robot file; for an obstacle the number of capsules and its index.
+    /// Returns the indices of a pair's capsules in the robot file. For an obstacle the second is the number
+    /// of capsules plus its index.
     pub(super) fn named(&self, pair: usize) -> [u32; 2] {
         let Pair { a, other, .. } = self.pairs[pair];
         let b = match other {
@@ -227,7 +235,7 @@ impl Body {
         [a as u32, b as u32]
     }
 
-    /// The capsule in the base frame.
+    /// Returns the capsule in the base frame.
     pub(super) fn axis(&self, capsule: usize, places: &Places) -> Axis {
         let Capsule { body, ends, radius_m, .. } = &self.capsules[capsule];
         let [a, b] = ends.map(|end| places[*body].r * end + places[*body].t);
@@ -238,17 +246,17 @@ impl Body {
         self.points.len()
     }
 
-    /// The body of an elbow or a hand.
+    /// Returns the body of elbow or hand `i`.
     pub(super) fn point_body(&self, i: usize) -> usize {
         self.points[i].body
     }
 
-    /// The joints that move it.
+    /// Returns the joints that move it.
     pub(super) fn point_joints(&self, i: usize) -> JointSet {
         self.points[i].carried.iter().fold(0, |set, (j, _)| set | 1 << j)
     }
 
-    /// At most its speed while the joints are no faster than `v` (rad/s, m/s), m/s.
+    /// Upper bound of its speed while the joints are no faster than `v` (rad/s, m/s), m/s.
     pub(super) fn fastest(&self, i: usize, v: &[f64; JOINTS]) -> f64 {
         self.points[i].carried.iter().map(|&(j, lever)| lever * v[j].abs()).sum()
     }
@@ -265,7 +273,7 @@ impl Body {
         velocity
     }
 
-    /// At most the distance of a pair, m, and cheap.
+    /// Cheap lower bound of a pair's distance, m.
     pub(super) fn at_most(&self, pair: usize, axes: &[Axis; CAPSULES_MAX]) -> f64 {
         let Pair { a, other, .. } = &self.pairs[pair];
         match *other {
@@ -293,7 +301,8 @@ impl Body {
         of_axis - a.radius_m
     }
 
-    /// How far each capsule may be moved by joints that move by `travel` (rad, m), from every place of its list on.
+    /// Largest displacement of each capsule by joints that move by `travel` (rad, m), from every place of its
+    /// list on.
     pub(super) fn moved(&self, travel: &[f64; JOINTS]) -> Moved {
         let mut moved = [[0.0; JOINTS + 1]; CAPSULES_MAX];
         for (capsule, moved) in self.capsules.iter().zip(&mut moved) {
@@ -306,13 +315,13 @@ impl Body {
         moved
     }
 
-    /// By how much the distance of a pair may change, m.
+    /// Largest change of a pair's distance, m.
     pub(super) fn change(&self, pair: usize, moved: &Moved) -> f64 {
         let Pair { a, from, other, .. } = self.pairs[pair];
         moved[a][from] + if let Other::Capsule(b, from) = other { moved[b][from] } else { 0.0 }
     }
 
-    /// The joints between a pair's bodies, each with its lever, those of both sides.
+    /// Returns the joints between a pair's bodies, on both sides, each with its lever.
     pub(super) fn between(&self, pair: usize) -> impl Iterator<Item = (usize, f64)> {
         let Pair { a, from, other, .. } = self.pairs[pair];
         let second = match other {

@@ -1,4 +1,5 @@
-//! Every comparison at its boundary and one unit beyond, on both sides. The constants are written out a second time.
+//! Tests every comparison at its boundary and one unit beyond, on both sides. The constants are written out a
+//! second time.
 
 use messages::{JOINTS, StopPlan};
 use rand::{RngExt, SeedableRng};
@@ -9,11 +10,11 @@ use super::check::{Check, ConfigError, Limits, comes_to_rest, same_stop};
 use super::fixed::{Phase, Point, TICK, TIME_UNITS, UNITS};
 use super::stored::{Phases, Stored, quantised_phases, write_phases};
 
-/// Granted to every comparison, units.
+/// Slack of every comparison, units.
 const SLACK: i64 = 64;
-/// Velocity and acceleration that count as rest, units: 1e-7 of 2^40, less the slack.
+/// Velocity and acceleration that count as rest, units: 1e-7 of 2^40, minus the slack.
 const REST_SLACK: i64 = 109_887;
-/// What durations (units of time) and jerks (units) of the same plan may differ by.
+/// Largest differences of durations (units of time) and jerks (units) within the same plan.
 const SAME_DURATION: i64 = 32_768;
 const SAME_JERK: i64 = 1_048_576;
 
@@ -22,7 +23,7 @@ const LIMITS: Limits = Limits { q: [-(2 << 40), 2 << 40], v: 3 << 39, a: 8 << 40
 
 const NONE: Phases = [Phase { jerk: 0, duration: 0 }; 3];
 
-/// Rest, the length of a stop and the limits on its way, to the unit.
+/// Checks rest, the length of a stop, and the limits on its way, to the unit.
 #[test]
 fn what_a_stop_is_granted_is_exact() {
     let limits = LIMITS;
@@ -39,7 +40,7 @@ fn what_a_stop_is_granted_is_exact() {
         assert_eq!(rest(still, &waiting(limits.stop + 1, 0)), Err(Check::Braking));
         let beyond = Point { q: still.q + sign, ..still };
         assert_eq!(rest(beyond, &waiting(limits.stop, 0)), Err(Check::PlanLimits));
-        // A nanosecond of it leaves too little to see; the jerk is judged all the same.
+        // One unit of time (4 fs) of the jerk changes too little to see. The jerk is judged all the same.
         let centre = Point::default();
         let most = sign * (limits.jerk + SLACK);
         assert_eq!(rest(centre, &waiting(1, most)), Ok(0));
@@ -48,7 +49,8 @@ fn what_a_stop_is_granted_is_exact() {
     }
 }
 
-/// The time-optimal stop in closed form, in `f64` as a sender has it: jerk and duration of its phases.
+/// The time-optimal stop in closed form, in `f64` as a sender computes it. Returns jerk and duration of its
+/// phases.
 fn sent_stop(v: f64, a: f64, a_max: f64, j_max: f64) -> [(f64, f64); 3] {
     let side = if v + a * a.abs() / (2.0 * j_max) < 0.0 { -1.0 } else { 1.0 };
     let (v, a) = (side * v, side * a);
@@ -61,7 +63,7 @@ fn sent_stop(v: f64, a: f64, a_max: f64, j_max: f64) -> [(f64, f64); 3] {
     [(side * first, first_s), (0.0, cruise_s), (side * j_max, peak / j_max)]
 }
 
-/// What is left at the end of an honest stop is rounding: each number to its unit.
+/// An honest stop leaves only rounding at its end, each number to its unit.
 #[test]
 fn an_honest_stop_leaves_far_less_than_is_granted() {
     let mut rng = Pcg64::seed_from_u64(36);
@@ -81,7 +83,7 @@ fn an_honest_stop_leaves_far_less_than_is_granted() {
     assert!(1000 * most < REST_SLACK, "{most} units");
 }
 
-/// Share of the velocity limit, every pair of velocities, both signs, to the unit.
+/// Checks the share of the velocity limit for every pair of velocities, with both signs, to the unit.
 #[test]
 fn the_permitted_share_of_speed_is_exact() {
     let limits = LIMITS;
@@ -100,19 +102,20 @@ fn the_permitted_share_of_speed_is_exact() {
     for scale in [f64::NAN, -1.0, f64::NEG_INFINITY, 0.0, f64::MIN_POSITIVE] {
         assert_eq!(limits.slow(point(100), point(-100 - SLACK), elsewhere, scale), Ok(()));
         assert_eq!(limits.slow(point(100), point(101 + SLACK), elsewhere, scale), Err(Check::SpeedScale));
-        // A joint may gain speed as its plan does: its acceleration cannot vanish at once.
+        // A joint may gain speed as fast as its plan does, because its acceleration cannot vanish at once.
         assert_eq!(limits.slow(point(100), point(101 + SLACK), point(101), scale), Ok(()));
         assert_eq!(limits.slow(point(100), point(102 + SLACK), point(101), scale), Err(Check::SpeedScale));
     }
     assert_eq!(limits.slow(point(0), point(i64::MAX / 4), elsewhere, f64::INFINITY), Ok(()));
 }
 
-/// The acceleration that a phase ends with.
+/// Checks the acceleration at the end of a phase.
 #[test]
 fn the_acceleration_on_the_way_is_judged_to_the_unit() {
     for sign in [-1, 1] {
         for (beyond, fits) in [(0, true), (SLACK, true), (SLACK + 1, false)] {
-            // At the limit for an instant, then straight to zero, with the velocity that this takes: a^2 / 2 J.
+            // The acceleration is at the limit for an instant, then falls straight to zero. The velocity is
+            // the one this takes: a^2 / 2 J.
             let a = LIMITS.a + beyond;
             let start = Point { q: 0, v: -sign * (64 << 40) / 640, a: sign * a };
             let ramp = Phase { jerk: -sign * LIMITS.jerk, duration: (1 << 48) / 40 };
@@ -130,7 +133,8 @@ fn a_seed_comes_to_rest_or_not() {
         assert_eq!(comes_to_rest(Point { q: 0, v: left, a: 0 }, &NONE), rests, "{left}");
         assert_eq!(comes_to_rest(Point { q: 0, v: 0, a: left }, &NONE), rests, "{left}");
     }
-    // 8 rad/s^2 down at 80 rad/s^3 for 0.1 s takes 0.4 rad/s along.
+    // The acceleration falls from 8 rad/s^2 at 80 rad/s^3 in 0.1 s. The velocity changes by 0.4 rad/s
+    // meanwhile.
     let braked = Point { q: 0, v: -((1_i64 << 40) * 2 / 5), a: 8 << 40 };
     assert!(comes_to_rest(braked, &ramp));
     assert!(!comes_to_rest(Point { v: braked.v + (1 << 30), ..braked }, &ramp));
@@ -160,7 +164,7 @@ fn the_same_stop_differs_by_rounding_only() {
             }
         }
     }
-    // A phase without duration does not count, wherever it stands and whatever its jerk.
+    // A phase without duration does not count, at any place and with any jerk.
     let shorter = [stop[1], stop[2], phase(0, 0)];
     let (used_up, barely) = (phase(7 << 40, SAME_DURATION), phase(7 << 40, SAME_DURATION + 1));
     assert!(same_stop(&shorter, &[used_up, stop[1], stop[2]]) && same_stop(&[used_up, stop[1], stop[2]], &shorter));
@@ -169,7 +173,7 @@ fn the_same_stop_differs_by_rounding_only() {
     assert!(!same_stop(&NONE, &stop) && !same_stop(&stop, &NONE));
 }
 
-/// A phase of `duration_s` and `jerk` for joint 3, and nothing else.
+/// Returns a plan that has one phase of `duration_s` and `jerk` for joint 3.
 fn plan_of(jerk: f64, duration_s: f64) -> StopPlan {
     let mut plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
     (plan.jerk[3][1], plan.duration_s[3][1]) = (jerk, duration_s);
@@ -193,10 +197,11 @@ fn plans_are_quantised_or_refused() {
     assert_eq!(written, plan_of(-1.5, 0.25));
 }
 
-/// What is played and what is left, phase by phase, to the end and beyond.
+/// Checks the played and the remaining part, phase by phase, to the end and beyond.
 #[test]
 fn a_stored_plan_is_played_to_its_end() {
-    // 10 ticks at 8 rad/s^2 down to zero, then 5 of nothing, then one more of nothing.
+    // The acceleration falls from 8 rad/s^2 to zero in 10 ticks. Then 5 ticks and one more tick without jerk
+    // follow.
     let jerk = -1500 * (8 << 40) / 10;
     let stop =
         [Phase { jerk, duration: 10 * TICK }, Phase { jerk: 0, duration: 5 * TICK }, Phase { jerk: 0, duration: TICK }];
@@ -220,7 +225,7 @@ fn a_stored_plan_is_played_to_its_end() {
     }
     assert_eq!(stored.later(2).later(1).joint(2), stored.later(3).joint(2));
     assert_eq!(stored.later(u64::MAX).played, 73_500);
-    // What little is left where no stop is, is rest.
+    // A small speed or acceleration without a stop counts as rest.
     let nearly = Point { q: 5, v: 7, a: -9 };
     assert_eq!(Stored::new([nearly; JOINTS], [NONE; JOINTS]).joint(0), (Point { q: 5, v: 0, a: 0 }, NONE));
 }
@@ -230,7 +235,7 @@ fn limits_are_taken_to_the_unit_or_refused() {
     let sound = JointLimits { q_min: -1.0, q_max: 2.0, v_max: 1.5, a_max: 8.0, j_max: 320.0, effort_max: 40.0 };
     let limits = Limits::new("joint", &sound, 0.0).expect("sound");
     assert_eq!((limits.q, limits.v, limits.a, limits.jerk), ([-(1 << 40), 2 << 40], 3 << 39, 8 << 40, 320 << 40));
-    // 1.05 (V / A + 2 A / J) and a tick.
+    // The stop time is 1.05 (V / A + 2 A / J) and a tick.
     let stop_s = 1.05 * (1.5 / 8.0 + 16.0 / 320.0);
     assert!((limits.stop as f64 - stop_s * TIME_UNITS - TICK as f64).abs() < 2.0, "{}", limits.stop);
     let ceilings =
@@ -256,7 +261,7 @@ fn limits_are_taken_to_the_unit_or_refused() {
     }
 }
 
-/// A recovery widens the range to where the joint was, and no further; it never widens the speed.
+/// A recovery widens the range to the joint's last position, and no further. It never widens the speed.
 #[test]
 fn a_recovery_reaches_from_where_the_joint_was() {
     let slow = LIMITS.v / 10;

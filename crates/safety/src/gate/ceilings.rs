@@ -1,15 +1,15 @@
-//! The arithmetic at its ceilings: everything fits its type, and what comes out is what the formula says.
+//! Tests the arithmetic at its ceilings: every value fits its type, and the results agree with the formulas.
 
 use super::check::{Check, Limits, comes_to_rest, same_stop};
 use super::fixed::{Phase, Point, TICK, ticks_long};
 
-/// Ceilings of `fixed`, written out a second time, in units; a clamped value is one beyond.
+/// Ceilings of `fixed`, written out a second time, in units. A clamped value is one unit beyond.
 const MOTION: i64 = 1 << 46;
 const ACCELERATION: i64 = 1 << 52;
 const JERK: i64 = 1 << 60;
 const TIME: i64 = 1 << 52;
 
-/// Zero, one, and both sides of a ceiling, with both signs.
+/// Returns zero, one, and values on both sides of a ceiling, with both signs.
 fn around(ceiling: i64, clamped: bool) -> Vec<i64> {
     let beyond = if clamped { ceiling + 1 } else { ceiling };
     [0, 1, ceiling / 3, ceiling - 1, ceiling, beyond].into_iter().flat_map(|x| [x, -x]).collect()
@@ -20,12 +20,12 @@ fn clamp(value: i128, ceiling: i64) -> i128 {
     value.clamp(-beyond, beyond)
 }
 
-/// x / y to the nearest, halves upwards.
+/// Returns x / y to the nearest integer, halves upwards.
 fn divided(x: i128, y: i128) -> i128 {
     (2 * x + y).div_euclid(2 * y)
 }
 
-/// Durations that are whole multiples of 2^32 units, so that the cubic fits `i128`: up to the ceiling.
+/// Durations up to the ceiling. They are whole multiples of 2^32 units, so that the cubic fits `i128`.
 const TIMES: [i64; 6] = [0, 1, 3, 1 << 10, (1 << 20) - 1, TIME >> 32];
 
 #[test]
@@ -42,7 +42,8 @@ fn integration_at_the_ceilings_is_the_formula_clamped() {
                         let exact_q =
                             clamp(q + divided(6 * v * m * (1 << 16) + (2 * a + end) * m * m, 6 << 32), MOTION);
                         assert_eq!(i128::from(got.v), exact_v, "{q} {v} {a} {end} {m}");
-                        // The second product is of a rounded first one: half a unit of velocity for up to 16 s.
+                        // The second product uses a rounded first one. The error is half a unit of velocity
+                        // for up to 16 s.
                         assert!((i128::from(got.q) - exact_q).abs() <= 2, "{} {exact_q}: {q} {v} {a} {end} {m}", got.q);
                         assert_eq!(i128::from(got.a), end);
                     }
@@ -65,7 +66,7 @@ fn acceleration_at_the_ceilings_is_the_formula_clamped() {
     }
 }
 
-/// With overflow checks on, which the profiles of this workspace have for this crate, an overflow would end the test.
+/// An overflow would end the test: this workspace's profiles turn overflow checks on for this crate.
 #[test]
 fn checks_at_the_ceilings_fit_their_types() {
     let widest = Limits { q: [-MOTION, MOTION], v: MOTION, a: ACCELERATION, jerk: JERK, stop: 3 * TIME };
@@ -105,7 +106,7 @@ fn checks_at_the_ceilings_fit_their_types() {
     assert_eq!(end(longer), Err(Check::Braking));
 }
 
-/// Where a phase turns lies within what it says it reaches, at any size.
+/// The turning point of a phase lies within its reported extremes, at any size.
 #[test]
 fn extremes_at_the_ceilings_hold_every_point_between() {
     for v in around(MOTION, true) {

@@ -10,79 +10,84 @@ use super::fixed::{
 use super::stop::Stop;
 use super::stored::Phases;
 
-/// Rounding that is granted to every comparison, in units: 5.8e-11 rad, rad/s, rad/s^2. Positions rounded to the
-/// nearest unit and three phases of integration err by less than 8 (`integration_agrees_with_the_polynomial`); the
-/// rest is for sender and driver, who keep books in `f64`.
+/// Rounding that every comparison allows, in units: 5.8e-11 rad, rad/s, rad/s^2. Positions rounded to the
+/// nearest unit and three phases of integration err by less than 8 units
+/// (`integration_agrees_with_the_polynomial`). The rest is for sender and driver, which compute in `f64`.
 pub(super) const SLACK: i64 = 64;
 
-/// What may be left of velocity and acceleration when a plan ends, in units: 1e-7 rad/s and rad/s^2, as the driver has it,
-/// less the rounding above, so that the driver takes what passes here. The joint is then at rest by definition. The
-/// time-optimal stops of a million random states leave at most 2 units (`an_honest_stop_leaves_far_less_than_is_granted`).
+/// Velocity and acceleration that may remain when a plan ends, in units.
+///
+/// It is 1e-7 rad/s and rad/s^2, as in the driver, minus the rounding above. So the driver accepts every plan
+/// that passes here. The joint is then at rest by definition. The time-optimal stops of a million random
+/// states leave at most 2 units (`an_honest_stop_leaves_far_less_than_is_granted`).
 const REST_SLACK: i64 = 109_951 - SLACK;
 
-/// Jerk is judged by the change of acceleration over a tick; rounding of its two ends, in units of jerk.
+/// Rounding of the jerk, in units of jerk. The jerk is judged by the change of acceleration over a tick, and
+/// both ends are rounded.
 const JERK_SLACK: i64 = 1500 * SLACK;
 
-/// What a joint's command fails.
+/// A check that a joint's command fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Check {
     /// A value is NaN, infinite or beyond the ceilings of the arithmetic, or a duration is negative.
     Finite,
-    /// The command leaves the position limits, or does within its tick.
+    /// The command leaves the position limits, at its tick or on the way to it.
     Position,
-    /// The command leaves the velocity limits, or does within its tick.
+    /// The command leaves the velocity limits, at its tick or on the way to it.
     Velocity,
     /// The command leaves the acceleration limits.
     Acceleration,
     /// The command needs more jerk than allowed.
     Jerk,
-    /// The command is neither a tick of constant jerk after the last one, nor the next point of the stored plan.
+    /// The command is neither one tick of constant jerk after the last one, nor the next point of the stored
+    /// plan.
     Step,
     /// The command is faster than the permit allows.
     SpeedScale,
     /// The plan leaves the limits on its way.
     PlanLimits,
-    /// The plan does not end at rest, or later than any stop has to.
+    /// The plan does not end at rest, or ends later than any stop has to.
     Braking,
 }
 
-/// Limits that the gate cannot work with.
+/// Returned for limits that the gate cannot work with.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ConfigError {
-    /// A limit is not finite, not positive, or beyond the arithmetic.
+    /// Returned if a limit is not finite, not positive, or too large for the arithmetic.
     #[error("joint {joint}: {limit} = {value}, must lie in ({min}, {max}]")]
     Limit {
         /// Name of the joint.
         joint: String,
-        /// Which limit.
+        /// Name of the limit.
         limit: &'static str,
         /// Its value, SI.
         value: f64,
-        /// It must be above this.
+        /// The value must be above this.
         min: f64,
-        /// And at most this.
+        /// The value may be at most this.
         max: f64,
     },
-    /// Clearance that keeps nothing apart.
+    /// Returned if the least clearance is not finite and positive, so that nothing would be kept apart.
     #[error("clearance_min = {0} m, must be finite and above zero")]
     Clearance(f64),
-    /// A bound on the speed of hands that leaves no motion.
+    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be
+    /// left.
     #[error("hand speed = {0} m/s, must be finite and above zero")]
     HandSpeed(f64),
-    /// An interface that no robot has.
+    /// Returned if a figure of the interface is outside its bound.
     #[error("interface: {key} = {value}, must be 0 to {bound}")]
     Interface {
-        /// Which figure.
+        /// Name of the figure.
         key: &'static str,
         /// Its value.
         value: f64,
         /// The bound.
         bound: f64,
     },
-    /// A collision model that does not fit.
+    /// Returned if the collision model has too many pairs or capsules.
     #[error("collision model: {value} pairs, at most {bound}")]
     Pairs {
-        /// Pairs of capsules, and of capsules and obstacles.
+        /// Number of pairs of two capsules, or of a capsule and an obstacle.
         value: usize,
         /// The bound.
         bound: usize,
@@ -96,15 +101,16 @@ pub(super) struct Limits {
     pub(super) v: i64,
     pub(super) a: i64,
     pub(super) jerk: i64,
-    /// Longest stop that is believed, in units of time.
+    /// Longest stop that the gate accepts, in units of time.
     pub(super) stop: i64,
 }
 
-/// Planning with a little less than the limits takes a little longer.
+/// Margin on the stop time. A plan that uses a little less than the limits takes a little longer.
 const STOP_TIME_MARGIN: f64 = 1.05;
 
 impl Limits {
-    /// `latest_s` is what a stop may take at least, s: where the motors have little to spare it brakes more gently.
+    /// `latest_s` is a lower bound of the allowed stop time, s. Where the motors have little to spare, a stop
+    /// brakes more gently.
     pub(super) fn new(name: &str, limits: &JointLimits, latest_s: f64) -> Result<Self, ConfigError> {
         let units = |limit: &'static str, value: f64, min: f64, max: f64| {
             let inside = value > min && value <= max;
@@ -116,16 +122,17 @@ impl Limits {
         let v = units("v_max", limits.v_max, 0.0, MOTION_CEILING)?;
         let a = units("a_max", limits.a_max, 0.0, ACCELERATION_CEILING)?;
         let jerk = units("j_max", limits.j_max, 0.0, JERK_CEILING)?;
-        // No shorter than the time-optimal stop from (v, a) with v + a^2 / 2J <= V and |a| <= A takes at most V/A + 2 A/J: A/J to lose
-        // the acceleration, V/A + A/J from the highest speed (2 sqrt(V/J) where A is never reached, which is less).
+        // This is no shorter than any time-optimal stop from (v, a) with v + a^2 / 2J <= V and |a| <= A. Such
+        // a stop takes at most V/A + 2 A/J. Losing the acceleration takes A/J, and the stop from the highest
+        // speed takes V/A + A/J. If A is never reached, the latter is 2 sqrt(V/J), which is less.
         let stop_s = limits.v_max / limits.a_max + 2.0 * limits.a_max / limits.j_max;
-        // A conversion that saturates: with any positive limits it only grows the bound.
+        // The conversion saturates. With any positive limits the bound can only grow.
         let stop = (stop_s.max(latest_s) * STOP_TIME_MARGIN * TIME_UNITS) as i64;
         Ok(Self { q: [q_min, q_max], v, a, jerk, stop: stop.saturating_add(TICK) })
     }
 
-    /// The limits of a tick of recovery: outside, the range reaches to where the joint was, without slack, so that it
-    /// cannot creep; and the speed is `v`.
+    /// Returns the limits for a tick of recovery. If the joint is outside, the range reaches to its last
+    /// position, without slack, so that it cannot creep outwards. The largest speed is `v`.
     pub(super) fn recovering(&self, last: Point, v: i64) -> Self {
         let q = [self.q[0].min(last.q + SLACK), self.q[1].max(last.q - SLACK)];
         Self { q, v: self.v.min(v), ..*self }
@@ -149,18 +156,18 @@ impl Limits {
         Ok(())
     }
 
-    /// The step from `last` to `next`, of which `on_plan` is the point that the stored plan has for this tick.
+    /// Checks the step from `last` to `next`. `on_plan` is the point of the stored plan for this tick.
     pub(super) fn step(&self, last: Point, next: Point, on_plan: Point) -> Result<(), Check> {
         if next.a.abs() > self.a + SLACK {
             return Err(Check::Acceleration);
         }
         self.within(&Extremes { q: [next.q; 2], v: [next.v; 2] })?;
         if next.is_near(on_plan, SLACK) {
-            // Checked, with all that lies between, when the plan was accepted.
+            // The point and the way to it were checked when the plan was accepted.
             return Ok(());
         }
-        // |a| is at most 2^52 on both sides, so the product may reach 2^53 * 1500 > 2^63: it is taken in i128, and fits
-        // an i64 once it is known to be within the jerk limit.
+        // |a| is at most 2^52 on both sides, so the product may reach 2^53 * 1500 > 2^63. It is computed in i128.
+        // It fits an i64 once it is known to be within the jerk limit.
         let jerk = i128::from(next.a - last.a) * 1500;
         if jerk.abs() > i128::from(self.jerk + JERK_SLACK) {
             return Err(Check::Jerk);
@@ -172,19 +179,20 @@ impl Limits {
         self.within(&extremes)
     }
 
-    /// Speed in a tick with only part of the velocity limit: no faster than that part, or than before, or than the stored
-    /// plan, which brakes as soon as the joint can.
+    /// Checks the speed in a tick with only part of the velocity limit. It may not exceed that part, or the
+    /// previous speed, if that is greater. The stored plan is always allowed, because it brakes as soon as
+    /// the joint can.
     pub(super) fn slow(&self, last: Point, next: Point, on_plan: Point, speed_scale: f64) -> Result<(), Check> {
         if speed_scale >= 1.0 {
             return Ok(());
         }
-        // NaN becomes zero, too: nothing may get faster.
+        // NaN becomes zero too, so nothing may get faster.
         let share = (speed_scale.max(0.0) * self.v as f64) as i64;
         let slower = next.v.abs() <= share.max(last.v.abs()) + SLACK || next.is_near(on_plan, SLACK);
         if slower { Ok(()) } else { Err(Check::SpeedScale) }
     }
 
-    /// The stop from `start`.
+    /// Checks the stop from `start`.
     pub(super) fn stop(&self, start: Point, phases: &Phases) -> Result<Stop, Check> {
         if phases.iter().map(|phase| phase.duration).sum::<i64>() > self.stop {
             return Err(Check::Braking);
@@ -208,16 +216,18 @@ fn at_rest(point: Point) -> bool {
     point.v.abs() <= REST_SLACK && point.a.abs() <= REST_SLACK
 }
 
-/// Whether a stop ends at rest, wherever that is: what is asked of a state that the driver is already in.
+/// Returns true if a stop ends at rest, at any position. The gate requires only this of a state that the
+/// driver is already in.
 pub(super) fn comes_to_rest(start: Point, phases: &Phases) -> bool {
     at_rest(phases.iter().fold(start, |point, phase| point.after(phase.jerk, phase.duration)))
 }
 
-/// What two plans may differ by and still be the same one: 0.1 ns, and the jerk that rounding of a sum leaves.
+/// Largest differences between two plans that count as the same: 0.1 ns, and the jerk that rounding of a sum
+/// leaves.
 const SAME_DURATION: i64 = 1 << 15;
 const SAME_JERK: i64 = 1 << 20;
 
-/// Whether two stops are the same up to rounding; phases without duration do not count.
+/// Returns true if two stops are the same up to rounding. Phases without duration do not count.
 pub(super) fn same_stop(x: &Phases, y: &Phases) -> bool {
     let mut x = x.iter().filter(|phase| phase.duration > SAME_DURATION);
     let mut y = y.iter().filter(|phase| phase.duration > SAME_DURATION);
@@ -235,7 +245,7 @@ pub(super) fn same_stop(x: &Phases, y: &Phases) -> bool {
     }
 }
 
-/// Limits of all joints.
+/// Converts the limits of all joints.
 pub(super) fn all_limits(
     names: &[String; JOINTS],
     limits: &[JointLimits; JOINTS],

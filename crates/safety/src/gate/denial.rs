@@ -1,22 +1,22 @@
-//! Why a command was denied, and what to say of it.
+//! The reasons for a denial, with their codes and texts.
 
 use super::Check;
 use messages::Subject;
 
-/// Why a command was denied.
+/// The reason why a command was denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Denial {
     /// The last seed was not finite or does not come to rest.
     Seed,
-    /// The command is not for the tick after the last one.
+    /// The command is not for the tick that follows the last one.
     Index,
-    /// A new motion without permission to move.
+    /// The command is a new motion without permission to move.
     Permit,
     /// A joint fails a check.
     Joint {
         /// Its index.
         joint: usize,
-        /// What it fails.
+        /// The check that it fails.
         check: Check,
     },
     /// Two capsules are too close at the command.
@@ -34,21 +34,22 @@ pub enum Denial {
         /// Indices of the capsules in the robot file.
         pair: [u32; 2],
     },
-    /// An elbow or a hand is too fast at the command or at an instant of the stop.
+    /// An elbow or a hand is too fast, at the command or at an instant of the stop.
     HandSpeed {
         /// The joint that carries it: an arm's fifth or seventh.
         joint: usize,
     },
 }
 
-/// Code of the first check; each has one, in their order.
+/// Code of the first check. Each check has one code, in their order.
 const FIRST_CHECK: u32 = 6;
-/// Code of the first denial that came after the checks; a code keeps its meaning in recordings.
+/// Code of the first denial that was added after the checks. A code never changes its meaning, because
+/// recordings contain it.
 const ON_THE_WAY: u32 = 15;
 const HAND_SPEED: u32 = 16;
 
 impl Denial {
-    /// Its code in `Status::denied_why`, never zero.
+    /// Code in `Status::denied_why`. Never zero.
     pub const fn code(self) -> u32 {
         match self {
             Self::Seed => 1,
@@ -62,7 +63,7 @@ impl Denial {
         }
     }
 
-    /// What it is about, if it is a joint or a pair.
+    /// The joint or pair that is the subject, if there is one.
     pub const fn subject(self) -> Option<Subject> {
         match self {
             Self::Seed | Self::Index | Self::Permit => None,
@@ -73,7 +74,7 @@ impl Denial {
         }
     }
 
-    /// What a code means, to be followed by what it is about; none for a code that no denial has.
+    /// Text for a code, to be followed by the subject. None for a code that no denial has.
     pub const fn meaning(code: u32) -> Option<&'static str> {
         Some(match code {
             1 => "there was no usable state to go on from",

@@ -1,9 +1,10 @@
-//! Kinematics in integers: the same result on every machine.
+//! Kinematics in integers. The result is the same on every machine.
 //!
-//! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the like),
-//! times in 2^-48 s. A tick of 1/1500 s is no whole number of them; ticks are counted and then converted, so that what
-//! one is off by (0.8e-15 s) does not add up. Scaling an `f64` by a power of two is exact, so the only rounding is to the
-//! nearest unit. Ceilings keep every intermediate inside its type:
+//! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the
+//! like). Times are counted in 2^-48 s. A tick of 1/1500 s is not a whole number of these units. So ticks are
+//! counted and then converted, and the error of one tick (0.8e-15 s) does not add up. Scaling an `f64` by a
+//! power of two is exact, so the only rounding is to the nearest unit. Ceilings keep every intermediate value
+//! inside its type:
 //!
 //! | quantity | ceiling, SI | units |
 //! |---|---|---|
@@ -12,10 +13,12 @@
 //! | jerk | 2^20 | 2^60 |
 //! | time | 2^4 s | 2^52 |
 //!
-//! Products are taken in `i128`. Results beyond a ceiling are clamped to just above it, which no limit admits.
+//! Products are computed in `i128`. Results beyond a ceiling are clamped to just above it, and no limit
+//! admits that value.
 //!
-//! Nothing can overflow, and no conversion to `i64` can cut anything off. With Q, V <= 2^46 + 1, A <= 2^52 + 1, J <= 2^60,
-//! T <= 2^52 (inputs by `quantise`, results by `clamped`), and limits within the same ceilings:
+//! Nothing can overflow, and no conversion to `i64` can cut anything off. The bounds are Q, V <= 2^46 + 1, A
+//! <= 2^52 + 1, J <= 2^60 and T <= 2^52. `quantise` ensures them for inputs, `clamped` for results. Limits
+//! are within the same ceilings. Then:
 //!
 //! | operation | where | at most | type |
 //! |---|---|---|---|
@@ -40,7 +43,7 @@
 //! | a duration less what is played of it | `stored` | T | `i64` |
 //! | ticks played, indices, counts | `stored`, `tick` | saturating | `u64` |
 //!
-//! `ceilings` runs all of them at both ends of their ranges, in builds that check for overflow.
+//! The tests of `ceilings` run all of them at both ends of their ranges, in builds that check for overflow.
 
 use messages::TICK_HZ;
 
@@ -50,7 +53,7 @@ pub(super) const UNITS: f64 = (1_u64 << 40) as f64;
 const TIME_BITS: u32 = 48;
 /// Units of time per second.
 pub(super) const TIME_UNITS: f64 = (1_u64 << TIME_BITS) as f64;
-/// A tick, in units of time, to the nearest.
+/// A tick, in units of time, rounded to the nearest.
 pub(super) const TICK: i64 = ((1_i64 << TIME_BITS) + TICK_HZ as i64 / 2) / TICK_HZ as i64;
 
 /// Highest position and velocity, SI.
@@ -65,26 +68,28 @@ pub(super) const TIME_CEILING_S: f64 = 16.0;
 const MOTION_CLAMP: i64 = (1 << 46) + 1;
 const ACCELERATION_CLAMP: i64 = (1 << 52) + 1;
 
-/// The length of `ticks` (at most 2^20) in units of time, to the nearest: a tick is no whole number of units, and many
-/// are not off by more than one.
+/// Returns the length of `ticks` (at most 2^20) in units of time, to the nearest. A tick is not a whole
+/// number of units. The result errs by at most one unit, however many ticks there are.
 pub(super) fn ticks_long(ticks: u64) -> i64 {
     let ticks = i128::from(ticks.min(1 << 20));
     (((ticks << TIME_BITS) + i128::from(TICK_HZ) / 2) / i128::from(TICK_HZ)) as i64
 }
 
-/// The least number of ticks that are as long as `duration`, which is not negative and at most three longest phases.
+/// Returns the least number of ticks that are as long as `duration`. It must not be negative, and at most
+/// three times the longest phase.
 pub(super) fn ticks_of(duration: i64) -> u64 {
-    // n ticks are 2^48 n / 1500 to the nearest, so at least `duration` from 2^48 n / 1500 >= duration - 1/2 on.
+    // The length of n ticks is 2^48 n / 1500, rounded to the nearest. So it is at least `duration` from 2^48
+    // n / 1500 >= duration - 1/2 on.
     let ticks = (2 * i128::from(duration) - 1) * i128::from(TICK_HZ) + ((1 << (TIME_BITS + 1)) - 1);
     (ticks >> (TIME_BITS + 1)) as u64
 }
 
-/// `value` in units, or None where it is not finite or beyond the ceiling.
+/// Returns `value` in units, or None if it is not finite or beyond the ceiling.
 pub(super) fn quantise(value: f64, ceiling: f64, units: f64) -> Option<i64> {
     (value.abs() <= ceiling).then(|| (value * units).round_ties_even() as i64)
 }
 
-/// x t / 2^bits, rounded to the nearest.
+/// Returns x t / 2^bits, rounded to the nearest.
 fn scaled(x: i64, t: i64, bits: u32) -> i128 {
     (i128::from(x) * i128::from(t) + (1 << (bits - 1))) >> bits
 }
@@ -101,14 +106,14 @@ pub(super) struct Point {
     pub(super) a: i64,
 }
 
-/// A stretch of constant jerk, in units.
+/// A phase of constant jerk, in units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Phase {
     pub(super) jerk: i64,
     pub(super) duration: i64,
 }
 
-/// Least and greatest position and velocity of a stretch, in units.
+/// Least and greatest position and velocity of a phase, in units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Extremes {
     pub(super) q: [i64; 2],
@@ -116,7 +121,7 @@ pub(super) struct Extremes {
 }
 
 impl Point {
-    /// None where a value is not finite or beyond its ceiling.
+    /// Returns None if a value is not finite or beyond its ceiling.
     pub(super) fn quantised(q: f64, v: f64, a: f64) -> Option<Self> {
         Some(Self {
             q: quantise(q, MOTION_CEILING, UNITS)?,
@@ -125,13 +130,14 @@ impl Point {
         })
     }
 
-    /// After `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t) t / 6.
+    /// State after `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t)
+    /// t / 6.
     pub(super) fn after(self, jerk: i64, t: i64) -> Self {
         let a = clamped(i128::from(self.a) + scaled(jerk, t, TIME_BITS), ACCELERATION_CLAMP);
         self.reaching(a, t)
     }
 
-    /// After `t` in which the acceleration goes evenly to `a`.
+    /// State after `t` in which the acceleration changes linearly to `a`.
     pub(super) fn reaching(self, a: i64, t: i64) -> Self {
         let v = i128::from(self.v) + scaled(self.a + a, t, TIME_BITS + 1);
         let slope = 6 * self.v + scaled(2 * self.a + a, t, TIME_BITS) as i64;
@@ -140,7 +146,7 @@ impl Point {
         Self { q: clamped(q, MOTION_CLAMP), v: clamped(v, MOTION_CLAMP), a }
     }
 
-    /// Whether the two differ by at most `slack` units each.
+    /// Returns true if the two differ by at most `slack` units in each value.
     pub(super) fn is_near(self, other: Self, slack: i64) -> bool {
         let near = |x: i64, y: i64| (x - y).abs() <= slack;
         near(self.q, other.q) && near(self.v, other.v) && near(self.a, other.a)
@@ -148,14 +154,15 @@ impl Point {
 }
 
 impl Phase {
-    /// When, within the phase, the acceleration that begins at `a` is zero, or nearest to it.
+    /// Time within the phase at which the acceleration, which begins at `a`, is zero or nearest to zero.
     fn turn(self, a: i64) -> i64 {
         let turn = (-i128::from(a) << TIME_BITS).checked_div(i128::from(self.jerk)).unwrap_or(0);
         turn.clamp(0, i128::from(self.duration)) as i64
     }
 
-    /// Where the phase leads from `start`, and how far it reaches on the way: velocity is extreme at the ends and where
-    /// the acceleration is zero, position at the ends and where the velocity is.
+    /// Returns the end of the phase that begins at `start`, and its extremes. The velocity is extreme at the
+    /// ends and where the acceleration is zero. The position is extreme at the ends and where the velocity is
+    /// zero.
     pub(super) fn play(self, start: Point) -> (Point, Extremes) {
         let end = start.after(self.jerk, self.duration);
         let turn = self.turn(start.a);
@@ -172,12 +179,13 @@ fn sorted(x: i64, y: i64) -> [i64; 2] {
     [x.min(y), x.max(y)]
 }
 
-/// The bisection below stops at 2^20 units of time, 3.7 ns: from there to the turning point the position changes by at
-/// most a t^2 / 2, 7e-15 rad at 1000 rad/s^2.
+/// The bisection below stops at 2^20 units of time, 3.7 ns. From there to the turning point the position
+/// changes by at most a t^2 / 2, which is 7e-15 rad at 1000 rad/s^2.
 const BISECTION_END: i64 = 1 << 20;
 
 impl Extremes {
-    /// Notes the position where the velocity, monotone over `span` of time and `v` at its ends, passes zero.
+    /// Notes the position at which the velocity passes zero. The velocity is monotone over `span` of time,
+    /// and is `v` at its ends.
     fn note_turn(&mut self, start: Point, jerk: i64, span: [i64; 2], v: [i64; 2]) {
         if v[0].signum() * v[1].signum() >= 0 {
             return;
@@ -239,7 +247,7 @@ mod tests {
 
     #[test]
     fn nothing_overflows_at_the_ceilings() {
-        // Builds with overflow checks panic; the others would end with the wrong sign.
+        // Builds with overflow checks panic. Other builds would end with the wrong sign.
         for signs in 0..16_u32 {
             let [sq, sv, sa, sj] = [1, 2, 4, 8].map(|bit| if signs & bit == 0 { 1.0 } else { -1.0 });
             let start = Point::quantised(sq * MOTION_CEILING, sv * MOTION_CEILING, sa * ACCELERATION_CEILING).unwrap();
@@ -273,7 +281,8 @@ mod tests {
                 walk.q = [walk.q[0].min(at.q), walk.q[1].max(at.q)];
                 walk.v = [walk.v[0].min(at.v), walk.v[1].max(at.v)];
             }
-            // Between two of the 400 steps of at most 0.25 ms the walk misses at most a t^2 / 8 and J t^2 / 8.
+            // Between two of the 400 steps of at most 0.25 ms, the walk misses at most a t^2 / 8 and J t^2 /
+            // 8.
             let near = |exact: i64, walked: i64, missed: f64| {
                 assert!((exact - walked).abs() as f64 <= missed * UNITS, "{start:?} {phase:?}");
             };

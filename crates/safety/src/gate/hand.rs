@@ -1,10 +1,12 @@
-//! The speed of elbows and hands in the base frame, at the command and at the samples of its stop.
+//! Checks the speed of elbows and hands in the base frame, at the command and at the samples of its stop.
 //!
-//! A point p of an arm moves with p' = sum_k J_k q_k': J_k is z_k x (p - o_k) for a joint that turns about z_k through o_k,
-//! and z_k for one that slides. Its length is at most the lever R_k (see `body`), so with V_k the largest speed of joint k
-//! on the whole way, sum_k R_k V_k <= bound needs no kinematics. Else the velocity is taken at the command and at the same
-//! instants as the clearance. Between two of them that are dt apart a point may be faster by at most B dt / 2, with B the
-//! bound on its acceleration; that it is not is what whole-body control shows.
+//! A point p of an arm moves with p' = sum_k J_k q_k'. For a revolute joint about z_k through o_k, J_k is z_k
+//! x (p - o_k). For a prismatic joint it is z_k. The length of J_k is at most the lever R_k (see `body`).
+//!
+//! Let V_k be the largest speed of joint k on the whole way. If sum_k R_k V_k <= bound, no kinematics are
+//! needed. Otherwise the velocity is computed at the command and at the same instants as the clearance. Let B
+//! be the bound on the acceleration of a point. Between two instants that are dt apart, the point may be
+//! faster by at most B dt / 2. Whole-body control proves that it is not.
 
 use messages::JOINTS;
 
@@ -14,10 +16,12 @@ use super::fixed::{Point, UNITS};
 use super::stop::Stop;
 use super::way::{positions, sample_times};
 
-/// Rounding of a speed, m/s: that of positions and speeds is below 1e-10 rad and rad/s, of levers below 1e-14 m.
+/// Rounding of a speed, m/s. The rounding of positions and speeds is below 1e-10 rad and rad/s, that of
+/// levers below 1e-14 m.
 const SPEED_SLACK_M_PER_S: f64 = 1e-9;
 
-/// Whether elbows and hands are no faster than `max_m_per_s` at the command `next` and at the samples of `stops`.
+/// Checks that elbows and hands are no faster than `max_m_per_s` at the command `next` and at the samples of
+/// `stops`.
 pub(super) fn judge(
     body: &Body,
     max_m_per_s: f64,
@@ -59,7 +63,7 @@ mod tests {
     use rand_pcg::Pcg64;
     use robot::{Frames, Model};
 
-    /// The fastest point at `q` and `v`, by the model's Jacobian.
+    /// Speed of the fastest point at `q` and `v`, by the model's Jacobian.
     fn fastest(model: &Model, q: &[f64; JOINTS], v: &[f64; JOINTS]) -> f64 {
         let mut frames = Frames::default();
         model.forward(q, &mut frames);
@@ -72,8 +76,8 @@ mod tests {
         model.speed_points().map(speed).into_iter().fold(0.0, f64::max)
     }
 
-    /// By the sum of levers hands reach 7 m/s at the shipped limits, so the gate looks at the bound of 3 m/s; a robot that
-    /// could not reach it would cost nothing.
+    /// By the sum of levers, hands reach 7 m/s at the shipped limits. So the gate checks the bound of 3 m/s.
+    /// For a robot that cannot reach the bound, the check would cost nothing.
     #[test]
     fn the_bound_is_looked_at_where_a_hand_may_reach_it() {
         let model = shipped();
@@ -104,7 +108,7 @@ mod tests {
             let stops: [Stop; JOINTS] = std::array::from_fn(|j| {
                 let mut phases = [Phase::default(); 3];
                 for phase in &mut phases {
-                    // Some of it gets faster.
+                    // Some of the stops get faster on their way.
                     phase.jerk = (model.limits[j].j_max * 0.2 * rng.random_range(-1.0..=1.0) * UNITS) as i64;
                     phase.duration = rng.random_range(0..1 << 44);
                 }
@@ -119,7 +123,7 @@ mod tests {
             let first = speed(&next);
             let of_samples = sample_times(&stops).map(|time| speed(&std::array::from_fn(|j| stops[j].at(time))));
             let most = of_samples.into_iter().fold(first, f64::max);
-            // At the boundary and beyond it, on both sides of the slack.
+            // The bound is checked at the boundary and beyond it, on both sides of the slack.
             assert_eq!(judge(&body, most, &next, &stops), Ok(()), "{n}");
             let denied = judge(&body, most - 2e-9, &next, &stops);
             assert!(

@@ -1,21 +1,23 @@
-//! What the robot's interface may make of the commands, as far as the gate must know it.
+//! The possible difference between the commands and the robot's motion, as far as the gate must know it.
 //!
-//! Joints of one controller follow together, controllers may lag each other by the *skew* s. Seen from the least delayed
-//! controller, a joint k of another one is where the command was up to s earlier, at most
+//! Joints of one controller follow together. Controllers may lag each other by the *skew* s. Take the least
+//! delayed controller as the reference, and a joint k of another one. This joint is where its command was up
+//! to s earlier. By Taylor's formula with the jerk limit J_k, its distance from the command is at most
 //!
 //! ```text
 //! lag_k = s (|v_k| + s |a_k| / 2) + J_k s^3 / 6
 //! ```
 //!
-//! away (Taylor's formula, with the jerk limit J_k). Beside that each joint may be `off_k` from where its controller should
-//! have it. With the levers R_k of the joints between a pair's bodies (see `body`), the pair may lose
+//! Besides that, each joint may differ by `off_k` from the position where its controller should have it. R_k
+//! are the levers of the joints between a pair's bodies (see `body`). The pair may lose
 //!
 //! ```text
 //! sum over all joints of R_k off_k + sum over all controllers but the one with the least sum of R_k lag_k
 //! ```
 //!
-//! because which controller is least delayed is not known. A pair between whose bodies one controller moves all joints
-//! loses nothing by lag. Positions, speeds and accelerations are the command's at that instant.
+//! because nobody knows which controller is least delayed. If one controller moves all joints between a
+//! pair's bodies, the pair loses nothing by lag. Positions, speeds and accelerations are those of the command
+//! at that instant.
 
 use messages::JOINTS;
 use robot::JointLimits;
@@ -24,7 +26,8 @@ use super::body::Body;
 use super::check::ConfigError;
 use super::fixed::{Point, UNITS};
 
-/// Largest deviation of a joint, rad or m. Assumption: ten times the worst of 100 Hz controllers that interpolate linearly.
+/// Largest deviation of a joint, rad or m. Assumption: ten times the worst value of 100 Hz controllers that
+/// interpolate linearly.
 const OFF_MAX: f64 = 1e-3;
 /// Longest skew, s. Assumption: more than one period of the slowest interface.
 const SKEW_MAX_S: f64 = 0.05;
@@ -32,15 +35,15 @@ const SKEW_MAX_S: f64 = 0.05;
 /// The interface between the commands and the robot. The default executes every command at its time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interface {
-    /// How far a joint may be from where its controller should have it, rad or m.
+    /// Largest difference between a joint and the position where its controller should have it, rad or m.
     pub off: [f64; JOINTS],
-    /// By how much controllers may lag each other, s.
+    /// Largest lag between controllers, s.
     pub skew_s: f64,
-    /// Which controller moves each joint.
+    /// Index of the controller that moves each joint.
     pub controller: [usize; JOINTS],
 }
 
-/// The same, checked, with the jerk limits.
+/// The interface after its checks, with the jerk limits.
 #[derive(Clone, Debug)]
 pub(super) struct Deviation {
     off: [f64; JOINTS],
@@ -51,7 +54,7 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
-    /// None where every command is executed at its time.
+    /// Returns None if every command is executed at its time.
     pub(super) fn new(interface: &Interface, limits: &[JointLimits; JOINTS]) -> Result<Option<Self>, ConfigError> {
         let Interface { off, skew_s, controller } = *interface;
         let within = |key, value: f64, bound: f64| {
@@ -75,12 +78,12 @@ impl Deviation {
         self.skew_s * (v.abs() + self.skew_s * a.abs() / 2.0) + self.still[j]
     }
 
-    /// How far a joint may be from its command at most, rad or m, as fast as `v` and as steep as `a`.
+    /// Largest distance of a joint from its command, rad or m, at speed `v` and acceleration `a`.
     pub(super) fn most(&self, j: usize, v: f64, a: f64) -> f64 {
         self.off[j] + self.lag(j, v, a)
     }
 
-    /// What a pair may lose at an instant at which the joints are at `x`, m.
+    /// Largest loss of a pair's distance at an instant at which the joints are at `x`, m.
     pub(super) fn of(&self, body: &Body, pair: usize, x: &[Point; JOINTS]) -> f64 {
         let mut lags = [None; JOINTS];
         let mut lost = 0.0;

@@ -1,26 +1,29 @@
-//! The checks of one joint against the physics itself, for every state of a small lattice.
+//! Tests the checks of one joint against exact physics, for every state of a small lattice.
 //!
-//! With a tick as the unit of time, every position of the lattice is a multiple of `STEP` units, every velocity of `STEP`
-//! units a tick, every acceleration of `STEP` units a tick^2, and the polynomials of constant jerk are exact in
-//! integers. The judge below decides each limit over the whole stretch from the roots of those polynomials by comparing
-//! squares in `i128`: no rounding, no bisection, no line of the gate's. Limits lie on the lattice, so what exceeds one
-//! does so by far more than the rounding that is granted, or by a turning point; whatever lies within 8 units of the
-//! slack is counted as undecided, and there must be next to none of it.
+//! The unit of time is a tick. Positions of the lattice are multiples of `STEP` units, velocities of `STEP`
+//! units a tick, and accelerations of `STEP` units a tick^2. So the polynomials of constant jerk are exact in
+//! integers.
+//!
+//! The judge below decides each limit over the whole phase. It takes the roots of those polynomials and
+//! compares squares in `i128`. It has no rounding, no bisection, and no code of the gate. Limits lie on the
+//! lattice. So a value exceeds a limit by far more than the allowed rounding, or only at a turning point. A
+//! value within 8 units of the slack counts as undecided, and there must be almost none.
 
 use super::check::{Check, Limits};
 use super::fixed::{Phase, Point, TICK};
 
-/// Units a step of the lattice has: halves and sixths of it are whole, and half a step of velocity is no rest.
+/// Units of one lattice step. Halves and sixths of it are whole, and half a step of velocity is not rest.
 const STEP: i128 = 6144;
 /// Ticks per second.
 const HZ: i128 = 1500;
-/// What the gate grants, units: `check::SLACK`, and a tick of jerk of it, written out a second time.
+/// The gate's slack, units: `check::SLACK`, and the jerk that it makes over a tick. Both are written out a
+/// second time.
 const SLACK: i64 = 64;
 const JERK_SLACK: i128 = 96_000;
-/// What the gate's arithmetic may be off by, units.
+/// Largest error of the gate's arithmetic, units.
 const ROUNDING: i128 = 8;
 
-/// Limits in steps of the lattice: few enough that everything binds within a tick or two.
+/// Limits in lattice steps. They are so few that every limit binds within a tick or two.
 struct Bounds {
     q: i128,
     v: i128,
@@ -30,9 +33,9 @@ struct Bounds {
     stop: i128,
 }
 
-/// Jerk and velocity bind before acceleration does.
+/// In these bounds jerk and velocity bind before acceleration does.
 const STRONG: Bounds = Bounds { q: 4, v: 3, a: 3, j: 2, stop: 5 };
-/// Acceleration binds.
+/// In these bounds acceleration binds.
 const WEAK: Bounds = Bounds { q: 4, v: 3, a: 1, j: 2, stop: 5 };
 
 impl Bounds {
@@ -46,7 +49,8 @@ impl Bounds {
         }
     }
 
-    /// Which limits of position, velocity and acceleration a stretch breaks when `grant` units are granted to each.
+    /// Returns for position, velocity and acceleration whether a phase breaks the limit, if `grant` units of
+    /// slack are added to each.
     fn broken(&self, x: State, j: i128, end: i128, grant: i128) -> [bool; 3] {
         let both = |holds: fn(State, i128, i128, i128) -> bool, most: i128| {
             holds(x, j, end, most + grant) && holds(x.mirrored(), -j, end, most + grant)
@@ -56,11 +60,13 @@ impl Bounds {
         [!both(position_stays_below, self.q * STEP), !both(velocity_stays_below, self.v * STEP * HZ), !a_holds]
     }
 
-    /// What the step from `last` to `next` fails, when `grant` units are granted, and next is not the plan's point.
+    /// Returns the checks that the step from `last` to `next` fails with `grant` units of slack. `next` is
+    /// not the plan's point.
     fn step_fails(&self, last: State, next: Point, grant: i128) -> [(Check, bool); 5] {
         let (q, v, a) = (i128::from(next.q), i128::from(next.v), i128::from(next.a));
         let change = (a - last.a * HZ * HZ) * HZ;
-        // The acceleration of `next` may be off the lattice by less than a hundred units: 0.03 units of velocity.
+        // The acceleration of `next` may be off the lattice by less than a hundred units. This is 0.03 units
+        // of velocity.
         let j = (change as f64 / (STEP * HZ * HZ * HZ) as f64).round() as i128 * STEP;
         let exact = last.after(j, 1);
         let slack = i128::from(SLACK);
@@ -75,13 +81,13 @@ impl Bounds {
         ]
     }
 
-    /// What a stop fails when `grant` units are granted, and where it rests.
+    /// Returns the checks that a stop fails with `grant` units of slack, and the state at its end.
     fn stop_fails(&self, start: State, phases: &[(i128, i128); 3], grant: i128) -> ([(Check, bool); 2], State) {
         let mut x = start;
         let mut leaves = false;
         for (j, ticks) in phases.iter().filter(|(_, ticks)| *ticks > 0) {
             let [q, v, _] = self.broken(x, j * STEP, *ticks, grant);
-            // The acceleration that the stop begins with is the command's, and judged as such.
+            // The acceleration at the beginning of the stop is the command's, and is judged there.
             x = x.after(j * STEP, *ticks);
             leaves |= j.abs() > self.j || q || v || x.a.abs() > self.a * STEP;
         }
@@ -95,7 +101,7 @@ fn gate(value: i128) -> i64 {
     i64::try_from(value).expect("the lattice is small")
 }
 
-/// Position, velocity, acceleration in units, units a tick and units a tick^2.
+/// Position, velocity and acceleration in units, units a tick and units a tick^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct State {
     q: i128,
@@ -112,7 +118,7 @@ impl State {
         Point { q: gate(self.q), v: gate(self.v * HZ), a: gate(self.a * HZ * HZ) }
     }
 
-    /// After `t` ticks of jerk `j`; exact, since both are whole and STEP is a multiple of 6.
+    /// State after `t` ticks of jerk `j`. It is exact, since both are whole and STEP is a multiple of 6.
     fn after(self, j: i128, t: i128) -> Self {
         Self {
             q: self.q + self.v * t + self.a * t * t / 2 + j * t * t * t / 6,
@@ -126,16 +132,17 @@ impl State {
     }
 }
 
-/// Whether q(t) = q + v t + a t^2 / 2 + j t^3 / 6 is at most `most` for all t in [0, end]. Its maximum inside lies where
-/// q' = 0 and q'' < 0; with D = a^2 - 2 j v that is at a + j t = -sqrt(D), where
-/// q = q_0 + (2 D sqrt(D) + 3 D a - a^3) / (6 j^2).
+/// Returns true if q(t) = q + v t + a t^2 / 2 + j t^3 / 6 is at most `most` for all t in [0, end].
+///
+/// Its maximum inside lies where q' = 0 and q'' < 0. With D = a^2 - 2 j v this is at a + j t = -sqrt(D),
+/// where q = q_0 + (2 D sqrt(D) + 3 D a - a^3) / (6 j^2).
 fn position_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
     if x.q > most || x.after(j, end).q > most {
         return false;
     }
     let State { q, v, a } = x;
     if j == 0 {
-        // The maximum q - v^2 / 2a at t = -v / a.
+        // The maximum is q - v^2 / 2a, at t = -v / a.
         let turns = a < 0 && v > 0 && v < -a * end;
         return !turns || 2 * -a * q + v * v <= 2 * -a * most;
     }
@@ -153,15 +160,16 @@ fn position_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
     room >= 0 && 4 * d * d * d <= room * room
 }
 
-/// Whether v(t) = v + a t + j t^2 / 2, in units a second, is at most `most` for all t in [0, end].
+/// Returns true if v(t) = v + a t + j t^2 / 2, in units a second, is at most `most` for all t in [0, end].
 fn velocity_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
-    // The maximum v - a^2 / 2j at t = -a / j.
+    // The maximum is v - a^2 / 2j, at t = -a / j.
     let peaks = j < 0 && x.a > 0 && x.a < -j * end;
     let ends_hold = x.v * HZ <= most && x.after(j, end).v * HZ <= most;
     ends_hold && (!peaks || HZ * (2 * -j * x.v + x.a * x.a) <= 2 * -j * most)
 }
 
-/// Agreement of a verdict with what is broken for certain and what may be broken; counts what is undecided.
+/// Compares verdicts with the limits that are surely broken and those that may be. Counts the undecided
+/// cases.
 #[derive(Debug, Default)]
 struct Tally {
     admitted: u64,
@@ -187,17 +195,19 @@ impl Tally {
     }
 }
 
-/// Every state, and every next one that a tick could lead to: halves of velocity and sixths of position included.
+/// Tests every state, with every state that a tick could lead to. Halves of velocity and sixths of position
+/// are included.
 #[test]
 fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
     let limits = STRONG.limits();
-    // A plan that leads elsewhere, so that nothing passes for being on it.
+    // This plan leads elsewhere, so that no command passes because it is on the plan.
     let elsewhere = State::steps(50, 0, 0).point();
     let mut tally = Tally::default();
     for (q, v, a, a_next) in states().flat_map(|(q, v, a)| (-5..=5).map(move |a_next| (q, v, a, a_next))) {
         let last = State::steps(q, v, a);
         for (halves, sixths) in (-7..=7).flat_map(|h| (-12..=12).map(move |s| (h, s))) {
-            // Around where the last velocity alone leads: from where nothing is beyond the limits to where all is.
+            // Positions around the one that the last velocity alone leads to. They range from all within the
+            // limits to all beyond.
             let next = State { q: (6 * (q + v) + sixths) * STEP / 6, v: halves * STEP / 2, a: a_next * STEP }.point();
             let got = limits.step(last.point(), next, elsewhere);
             let surely = STRONG.step_fails(last, next, i128::from(SLACK) + ROUNDING);
@@ -208,12 +218,12 @@ fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
 }
 
-/// All positions, velocities and accelerations of the lattice, some of them beyond the limits.
+/// All positions, velocities and accelerations of the lattice. Some of them are beyond the limits.
 fn states() -> impl Iterator<Item = (i128, i128, i128)> {
     (-5..=5).flat_map(|q| (-4..=4).flat_map(move |v| (-4..=4).map(move |a| (q, v, a))))
 }
 
-/// The slack of every comparison, to the unit: the steps of the lattice moved by up to 65 units.
+/// Tests the slack of every comparison, to the unit. The lattice steps are moved by up to 65 units.
 #[test]
 fn every_comparison_grants_the_slack_and_not_a_unit_more() {
     let limits = STRONG.limits();
@@ -235,7 +245,7 @@ fn every_comparison_grants_the_slack_and_not_a_unit_more() {
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
 }
 
-/// A point of the plan needs no admissible jerk, but to be within the limits and near the plan.
+/// A point of the plan needs no admissible jerk, but it must be within the limits and near the plan.
 #[test]
 fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
     let limits = STRONG.limits();
@@ -258,13 +268,14 @@ fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
     }
 }
 
-/// Every stop of three phases from every state.
+/// Tests every stop of three phases from every state.
 #[test]
 fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
     for (bounds, longest) in [(STRONG, 2), (WEAK, 1)] {
         let limits = bounds.limits();
         let mut tally = Tally::default();
-        // Up to the highest jerk for one or two ticks, more than that for one, and far more for none.
+        // Phases have up to the highest jerk for one or two ticks, more than that for one tick, and far more
+        // for no time.
         let phases: Vec<(i128, i128)> = (-bounds.j..=bounds.j)
             .flat_map(|j| (1..=longest).map(move |ticks| (j, ticks)))
             .chain([(bounds.j + 1, 1), (-bounds.j - 1, 1), (9, 0)])
@@ -289,7 +300,7 @@ fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
     }
 }
 
-/// The judge itself, against a dense walk.
+/// Tests the judge itself against a dense walk.
 #[test]
 fn the_judge_of_the_lattice_agrees_with_a_dense_walk() {
     for (q, v, a) in states().filter(|(q, _, _)| q % 2 == 0) {
@@ -302,7 +313,8 @@ fn the_judge_of_the_lattice_agrees_with_a_dense_walk() {
                 most_q = most_q.max(q as f64 + v * t + a * t * t / 2.0 + j * t * t * t / 6.0);
                 most_v = most_v.max(v + a * t + j * t * t / 2.0);
             }
-            // The walk misses at most |a| t^2 / 8 and |j| t^2 / 8 of a turning point: 5e-6 of a step.
+            // The walk misses at most |a| t^2 / 8 and |j| t^2 / 8 of a turning point, which is 5e-6 of a
+            // step.
             let unit = STEP as f64;
             let [above, below] =
                 [1.0, -1.0].map(|side| (most_q * unit + side - if side < 0.0 { 0.0 } else { -1.0 }) as i128);

@@ -1,27 +1,29 @@
-//! The stop plan that is in force, advanced by integers from where it began, so that rounding does not add up.
+//! The stop plan in force. It is computed in integers from its beginning, so that rounding does not add up.
 
 use messages::{JOINTS, StopPlan};
 
 use super::fixed::{JERK_CEILING, Phase, Point, TIME_CEILING_S, TIME_UNITS, UNITS, quantise, ticks_long};
 
-/// Longest time a plan is played for, in ticks: 49 s, and three longest phases are 48 s. Then every joint is at rest.
+/// Longest time for which a plan is played, in ticks. It is 49 s, and the three longest phases take 48 s.
+/// After it every joint is at rest.
 const PLAYED_MAX: u64 = 73_500;
 
-/// What a joint has left of its stop.
+/// The remaining phases of a joint's stop.
 pub(super) type Phases = [Phase; 3];
 
 /// A state with the stop that begins there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stored {
-    /// Where the plan began.
+    /// State at which the plan began.
     pub(super) origin: [Point; JOINTS],
     /// The stop from there.
     pub(super) phases: [Phases; JOINTS],
-    /// How many ticks of it have been played.
+    /// Number of ticks that have been played.
     pub(super) played: u64,
 }
 
-/// A joint's stop in units; None where it is no plan of finite, ordered phases within the ceilings.
+/// Returns a joint's stop in units, or None if its phases are not finite, not ordered, or beyond the
+/// ceilings.
 pub(super) fn quantised_phases(plan: &StopPlan, joint: usize) -> Option<Phases> {
     let mut phases = [Phase::default(); 3];
     for (i, phase) in phases.iter_mut().enumerate() {
@@ -35,7 +37,8 @@ pub(super) fn quantised_phases(plan: &StopPlan, joint: usize) -> Option<Phases> 
     Some(phases)
 }
 
-/// Where `phases` lead from `origin` in `played`, and what is left of them. After the last phase the joint is at rest.
+/// Returns the point to which `phases` lead from `origin` after `played`, and the rest of them. After the
+/// last phase the joint is at rest.
 fn advanced(origin: Point, phases: &Phases, played: i64) -> (Point, Phases) {
     let (mut point, mut rest, mut left) = (origin, *phases, played);
     for phase in &mut rest {
@@ -52,24 +55,24 @@ fn advanced(origin: Point, phases: &Phases, played: i64) -> (Point, Phases) {
 }
 
 impl Stored {
-    /// At rest at `origin`'s positions.
+    /// Creates a plan of which nothing has been played.
     pub(super) fn new(origin: [Point; JOINTS], phases: [Phases; JOINTS]) -> Self {
         Self { origin, phases, played: 0 }
     }
 
-    /// The same plan, `ticks` later.
+    /// Returns the same plan, `ticks` later.
     pub(super) fn later(&self, ticks: u64) -> Self {
         Self { played: self.played.saturating_add(ticks).min(PLAYED_MAX), ..*self }
     }
 
-    /// Where joint `j` is, and what is left of its stop.
+    /// Returns the point of joint `j`, and the rest of its stop.
     pub(super) fn joint(&self, j: usize) -> (Point, Phases) {
         advanced(self.origin[j], &self.phases[j], ticks_long(self.played))
     }
 }
 
-/// Writes a joint's remaining stop into a message; exact, since every value has at most 53 significant bits where it
-/// came from one.
+/// Writes a joint's remaining stop into a message. This is exact, since every value that came from a message
+/// has at most 53 significant bits.
 pub(super) fn write_phases(plan: &mut StopPlan, joint: usize, phases: &Phases) {
     for (i, phase) in phases.iter().enumerate() {
         plan.jerk[joint][i] = phase.jerk as f64 / UNITS;

@@ -1,31 +1,40 @@
-//! The clearance of a command and on the whole way of its stop, by the gate's own kinematics.
+//! Checks the clearance of a command and of its whole stop, by the gate's own kinematics.
 //!
-//! A new motion is judged at the command and at [`SAMPLES`] instants of its stop, the last of which is its end. The instants
-//! are whole ticks, evenly spread, and the positions there are those that the stored plan would play, to the unit. At each
-//! of them every pair must keep the least clearance, the one of the command too, and beside it what the robot's interface
-//! may take from the pair there (see `interface`). The slack is the same everywhere: rounding of the distances alone.
+//! A new motion is judged at the command and at [`SAMPLES`] instants of its stop. The last instant is the end
+//! of the stop. The instants are whole ticks, evenly spread. The positions there are those that the stored
+//! plan would play, to the unit.
+//!
+//! At each of them, the command included, every pair must keep the least clearance. Besides, it must keep
+//! what the robot's interface may take from the pair there (see `interface`). The slack is the same
+//! everywhere: it covers only the rounding of the distances.
 //!
 //! # Pairs that need no samples
 //!
-//! While the stop is played, joint k is nowhere farther than D_k from its command; D_k comes from the extremes of the stop,
-//! which the limits' check has found. By the levers R_k (see `body`) no pair loses more than sum_k R_k D_k against the
-//! command, at any instant. With u_k the most that the interface may add to joint k on the way,
+//! While the stop is played, joint k is never farther than D_k from its command. D_k comes from the extremes
+//! of the stop, which the check of the limits has found. By the levers R_k (see `body`), a pair's distance is
+//! never less than at the command by more than sum_k R_k D_k. Let u_k be the most that the interface may add
+//! to joint k on the way. Then
 //!
 //! ```text
 //! distance at the command - sum_k R_k (D_k + u_k) >= least
 //! ```
 //!
-//! proves the pair for the whole way, samples and all between them. A lower bound of the distance will do, so most pairs
-//! are proved by the balls around their capsules. Only the others are measured at the samples. A pair that is measured at
-//! one is proved for every other one to which it cannot lose what it has to spare: |q_i - q_j| takes the place of D.
+//! proves the pair for the whole way, at the samples and between them. A lower bound of the distance is
+//! enough. So most pairs are proved by the balls around their capsules. Only the other pairs are measured at
+//! the samples.
+//!
+//! A pair measured at one sample may also be proved for another one. The condition is that it cannot lose its
+//! spare distance between the two. Then |q_i - q_j| takes the place of D.
 //!
 //! # Between samples
 //!
-//! Nothing is proved of the pairs that are left. Let two samples be dt apart, and let a pair's distance change by at most w
-//! a second there. Then the pair comes closer than at both samples by at most w dt / 2. If no point of either body is
-//! accelerated by more than B, it is also at most B dt^2 / 4, twice the sag of a chord. Stops take at most 0.5 s, so dt is
-//! at most 50 ms and a tick. The certificate of whole-body control proves what lies between. The samples catch a
-//! certificate that is wrong by more than that.
+//! For the pairs that are left, nothing is proved between samples. Let two samples be dt apart, and let a
+//! pair's distance change by at most w a second there. Then the pair comes closer than at both samples by at
+//! most w dt / 2. If no point of either body is accelerated by more than B, it is also at most B dt^2 / 4,
+//! which is twice the sag of a chord.
+//!
+//! Stops take at most 0.5 s, so dt is at most 50 ms and a tick. The certificate of whole-body control proves
+//! what lies between. The samples detect a certificate that is wrong by more than that.
 
 use messages::JOINTS;
 use robot::{CAPSULES_MAX, JointLimits, Model};
@@ -41,17 +50,17 @@ use crate::clearance::Axis;
 #[cfg(test)]
 mod tests;
 
-/// Instants of a stop at which it is judged.
+/// Number of instants at which a stop is judged.
 const SAMPLES: usize = 10;
 const END: usize = SAMPLES - 1;
 
-/// A sample, and the spans of others (from, to) that what is measured there may prove.
+/// A sample, and the spans (from, to) of other samples that a measurement there may prove.
 type Look = (usize, [[usize; 2]; 2]);
 
 const NO_SPAN: [usize; 2] = [0, 0];
 
-/// The order of the samples. A stop loses its speed evenly, so it has half of its way behind it at the third sample, and
-/// five sixths at the sixth: the end and the third one are near most of the others.
+/// The order of the samples. A stop loses its speed evenly. So it has done half of its way at the third
+/// sample, and five sixths at the sixth. Therefore the end and the third sample are near most of the others.
 const LOOKS: [Look; SAMPLES] = [
     (END, [[5, END], NO_SPAN]),
     (2, [[0, 2], [3, 5]]),
@@ -65,10 +74,11 @@ const LOOKS: [Look; SAMPLES] = [
     (8, [NO_SPAN; 2]),
 ];
 
-/// Pairs that fit: all of 64 capsules, and those of 64 capsules with 16 obstacles.
+/// Largest number of pairs: all pairs of 64 capsules, and those of 64 capsules with 16 obstacles.
 const PAIRS_MAX: usize = CAPSULES_MAX * (CAPSULES_MAX - 1) / 2 + CAPSULES_MAX * 16;
 
-/// What a pair must have to spare beyond what it may lose, to be proved, m: far above the rounding of the kinematics.
+/// Distance that a pair must have to spare beyond its possible loss, to be proved, m. It is far above the
+/// rounding of the kinematics.
 const PROVED_M: f64 = 1e-9;
 
 const ALL: JointSet = (1 << JOINTS) - 1;
@@ -80,19 +90,19 @@ pub(super) struct Ways {
     deviation: Option<Deviation>,
 }
 
-/// A pair that is not proved, with the samples that are still open.
+/// A pair that is not proved, with the samples that are still to be judged.
 #[derive(Clone, Copy, Debug, Default)]
 struct Open {
     pair: u16,
     samples: u16,
 }
 
-/// What a motion has to keep.
+/// Requirements that a motion must keep.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked {
     /// Least clearance, m.
     pub(super) least_m: f64,
-    /// Beside it what the interface may take.
+    /// If true, the pair must also keep what the interface may take.
     pub(super) interface: bool,
 }
 
@@ -102,7 +112,7 @@ struct Posed {
     axes: [Axis; CAPSULES_MAX],
 }
 
-/// The pair that keeps least of what it must: what it keeps (m), and the pair.
+/// The pair with the least kept distance: this distance (m), and the pair.
 type Worst = (f64, usize);
 
 impl Ways {
@@ -119,7 +129,7 @@ impl Ways {
         Ok(Self { body, deviation: Deviation::new(interface, limits)? })
     }
 
-    /// Least distance of all pairs at `q` (rad, m), m.
+    /// Least distance over all pairs at `q` (rad, m), m.
     pub(super) fn clearance_m(&self, q: &[f64; JOINTS]) -> f64 {
         let posed = Posed::new(&self.body, q);
         let mut least = f64::INFINITY;
@@ -131,9 +141,11 @@ impl Ways {
         least
     }
 
-    /// Whether every pair keeps what is asked at the command `next` and on the way of `stops`: the clearance at the
-    /// command. `hint` is a pair that may be the nearest one, and becomes the nearest; it saves time, and changes only
-    /// which of two pairs at the very same distance is named.
+    /// Checks that every pair keeps the requirements at the command `next` and on the way of `stops`. Returns
+    /// the clearance at the command.
+    ///
+    /// `hint` is a pair that may be the nearest one, and is set to the nearest one. It saves time. It changes
+    /// the result only if two pairs have exactly the same distance: then it decides which one is named.
     pub(super) fn judge(
         &self,
         next: &[Point; JOINTS],
@@ -153,18 +165,20 @@ impl Ways {
         self.deviation.as_ref().filter(|_| asked.interface)
     }
 
-    /// How far joint `j` may be from where it is, rad or m, if it moves by `travel` units and its interface adds to that.
+    /// Largest distance of joint `j` from its position, rad or m, if it moves by `travel` units and its
+    /// interface adds to that.
     fn travel(&self, asked: Asked, stop: &Stop, j: usize, travel: i64) -> f64 {
         let added = |deviation: &Deviation| deviation.most(j, stop.v as f64 / UNITS, stop.a as f64 / UNITS);
         travel as f64 / UNITS + self.deviation(asked).map_or(0.0, added)
     }
 
-    /// What a pair at `distance_m` keeps of it, m, when the joints are at `x`.
+    /// Distance that a pair keeps, m, of its `distance_m` while the joints are at `x`.
     fn kept(&self, asked: Asked, pair: usize, x: &[Point; JOINTS], distance_m: f64) -> f64 {
         distance_m - self.deviation(asked).map_or(0.0, |deviation| deviation.of(&self.body, pair, x))
     }
 
-    /// Judges the command: its clearance, and how many pairs it leaves open, which it lists.
+    /// Judges the command. Returns its clearance and the number of pairs that it leaves open. They are listed
+    /// in `open`.
     fn at_command(
         &self,
         next: &[Point; JOINTS],
@@ -203,7 +217,7 @@ impl Ways {
         Err(Denial::ClearanceAtCommand { pair: body.named(worst.1) })
     }
 
-    /// Judges the pairs that are open at the samples.
+    /// Judges the open pairs at the samples.
     fn on_the_way(&self, stops: &[Stop; JOINTS], asked: Asked, open: &mut [Open]) -> Result<(), Denial> {
         let times = sample_times(stops);
         let samples: [[Point; JOINTS]; SAMPLES] =
@@ -237,7 +251,7 @@ impl Ways {
         Ok(())
     }
 
-    /// How far each capsule may be moved between a sample and those of a span; none for a span of none that is open.
+    /// Largest displacement of each capsule between a sample and those of a span. None if the span is empty.
     fn moved_in(
         &self,
         asked: Asked,
@@ -253,8 +267,8 @@ impl Ways {
         (from < to).then(|| self.body.moved(&std::array::from_fn(farthest)))
     }
 
-    /// Measures one pair at a sample, and closes that sample and the spans that it proves: what the pair keeps, m, or at
-    /// least that.
+    /// Measures one pair at a sample, and closes this sample and the spans that the measurement proves.
+    /// Returns the pair, and the distance that it keeps or a lower bound of it, m.
     fn look(
         &self,
         asked: Asked,
@@ -302,7 +316,8 @@ impl Posed {
     }
 }
 
-/// NaN is taken, and stays: nothing is less than it, and it is at least nothing.
+/// Returns the lesser one. NaN is taken and stays, because no distance is less than NaN, and NaN is not at
+/// least any distance.
 fn lesser(worst: Worst, other: Worst) -> Worst {
     if other.0 < worst.0 || other.0.is_nan() { other } else { worst }
 }
@@ -311,7 +326,8 @@ pub(super) fn positions(points: &[Point; JOINTS]) -> [f64; JOINTS] {
     points.map(|point| point.q as f64 / UNITS)
 }
 
-/// When the samples are, in units of time from the command: whole ticks, the last one the first at which all joints rest.
+/// Times of the samples, in units of time from the command. They are whole ticks. The last one is the first
+/// tick at which all joints rest.
 pub(super) fn sample_times(stops: &[Stop; JOINTS]) -> [i64; SAMPLES] {
     let longest = stops.iter().map(Stop::duration).max().unwrap_or(0);
     let ticks = ticks_of(longest);

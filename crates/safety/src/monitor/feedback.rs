@@ -1,28 +1,31 @@
-//! Whether what is measured can be.
+//! Checks whether the measurements are plausible.
 
 use messages::{JOINTS, TICK_HZ, TICK_S};
 use robot::Model;
 
 use super::OUTSIDE_MARGIN;
 
-/// How much faster than its limit a joint may seem to move from one sample to the next; beyond it the encoder jumped.
+/// Largest apparent speed of a joint between two samples, as a multiple of its speed limit. A faster joint
+/// means that the encoder jumped.
 const JUMP_FACTOR: f64 = 3.0;
 
-/// Ticks for which a measurement may stay the very same while its joint is sent on: 50 ms.
+/// Number of ticks for which a measurement may stay exactly the same while its joint is commanded to move: 50
+/// ms.
 const FROZEN_TICKS: u64 = TICK_HZ / 20;
 
-/// How far a joint is sent before a measurement that stays the very same counts as frozen, rad: less than the tracking
-/// error that is borne, more than the friction of a gear holds back. Assumption.
+/// Commanded motion after which a measurement that stays exactly the same counts as frozen, rad. It is less
+/// than the tolerated tracking error, and more than the friction of a gear holds back. Assumption.
 const FROZEN_RAD: f64 = 0.02;
 
-/// How far a joint is sent at the beginning of a motion before its measurement must have followed, rad.
+/// Commanded motion at the beginning of a movement after which the measurement must have followed, rad.
 const SENSE_RAD: f64 = 0.015;
 
-/// Share of that way that it must show, unless it comes closer to where the joint is sent. A measurement of the wrong sign
-/// shows less than nothing, one of another joint what that joint does.
+/// Share of that motion that the measurement must show, unless it comes closer to the commanded position. A
+/// measurement with the wrong sign shows less than nothing. A measurement of another joint shows that joint's
+/// motion.
 const SENSE_SHARE: f64 = 0.2;
 
-/// Of a prismatic joint, m for each rad above: its limits of tracking error are a fifth as large.
+/// Bound of a prismatic joint in m for each rad above. Its limits of tracking error are a fifth as large.
 pub(super) const PRISMATIC_SHARE: f64 = 0.2;
 
 /// A new sample of a robot's state.
@@ -40,47 +43,51 @@ pub struct Sample<'a> {
     pub q_measured: &'a [f64; JOINTS],
     /// Measured velocities as the driver reports them, rad/s or m/s.
     pub dq_measured: &'a [f64; JOINTS],
-    /// Engaging begins: the joints must show that they move the way they are sent.
+    /// Engaging begins, so the joints must show that they move in the commanded direction.
     pub begins: bool,
 }
 
-/// What is made of a sample.
+/// The result for a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// The positions to go on with: measured, or those before where this sample alone is off.
+    /// Positions to use: the measured ones, or those of the last good sample if only this sample is an
+    /// outlier.
     pub q_measured: [f64; JOINTS],
-    /// What is measured cannot be.
+    /// The measurements are implausible.
     pub invalid: bool,
 }
 
-/// One joint, as it was.
+/// State of one joint.
 #[derive(Clone, Copy, Debug, Default)]
 struct Before {
-    /// Last change of the measurement: its value, where the joint had been sent, and the index.
+    /// The last change of the measurement: its value, the position commanded then, and the index.
     held: f64,
     held_sent: f64,
     held_k: u64,
-    /// Where the way begins that must be shown: sent and measured.
+    /// The commanded and the measured position where the motion to be shown begins.
     sense: Option<(f64, f64)>,
 }
 
-/// The memory of the monitor.
+/// State of the monitor.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Feedback {
     /// The last good sample and its index.
     last: Option<([f64; JOINTS], u64)>,
-    /// The last sample was off.
+    /// The last sample was an outlier.
     suspect: bool,
     joints: [Before; JOINTS],
 }
 
 impl Feedback {
-    /// Judges a new sample; to be called once for each. `servo_lag_s` is the known lag of a sound servo, s.
+    /// Judges a new sample. Call it once for each sample. `servo_lag_s` is the known lag of a sound servo, s.
     ///
-    /// Off is a joint that moved by more than 3 v_max dt and the margin of noise since the last good sample. One such
-    /// sample is passed over, a second in a row is invalid. Invalid is a measurement that stays the very same for 50 ms
-    /// while its joint is sent on by 0.02 rad, and one that goes away from where its joint is sent and shows less than a
-    /// fifth of the first 0.015 rad of a motion that begins. What is not finite is invalid at once.
+    /// - A sample is an outlier if a joint moved by more than 3 v_max dt plus the noise margin since the last
+    ///   good sample. One outlier is skipped. A second one in a row is invalid.
+    /// - A measurement is invalid if it stays exactly the same for 50 ms while its joint is commanded to move
+    ///   by 0.02 rad.
+    /// - When a motion begins, a measurement is invalid if it moves away from the commanded position and
+    ///   shows less than a fifth of the first 0.015 rad.
+    /// - A value that is not finite is invalid at once.
     pub fn judge(&mut self, model: &Model, sample: &Sample<'_>, servo_lag_s: f64) -> Judged {
         if !sample.q_measured.iter().all(|q| q.is_finite()) {
             self.last = None;
@@ -131,7 +138,8 @@ impl Before {
             return false;
         }
         self.sense = Some((sent, measured));
-        // What was away and comes back follows, whichever way it comes: a joint that still swings.
+        // A joint that was away and comes back does follow, from any side. It is a joint that still
+        // swings.
         let comes_back = (measured - sent).abs() <= (measured_from - sent_from).abs();
         !comes_back && (measured - measured_from) * way < SENSE_SHARE * way * way
     }

@@ -1,94 +1,106 @@
-//! Whether the measured joints move as they are sent, and whether they stand.
+//! Checks whether the measured joints move as commanded, and whether they stand still.
 
 use messages::{JOINTS, TICK_HZ, TICK_S};
 use robot::Model;
 
 use super::feedback::{PRISMATIC_SHARE, Sample};
 
-/// Ticks between the two positions whose difference is a measured speed: 20 ms. One step of an encoder of 14 bits,
-/// 3.8e-4 rad, is 0.02 rad/s over it. A swing of frequency f shows sin(pi f W) / (pi f W) of its speed: 0.94 at 10 Hz, 0.76
-/// at 20 Hz, nothing at 50 Hz, where no drive of such a robot swings.
+/// Ticks between the two positions whose difference gives a measured speed: W = 20 ms. One step of an encoder
+/// of 14 bits, 3.8e-4 rad, is 0.02 rad/s over it. A swing of frequency f shows sin(pi f W) / (pi f W) of its
+/// speed. This is 0.94 at 10 Hz and 0.76 at 20 Hz. It is zero at 50 Hz, where no drive of such a robot
+/// swings.
 const WINDOW_TICKS: u64 = TICK_HZ / 50;
 
-/// Entries of the window, at most one for each tick: both ends, and the one that is just too old.
+/// Entries of the window. There is at most one for each tick, with both ends, and one more that is just too
+/// old.
 const WINDOW: usize = WINDOW_TICKS as usize + 2;
 
-/// Time constant of the leaky mean square by which the robot is stopped, s. A quarter of a second holds a whole swing of 4 Hz, and half a swing of 2 Hz.
+/// Time constant of the leaky mean square that stops the robot, s. A quarter of a second holds a whole swing
+/// of 4 Hz, and half a swing of 2 Hz.
 const MEAN_S: f64 = 0.25;
 
-/// Speeds are judged as shares of a joint's largest speed, of one that turns faster than this as shares of this, rad/s: how
-/// far a servo strays has to do with how it is driven, not with how fast the joint may turn. Assumption: an elbow's swing of
-/// 46 mrad at 1 Hz is too much whatever the limit.
+/// Speeds are judged as shares of a joint's largest speed, or of this speed if the joint may turn faster,
+/// rad/s. The error of a servo depends on its drive, and not on the joint's speed limit. Assumption: an
+/// elbow's swing of 46 mrad at 1 Hz is too much at any limit.
 const JUDGED_RAD_PER_S: f64 = 0.82;
 
-/// Root mean square of measured less sent speed that stops, as a share of the speed above. A sound servo stays below: an
-/// unknown lag of 10 ms at full acceleration (10 rad/s^2) is 0.1 rad/s for at most half a second in a reversal, friction that
-/// gives way by 3 mrad in 50 ms is 0.06 rad/s for that time. Together they are half of what stops, 0.2 rad/s over a mean.
+/// Root mean square of measured minus sent speed that stops the robot, as a share of the speed above.
+///
+/// A sound servo stays below. An unknown lag of 10 ms at full acceleration (10 rad/s^2) is 0.1 rad/s, for at
+/// most half a second in a reversal. Friction that gives way by 3 mrad in 50 ms is 0.06 rad/s for that time.
+/// Together they are half of what stops, which is 0.2 rad/s over a mean.
 const ERROR_SHARE: f64 = 0.25;
 
-/// Root mean square of measured less sent speed below which a joint is at rest: half of it, so that what has just stopped the
-/// robot does not count as rest. The noise of the simulated encoders, 4.8e-5 m, is 0.0034 m/s over the window, and the torso's
-/// bound is 0.0088 m/s.
+/// Root mean square of measured minus sent speed below which a joint is at rest. It is half of the bound
+/// above, so that the error that has just stopped the robot does not count as rest. The noise of the
+/// simulated encoders, 4.8e-5 m, is 0.0034 m/s over the window. The torso's bound is 0.0088 m/s.
 const REST_SHARE: f64 = ERROR_SHARE / 2.0;
 
-/// Time constant of the mean squares by which rest is judged, s: a joint that was off by all of its speed is below the bound
-/// after 50 ms ln(64) = 0.2 s.
+/// Time constant of the mean squares that decide about rest, s. A joint whose error was its whole speed is
+/// below the bound after 50 ms ln(64) = 0.2 s.
 const REST_MEAN_S: f64 = 0.05;
 
-/// A joint that is measured faster than this share of its largest speed is too fast: commands end at 1. A servo overshoots by
-/// some percent, and the noise of the torso's speed is 0.05.
+/// A joint that is measured faster than this share of its largest speed is too fast. Commands reach at
+/// most a share of 1. A servo overshoots by some percent, and the noise of the torso's speed is 0.05.
 const FAST_SHARE: f64 = 1.25;
 
-/// How long a joint must be too fast by its positions, and by its positions and the reported velocity, s. Samples in a row
-/// besides: one wrong position is at both ends of the window once, and never three times in a row.
+/// Time for which a joint must be too fast, s. The first holds for its positions alone, the second if the
+/// reported velocity agrees. Some samples in a row are required too. One wrong position is at each end of the
+/// window once, and never three times in a row.
 const FAST_S: f64 = 0.010;
 const FAST_REPORTED_S: f64 = 0.002;
 const FAST_SAMPLES: u32 = 3;
 
-/// The longest time that one sample counts for, s. With it one wrong sample adds the square of the speed above times 10 ms / 250 ms at most,
-/// which is 0.04 where 0.0625 stops, however long the measurement was missing.
+/// Longest time that one sample counts for, s. So one wrong sample adds at most the square of the speed above
+/// times 10 ms / 250 ms. This is 0.04, and 0.0625 stops the robot. It holds however long the measurement was
+/// missing.
 const COUNTED_MAX_S: f64 = 0.010;
 
-/// How long each joint must have kept its band before the robot is at rest, s.
+/// Time for which each joint must have stayed in its band before the robot is at rest, s.
 const REST_S: f64 = 0.1;
-/// The band, rad: over 100 ms it is a mean speed of 0.05 rad/s.
+/// Half width of the band, rad. Over 100 ms it is a mean speed of 0.05 rad/s.
 const REST_RAD: f64 = 0.005;
 
-/// How far a joint may be measured from where it came to rest, rad: what friction and a servo's integral part still move it is
-/// some mrad, and the tracking error that is borne is 0.05.
+/// Largest measured distance of a joint from where it came to rest, rad. Friction and a servo's integral part
+/// still move it by some mrad. The tolerated tracking error is 0.05.
 const PLACE_RAD: f64 = 0.02;
 
-/// How long a joint must be there, s, and for how many samples in a row, of which one may be wrong.
+/// Time for which a joint must be that far away, s, and the number of samples in a row. One of these samples
+/// may be wrong.
 const FAR_S: f64 = 0.010;
 const FAR_SAMPLES: u32 = 3;
 
-/// How long the command may rest without the robot, s: a servo of 5 Hz with a damping ratio of 0.2 settles to 2 % in
-/// 4 / (0.2 2 pi 5 Hz) = 0.64 s, the mean square takes 0.2 s to show it, and rest 0.1 s. That twice.
+/// Longest time for which the command may rest without the robot, s. A servo of 5 Hz with a damping ratio of
+/// 0.2 settles to 2 % in 4 / (0.2 2 pi 5 Hz) = 0.64 s. The mean square takes 0.2 s to show it, and rest takes
+/// 0.1 s. The bound is twice the sum.
 const SETTLE_S: f64 = 2.0;
 
-/// How long a robot that left its place must stand before another place counts, s. It may then move no faster than the band in
-/// this time, 5 mrad/s, so that an arm that sinks slowly does not count as standing again and again.
+/// Time for which a robot that left its place must stand before another place counts, s. In this time it may
+/// move no faster than the band allows, 5 mrad/s. So an arm that sinks slowly does not count as standing
+/// repeatedly.
 const STAND_AGAIN_S: f64 = 1.0;
 
-/// The largest speed or acceleration of a command at rest, rad/s, rad/s^2, m/s or m/s^2; as the driver judges the end of a plan.
+/// Largest speed or acceleration of a command at rest, rad/s, rad/s^2, m/s or m/s^2. The driver judges the
+/// end of a plan by the same bound.
 const COMMAND_REST: f64 = 1e-7;
 
-/// What is made of a sample.
+/// The result for a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moved {
-    /// By how much the sample is newer than the one before, ns.
+    /// Time by which the sample is newer than the previous one, ns.
     pub sample_ns: u64,
-    /// The joint that moves too fast, or otherwise than it is sent.
+    /// The joint that moves too fast, or otherwise than commanded.
     pub velocity_error: Option<usize>,
-    /// The joint that has left the place where it came to rest, or does not come to rest.
+    /// The joint that has left the place where it came to rest, or that does not come to rest.
     pub standstill_lost: Option<usize>,
-    /// The command rests, and every joint does by its positions and by its reported velocity.
+    /// The command rests, and every joint rests by its positions and by its reported velocity.
     pub at_rest: bool,
-    /// The joint that has been standing for the shortest time, or does not stand.
+    /// The joint that has been standing for the shortest time, or that does not stand.
     pub restless: usize,
 }
 
-/// A sample of the window: measured positions, and the way that the joints were sent since the window began.
+/// A sample of the window: the measured positions, and the commanded travel of the joints since the window
+/// began.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     k: u64,
@@ -96,22 +108,22 @@ struct Entry {
     sent: [f64; JOINTS],
 }
 
-/// One joint.
+/// State of one joint.
 #[derive(Clone, Copy, Debug, Default)]
 struct Joint {
-    /// Leaky mean square of measured less sent speed that stops.
+    /// Leaky mean square of measured minus sent speed that stops the robot.
     error_square: f64,
-    /// Those of a short time, by positions and as reported, by which rest is judged.
+    /// The mean squares with the short time constant that decide about rest, by positions and as reported.
     rest_square: f64,
     reported_square: f64,
-    /// For how long it has been too fast.
+    /// Time for which the joint has been too fast.
     fast: Lasting,
-    /// The middle of its band, and for how long it has kept it.
+    /// The middle of its band, and the time for which it has stayed there.
     band: f64,
     still_s: f64,
 }
 
-/// For how long something has been so, in time and in samples in a row.
+/// Duration of a condition, in time and in samples in a row.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lasting {
     time_s: f64,
@@ -129,19 +141,19 @@ impl Lasting {
     }
 }
 
-/// The memory of the monitor.
+/// State of the monitor.
 #[derive(Clone, Debug)]
 pub struct Movement {
     window: [Entry; WINDOW],
     oldest: usize,
     filled: usize,
-    /// Speed that was sent at the newest sample, and the way since the window began.
+    /// Speed that was sent at the newest sample, and the commanded travel since the window began.
     v_sent: [f64; JOINTS],
     sent: [f64; JOINTS],
     joints: [Joint; JOINTS],
-    /// For how long the command has been resting without the robot, s.
+    /// Time for which the command has been resting without the robot, s.
     unsettled_s: f64,
-    /// Where the robot came to rest, and for how long it has been measured far from there.
+    /// The position where the robot came to rest, and the time for which it has been measured far from there.
     place: Option<[f64; JOINTS]>,
     far: Lasting,
     moved: Moved,
@@ -164,28 +176,34 @@ impl Default for Movement {
     }
 }
 
-/// Bound of a joint, from that of a joint that turns.
+/// Bound of a joint, computed from the bound of a revolute joint.
 fn scaled(model: &Model, joint: usize, bound_rad: f64) -> f64 {
     if model.prismatic[joint] { PRISMATIC_SHARE * bound_rad } else { bound_rad }
 }
 
-/// The speed of which what a joint strays is a share, rad/s or m/s.
+/// The speed by which a joint's speed error is judged, rad/s or m/s.
 fn judged(model: &Model, joint: usize) -> f64 {
     let v_max = model.limits[joint].v_max;
     if model.prismatic[joint] { v_max } else { v_max.min(JUDGED_RAD_PER_S) }
 }
 
 impl Movement {
-    /// Judges a new sample; to be called once for each. `servo_lag_s` is the known lag of a sound servo, s. Time is the
-    /// distance of the samples' indices, so nothing is made of how late one is.
+    /// Judges a new sample. Call it once for each sample. `servo_lag_s` is the known lag of a sound servo, s.
+    /// Time is the difference of the samples' indices, so a late sample has no effect.
     ///
-    /// With e the measured less the sent mean speed over W = 20 ms, not above s (v_max, or 0.82 rad/s if that is less), the
-    /// mean square E follows dE/dt = (e^2 - E) / 0.25 s, and E > (0.25 s)^2 is a velocity error. A swing A sin(2 pi f t) about where the joint is
-    /// sent has E = (2 pi f A)^2 / 2 times the square of what the window shows. It is therefore seen if its amplitude is above
-    /// 0.25 s sqrt(2) / (2 pi f) over what the window shows: 46 mrad at 1 Hz, 12 mrad at 4 Hz, 3 mrad at 20 Hz for 0.82 rad/s.
-    /// Faster than 1.25 v_max for 10 ms is one too, whatever is sent; for 2 ms where the reported velocity agrees.
+    /// Let e be the measured minus the sent mean speed over W = 20 ms. It counts up to s, which is v_max or
+    /// 0.82 rad/s, whichever is less. The mean square E follows dE/dt = (e^2 - E) / 0.25 s. E > (0.25 s)^2 is
+    /// a velocity error.
     ///
-    /// A measured position or a sent speed that is not finite is a velocity error at once. Everything before it is forgotten.
+    /// A swing A sin(2 pi f t) about the commanded position has E = (2 pi f A)^2 / 2 times the square of the
+    /// share that the window shows. So it is detected if its amplitude is above 0.25 s sqrt(2) / (2 pi f)
+    /// over that share. For 0.82 rad/s this is 46 mrad at 1 Hz, 12 mrad at 4 Hz, 3 mrad at 20 Hz.
+    ///
+    /// A joint faster than 1.25 v_max for 10 ms is a velocity error too, whatever was commanded. If the
+    /// reported velocity agrees, 2 ms are enough.
+    ///
+    /// A measured position or a sent speed or acceleration that is not finite is a velocity error at once.
+    /// The monitor then forgets everything before it.
     pub fn judge(&mut self, model: &Model, sample: &Sample<'_>, servo_lag_s: f64) -> Moved {
         let finite = |j: &usize| [sample.q_measured, sample.v, sample.a].iter().all(|x| x[*j].is_finite());
         if let Some(joint) = (0..JOINTS).find(|j| !finite(j)) {
@@ -197,7 +215,7 @@ impl Movement {
         let v_sent = core::array::from_fn(|j| sample.v[j] - servo_lag_s * sample.a[j]);
         let ticks = match newest {
             Some(k) if k <= sample.k => sample.k - k,
-            // The first, or one of another driver.
+            // This is the first sample, or one of another driver.
             _ => {
                 *self = Self { v_sent, ..Self::default() };
                 0
@@ -230,7 +248,8 @@ impl Movement {
         Some(self.window[(self.oldest + last) % WINDOW].k)
     }
 
-    /// Takes a sample into the window, whose oldest is then the newest of those that are a window old.
+    /// Adds a sample to the window. The oldest entry is then the newest of those that are at least a window
+    /// old.
     fn remember(&mut self, entry: Entry) {
         if self.filled == WINDOW {
             self.drop_oldest();
@@ -247,7 +266,8 @@ impl Movement {
         self.filled -= 1;
     }
 
-    /// Compares measured with sent speeds; answers the joint that is worst of those that are too fast or too far off.
+    /// Compares measured and sent speeds. Of the joints that are too fast or have too large an error, returns
+    /// the worst.
     fn speeds(&mut self, model: &Model, sample: &Sample<'_>, counted_s: f64) -> Option<usize> {
         let from = self.window[self.oldest];
         let span = sample.k - from.k;
@@ -273,8 +293,8 @@ impl Movement {
         worst.map(|(joint, _)| joint)
     }
 
-    /// Judges whether the robot stands where it came to rest. Positions decide; the reported velocity may only deny rest, so one
-    /// that is wrong lets nothing begin, and stops nothing.
+    /// Judges whether the robot stands where it came to rest. Positions decide. The reported velocity may
+    /// only deny rest. So a wrong velocity prevents every motion from beginning, but stops nothing.
     fn standstill(&mut self, model: &Model, sample: &Sample<'_>, counted_s: f64) -> Moved {
         let command_rests = sample.v.iter().chain(sample.a).all(|x| x.abs() <= COMMAND_REST);
         let (mut still_s, mut restless) = (f64::INFINITY, 0);
@@ -306,7 +326,7 @@ impl Movement {
         Moved { standstill_lost, at_rest, restless, ..Moved::default() }
     }
 
-    /// The joint that is measured far from where it came to rest, once one has been for long enough.
+    /// Returns a joint that is measured far from where it came to rest, once one has been for long enough.
     fn left(&mut self, model: &Model, sample: &Sample<'_>, counted_s: f64) -> Option<usize> {
         let far = |j: &usize| {
             let place = self.place.map_or(sample.q_measured[*j], |place| place[*j]);
@@ -318,14 +338,14 @@ impl Movement {
     }
 }
 
-/// Lets an error, which counts up to `most`, into a leaky mean square. What is no number counts as the most.
+/// Adds an error, which counts up to `most`, to a leaky mean square. NaN counts as `most`.
 fn leak(square: &mut f64, error: f64, most: f64, share: f64) {
     let error = error.abs().min(most);
     *square += (error * error - *square) * share;
 }
 
 impl Joint {
-    /// Whether it has been too fast for long enough.
+    /// Returns true if the joint has been too fast for long enough.
     fn is_fast(&mut self, measured: f64, reported: f64, v_max: f64, counted_s: f64) -> bool {
         let fast = FAST_SHARE * v_max;
         self.fast.note(measured.abs() > fast, counted_s);
@@ -333,7 +353,7 @@ impl Joint {
         self.fast.is_for(needed_s, FAST_SAMPLES)
     }
 
-    /// A joint that leaves its band begins another one.
+    /// Counts the time in the band. A joint that leaves its band begins another one.
     fn keep_band(&mut self, q: f64, band: f64, counted_s: f64) {
         if (q - self.band).abs() <= band {
             self.still_s += counted_s;

@@ -1,17 +1,18 @@
-//! Whether a target moves as people do.
+//! Checks whether a target moves as people do.
 
 use messages::{JOINTS, LIMBS, TICK_S};
 use robot::Model;
 
-/// The fastest that a joint of a target, or a limb of a person, turns without being a jump, rad/s: the fastest joints of
+/// Largest speed of a target's joint, or of a person's limb, that is not a jump, rad/s. The fastest joints of
 /// people who throw reach 40 rad/s for some ms in external measurement.
 const FASTEST_RAD_S: f64 = 40.0;
-/// The same of a prismatic joint, m/s: the fastest hands.
+/// The same for a prismatic joint, m/s: the speed of the fastest hands.
 const FASTEST_M_S: f64 = 10.0;
 
-/// Farther from its target than this is far behind, rad: 15 degrees, of which no tracking of a target is off.
+/// A command farther from its target than this is far behind, rad. It is 15 degrees, more than any tracking
+/// error.
 const BEHIND_RAD: f64 = 0.26;
-/// The same of a prismatic joint, m.
+/// The same for a prismatic joint, m.
 const BEHIND_M: f64 = 0.05;
 
 /// The target that the next one is compared with.
@@ -22,9 +23,12 @@ pub struct TargetSteps {
 }
 
 impl TargetSteps {
-    /// Whether the target of index `k` lies farther from the one before than anybody moves, in a joint that both mean
-    /// (`valid_mask`). Positions count as far as the limits let them be reached; those that are not finite do not. Where the
-    /// person's limbs are followed (x y z w, zero for none), their bones are compared instead: joints spin where a limb stands.
+    /// Returns true if the target of index `k` lies farther from the previous one than any person moves. Only
+    /// joints that are valid in both targets count (`valid_mask`).
+    ///
+    /// Positions are first clamped to the limits. Positions that are not finite do not count. Where the
+    /// person's limbs are followed (x y z w, zero for none), their bones are compared instead, because joints
+    /// may spin while a limb stands still.
     pub fn jumped(
         &mut self,
         model: &Model,
@@ -57,13 +61,13 @@ fn is_rotation(limb: &[f64; 4]) -> bool {
     (limb.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-3
 }
 
-/// The direction of a limb's bone, the y axis of its rotation. Its twist may turn over in a frame where the elbow is
-/// straight; a tracker that takes another person moves bones.
+/// Returns the direction of a limb's bone, the y axis of its rotation. The twist of a limb may turn over in a
+/// frame in which the elbow is straight. But bones move only if a tracker switches to another person.
 fn bone(&[x, y, z, w]: &[f64; 4]) -> [f64; 3] {
     [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)]
 }
 
-/// Whether a command at `q` is far behind a target, as far as the limits let that be reached.
+/// Returns true if a command at `q` is far behind a target, after the target is clamped to the limits.
 pub fn far_behind(model: &Model, target: &[f64; JOINTS], valid_mask: u32, q: &[f64; JOINTS]) -> bool {
     (0..JOINTS).filter(|&j| valid_mask & 1 << j != 0).any(|j| {
         let limits = &model.limits[j];

@@ -1,4 +1,5 @@
-//! Somebody who wants the gate to send what breaks a limit, and a judge of everything that it sends.
+//! An attacker that tries to make the gate send commands which break a limit, and a judge of everything that
+//! it sends.
 
 use messages::{JOINTS, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
@@ -9,24 +10,24 @@ use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
 
 use super::motion::{GRANTED, Joint, Stop, T, joint, play, set_joint, stop_from, stop_of, store, wrong};
 
-/// What came of it.
+/// Result of an attack.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     pub ticks: u64,
     pub accepted: u64,
     pub on_plan: u64,
     pub denied: u64,
-    /// Denials of damaged proposals whose damage the judge, too, sees.
+    /// Number of denials of damaged proposals whose damage the judge sees too.
     pub damaged: u64,
-    /// Denials for clearance.
+    /// Number of denials for clearance.
     pub clearance: u64,
-    /// Denials, other than for clearance, of proposals that nobody damaged: there must be none.
+    /// Number of denials, other than for clearance, of undamaged proposals. It must be zero.
     pub honest_denied: u64,
     pub violations: Vec<String>,
 }
 
 impl Report {
-    /// Adds what another attack came to.
+    /// Adds the result of another attack.
     pub fn add(&mut self, other: &Self) {
         for (sum, count) in [
             (&mut self.ticks, other.ticks),
@@ -72,19 +73,21 @@ impl Adversary {
         Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, q, v, a, plan }
     }
 
-    /// A proposal at the edge of what is allowed: every joint as far in its direction as a few tries reach.
+    /// A proposal at the edge of the allowed range. Every joint goes as far in its direction as a few tries
+    /// reach.
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
             let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.model.limits[j]);
-            // Every second or so: long enough to get anywhere in the range, and to the edge of it.
+            // The direction changes every second or so. This is long enough to reach any place in the range,
+            // and its edge.
             if self.rng.random_bool(0.001) {
                 self.push[j] = [-1.0, 1.0, -0.3, 0.3, 0.0][self.rng.random_range(0..5)];
             }
             let (on_plan, rest) = (play(x, &before, T), after(&before, T));
             let (mut chosen, mut stop) = (on_plan, rest);
             let wish = self.push[j] * l.j_max;
-            // The wish, then what brings the acceleration to it slower, then none, then against it.
+            // Tries the wish, then a part of it, then no jerk, then the opposite.
             for jerk in [wish, wish * self.rng.random_range(0.0..1.0), 0.0, -wish] {
                 let to = x.after(jerk, T);
                 let brake = stop_from(to, l.a_max, l.j_max);
@@ -127,7 +130,7 @@ impl Adversary {
         }
     }
 
-    /// One tick, judged.
+    /// Does one tick and judges it.
     pub fn step(&mut self) {
         let last = self.sent();
         let mut proposed = self.at_the_edge(&last);
@@ -156,7 +159,8 @@ impl Adversary {
                 self.report.damaged += u64::from(!index_ok || self.is_wrong(&last, &proposed));
             }
         }
-        // A command for a later index plays several ticks of the plan: the judge of single steps has no say there.
+        // A command for a later index plays several ticks of the plan. The judge of single steps does not
+        // apply there.
         if index_ok {
             self.judge(&last, &decision);
         }
@@ -169,14 +173,14 @@ impl Adversary {
         })
     }
 
-    /// All joints do the same: they follow the proposal, or all of them play what was left of the stored plan, for as
-    /// many ticks as have passed.
+    /// All joints must do the same. Either all follow the proposal, or all play the rest of the stored plan
+    /// for as many ticks as have passed.
     fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
         let passed = proposed.k.saturating_sub(self.k) as f64 * T;
         for j in 0..JOINTS {
             let got = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             let (expected, plan) = if sent.accepted() {
-                // A joint without any stop left is at rest by definition.
+                // A joint without a remaining stop is at rest by definition.
                 let stop = stop_of(&proposed.plan, j);
                 (play(joint(proposed, j), &stop, 0.0), stop)
             } else {
@@ -184,7 +188,7 @@ impl Adversary {
                 (play(joint(last, j), &stop, passed), after(&stop, passed))
             };
             let rest = play(got, &stop_of(&sent.plan, j), 1e3).q - play(expected, &plan, 1e3).q;
-            // NaN is not near.
+            // NaN counts as not near.
             let near = [got.q - expected.q, got.v - expected.v, got.a - expected.a, rest];
             if !near.iter().all(|difference| difference.abs() <= GRANTED) {
                 let at = self.report.ticks;
@@ -217,7 +221,7 @@ impl Adversary {
     }
 }
 
-/// What is left of a stop after `t`.
+/// The rest of a stop after `t`.
 fn after(stop: &Stop, t: f64) -> Stop {
     let mut left = t;
     stop.map(|(jerk, duration)| {

@@ -1,4 +1,4 @@
-//! What the tests of this crate share: a robot, settings, and a state machine that can be walked anywhere.
+//! Common parts of these tests: a robot, settings, and a state machine that can be brought to any state.
 #![allow(dead_code, unreachable_pub)]
 
 pub mod adversary;
@@ -19,7 +19,7 @@ pub fn model() -> Model {
     .expect("the robot of the repository loads")
 }
 
-/// The shipped figures.
+/// The shipped settings.
 pub fn settings() -> Settings {
     Settings {
         target_stale_ms: 10.0,
@@ -44,12 +44,12 @@ pub fn settings() -> Settings {
     }
 }
 
-/// Ticks that cover `ms` milliseconds, and one more.
+/// Number of ticks that cover `ms` milliseconds, plus one.
 pub fn ticks(ms: u64) -> u64 {
     ms * 1500 / 1000 + 1
 }
 
-/// Who keeps sending, tick by tick.
+/// The streams that keep sending, tick by tick.
 #[derive(Clone, Copy)]
 pub struct Alive {
     pub target: bool,
@@ -58,7 +58,7 @@ pub struct Alive {
     pub heartbeat: bool,
 }
 
-/// A state machine with a world around it that is well until told otherwise.
+/// A state machine with its inputs. All inputs are good until a test changes them.
 #[derive(Clone)]
 pub struct Bench {
     pub config: Config,
@@ -91,7 +91,7 @@ impl Bench {
         deadline(self.input.k)
     }
 
-    /// One tick; edges and events are gone after it.
+    /// Does one tick. Edges and events are cleared after it.
     pub fn step(&mut self) -> Output {
         self.input.k += 1;
         let now = self.now();
@@ -129,7 +129,7 @@ impl Bench {
         out
     }
 
-    /// Steps until the mode is `mode`; the number of ticks that took.
+    /// Steps until the mode is `mode`, and returns the number of ticks.
     pub fn until(&mut self, mode: Mode, at_most: u64) -> u64 {
         (1..=at_most).find(|_| self.step().mode == mode).unwrap_or_else(|| panic!("no {mode:?} in {at_most} ticks"))
     }
@@ -174,7 +174,7 @@ impl Bench {
         bench
     }
 
-    /// Holding, in motion; what held is over.
+    /// Creates a bench in Holding that still moves. The cause of the hold is gone.
     pub fn holding(resumable: bool) -> Self {
         let mut bench = Self::engaged();
         if resumable {
@@ -187,7 +187,7 @@ impl Bench {
         bench
     }
 
-    /// Holding because a measured posture was close to a collision, and resumable.
+    /// Creates a bench in Holding that can resume. The cause was a measured posture close to a collision.
     pub fn holding_near() -> Self {
         let mut bench = Self::engaged();
         bench.input.robot.collision_near = true;
@@ -196,7 +196,7 @@ impl Bench {
         bench
     }
 
-    /// Disengaged, with a joint measured outside its limits.
+    /// Creates a disengaged bench with a joint measured outside its limits.
     pub fn outside() -> Self {
         let mut bench = Self::disengaged(true);
         bench.input.robot.outside_limits = true;
@@ -204,7 +204,7 @@ impl Bench {
         bench
     }
 
-    /// Recovering, in motion.
+    /// Creates a bench in Recovering that moves.
     pub fn recovering() -> Self {
         let mut bench = Self::outside();
         bench.press_recovery();

@@ -1,4 +1,4 @@
-//! Motions for the gate, in plain `f64`: proposals, and a judge that shares no line with the gate.
+//! Motions for the gate in plain `f64`: proposals, and a judge that shares no code with the gate.
 
 use messages::{JOINTS, StopPlan};
 use robot::JointLimits;
@@ -28,13 +28,13 @@ impl Joint {
 /// Three phases: jerk and duration.
 pub type Stop = [(f64, f64); 3];
 
-/// A stop from (v, a): bring the acceleration to -s p, hold it, bring it to zero, with s the sign of the velocity that
-/// coasting would leave, found by bisection of p instead of a formula.
+/// A stop from (v, a). It brings the acceleration to -s p, holds it, and brings it to zero. s is the sign of
+/// the velocity that coasting would leave. p is found by bisection and not by a formula.
 pub fn stop_from(x: Joint, a_max: f64, j_max: f64) -> Stop {
     let coast = x.v + x.a * x.a.abs() / (2.0 * j_max);
     let s = if coast < 0.0 { -1.0 } else { 1.0 };
     let (v, a) = (s * x.v, s * x.a);
-    // Velocity that is left when the acceleration goes straight to -p and straight back.
+    // Velocity that remains if the acceleration goes straight to -p and straight back.
     let ramp = |p: f64| (-p - a).abs() / j_max;
     let left = |p: f64| v + (a - p) / 2.0 * ramp(p) - p * p / (2.0 * j_max);
     let (mut low, mut high) = ((-a).max(0.0).min(a_max), a_max);
@@ -63,7 +63,7 @@ pub fn stop_of(plan: &StopPlan, j: usize) -> Stop {
     std::array::from_fn(|i| (plan.jerk[j][i], plan.duration_s[j][i]))
 }
 
-/// `x` after `t` of the stop, at rest after its end.
+/// Returns `x` after time `t` of the stop. After its end the joint is at rest.
 pub fn play(mut x: Joint, stop: &Stop, t: f64) -> Joint {
     let mut left = t;
     for (jerk, duration) in stop {
@@ -71,7 +71,7 @@ pub fn play(mut x: Joint, stop: &Stop, t: f64) -> Joint {
         x = x.after(*jerk, dt);
         left -= dt;
     }
-    // The end itself is at rest by definition; the gate's clock is 1e-15 s off per tick.
+    // The end itself is at rest by definition. The gate's clock errs by 1e-15 s per tick.
     let over = t >= stop.iter().map(|(_, duration)| duration).sum::<f64>() - 1e-12;
     if over { Joint { v: 0.0, a: 0.0, ..x } } else { x }
 }
@@ -91,7 +91,7 @@ pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
     (p.q[j], p.v[j], p.a[j]) = (x.q, x.v, x.a);
 }
 
-/// What the judge grants for rounding, SI: above the gate's own slack of 5.8e-11 and far below anything that moves.
+/// Slack of the judge for rounding, SI. It is above the gate's own slack of 5.8e-11 and far below any motion.
 pub const GRANTED: f64 = 1e-9;
 
 /// Instants inside (0, t) at which c + b t + a t^2 / 2 is zero.
@@ -105,7 +105,8 @@ fn zeros(c: f64, b: f64, a: f64, t: f64) -> impl Iterator<Item = f64> {
     both.into_iter().filter(move |at| *at > 0.0 && *at < t)
 }
 
-/// The first limit that a stretch of constant jerk breaks by more than `grant`, from its turning points in closed form.
+/// The first limit that a phase of constant jerk breaks by more than `grant`. Its turning points are computed
+/// in closed form.
 fn broken(l: &JointLimits, start: Joint, jerk: f64, t: f64, grant: f64) -> Option<&'static str> {
     let turns = zeros(start.a, jerk, 0.0, t).chain(zeros(start.v, start.a, jerk, t)).chain([0.0, t]);
     let mut found = None;
@@ -128,8 +129,8 @@ fn near(x: Joint, y: Joint, grant: f64) -> bool {
     (x.q - y.q).abs() <= grant && (x.v - y.v).abs() <= grant && (x.a - y.a).abs() <= grant
 }
 
-/// The first thing that is wrong with a joint's step from `last` (whose stop was `stop_before`) to `next` with `stop`,
-/// up to `grant`.
+/// The first error in a joint's step from `last` (whose stop was `stop_before`) to `next` with `stop`, up to
+/// `grant`.
 pub fn wrong(
     l: &JointLimits,
     last: Joint,
@@ -143,7 +144,7 @@ pub fn wrong(
         return Some("not finite");
     }
     let jerk = (next.a - last.a) / T;
-    // 1e-13 is what `f64` itself leaves.
+    // The 1e-13 is the rounding of `f64` itself.
     if near(play(last, stop_before, T), next, grant + 1e-13) {
         let mut x = last;
         let mut left = T;

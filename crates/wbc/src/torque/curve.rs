@@ -1,4 +1,5 @@
-//! How far a torque may leave its chord: the bounds of the parent module's text, from tables that are made once.
+//! Bounds the difference between a torque and its chord, as derived in the parent module. The tables are made
+//! once.
 
 use crate::chain::{BODIES, Chain, JointSet};
 use crate::config::WbcError;
@@ -8,24 +9,25 @@ use messages::JOINTS;
 use nalgebra::{Matrix3, Vector3};
 use robot::Payload;
 
-/// What a body's mass means for the joints that carry it.
+/// The effect of a body's mass on the joints that carry it.
 #[derive(Clone, Debug, Default)]
 struct Carried {
-    /// Joints between the base and the body that turn, in their order.
+    /// Revolute joints between the base and the body, in their order.
     turns: Vec<usize>,
-    /// Those that slide: before all that turn.
+    /// Prismatic joints between the base and the body. They come before all revolute ones.
     slides: Vec<usize>,
-    /// D: from the axis of each of `turns` to the body's origin at most, m; zero of the last one.
+    /// D: largest distance of the body's origin from the axis of each of `turns`, m. It is zero for the last
+    /// one.
     away: Vec<f64>,
     /// The axis of the last of `turns`.
     axis: Vector3<f64>,
-    /// The body without what it carries: mass (kg), centre (m), and second moments about its origin (kg m^2).
+    /// The body without its payload: mass (kg), centre (m), and second moments about its origin (kg m^2).
     empty: (f64, Vector3<f64>, [f64; 2]),
-    /// Its mass with what it carries, kg.
+    /// Its mass with its payload, kg.
     mass_kg: f64,
     /// W: largest first moment about each of `turns`, kg m.
     first: Vec<f64>,
-    /// N: largest product of inertia about each two of `turns`, row by row, kg m^2.
+    /// N: largest product of inertia about each pair of `turns`, row by row, kg m^2.
     second: Vec<f64>,
 }
 
@@ -35,11 +37,11 @@ pub(crate) struct Curves {
     parent: [usize; JOINTS],
     prismatic: [bool; JOINTS],
     bodies: Vec<Carried>,
-    /// Bound of each entry of the mass matrix; kg m^2, kg m, kg.
+    /// Bound of each entry of the mass matrix, kg m^2, kg m or kg.
     matrix: [PerJoint; JOINTS],
 }
 
-/// Sums over the joints that turn from the base to a body.
+/// Sums over the revolute joints from the base to a body.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     v: f64,
@@ -47,7 +49,7 @@ struct Sums {
     jerk: f64,
 }
 
-/// The acceleration that a joint's motion makes per reach, and its first two derivatives.
+/// The acceleration due to a joint's motion per reach, and its first two derivatives.
 #[derive(Clone, Copy, Debug, Default)]
 struct Term {
     value: f64,
@@ -55,10 +57,10 @@ struct Term {
     curve: f64,
 }
 
-/// Second moments of |dm| about a body's origin: of all directions, and about the axis of its joint.
+/// Second moments of |dm| about a body's origin: over all directions, and about the axis of its joint.
 fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> [f64; 2] {
     let own = Matrix3::identity() * (mass.about_center.trace() / 2.0) - mass.about_center;
-    // A URDF may state an inertia that no mass has: then negative mass counts as mass.
+    // A URDF may give an inertia that no mass has. Then negative mass counts as mass.
     let eigen = own.symmetric_eigen();
     let spread = eigen.eigenvectors * Matrix3::from_diagonal(&eigen.eigenvalues.abs()) * eigen.eigenvectors.transpose();
     let all = spread + mass.center * mass.center.transpose() * mass.mass_kg;
@@ -87,7 +89,8 @@ impl Carried {
         carried
     }
 
-    /// The tables with what the body carries. A point adds its second moments to the body's. Never allocates.
+    /// Updates the tables with the body's payload. A point adds its second moments to the body's. Never
+    /// allocates.
     fn carry(&mut self, payload: &Payload) {
         let (mut m, mut center, [mut second, mut second_own]) = self.empty;
         let &Payload { mass_kg, center: at } = payload;
@@ -134,7 +137,7 @@ impl Curves {
         Ok(curves)
     }
 
-    /// What the hands carry from now on. Never allocates.
+    /// Sets the payload of the hands. Never allocates.
     pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
         for (hand, payload) in HANDS.into_iter().zip(payload) {
             self.bodies[hand].carry(payload);
@@ -142,7 +145,7 @@ impl Curves {
         self.bound_matrix();
     }
 
-    /// Sums what the bodies add to each bound of the mass matrix.
+    /// Sums the contributions of all bodies to each bound of the mass matrix.
     fn bound_matrix(&mut self) {
         let mut matrix = [[0.0; JOINTS]; JOINTS];
         for body in &self.bodies {
@@ -165,8 +168,9 @@ impl Curves {
         self.matrix = matrix;
     }
 
-    /// How far each torque of `open` may leave its chord over a segment of `dt` seconds, N m or N: by what curves, and by
-    /// what has kinks. `set` holds all joints that have to do with them; other entries mean nothing.
+    /// Largest difference between each torque of `open` and its chord over a segment of `dt` seconds, N m or
+    /// N. The first part comes from curvature, the second from kinks. `set` must contain all joints that
+    /// these torques depend on. Other entries are undefined.
     pub(crate) fn slack(&self, arcs: &[Arc; JOINTS], open: JointSet, set: JointSet, dt: f64) -> [PerJoint; 2] {
         let mut sums = [Sums::default(); BODIES];
         let mut terms = [Term::default(); JOINTS];
@@ -201,13 +205,13 @@ impl Curves {
         slack
     }
 
-    /// When the kink is that may take the torque of `joint` farthest from its chord.
+    /// Time of the kink that may take the torque of `joint` farthest from its chord.
     pub(crate) fn sharpest(&self, arcs: &[Arc; JOINTS], joint: usize) -> f64 {
         let row = self.matrix[joint].iter().zip(arcs);
         row.fold((0.0, 0.0), |most, (m, arc)| if m * arc.kink > most.0 { (m * arc.kink, arc.kink_t) } else { most }).1
     }
 
-    /// Adds what one body does to the curvature of each torque.
+    /// Adds the contribution of one body to the curvature of each torque.
     #[inline]
     fn add(
         &self,

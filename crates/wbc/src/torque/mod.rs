@@ -1,4 +1,4 @@
-//! Proof that a planned motion asks no motor for more than its share of the effort limit, at every instant.
+//! Proves that a planned motion needs no more than a motor's share of the effort limit, at every instant.
 //!
 //! # Derivation
 //!
@@ -8,30 +8,32 @@
 //! tau_j = integral dm J_j . (x'' + g e_z),     x'' = sum_k J_k a_k + sum_i sum_k dJ_k/dq_i v_i v_k
 //! ```
 //!
-//! with J_k = dx/dq_k. At instants it is computed by Newton and Euler ([`dynamics`](crate::dynamics)); what lies between
-//! two of them, t0 and t1 = t0 + dt, is bounded.
+//! with J_k = dx/dq_k. At single instants it is computed by Newton and Euler ([`dynamics`](crate::dynamics)).
+//! Between two instants, t0 and t1 = t0 + dt, it is bounded.
 //!
-//! *Chord.* Let b_k be the chord of the acceleration a_k on [t0, t1], and d_k the largest |a_k - b_k|: a_k is piecewise
-//! linear, so d_k is found at its kinks. With F_j the torque for b in place of a, |tau_j - F_j| <= sum_k |M_jk| d_k. F_j
-//! equals tau_j at t0 and t1, its second derivative exists but at the kinks and F_j' is continuous, so F_j leaves its
-//! chord by at most dt^2 / 8 sup |F_j''|. Hence on the whole segment
+//! *Chord.* Let b_k be the chord of the acceleration a_k on [t0, t1], and d_k the largest |a_k - b_k|. a_k is
+//! piecewise linear, so d_k is found at its kinks. Let F_j be the torque for b in place of a. Then |tau_j -
+//! F_j| <= sum_k |M_jk| d_k. F_j equals tau_j at t0 and t1. Its second derivative exists except at the kinks,
+//! and F_j' is continuous. So F_j leaves its chord by at most dt^2 / 8 sup |F_j''|. Hence on the whole
+//! segment
 //!
 //! ```text
 //! |tau_j| <= max(|tau_j(t0)|, |tau_j(t1)|) + dt^2 / 8 sup |F_j''| + sum_k |M_jk| d_k
 //! ```
 //!
-//! *F''.* Take dm on body b. Seen from the axis of joint k, its place is a sum of vectors, each turned by the joints from
-//! the base to some body at or before b. If |v_m| and |a_m| bound the joints' speeds and accelerations, a product of
-//! rotations by those joints has derivatives of norm at most
+//! *F''.* Take dm on body b. Seen from the axis of joint k, its position is a sum of vectors. Each vector is
+//! turned by the joints from the base to some body at or before b. If |v_m| and |a_m| bound the joints'
+//! speeds and accelerations, a product of rotations by those joints has derivatives of norm at most
 //!
 //! ```text
 //! O1 = sum_m |v_m|,     O2 = O1^2 + sum_m |a_m|            (m turns, from the base to b)
 //! ```
 //!
-//! so |J_k| <= R_k, |J_k'| <= R_k O1, |J_k''| <= R_k O2, with the reach R_k of dm: the distance of the next joint's origin
-//! from axis k, plus the lengths of the later offsets, plus the distance of dm from the origin of b (from its axis, if k is
-//! b's own joint). dJ_k/dq_i = z_i x J_k for i <= k obeys the same, so x'' is at most sum_k R_k c_k times what is turned by
-//! at most all joints to b, with
+//! So |J_k| <= R_k, |J_k'| <= R_k O1 and |J_k''| <= R_k O2, with the reach R_k of dm. R_k is the distance of
+//! the next joint's origin from axis k, plus the lengths of the later offsets, plus the distance of dm from
+//! the origin of b. If k is b's own joint, the last distance is from b's axis. dJ_k/dq_i = z_i x J_k for
+//! i <= k has the same bounds. So x'' is at most sum_k R_k c_k times a product of rotations by at most all
+//! joints to b, with
 //!
 //! ```text
 //! c_k   = |b_k| + |v_k| (|v_k| + 2 V_k)                               V_k, A_k, Y_k: sums of |v|, |a|, |jerk| of the
@@ -39,35 +41,39 @@
 //! c_k'' = 2 (|v_k jerk_k| + a_k^2) + 2 (|v_k| Y_k + 2 |a_k| A_k + |jerk_k| V_k)
 //! ```
 //!
-//! A joint that slides comes before all that turn: it turns nothing, and its acceleration adds to gravity, G = g + |b_s|.
-//! With W_jb = integral dm R_j (for which the centre of mass is enough) and N_jkb = integral dm R_j R_k the product rule
-//! gives
+//! A prismatic joint comes before all revolute ones. It turns nothing, and its acceleration adds to gravity,
+//! G = g + |b_s|. Let W_jb = integral dm R_j (for which the centre of mass is enough) and N_jkb = integral dm
+//! R_j R_k. Then the product rule gives
 //!
 //! ```text
 //! |F_j''| <= sum_b [ W_jb (G O2 + 2 O1 |b_s'|) + sum_k N_jkb (c_k 2 (O2 + O1^2) + 4 O1 c_k' + c_k'') ]      j turns
 //! |F_s''| <= sum_b sum_k W_kb (c_k O2 + 2 O1 c_k' + c_k'')                                                  s slides
 //! ```
 //!
-//! and |M_jk| <= sum_b N_jkb, |M_js| <= sum_b W_jb, |M_ss| = all mass. By Cauchy and Schwarz the integrals need the
-//! body's mass, its second moment about its origin, and that about its own axis.
+//! and |M_jk| <= sum_b N_jkb, |M_js| <= sum_b W_jb, |M_ss| = all mass. By Cauchy and Schwarz, the integrals
+//! need only the body's mass, its second moment about its origin, and the one about its own axis.
 //!
-//! *Limit.* A joint's limit is [`SHARE`] of its effort limit. A robot that needs more than that to stand where it is takes no
-//! decision: whatever it did, the stop after it would need still more. It is refused by name before it may start
-//! ([`overloaded_at_rest`](crate::overloaded_at_rest)).
+//! *Limit.* A joint's limit is [`SHARE`] of its effort limit. A robot that needs more than that to hold its
+//! posture takes no decision, because the stop after any motion would need still more. Before the start such
+//! a posture is refused, and the joint is named ([`overloaded_at_rest`](crate::overloaded_at_rest)).
 //!
-//! *Induction* is that of the [`certificate`](crate::certificate): at rest within the limits the constant plan is proved,
-//! an accepted motion is proved to rest and so is its remainder, and what is not accepted is not sent. A joint that no
-//! fresh joint carries, and that carries none, keeps the proof that it has.
+//! *Induction* is that of the [`certificate`](crate::certificate). At rest within the limits the constant
+//! plan is proved. An accepted motion is proved to rest, and so is its remainder. A motion that is not
+//! accepted is not sent. A joint keeps its proof if no fresh joint carries it and it carries no fresh joint.
 //!
-//! *Rounding.* Torques are sums of some hundred products below 1e4, off by less than 1e-9 N m, ten orders below the
-//! limits; what is proved is proved anew from the present state whenever a joint takes a decision.
+//! *Rounding.* Torques are sums of some hundred products below 1e4. They err by less than 1e-9 N m, ten
+//! orders below the limits. The proof is repeated from the present state whenever a joint takes a decision.
 //!
-//! Segments are halved, or cut at the sharpest kink where kinks are what leaves most, until they are proved; the motion is
-//! rejected once they would be shorter than 1.2 ms or after a fixed number of evaluations: fewer proofs, never false ones. It is the torque of the rigid links of the URDF
-//! and of what the hands carry, a point mass in each: motors' rotors and friction are for the rest of the effort limit.
+//! *Segments.* They are halved until they are proved. If kinks cause most of the difference, they are cut at
+//! the sharpest kink. The motion is rejected once a segment would be shorter than 1.2 ms, or after a fixed
+//! number of evaluations. This can give fewer proofs, but never false ones.
 //!
-//! *Payload.* What a hand carries is a point mass on its body. It may change at rest. If the posture can be held with it,
-//! the constant plan is proved and the induction begins anew; if not, no decision is taken, as above.
+//! *Model.* The torque is that of the rigid links of the URDF and of the hands' payload, a point mass in
+//! each. The rest of the effort limit is for the motors' rotors and friction.
+//!
+//! *Payload.* The payload of a hand is a point mass on its body. It may change at rest. If the posture can be
+//! held with it, the constant plan is proved and the induction starts again. If not, no decision is taken, as
+//! above.
 
 mod curve;
 #[cfg(test)]
@@ -82,16 +88,17 @@ use curve::Curves;
 use messages::JOINTS;
 use robot::Payload;
 
-/// Share of each effort limit that a motion may ask for. The rest is for rotors, friction, and the servo's corrections.
+/// Share of each effort limit that a motion may need. The rest is for rotors, friction, and the servo's
+/// corrections.
 pub const SHARE: f64 = 0.85;
 /// Shorter segments are not cut, s.
 const SHORTEST_S: f64 = 2.4e-3;
-/// Cuts on top of each other: 2.4 ms * 2^8 = 0.6 s, longer than any stop, and some at kinks.
+/// Largest depth of cuts. 2.4 ms * 2^8 = 0.6 s is longer than any stop, and the others are for kinks.
 const DEPTH_MAX: usize = 20;
-/// Evaluations of the dynamics for one motion, after which it is rejected, and in all attempts of a tick.
+/// Evaluations of the dynamics after which one motion is rejected, and the number for all attempts of a tick.
 const EVALUATIONS_MAX: u32 = 64;
 const EVALUATIONS_OF_TICK: u32 = 120;
-/// A torque equal to its limit but for rounding, N m or N: see the module's text.
+/// A torque may exceed its limit by this rounding, N m or N. See the module's text.
 const ROUNDING: f64 = 1e-9;
 
 /// The masses and motors of a robot.
@@ -101,9 +108,9 @@ pub(crate) struct Load {
     curves: Curves,
     /// [`SHARE`] of the effort limits, N m or N.
     pub(crate) limit: PerJoint,
-    /// What the hands carry.
+    /// Payload of the hands.
     payload: [Payload; 2],
-    /// Joints that have to do with the torque of each: those that carry it, itself, and those that it carries.
+    /// Joints that the torque of each depends on: those that carry it, itself, and those that it carries.
     related: [JointSet; JOINTS],
 }
 
@@ -123,19 +130,20 @@ impl Load {
         })
     }
 
-    /// What the hands carry from now on. Never allocates.
+    /// Sets the payload of the hands. Never allocates.
     pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
         self.payload = *payload;
         self.dynamics.carry(payload);
         self.curves.carry(payload);
     }
 
-    /// What the hands carry.
+    /// Payload of the hands.
     pub(crate) fn payload(&self) -> &[Payload; 2] {
         &self.payload
     }
 
-    /// The first joint that asks for more than its limit to hold `q` at rest, with its torque and the limit, N m or N.
+    /// The first joint that needs more than its limit to hold `q` at rest, with its torque and the limit, N m
+    /// or N.
     pub(crate) fn overloaded_at_rest(&self, chain: &Chain, q: &PerJoint) -> Option<(usize, f64, f64)> {
         let still = Planned::at_rest(*q);
         let torques = self.torques(chain, &std::array::from_fn(|j| still.joint(j)));
@@ -184,7 +192,7 @@ struct Node {
 pub(crate) struct TorqueScratch {
     nodes: [Node; DEPTH_MAX + 3],
     evaluations: u32,
-    /// Evaluations that the tick may still make.
+    /// Number of evaluations that the tick may still make.
     left: u32,
     blamed: usize,
 }
@@ -195,23 +203,24 @@ impl TorqueScratch {
         Self { nodes: [node; DEPTH_MAX + 3], evaluations: 0, left: EVALUATIONS_OF_TICK, blamed: 0 }
     }
 
-    /// A new tick: all its evaluations are still to be made.
+    /// Begins a new tick, in which no evaluation has been made.
     pub(crate) fn begin_tick(&mut self) {
         self.left = EVALUATIONS_OF_TICK;
     }
 }
 
-/// What the proof found.
+/// Result of the proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TorqueVerdict {
-    /// The joint whose torque could not be proved, if any: none means that all keep their limits at every instant.
+    /// The joint whose torque could not be proved, if any. None means that all keep their limits at every
+    /// instant.
     pub blamed: Option<usize>,
     /// Evaluations of the dynamics.
     pub evaluations: u32,
 }
 
-/// Proves `motion`, in which the joints `fresh` take new decisions; joints that these do not concern are not checked: they
-/// continue a proved plan.
+/// Proves `motion`, in which the joints `fresh` take new decisions. Joints whose torque does not depend on
+/// these are not checked, because they continue a proved plan.
 pub(crate) fn prove(
     load: &Load,
     chain: &Chain,
@@ -268,7 +277,8 @@ impl Proof<'_> {
             && self.between(middle, to, depth + 1, open)
     }
 
-    /// Those of `open` that the bound does not prove between two nodes, and where to cut for the first of them.
+    /// Returns the joints of `open` that the bound does not prove between two nodes, and where to cut for the
+    /// first of them.
     fn unproved(&mut self, from: usize, to: usize, open: JointSet) -> (JointSet, f64) {
         let set = self.load.needed(open);
         let (from, to) = (&self.s.nodes[from], &self.s.nodes[to]);
@@ -301,7 +311,7 @@ impl Proof<'_> {
         self.s.evaluations += 1;
     }
 
-    /// Whether the torques of `open` are within their limits at a node.
+    /// Returns true if the torques of `open` are within their limits at a node.
     fn keeps(&mut self, node: usize, open: JointSet) -> bool {
         let (s, limit) = (&*self.s, &self.load.limit);
         let broken = joints(open).find(|&j| {
@@ -317,7 +327,7 @@ impl Proof<'_> {
     }
 }
 
-/// The joints of a set.
+/// Iterates over the joints of a set.
 pub(crate) fn joints(set: JointSet) -> impl Iterator<Item = usize> {
     (0..JOINTS).filter(move |j| set & 1 << j != 0)
 }

@@ -1,4 +1,4 @@
-//! The bound between samples against dense ones.
+//! Tests the bound between samples against dense samples.
 
 use super::*;
 use crate::interval::Bounds;
@@ -15,7 +15,7 @@ fn shipped() -> Config {
     Config::new(&model, Options::default()).unwrap()
 }
 
-/// A state within the limits with a stop of any strength.
+/// A state within the limits, with a stop of any strength.
 fn state(bounds: &[Bounds; JOINTS], rng: &mut Pcg64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS]);
     let still = rng.random_range(0.0..1.0);
@@ -33,14 +33,14 @@ fn state(bounds: &[Bounds; JOINTS], rng: &mut Pcg64) -> Planned {
     planned
 }
 
-/// Between two samples no torque is farther from its chord than the bound, wherever the segment lies, and the bound is not
-/// so wide that this says nothing.
+/// Between two samples no torque differs from its chord by more than the bound, wherever the segment lies.
+/// The bound is also not so wide that the test shows nothing.
 #[test]
 fn torques_between_samples_are_within_the_bound() {
     samples_are_within_the_bound(&[Payload::EMPTY; 2]);
 }
 
-/// The same with what hands may carry, far off their axes.
+/// The same with payloads that hands may carry, far off their axes.
 #[test]
 fn torques_of_laden_hands_are_within_the_bound() {
     let center = nalgebra::Vector3::new(0.2, -0.1, 0.4);
@@ -79,7 +79,8 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
     assert!(closest[4] > 0.2 && closest[6] > 0.2, "{closest:?}");
 }
 
-/// What is proved holds at a thousand instants, and most of what is not does not hold.
+/// A proved motion keeps its limits at a thousand instants. Most motions that are not proved do not keep
+/// them.
 #[test]
 fn proofs_are_right_and_refusals_mostly_too() {
     let config = shipped();

@@ -1,4 +1,4 @@
-//! Targets that try to make the robot break a promise.
+//! Targets that try to make the robot break a guarantee.
 
 use super::Subject;
 use super::checker::Checker;
@@ -8,16 +8,16 @@ use rand_pcg::Pcg64;
 use wbc::interval::Bounds;
 use wbc::{Permit, Planned};
 
-/// What the attacker does for a while.
+/// Kind of attack for a while.
 #[derive(Clone, Copy, Debug)]
 enum Mode {
-    /// A posture, most of them in collision.
+    /// Postures, most of them in collision.
     Jump,
     /// Corners of the joint box and beyond.
     Limits,
-    /// Both arms into each other: mirrored postures.
+    /// Both arms into each other, in mirrored postures.
     Mirrored,
-    /// White noise about a posture, velocities too.
+    /// White noise around a posture, in velocities too.
     Noise,
     /// A new posture every tick.
     Chaos,
@@ -25,7 +25,7 @@ enum Mode {
     Gradient,
     /// A sine of changing frequency.
     Wave,
-    /// Not numbers.
+    /// Values that are not finite.
     Nonsense,
 }
 
@@ -61,7 +61,7 @@ impl Attacker {
         self.limits.map(|l| self.rng.random_range(l.q_min..=l.q_max))
     }
 
-    /// The target of tick `k`, with the last command in sight.
+    /// Creates the target of tick `k`. The attacker sees the last command.
     pub fn next(&mut self, k: u64, seen: &Planned, checker: &Checker) {
         if k >= self.until {
             self.change(k);
@@ -127,7 +127,7 @@ impl Attacker {
                 for i in 0..7 {
                     self.q[10 + i] = self.q[3 + i];
                 }
-                // Forward and inward, where the hands meet.
+                // The arms reach forward and inward, where the hands meet.
                 for j in [3, 10] {
                     self.q[j] = self.limits[j].q_max - 0.1;
                 }
@@ -136,7 +136,7 @@ impl Attacker {
         }
     }
 
-    /// Of a few random steps from the commanded posture, the one with the smallest clearance.
+    /// Takes the one with the smallest clearance from a few random steps of the commanded posture.
     fn downhill(&mut self, k: u64, seen: &Planned, checker: &Checker) {
         if !k.is_multiple_of(30) {
             return;

@@ -1,4 +1,4 @@
-//! Judges every command by arithmetic of its own: limits, continuity, the plan, and plain distances.
+//! Judges every command with its own arithmetic: limits, continuity, the plan, and plain distances.
 
 use super::Subject;
 use messages::{JOINTS, StopPlan, TICK_S};
@@ -6,16 +6,16 @@ use nalgebra::{Point3, Vector3};
 use wbc::geometry::BodyCapsule;
 use wbc::{Output, Planned};
 
-/// Rounding of positions, velocities and accelerations that are recomputed by another formula.
+/// Rounding of positions, velocities and accelerations that another formula recomputes.
 const ROUNDING: f64 = 1e-11;
 
-/// Postures and commands are judged by this.
+/// Judges postures and commands.
 pub struct Checker {
     subject: Subject,
     before: Planned,
     /// Smallest clearance seen, m.
     pub clearance_m: f64,
-    /// What was violated, the first few in words.
+    /// Number of violations. The first few are described in words.
     pub violations: u64,
     pub first: Vec<String>,
 }
@@ -32,7 +32,7 @@ impl Checker {
         }
     }
 
-    /// One tick's command; `dense` also samples its plan every millisecond.
+    /// Judges the command of one tick. `dense` also samples its plan every millisecond.
     pub fn command(&mut self, k: u64, out: &Output, dense: bool) {
         let now = Planned { q: out.q, v: out.v, a: out.a, plan: out.plan };
         for j in 0..JOINTS {
@@ -144,8 +144,8 @@ pub fn play(p: &Planned, j: usize, t: f64) -> (f64, f64, f64) {
     (q, v, a)
 }
 
-/// Distance of two segments: of an end and a segment, or of both lines where the feet of their common normal lie
-/// inside.
+/// Distance of two segments. It is the distance of an end from a segment, or of both lines if the feet of
+/// their common normal lie inside.
 pub fn axis_distance(p: [Vector3<f64>; 2], q: [Vector3<f64>; 2]) -> f64 {
     let to_segment = |x: Vector3<f64>, s: [Vector3<f64>; 2]| {
         let d = s[1] - s[0];

@@ -1,4 +1,4 @@
-//! A made-up two-armed robot, attackers, and a checker that shares no code with the crate.
+//! An invented two-armed robot, attackers, and a checker that shares no code with the crate.
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(unreachable_pub, reason = "an example includes this file too")]
 
@@ -15,13 +15,13 @@ use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
 use wbc::{Config, Options, Parts, Tasks};
 
-/// Names no robot: proportions of a person on a column, d_min 10 mm.
+/// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
 
-/// Joint as (parent body, origin in the parent, axis, prismatic), all frames parallel at zero.
+/// Joint as (parent body, origin in the parent, axis, prismatic). All frames are parallel at zero.
 pub type JointRow = (usize, [f64; 3], [f64; 3], bool);
 
-/// The tree: a lift, two head joints, two mirrored arms whose zero is a T-pose.
+/// The tree: a lift, two head joints, and two mirrored arms whose zero is a T-pose.
 pub fn joint_rows() -> [JointRow; JOINTS] {
     let mut rows = [(0, [0.0; 3], [0.0, 0.0, 1.0], false); JOINTS];
     rows[0] = (0, [-0.05, 0.0, 0.8], [0.0, 0.0, 1.0], true);
@@ -39,7 +39,7 @@ pub fn joint_rows() -> [JointRow; JOINTS] {
     for (i, (origin, axis)) in arm.into_iter().enumerate() {
         let parent = |first: usize| if i == 0 { 1 } else { first + i };
         rows[3 + i] = (parent(3), origin, axis, false);
-        // A mirror image turns the other way: the axis is an axial vector.
+        // A mirror image turns the other way, because the axis is an axial vector.
         let (mirrored, turned) = ([origin[0], -origin[1], origin[2]], [-axis[0], axis[1], -axis[2]]);
         rows[10 + i] = (parent(10), mirrored, turned, false);
     }
@@ -66,7 +66,7 @@ pub fn limits() -> [Bounds; JOINTS] {
     all
 }
 
-/// A posture with both arms hanging forward and clear of everything.
+/// A posture in which both arms hang forward, clear of everything.
 pub fn home() -> [f64; JOINTS] {
     let arm = [0.2, 0.6, 1.0, 0.9, 0.0, 0.0, 0.0];
     let mut q = [0.15; JOINTS];
@@ -104,7 +104,7 @@ pub fn capsules() -> Vec<BodyCapsule> {
     all
 }
 
-/// All pairs but those of bodies at most two joints apart, whose capsules touch by construction.
+/// All pairs except those of bodies at most two joints apart, whose capsules touch by construction.
 pub fn pairs(capsules: &[BodyCapsule]) -> Vec<[usize; 2]> {
     let rows = joint_rows();
     let up = |body: usize| if body == 0 { 0 } else { rows[body - 1].0 };
@@ -123,7 +123,7 @@ pub fn pairs(capsules: &[BodyCapsule]) -> Vec<[usize; 2]> {
     all
 }
 
-/// The tree as the crate wants it.
+/// The tree in the form that the crate uses.
 pub fn chain() -> Chain {
     let limits = limits();
     let links = std::array::from_fn(|j| {
@@ -164,7 +164,7 @@ pub fn config(options: Options) -> Config {
     Config::from_parts(parts(), options).expect("a valid robot")
 }
 
-/// What is attacked and judged: the made-up robot, or a model whose own kinematics then judge.
+/// The attacked and judged robot: the invented one, or a model whose own kinematics then judge.
 #[derive(Clone)]
 pub struct Subject {
     pub limits: [Bounds; JOINTS],
@@ -186,7 +186,7 @@ impl Subject {
         Self { limits, home, capsules, pairs, d_min_m, model: Some(Rc::new(model)) }
     }
 
-    /// The robot of a robot file; its URDF lies beside it.
+    /// Loads the robot of a robot file. Its URDF lies beside it.
     pub fn load(path: &str) -> Self {
         let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         let toml = read(Path::new(path));
@@ -202,7 +202,7 @@ impl Subject {
         }
     }
 
-    /// Poses of all bodies in the base frame, by code that is not the crate's.
+    /// Poses of all bodies in the base frame, by code outside the crate.
     pub fn bodies(&self, q: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
         let mut bodies = [Isometry3::identity(); JOINTS + 1];
         if let Some(model) = &self.model {

@@ -1,4 +1,4 @@
-//! The gate's kinematics and the pairs that it passes over, against the other implementation at every sample.
+//! Tests the gate's kinematics and the pairs that it skips, against the other implementation at every sample.
 
 use super::*;
 use crate::clearance::tests::{all_distances, shipped, solids};
@@ -8,9 +8,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
 
-/// What is asked of every motion of these tests.
+/// Requirements for every motion of these tests.
 const ASKED: Asked = Asked { least_m: 0.01, interface: true };
-/// States so close to the least clearance are left out: rounding decides them.
+/// States so close to the least clearance are skipped, because rounding decides them.
 const UNDECIDED_M: f64 = 1e-9;
 
 fn ways(model: &Model, interface: &Interface) -> Ways {
@@ -21,14 +21,14 @@ fn random_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
     model.limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max))
 }
 
-/// Every distance at `q`, by the other implementation: the least.
+/// The least distance at `q`, by the other implementation.
 fn least_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     all_distances(model, &frames)[0].0
 }
 
-/// No obstacles, or such that leave the robot some postures.
+/// Returns either no obstacles, or obstacles that leave the robot some postures.
 fn surroundings(model: &mut Model, rng: &mut Pcg64, none: bool) {
     loop {
         model.obstacles = if none { vec![] } else { solids(rng) };
@@ -45,7 +45,7 @@ fn own_kinematics_are_those_of_the_model() {
     let body = Body::new(&model);
     let (mut rng, mut frames, mut worst) = (Pcg64::seed_from_u64(31), Frames::default(), 0.0_f64);
     for n in 0..10_000 {
-        // Some of them far outside the limits, as a robot to be recovered may be.
+        // Some postures are far outside the limits, as a robot that needs recovery may be.
         let size = if n % 10 == 0 { 3.0 } else { 1.0 };
         let q = random_posture(&model, &mut rng).map(|q| size * q);
         let posed = Posed::new(&body, &q);
@@ -70,7 +70,7 @@ fn no_pair_loses_more_than_its_levers_allow() {
             body = Body::new(&model);
         }
         let from = random_posture(&model, &mut rng);
-        // One joint, a few, or all of them.
+        // One joint moves, or a few, or all of them.
         let share = [0.06, 0.3, 1.0][n % 3];
         let size = [0.01, 0.1, 1.0][n / 3 % 3];
         let to = std::array::from_fn(|j| {
@@ -90,7 +90,7 @@ fn no_pair_loses_more_than_its_levers_allow() {
     assert!(nearly > 1000, "the bound is met by {nearly}");
 }
 
-/// A random state with a stop that need not end at rest: phases go forth and back.
+/// A random state, with a stop that need not end at rest: its phases go forth and back.
 fn random_motion(model: &Model, rng: &mut Pcg64, q: &[f64; JOINTS]) -> ([Point; JOINTS], [Phases; JOINTS]) {
     let share = [0.15, 0.5, 1.0][rng.random_range(0..3)];
     let speed = [0.0, 0.3, 1.0, 3.0][rng.random_range(0..4)];
@@ -111,7 +111,7 @@ fn random_motion(model: &Model, rng: &mut Pcg64, q: &[f64; JOINTS]) -> ([Point; 
     (next, phases)
 }
 
-/// From the speed of `start` to rest, with `jerk` and then against it.
+/// Returns phases from the speed of `start` to rest, first with `jerk` and then against it.
 fn braking(start: Point, jerk: i64) -> Phases {
     let duration = ((start.v.abs() as f64 / jerk as f64).sqrt() * TIME_UNITS) as i64;
     let jerk = -jerk * start.v.signum();
@@ -133,14 +133,14 @@ fn played(stored: &Stored, ticks: u64) -> [f64; JOINTS] {
     std::array::from_fn(|j| later.joint(j).0.q as f64 / UNITS)
 }
 
-/// The ticks at which the gate has to look, counted without its arithmetic.
+/// The ticks at which the gate must check, computed without its arithmetic.
 fn looked_at(phases: &[Phases; JOINTS]) -> Vec<u64> {
     let long = |phases: &Phases| phases.iter().map(|phase| phase.duration as f64 / TIME_UNITS).sum::<f64>();
     let ticks = (phases.iter().map(long).fold(0.0, f64::max) * 1500.0 - 1e-9).ceil().max(0.0);
     (1..=10).map(|i| (ticks * f64::from(i) / 10.0 - 1e-9).ceil().max(0.0) as u64).collect()
 }
 
-/// What the gate has to say of a motion, by all distances at all samples; none where rounding decides.
+/// The expected verdict on a motion, by all distances at all samples. None if rounding decides.
 fn expected(model: &Model, next: &[Point; JOINTS], phases: &[Phases; JOINTS]) -> Option<&'static str> {
     let stored = Stored::new(*next, *phases);
     let ticks = looked_at(phases);
@@ -152,7 +152,7 @@ fn expected(model: &Model, next: &[Point; JOINTS], phases: &[Phases; JOINTS]) ->
     decided.then(|| all.iter().find(|(spare, _)| *spare < 0.0).map_or("clear", |(_, place)| place))
 }
 
-/// A posture that is clear, most often by little.
+/// A posture that is clear, mostly by little.
 fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
     loop {
         let (from, to) = (random_posture(model, rng), random_posture(model, rng));
@@ -160,7 +160,8 @@ fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
         if least_m(model, &at(0.0)) < ASKED.least_m {
             continue;
         }
-        // As far towards the other posture as a few halvings find it clear, and back by a little.
+        // The posture goes as far towards the other one as a few halvings find it clear, and back by a
+        // little.
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..rng.random_range(1..12) {
             let middle = (low + high) / 2.0;
@@ -203,7 +204,7 @@ fn every_stop_is_judged_as_all_distances_at_all_samples() {
     assert!(told.len() == 4 && told.values().all(|&count| count > 100), "{told:?}");
 }
 
-/// What no sample is spent on is clear at every instant, samples or not.
+/// A pair for which no sample is computed is clear at every instant, between samples too.
 #[test]
 fn what_needs_no_sample_is_clear_at_every_instant() {
     let mut model = shipped();
@@ -233,7 +234,7 @@ fn what_needs_no_sample_is_clear_at_every_instant() {
     assert!(proved > 100_000 && left > 10_000, "{proved}, {left}");
 }
 
-/// Whatever the interface makes of an accepted motion at a sample keeps the clearance.
+/// Any deviation of the interface from an accepted motion keeps the clearance at a sample.
 #[test]
 fn controllers_that_lag_and_deviate_stay_clear() {
     let mut model = shipped();
@@ -259,11 +260,12 @@ fn controllers_that_lag_and_deviate_stay_clear() {
             continue;
         }
         for time in [0].into_iter().chain(sample_times(&stops)) {
-            // One controller lags. A pair that it moves alone is where the command was, and no sample looks there.
+            // One controller lags. A pair that it moves alone is where the command was, and no sample was
+            // taken there.
             let (late, lag_s) = (rng.random_range(0..4), [0.01, rng.random_range(0.0..0.01)][rng.random_range(0..2)]);
             let q = std::array::from_fn(|j| {
                 let at = if controller[j] == late { time - (lag_s * TIME_UNITS) as i64 } else { time };
-                // Before the command the joint was as fast as there.
+                // Before the command, the joint had the speed that it has at the command.
                 let from = stops[j].at(at.max(0)).q as f64 / UNITS;
                 let before = next[j].v as f64 / UNITS * (at.min(0) as f64 / TIME_UNITS);
                 from + before + rng.random_range(-1e-4..=1e-4)
