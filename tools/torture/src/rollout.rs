@@ -1,6 +1,6 @@
-//! Plays a command's stop plan to rest and judges it at many instants. Its formulas and distances are used by
-//! neither whole-body control nor the gate: closed-form polynomials per phase, parry's segment distance, and
-//! the dynamics of the simulated robot.
+//! Plays a command's stop plan to rest and judges it at many instants. It uses closed-form polynomials per
+//! phase, parry's segment distance, and the dynamics of the simulated robot. Neither whole-body control nor the
+//! gate uses these formulas and distances.
 
 use driver::Motion;
 use messages::JOINTS;
@@ -12,8 +12,8 @@ use sim::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANC
 /// millimetres. The first instant is drawn at random for every plan.
 const STEP_S: f64 = 1e-3;
 
-/// Rounding of a torque over its limit: rounding errors of 1e-11 rad/s^2 at 2 kg m^2, with limits of at least 2
-/// N m.
+/// Rounding of a torque over its limit. Accelerations have rounding errors of 1e-11 rad/s^2 at 2 kg m^2, and
+/// limits are at least 2 N m.
 const TOLERANCE_TORQUE: f64 = 1e-9;
 
 /// Result of a plan.

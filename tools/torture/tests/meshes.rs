@@ -80,9 +80,9 @@ impl Meshes {
             for a in 0..b {
                 let (first, second) = (&pieces[a].moved_by, &pieces[b].moved_by);
                 let adjacent = above(first).as_ref() == Some(second) || above(second).as_ref() == Some(first);
-                // The torso is not convex. With joint 1 at its upper limit the second link of an arm is inside
-                // the torso's hull but outside the torso itself, for every position of joint 2. That pair is
-                // proved with the torso cut into parts (`collision check`).
+                // The torso is not convex. With joint 1 at its upper limit, an arm's second link is inside the
+                // torso's hull but outside the torso itself. This holds for every position of joint 2. That
+                // pair is proved with the torso cut into parts (`collision check`).
                 let links = [pieces[a].link.as_str(), pieces[b].link.as_str()];
                 let shoulder = links.contains(&"torso_lift_link") && links.iter().any(|link| SHOULDERS.contains(link));
                 if first != second && !adjacent && !shoulder {
