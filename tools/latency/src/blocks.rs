@@ -1,6 +1,6 @@
 //! The blocks of a run: the order of the measurements, and the length of each.
 
-/// What a block measures.
+/// Kind of measurement of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The processes, each woken by its input.
@@ -18,7 +18,7 @@ pub enum Kind {
 /// A block of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Block {
-    /// What it measures.
+    /// Kind of measurement.
     pub kind: Kind,
     /// Length, s.
     pub seconds: f64,
@@ -31,7 +31,7 @@ const ROUND_S: f64 = 30.0;
 const ROUNDS_MIN: f64 = 2.0;
 /// Largest number of rounds. Starting and engaging costs some seconds per block.
 const ROUNDS_MAX: f64 = 6.0;
-/// Share of the measured time of each kind. The probe keeps its share if cyclictest is missing.
+/// Share of the measured time of each kind. If cyclictest is missing, the probe also gets its share.
 const SHARES: [(Kind, f64); 4] =
     [(Kind::Events, 0.6), (Kind::Cyclictest, 0.1), (Kind::Polled, 0.2), (Kind::Probe, 0.1)];
 /// Shortest block, s. In a short run `BLOCK_MIN_SHARE` applies instead.
