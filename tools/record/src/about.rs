@@ -11,9 +11,9 @@ const ATTACHED_BYTES_MAX: u64 = 1 << 20;
 /// Origin of the messages in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// Read from a running instance.
+    /// The recorder read them from a running instance.
     Live,
-    /// Made by the stages in virtual time: every message of every tick.
+    /// The stages ran in virtual time. The file has every message of every tick.
     Offline,
 }
 

@@ -10,8 +10,8 @@ use view::{GONE_AFTER_NS, LatestMessages, RecordingView, RecordingViewBuilder};
 /// Reads a recording of the robot `model`. Also returns the reason if the file breaks off.
 ///
 /// # Errors
-/// Returns an error if the file cannot be read, has nothing of an instance, or one of our channels has another
-/// layout than ours.
+/// Returns an error if the file cannot be read or has nothing of an instance. Also if one of our channels has
+/// another layout than ours.
 pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
     let (mut heard, mut at, mut begin_ns) = (LatestMessages::default(), [f64::NEG_INFINITY; 5], None);

@@ -80,7 +80,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let bar = bar_of(publisher.progress().1);
     let (mut mode, mut told) = (None, None);
     let names = Names::read(instance.run_dir());
-    // Whether the robot has followed, and the reason since it no longer does.
+    // `followed` is true once the robot has followed. `ended` is the reason why it stopped following.
     let (mut followed, mut ended) = (false, None);
     while !shutdown.requested() && !publisher.finished() {
         if let Some(client) = &mut control {
