@@ -42,14 +42,15 @@ impl Clip {
 pub struct Clips {
     /// Clips to train on.
     pub training: Vec<Clip>,
-    /// Clips kept out.
+    /// Clips for validation.
     pub validation: Vec<Clip>,
-    /// File and reason of those that could not be used.
+    /// Files that could not be used: name and reason.
     pub skipped: Vec<(String, String)>,
 }
 
 impl Clips {
-    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
+    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and
+    /// listed.
     ///
     /// # Errors
     /// Returns an error if the folder cannot be listed, or has no training clip or no validation clip.

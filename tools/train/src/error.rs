@@ -10,7 +10,7 @@ pub enum TrainError {
     File {
         /// The file.
         path: PathBuf,
-        /// What was tried: "read", "write", "list".
+        /// The attempted action: "read", "write", "list".
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -37,7 +37,7 @@ pub enum TrainError {
     Baseline {
         /// Its path without extension.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
     /// A weights file could not be composed.

@@ -66,7 +66,7 @@ impl Errors {
     }
 }
 
-/// A limb rotation of training as one of the retargeting.
+/// Converts limb rotations of training to those of retargeting.
 #[must_use]
 pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
     let rotation = |[x, y, z, w]: [f32; 4]| {

@@ -85,8 +85,8 @@ pub fn limb_degrees(a: Quaternion, b: Quaternion) -> f32 {
     2.0 * sine.atan2(real.abs()).to_degrees()
 }
 
-/// Returns the human encoder's input: bone axis R (0, 1, 0) and hinge axis R (0, 0, -1) of the upper arm, then
-/// of the forearm.
+/// Returns the human encoder's input for the upper arm, then for the forearm: bone axis R (0, 1, 0) and hinge
+/// axis R (0, 0, -1).
 #[must_use]
 pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     let mut out = [0.0; FEATURES];

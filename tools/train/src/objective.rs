@@ -1,6 +1,8 @@
 //! The loss terms and their gradient over one batch, without labels and without pairs.
 //!
 //! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 3 angle + 5 overrun + 20 |q - q'|^2 + 1 triplet + 1 |x_r - D(Q_r(x_r))|`
+//! `+ 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
+//!
 //! Here q' is the posture for the same pose under a tracker's noise, and overrun is that of the joint limits by
 //! the unclamped output. Every term is a mean. The kinematics see the clamped output and move only outputs
 //! inside the limits. Outputs outside are brought back by the overrun alone.
@@ -20,7 +22,8 @@ pub struct Weighting {
     pub angle: f32,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
     pub limits: f32,
-    /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints. Near the shoulder's gimbal an exact answer would turn noise into large turns of joints 1 and 3.
+    /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints. Near the
+    /// shoulder's gimbal an exact answer would turn noise into large turns of joints 1 and 3.
     pub steadiness: f32,
     /// Triplet hinge in the latent space.
     pub triplet: f32,

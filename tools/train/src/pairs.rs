@@ -45,7 +45,7 @@ impl Index {
                 let poses = Mat::new(poses, count, PRODUCTS).t();
                 multiply(&mut block, Mat::new(&queries, part.len(), PRODUCTS), poses, false);
                 for (row, best) in block.chunks_exact(count).zip(&mut best) {
-                    // The greatest value first, in lanes; its place only if it is a new record.
+                    // Find the greatest value first, in lanes. Search its position only if it is a new maximum.
                     let greatest = widest(|| greatest(row));
                     if greatest > best.0 {
                         let place = row.iter().position(|value| *value == greatest).unwrap_or(0);

@@ -182,7 +182,8 @@ fn gradients_agree(pose: Pose) -> Result<()> {
     let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 }, pose);
     let arm = arm();
     let mut parameters = networks.initial(11);
-    // A steep last layer of the decoder drives some outputs over the limits; biases away from zero test their gradient.
+    // A steep last layer of the decoder drives some outputs over the limits. Biases away from zero test their
+    // gradient.
     let last = networks.decoder.layers.last().expect("the decoder has layers");
     parameters[last.weight.clone()].iter_mut().for_each(|w| *w *= 60.0);
     for layer in networks.named().iter().flat_map(|(_, mlp)| &mlp.layers) {

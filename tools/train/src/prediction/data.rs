@@ -109,9 +109,9 @@ pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
 /// Inputs and outputs, column by column.
 #[derive(Clone, Debug, Default)]
 pub struct Draw {
-    /// Per input the values of all rows.
+    /// Values of all rows, per input.
     pub inputs: Vec<Vec<f64>>,
-    /// Per output the values of all rows.
+    /// Values of all rows, per output.
     pub outputs: Vec<Vec<f64>>,
 }
 
