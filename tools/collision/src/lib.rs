@@ -1,5 +1,6 @@
-//! The content of a robot file beyond its URDF: capsules fitted around meshes and primitives, pairs that are
-//! proved never to meet, and accelerations that the motors can always give. It also draws the robot.
+//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives,
+//! pairs that are proved never to meet, and accelerations that the motors can always give. The tool also draws
+//! the robot.
 //!
 //! - `fit`, `split`, `mesh`, `scene`, `plan`: few and small capsules that contain every point of a surface.
 //! - `prove`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is branch and bound

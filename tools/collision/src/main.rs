@@ -41,7 +41,8 @@ enum Command {
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Verifies containment and the reason of every pair that is not checked, and that a fit gives the same again.
+    /// Verify containment and the reason of every pair that is not checked, and that a new fit gives the same
+    /// result.
     Check {
         #[command(flatten)]
         source: Source,

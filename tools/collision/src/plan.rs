@@ -67,7 +67,7 @@ pub struct Cut {
 pub struct Part {
     /// The link.
     pub link: String,
-    /// Indices of its collision elements; all if absent.
+    /// Indices of its collision elements. Absent means all.
     pub elements: Option<Vec<usize>>,
     /// True if everything below the link belongs to it, swept over its fingers' joints.
     #[serde(default)]

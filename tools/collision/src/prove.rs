@@ -56,8 +56,8 @@ pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
 }
 
-/// Returns how far points of a body can move relative to the common ancestor, m, if its joints leave the middle
-/// of a cell by at most their half widths.
+/// Returns how far points of a body can move relative to the common ancestor, m. Its joints leave the middle of
+/// a cell by at most their half widths.
 ///
 /// It goes from the far end inward. Turning joint j by h moves a point at distance p from its axis by at most h
 /// p. The joints beyond j may have moved it by D before, so p grows by D. A prismatic joint adds h. The
