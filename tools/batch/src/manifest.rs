@@ -21,9 +21,9 @@ const BYTES_MAX: u64 = 1 << 29;
 pub(crate) struct Entry {
     /// Path below the output folder.
     pub(crate) output: String,
-    /// SHA-256 of everything else that affects the result.
+    /// SHA-256 of the motion file.
     pub(crate) input_sha256: String,
-    /// SHA-256 of everything else that the result depends on.
+    /// SHA-256 of everything else that affects the result.
     pub(crate) options_sha256: String,
     /// SHA-256 of the output.
     pub(crate) output_sha256: String,

@@ -1,5 +1,5 @@
-//! Writes the additional files of a package. They are man pages and completions from the definitions of the
-//! command lines, the settings with the package's paths, and the notices of the linked libraries.
+//! Writes the additional files of a package. Man pages and completions come from the definitions of the command
+//! lines. It also writes the settings with the package's paths, and the notices of the linked libraries.
 
 mod commands;
 mod notices;

@@ -3,17 +3,17 @@
 //! Pairs of poses are drawn from all frames of the clips. They are two poses of one clip, as the key poses of a
 //! motion are, or any two, as far apart as poses get. Along s from 0 to 1:
 //!
-//! - the *yardstick* is the slerp of the human's limb rotations;
-//! - the *latent path* decodes z(s) = (1 - s) z(0) + s z(1), alone (K = 0) or with two refinement steps toward
-//!   the yardstick (K = 2), as the product does between two skeletons;
-//! - the *joint path* is (1 - s) q(0) + s q(1) between the postures of the two key poses, decoded (K = 0) or refined
-//!   (K = 2).
+//! - The *yardstick* is the slerp of the human's limb rotations.
+//! - The *latent path* decodes z(s) = (1 - s) z(0) + s z(1). It does so alone (K = 0), or with two refinement
+//!   steps toward the yardstick (K = 2), as the product does between two skeletons.
+//! - The *joint path* is (1 - s) q(0) + s q(1) between the postures of the two key poses. They are decoded (K =
+//!   0) or refined (K = 2).
 //!
-//! The limb error is the rotation angle to the yardstick, mean over both arms' limbs and the steps between the key poses.
-//! A path is monotone if none of its steps goes back: the projection of the ten joint positions on the chord
-//! q(1) - q(0) never falls by more than 1e-3 of the chord. Its length is the sum of the steps' Euclidean
-//! lengths in the space of the ten joints, relative to the chord's. Pairs whose chord is shorter than 0.1 rad
-//! count for neither figure.
+//! The limb error is the rotation angle to the yardstick. It is the mean over both arms' limbs and the steps
+//! between the key poses. A path is monotone if none of its steps goes back. That means that the projection of
+//! the ten joint positions on the chord q(1) - q(0) never falls by more than 1e-3 of the chord. Its length is
+//! the sum of the steps' Euclidean lengths in the space of the ten joints, relative to the chord's. Pairs whose
+//! chord is shorter than 0.1 rad count for neither figure.
 
 use crate::clips::Human;
 use crate::methods::Posture;

@@ -14,8 +14,9 @@
 //!   [`FLIP_JOINT_RAD`] between frames. Windows in which the method jumps do not count either. Seven of 11,659
 //!   would make up 85 % of the sum of squares, and they are flips, which are counted separately. The ratio
 //!   including the method's jumps is `jerk_ratio_with_jumps` of the JSON.
-//! - *Flips*: frames of an arm in which a joint moves more than [`FLIP_JOINT_RAD`] since the previous frame
-//!   while neither limb of the human turned more than [`FLIP_HUMAN_RAD`], per 1000 frames of an arm.
+//! - *Flips*: frames of an arm in which a joint moves more than [`FLIP_JOINT_RAD`] since the previous frame.
+//!   Neither limb of the human turned more than [`FLIP_HUMAN_RAD`] meanwhile. They are counted per 1000 frames
+//!   of an arm.
 //! - *Reachable*: limb degrees over the frames of an arm that the oracle solves to less than 2 degrees in both limbs.
 //!
 //! Jerk and flips need contiguous frames. They are left out if frames are skipped.

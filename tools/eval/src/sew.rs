@@ -1,13 +1,13 @@
 //! Solves the arm from shoulder, elbow and wrist by geometry alone, and tries every branch. This is the
 //! analytic baseline.
 //!
-//! Let Rot(a, t) be the rotation by t about a, U = R0 R1 R2 and F = U R3 R4, and y the bone axis of both limbs
-//! in the T-pose. Let u and f be the directions shoulder-elbow and elbow-wrist of the human:
+//! Let Rot(a, t) be the rotation by t about a. Let U = R0 R1 R2 and F = U R3 R4. Let y be the bone axis of both
+//! limbs in the T-pose. Let u and f be the directions shoulder-elbow and elbow-wrist of the human:
 //!
 //! 1. R0 R1 y = u places the elbow. a0.u = a0.Rot(a1, t1) y has two solutions t1. Then t0 turns Rot(a1, t1) y
 //!    into u. Where t0 meets its limit, t1 is solved again for that t0.
 //! 2. R2 R3 y = f' = (R0 R1)^-1 f places the wrist in the same way. There are two solutions t3, with the elbow
-//!    bent one way or the other, and t2 turns the elbow's plane into that of shoulder, elbow and wrist. A third
+//!    bent one way or the other. t2 turns the elbow's plane into that of shoulder, elbow and wrist. A third
 //!    candidate takes t2 from the human's own rotation about the upper arm. It matters where the elbow is
 //!    straight and has no plane. Where t2 meets its limit, t3 is solved again.
 //! 3. t4 is the remaining twist.

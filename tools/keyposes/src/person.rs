@@ -19,8 +19,8 @@ pub const HAND_M: f64 = 0.054 * STATURE_M;
 /// mirrors the left.
 pub type ArmPose = [f64; 5];
 
-/// Returns the rotations of a left arm's upper arm, forearm and hand, as differences from the T-pose: U =
-/// Rz(-swing) Rx(-lower) Ry(roll), F = U Rz(-flexion), hand = F Ry(-pronation).
+/// Returns the rotations of a left arm's upper arm, forearm and hand, as differences from the T-pose. They are
+/// U = Rz(-swing) Rx(-lower) Ry(roll), F = U Rz(-flexion), hand = F Ry(-pronation).
 fn rotations(pose: &ArmPose) -> [UnitQuaternion<f64>; 3] {
     let [swing, lower, roll, flexion, pronation] = pose.map(f64::to_radians);
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
@@ -30,10 +30,11 @@ fn rotations(pose: &ArmPose) -> [UnitQuaternion<f64>; 3] {
     [upper, fore, fore * about(y, -pronation)]
 }
 
-/// Returns the pose of a left arm that brings the middle of the hand to `hand_m`. The position is given from
-/// the middle between the shoulders: x forward, y away from the middle of the body to the arm's own side, z up.
-/// `swivel_deg` turns the elbow about the line from shoulder to hand. It turns from below (0) outwards (90, if
-/// that line points forward). A hand out of reach is brought as near as a flexion of 2 degrees allows.
+/// Returns the pose of a left arm that brings the middle of the hand to `hand_m`. The position is relative to
+/// the middle between the shoulders. x points forward, y away from the middle of the body to the arm's own
+/// side, z up. `swivel_deg` turns the elbow about the line from shoulder to hand. It turns from below (0)
+/// outwards (90, if that line points forward). A hand out of reach is brought as near as a flexion of 2 degrees
+/// allows.
 pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
     let shoulder = Vector3::new(0.0, SHOULDER_M, 0.0);
     let (upper_length, fore_length) = (UPPER_ARM_M, FOREARM_M + HAND_M);

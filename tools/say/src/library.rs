@@ -60,7 +60,7 @@ impl Library {
     /// Reads `captions.tsv` in `folder`.
     ///
     /// # Errors
-    /// Returns an error if it cannot be read, is no regular file, is too long or empty, or has a line that is
+    /// Returns an error if it cannot be read, is not a regular file, or is too long or empty. Also if a line is
     /// not a caption.
     pub fn open(folder: &Path) -> Result<Self, LibraryError> {
         let path = folder.join(CAPTIONS);

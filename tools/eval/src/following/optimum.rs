@@ -11,7 +11,8 @@ use super::riccati::Joints;
 use super::tracking::{Bounds, Loss, Motion, State, Task};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 
-/// Nodes of a window, and the number of nodes that are kept: 2 s and 1 s, 1 s and 0.5 s, 0.5 s and 0.1 s.
+/// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s
+/// and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
 
 /// Returns a motion of one arm from the start. The start belongs to the first limbs of the path, and the

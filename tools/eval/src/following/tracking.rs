@@ -7,8 +7,8 @@ use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
 
 /// Time between nodes, s.
 pub const NODE_S: f64 = 0.02;
-/// Weights of the barriers, one solve after the other: from a large distance to the limits down to a thousandth
-/// of the cost of a degree.
+/// Weights of the barriers, one solve after the other. The first keeps a large distance to the limits. The last
+/// is a thousandth of the cost of a degree.
 const BARRIERS: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
 /// Number of iterations with each barrier except the last, and with the last.
 const ITERATIONS: [usize; 2] = [6, 40];
@@ -325,7 +325,7 @@ fn angles(residual: &[f64; 6]) -> [f64; 2] {
     [angle(residual[0], residual[1], residual[2]), angle(residual[3], residual[4], residual[5])]
 }
 
-/// Adds the terms of both limbs. With the vector part p = sin(angle / 2) axis of a difference, the rotation
+/// Adds the terms of both limbs. Let p = sin(angle / 2) axis be the vector part of a difference. The rotation
 /// vector is e = g p with g = 2 asin(s) / s and s = |p|. Its derivative is de = g dp + (dg/ds) / s p (p . dp).
 fn add_limbs(node: &mut Node, arm: &ArmModel, q: &ArmQ, goal: &Limbs, loss: Loss) {
     let linear = arm.linearize(q, goal);
