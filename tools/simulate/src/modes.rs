@@ -124,8 +124,8 @@ impl Modes {
     }
 
     /// Only one client holds the lease. Another one gets it only after enough silence of the first, with the
-    /// robot at rest. The operator moves the robot without a client by recovery, as forged targets do, and so
-    /// does the stop that ends a recovery.
+    /// robot at rest. A recovery, the stop that ends it, and forged targets move the robot without a client. So
+    /// the rest condition does not apply to them.
     fn authority(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         if seen.ingest_restarted {
             (self.holder, self.person) = (None, None);

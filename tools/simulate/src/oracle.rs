@@ -51,7 +51,7 @@ pub struct Violation {
 pub struct Person {
     /// The client's session.
     pub session: u64,
-    /// Number of the person in front of that client's camera.
+    /// Number of the person, as `ingest` counts them.
     pub operator: u32,
 }
 
